@@ -1,0 +1,1 @@
+"""Compensation strategies, one file each."""

@@ -1,0 +1,43 @@
+"""What this package raises, and how a refusal reads."""
+
+from __future__ import annotations
+
+
+class PhPostError(Exception):
+    """Base class of everything that ends a command with exit status 2 and one line."""
+
+
+class InputError(PhPostError):
+    """Bad input: where it stands, what is wrong, what was expected and what was found.
+
+    Parameters
+    ----------
+    where : str
+        File, and place inside it: ``oval.json: segments[3].points`` or ``oval.json:12:5``.
+    what : str
+        What is wrong, in words.
+    expected, got : str, optional
+        What would have been right, and what stands there.
+
+    Examples
+    --------
+    >>> print(InputError("a.json: feed", "feed is not positive", expected="> 0", got="0"))
+    a.json: feed: feed is not positive; expected > 0; got 0
+    """
+
+    def __init__(self, where: str, what: str, *, expected: str = "", got: str = "") -> None:
+        parts = [f"{where}: {what}" if where else what]
+        if expected:
+            parts.append(f"expected {expected}")
+        if got:
+            parts.append(f"got {got}")
+        super().__init__("; ".join(parts))
+        self.where = where
+
+
+class SolveError(PhPostError):
+    """An equation could not be solved; the message carries the residual."""
+
+
+class LimitError(PhPostError):
+    """What was asked for cannot be done inside the machine's limits."""

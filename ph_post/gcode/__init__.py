@@ -1,0 +1,1 @@
+"""Part programs: dialects and the writer."""

@@ -1,0 +1,273 @@
+"""The records that flow through the program: frozen, keyword-only, SI units, arrays float64 and read-only.
+
+Everything between reading and writing maps these values to values (see the code map in README.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Sense = Literal["max", "min"]
+TurningKind = Literal["smooth", "corner", "dwell", "cusp"]
+WindowLimit = Literal["deviation", "neighbour", "end", "corner"]
+Feedback = Literal["load", "motor", "none"]
+Flank = Literal["+", "-", "unknown"]
+
+
+def frozen(values: Any) -> Array:
+    """Return `values` as a read-only float64 array (records hold no other)."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+class Curve(Protocol):
+    """What a segment's curve offers to those who read paths; implemented in :mod:`ph_post.geometry`."""
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """Range of the parameter xi, as the path file has it."""
+
+    def derivatives(self, xi: Array, order: int = 0) -> Array:
+        """Values and derivatives with respect to xi, shape (order + 1, n, dimension) [m]."""
+
+
+class Segment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One segment of a path; `feed` [m/s] overrides the path's."""
+
+    curve: Curve
+    feed: float | None = None
+    rapid: bool = False
+
+
+class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """An analytic toolpath. `feed` in m/s; `digest` is the hash of the bytes it was read from."""
+
+    name: str
+    source: str
+    axes: tuple[str, ...]
+    feed: float
+    closed: bool
+    segments: tuple[Segment, ...]
+    digest: str = ""
+
+
+class Servo(msgspec.Struct, frozen=True, kw_only=True):
+    """Closed loop of one axis: b [s²] and c [s] of Eq. (9), and the PI/PID gains relative to k_p."""
+
+    b: float
+    c: float
+    ki_over_kp: float = 0.0
+    kd_over_kp: float = 0.0
+
+
+class Gap(msgspec.Struct, frozen=True, kw_only=True):
+    """Backlash of one axis.
+
+    `lost_motion` [m] is what a dial indicator shows, r Δθ_m / N. The other fields are None where a
+    `motor` or `none` axis does not need them: `motor_angle` Δθ_m [rad], `gear_ratio` N,
+    `travel_per_rad` r [m/rad], `inertia_fraction` η, `beta` 1/τ [1/s].
+    """
+
+    lost_motion: float
+    motor_angle: float | None = None
+    gear_ratio: float | None = None
+    travel_per_rad: float | None = None
+    inertia_fraction: float | None = None
+    beta: float | None = None
+    pickup: Literal["standstill", "momentum", "contact"] | None = None
+    initial_flank: Flank = "unknown"
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of one axis [m/s, m/s², m/s³, rad/s²]; `motor_acceleration` is None where not given."""
+
+    velocity: float
+    acceleration: float
+    jerk: float
+    motor_acceleration: float | None = None
+
+
+class EffectSetting(msgspec.Struct, frozen=True, kw_only=True):
+    """A physical effect switched on in the machine file: its name and its parameters."""
+
+    name: str
+    parameters: Mapping[str, Any]
+
+
+class Uncertainty(msgspec.Struct, frozen=True, kw_only=True):
+    """Relative uncertainties of one axis' drive parameters."""
+
+    backlash: float = 0.2
+    beta: float = 0.2
+    gain: float = 0.2
+
+
+class Axis(msgspec.Struct, frozen=True, kw_only=True):
+    """One axis of a machine: its drive and its limits."""
+
+    name: str
+    feedback: Feedback
+    servo: Servo
+    gap: Gap
+    limits: Limits
+    uncertainty: Uncertainty = Uncertainty()
+    effects: tuple[EffectSetting, ...] = ()
+
+
+class Machine(msgspec.Struct, frozen=True, kw_only=True):
+    """A machine: axes by name, controller dialect and servo period [s]."""
+
+    name: str
+    dialect: str
+    servo_period: float
+    axes: Mapping[str, Axis]
+    digest: str = ""
+
+
+class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where one axis reverses.
+
+    `segment`, `xi` as the contract counts them (a joint belongs to the earlier segment, at its end; the
+    seam of a closed path to segment 0, start). `position` [m] of that axis, `s` [m] along the path.
+    `curvature` [1/m] (signed in the plane, Eq. 2), its arc-length derivatives [1/m²], [1/m³] and
+    `torsion` [1/m] are None at corners and cusps. `normal` is the component along the axis of the unit
+    principal normal (x'' = |curvature| * normal), so that the axis swings with amplitude
+    |normal / curvature| on the osculating circle. A `dwell` takes them from the outgoing side.
+    """
+
+    index: int
+    kind: TurningKind
+    segment: int
+    xi: float
+    axis: str
+    sense: Sense
+    position: float
+    s: float
+    curvature: float | None = None
+    curvature_dot: float | None = None
+    curvature_ddot: float | None = None
+    torsion: float | None = None
+    normal: float | None = None
+
+
+class Window(msgspec.Struct, frozen=True, kw_only=True):
+    """The osculating-circle window [s - half_length, s + half_length] of a turning point [m].
+
+    `estimate` is Eq. (6) [m], infinite on a circle. `contact_order` is 2, 3, or more where both terms
+    of (6) vanish. `limited_by` is None where nothing bounds the window. `members` are the indices of the
+    turning points that share this window, its own included. `notes` say what was shortened or merged.
+    """
+
+    turning_point: int
+    s: float
+    half_length: float
+    limited_by: WindowLimit | None
+    estimate: float
+    contact_order: int
+    members: tuple[int, ...]
+    notes: tuple[str, ...] = ()
+
+
+class BacklashInterval(msgspec.Struct, frozen=True, kw_only=True):
+    """One backlash interval.
+
+    `lag` [s] of the reversal behind the command's, `duration` Δt [s], `position` x_i [m] at which the axis
+    stands (about the centre of its swing), `residual` of Eq. (21) [rad] (0 where a closed form holds).
+    """
+
+    lag: float
+    duration: float
+    position: float
+    residual: float = 0.0
+
+
+class Phase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A stretch of time [start, start + duration] [s] with the speed along the path [m/s] in Bernstein form.
+
+    `speed` are the coefficients V_0 … V_n of Eq. (26) in τ = (t - start) / duration; `s` [m] is the place on
+    the path at its start. `window` is the index of the window it modulates, -1 outside.
+    """
+
+    start: float
+    duration: float
+    s: float
+    speed: Array
+    window: int = -1
+
+
+class FeedProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The feedrate modulation of one window: Eq. (26) on [-t_star, t_star] about the turning point.
+
+    `coefficients` V_k / V_c, `cruise` V_c [m/s], `ratio` V(½)/V_c as emitted; `s_star` [m] from Eq. (27);
+    `notes` say where it was softened, shortened or left out.
+    """
+
+    window: int
+    coefficients: Array
+    cruise: float
+    t_star: float
+    s_star: float
+    ratio: float
+    notes: tuple[str, ...] = ()
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What will be commanded: phases one after the other from s = 0 to the path's end.
+
+    `nominal` are the phases without any profile, for comparison. `profiles` holds one entry a window,
+    None where nothing is modulated there.
+    """
+
+    path: Path
+    machine: Machine
+    strategy: str
+    turning_points: tuple[TurningPoint, ...]
+    windows: tuple[Window, ...]
+    intervals: tuple[BacklashInterval | None, ...]
+    profiles: tuple[FeedProfile | None, ...]
+    nominal: tuple[Phase, ...]
+    phases: tuple[Phase, ...]
+    warnings: tuple[str, ...] = ()
+
+
+class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Sampled motion, one row a servo period: everything downstream of the plan reads only this.
+
+    `t` [s], `segment`, `xi`, `s` [m], `position` [m] shape (n, dimension), `feed` [m/s] signed along the
+    path, `window` index or -1.
+    """
+
+    axes: tuple[str, ...]
+    period: float
+    t: Array
+    segment: IntArray
+    xi: Array
+    s: Array
+    position: Array
+    feed: Array
+    window: IntArray
+
+
+class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
+    """What a dialect can carry."""
+
+    arcs: bool
+    cubic_splines: bool
+    inverse_time: bool
+    decimals: int
+    max_line: int
+    blending: bool
+"""Whether a path-blending word (G64) is understood."""

@@ -1,0 +1,30 @@
+"""The shop's units in SI. Files and the command line use mm, mm/min and degrees; inside, everything is SI.
+
+Multiply by a constant to come in (``20 * MM``), divide to go out (``x / MM``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+MM: Final = 1e-3
+"""One millimetre in metres."""
+
+INCH: Final = 25.4e-3
+"""One inch in metres."""
+
+MINUTE: Final = 60.0
+"""One minute in seconds."""
+
+MS: Final = 1e-3
+"""One millisecond in seconds."""
+
+MM_PER_MIN: Final = MM / MINUTE
+"""One mm/min in m/s."""
+
+DEGREE: Final = math.pi / 180.0
+"""One degree in radians."""
+
+LENGTH_UNITS: Final = {"mm": MM, "m": 1.0, "inch": INCH}
+"""Length units a path file may name, in metres."""
