@@ -1,0 +1,119 @@
+"""What all curves share: everything but their construction follows from their pieces."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ph_post.errors import InputError
+from ph_post.geometry import frenet
+from ph_post.geometry.piece import ExactPiece, Piece, PieceSet
+from ph_post.types import Array, IntArray
+
+if TYPE_CHECKING:
+    from ph_post.geometry.track import Track
+
+
+class PiecewiseCurve:
+    """A curve made of analytic pieces, as function of the parameter xi that the path file has.
+
+    Derived classes build the pieces; all lengths are in metres.
+
+    Parameters
+    ----------
+    pieces : tuple of Piece
+        In order; each begins in xi where the one before ends.
+    """
+
+    kind: ClassVar[str]
+
+    def __init__(self, pieces: tuple[Piece, ...]) -> None:
+        self.pieces = pieces
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        first = self.pieces[0]
+        return int(first.control.shape[1]) - (first.kind == "rational")
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """Range of the parameter xi."""
+        return self.pieces[0].xi0, self.pieces[-1].xi1
+
+    def exact_pieces(self) -> tuple[ExactPiece | None, ...]:
+        """Return the pieces in exact numbers, None for an arc."""
+        raise NotImplementedError
+
+    def derivatives(self, xi: ArrayLike, order: int = 0) -> Array:
+        """Values and derivatives with respect to xi, shape (order + 1, n, dimension) [m].
+
+        At a knot where pieces meet, the later piece answers.
+        """
+        piece, u = self._to_piece(np.atleast_1d(np.asarray(xi, dtype=np.float64)))
+        values = self._set.derivatives(piece, u, order)
+        width = np.array([one.xi1 - one.xi0 for one in self.pieces])[piece]
+        for k in range(1, order + 1):
+            values[k] /= width[:, None] ** k
+        return values
+
+    def speed(self, xi: ArrayLike, order: int = 0) -> Array:
+        """Parametric speed ds/dxi and its derivatives, shape (order + 1, n), order <= 3."""
+        return frenet.speed(self.derivatives(xi, order + 1))
+
+    def curvature(self, xi: ArrayLike) -> Array:
+        """Curvature [1/m]: signed in the plane (Eq. 2), not negative in space."""
+        return frenet.curvature(self.derivatives(xi, 2))
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole curve [m]."""
+        return self.track.length
+
+    def arc_length(self, xi: ArrayLike) -> Array:
+        """Arc length [m] from the curve's beginning to `xi`."""
+        piece, u = self._to_piece(np.atleast_1d(np.asarray(xi, dtype=np.float64)))
+        return self.track.arc_length(piece, u)
+
+    def parameter(self, s: ArrayLike) -> Array:
+        """Parameter xi at arc length `s` [m], the inverse of :meth:`arc_length`."""
+        piece, u = self.track.locate(np.atleast_1d(np.asarray(s, dtype=np.float64)))
+        return self.track.to_xi(piece, u)[1]
+
+    @cached_property
+    def track(self) -> Track:
+        """The curve as a function of arc length."""
+        from ph_post.geometry.track import Track
+
+        return Track.from_curves([self])
+
+    @cached_property
+    def _set(self) -> PieceSet:
+        return PieceSet(self.pieces)
+
+    def _to_piece(self, xi: Array) -> tuple[IntArray, Array]:
+        first = np.array([piece.xi0 for piece in self.pieces])
+        last = np.array([piece.xi1 for piece in self.pieces])
+        number = np.clip(np.searchsorted(first, xi, side="right") - 1, 0, first.size - 1)
+        u = (xi - first[number]) / (last[number] - first[number])
+        return number, np.clip(u, 0.0, 1.0)
+
+
+def require(holds: bool, what: str, *, expected: str = "", got: str = "") -> None:
+    """Refuse impossible data; the reader says where it stands.
+
+    Raises
+    ------
+    InputError
+        Unless `holds`.
+    """
+    if not holds:
+        raise InputError("", what, expected=expected, got=got)
+
+
+def require_length(control: Array) -> None:
+    """Refuse a curve all of whose points are the same."""
+    require(bool(np.any(control != control[0])), "zero length", expected="points that differ")
