@@ -1,0 +1,238 @@
+"""From the segments of a path file to curves: counts, ranges and units, and exact numbers beside doubles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.geometry.base import PiecewiseCurve
+from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial, ph_hermite
+from ph_post.io import pathrecord as record
+from ph_post.io.check import Keys, one_of, place
+from ph_post.types import Array
+from ph_post.units import MM
+
+JOIN = 1e-6 * MM
+"""Distance up to which two points are the same [m]; the contract's 1e-6 mm."""
+
+MAX_DEGREE = 20
+"""Highest degree of a Bézier, polynomial or NURBS segment, and of a PH preimage."""
+
+MAX_LENGTH = 1e6
+"""Largest coordinate [m]: no machine reaches as far, and no square of it leaves a double's range."""
+
+Numbers = tuple[Fraction, ...]
+Points = tuple[Numbers, ...]
+
+
+class Frame(msgspec.Struct, frozen=True, kw_only=True):
+    """What a segment must know of its file: the file's name, the axes, and the length unit in metres."""
+
+    file: str
+    axes: tuple[str, ...]
+    unit: Fraction
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where a segment stands, and the making of refusals there."""
+
+    frame: Frame
+    keys: Keys
+
+    def at(self, *keys: str | int) -> Place:
+        """Return the place one or more keys further in."""
+        return Place(self.frame, (*self.keys, *keys))
+
+    def refuse(self, what: str, expected: str = "", got: str = "") -> InputError:
+        """Make a refusal that names this place."""
+        return InputError(place(self.frame.file, self.keys), what, expected=expected, got=got)
+
+
+def build_curve(segment: record.AnySegment, here: Place) -> PiecewiseCurve:
+    """Make the curve of a segment.
+
+    Raises
+    ------
+    InputError
+        Where a count, a range or the shape is wrong, or the segment is shorter than 1e-6 mm.
+    """
+    try:
+        curve = _BUILDERS[type(segment)](segment, here)
+    except InputError as error:
+        if error.where:
+            raise
+        raise here.refuse(str(error)) from None  # of a constructor, which does not know its place
+    points = hull(curve)
+    if not np.all(np.abs(points) <= MAX_LENGTH):
+        raise here.refuse("the segment is too large", f"coordinates up to {_length(MAX_LENGTH, here)}")
+    if np.ptp(points, axis=0).max() <= JOIN:
+        raise here.refuse("the segment has no length", f"more than {_length(JOIN, here)}")
+    return curve
+
+
+def hull(curve: PiecewiseCurve) -> Array:
+    """Points between which a curve lies, shape (n, dim) [m]; the first and the last are its ends."""
+    if isinstance(curve, Arc):
+        return np.stack([curve.start, curve.center - curve.radius, curve.center + curve.radius, curve.end])
+    rows = [piece.control for piece in curve.pieces]
+    if curve.pieces[0].kind == "rational":
+        rows = [row[:, :-1] / row[:, -1:] for row in rows]
+    return rows[0] if len(rows) == 1 else np.concatenate(rows)
+
+
+def _line(segment: record.LineRecord, here: Place) -> Line:
+    points = _points(segment.points, here.at("points"), 2, 2)
+    return Line(_metres(points, here), exact=points)
+
+
+def _bezier(segment: record.BezierRecord, here: Place) -> Bezier:
+    points = _points(segment.points, here.at("points"), 2, MAX_DEGREE + 1)
+    return Bezier(_metres(points, here), exact=points)
+
+
+def _arc(segment: record.ArcRecord, here: Place) -> Arc:
+    start, end, center = (_point(getattr(segment, key), here.at(key)) for key in ("start", "end", "center"))
+    metres = _metres([start, end, center], here)
+    if start != end and np.linalg.norm(metres[1] - metres[0]) <= JOIN:
+        what = "the arc's ends are nearer than 1e-6 mm"
+        raise here.at("end").refuse(what, "the same point for a full circle, or a longer arc", _shown(end))
+    return Arc(metres[0], metres[1], metres[2], segment.turn, exact=(start, end, center))
+
+
+def _polynomial(segment: record.PolynomialRecord, here: Place) -> Polynomial:
+    inside = here.at("coefficients")
+    for axis in ("X", "Y", "Z"):
+        given: list[Fraction] | None = getattr(segment.coefficients, axis)
+        if axis not in here.frame.axes and given is not None:
+            raise inside.at(axis).refuse("not an axis of this path", one_of(here.frame.axes))
+    exact = []
+    for axis in here.frame.axes:
+        given = getattr(segment.coefficients, axis)
+        if given is None:
+            raise inside.refuse(f'key "{axis}" is missing', f"coefficients for {', '.join(here.frame.axes)}")
+        _count(given, inside.at(axis), 1, MAX_DEGREE + 1, "number")
+        exact.append(tuple(given))
+    domain = tuple(segment.domain) if segment.domain is not None else (Fraction(0), Fraction(1))
+    _count(domain, here.at("domain"), 2, 2, "number")
+    unit = here.frame.unit
+    metres = [[_ratio(value, unit) for value in row] for row in exact]
+    return Polynomial(metres, (float(domain[0]), float(domain[1])), exact=(tuple(exact), domain))
+
+
+def _ph(segment: record.PHRecord, here: Place) -> PH:
+    start = _point(segment.start, here.at("start"))
+    width = 2 if len(start) == 2 else 4
+    _count(segment.preimage, here.at("preimage"), 1, MAX_DEGREE + 1, "coefficient")
+    preimage = tuple(
+        _row(row, here.at("preimage", number), width) for number, row in enumerate(segment.preimage)
+    )
+    # x' = u² - v² is a length, so the preimage goes with the square root of the unit
+    root = float(here.frame.unit) ** 0.5
+    metres = np.array([[float(value) for value in row] for row in preimage]) * root
+    return PH(_metres([start], here)[0], metres, exact=(start, preimage))
+
+
+def _ph_hermite(segment: record.PHHermiteRecord, here: Place) -> PH:
+    if len(here.frame.axes) != 2:
+        raise here.at("type").refuse(
+            "ph-hermite is planar", "a path with two axes", str(len(here.frame.axes))
+        )
+    points = _points(segment.points, here.at("points"), 2, 2)
+    derivatives = _points(segment.derivatives, here.at("derivatives"), 2, 2)
+    return ph_hermite(_metres(points, here), _metres(derivatives, here))
+
+
+def _nurbs(segment: record.NurbsRecord, here: Place) -> Nurbs:
+    degree = segment.degree
+    if not 1 <= degree <= MAX_DEGREE:
+        raise here.at("degree").refuse("out of range", f"a degree of 1 to {MAX_DEGREE}", str(degree))
+    points = _points(segment.points, here.at("points"), degree + 1, None)
+    knots = tuple(segment.knots)
+    _count(knots, here.at("knots"), len(points) + degree + 1, len(points) + degree + 1, "knot")
+    for number in range(1, len(knots)):
+        if knots[number] < knots[number - 1]:
+            least = f">= {_number(knots[number - 1])}"
+            raise here.at("knots", number).refuse("the knots fall", least, _number(knots[number]))
+    weights = None if segment.weights is None else _weights(segment.weights, len(points), here.at("weights"))
+    return Nurbs(
+        degree,
+        [float(knot) for knot in knots],
+        _metres(points, here),
+        None if weights is None else [float(weight) for weight in weights],
+        exact=(knots, points, weights),
+    )
+
+
+def _weights(given: Sequence[Fraction], count: int, here: Place) -> Numbers:
+    _count(given, here, count, count, "weight")
+    for number, weight in enumerate(given):
+        if weight <= 0:
+            raise here.at(number).refuse("the weight is not positive", "> 0", _number(weight))
+    return tuple(given)
+
+
+_BUILDERS: Final[Mapping[type[record.SegmentRecord], Callable[[Any, Place], PiecewiseCurve]]] = {
+    record.LineRecord: _line,
+    record.ArcRecord: _arc,
+    record.BezierRecord: _bezier,
+    record.PolynomialRecord: _polynomial,
+    record.PHRecord: _ph,
+    record.PHHermiteRecord: _ph_hermite,
+    record.NurbsRecord: _nurbs,
+}
+
+
+def _points(rows: Sequence[Sequence[Fraction]], here: Place, least: int, most: int | None) -> Points:
+    """Check the number of points and of each point's coordinates."""
+    _count(rows, here, least, most, "point")
+    width = len(here.frame.axes)
+    for number, row in enumerate(rows):
+        if len(row) != width:
+            _point(row, here.at(number))
+    return tuple(map(tuple, rows))
+
+
+def _point(row: Sequence[Fraction], here: Place) -> Numbers:
+    return _row(row, here, len(here.frame.axes))
+
+
+def _row(row: Sequence[Fraction], here: Place, width: int) -> Numbers:
+    if len(row) != width:
+        names = f" ({', '.join(here.frame.axes)})" if width == len(here.frame.axes) else ""
+        raise here.refuse("wrong count", f"{width} numbers{names}", str(len(row)))
+    return tuple(row)
+
+
+def _count(items: Sequence[object], here: Place, least: int, most: int | None, noun: str) -> None:
+    if least <= len(items) and (most is None or len(items) <= most):
+        return
+    many = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
+    raise here.refuse("wrong count", f"{many} {noun}s", str(len(items)))
+
+
+def _metres(rows: Sequence[Numbers], here: Place) -> Array:
+    """Convert points to metres, each number correctly rounded."""
+    unit = here.frame.unit
+    return np.array([[_ratio(value, unit) for value in row] for row in rows])
+
+
+def _ratio(value: Fraction, unit: Fraction) -> float:
+    # true division of whole numbers rounds correctly, and is much faster than a product of fractions
+    return (value.numerator * unit.numerator) / (value.denominator * unit.denominator)
+
+
+def _number(value: Fraction) -> str:
+    return f"{float(value):.12g}"
+
+
+def _shown(row: Sequence[Fraction]) -> str:
+    return f"[{', '.join(map(_number, row))}]"
+
+
+def _length(metres: float, here: Place) -> str:
+    return f"{metres / float(here.frame.unit):.12g}"

@@ -1,0 +1,69 @@
+"""Reading an input: a file or standard input, its name for messages, its bytes and their hash."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pathlib
+import sys
+
+import msgspec
+
+from ph_post.errors import InputError
+
+STDIN = "-"
+"""The file name that means standard input or standard output."""
+
+
+class Source(msgspec.Struct, frozen=True, kw_only=True):
+    """An input as read: its name for messages, a name for its content where that has none, text and hash."""
+
+    name: str
+    stem: str
+    text: str
+    digest: str
+
+
+def read_source(source: str | os.PathLike[str]) -> Source:
+    """Read a UTF-8 text file, or standard input for ``-``.
+
+    A byte order mark is dropped; `digest` is the SHA-256 of the bytes as they were.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, a directory, unreadable, empty or not UTF-8.
+    """
+    if os.fspath(source) == STDIN:
+        name, stem, data = "stdin", "stdin", sys.stdin.buffer.read()
+    else:
+        file = pathlib.Path(source)
+        name, stem, data = os.fspath(source), file.stem, _read_bytes(file)
+    text = _decode(data, name)
+    if not text.strip():
+        raise InputError(name, "the file is empty")
+    return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
+
+
+def _read_bytes(file: pathlib.Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        raise InputError(os.fspath(file), "no such file") from None
+    except IsADirectoryError:
+        raise InputError(os.fspath(file), "is a directory", expected="a file") from None
+    except OSError as error:
+        raise InputError(os.fspath(file), "cannot be read", got=error.strerror or str(error)) from None
+    except ValueError as error:  # a NUL in the name
+        raise InputError(repr(os.fspath(file)), "is no file name", got=str(error)) from None
+
+
+def _decode(data: bytes, name: str) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        line = before.count(b"\n") + 1
+        column = error.start - before.rfind(b"\n")
+        byte = f"byte 0x{data[error.start]:02x}"
+        raise InputError(f"{name}:{line}:{column}", "not a text file", expected="UTF-8", got=byte) from None

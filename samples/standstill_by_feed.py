@@ -1,0 +1,25 @@
+"""How far the tool travels while one axis stands in its backlash, by feed: Figure 7 of the paper, from the closed form.
+
+Run:  python samples/standstill_by_feed.py
+"""
+
+import math
+
+from ph_post.drive.interval import backlash_interval
+from ph_post.io.machinefile import read_machine
+from ph_post.units import MM, MM_PER_MIN
+
+
+def standstill_travel(feed: float, radius: float = 0.25) -> float:
+    """Distance [m] travelled while the X axis of the paper's machine stands, on a circle of `radius` [m] at `feed` [m/s]."""
+    interval, note = backlash_interval(read_machine("paper").axes["X"], radius, feed / radius)
+    if interval is None:
+        raise ValueError(note)
+    return feed * interval.duration
+
+
+if __name__ == "__main__":
+    for seconds_between_reversals in (2, 4, 6, 12, 24):
+        feed = math.pi * 0.25 / seconds_between_reversals
+        travel = standstill_travel(feed)
+        print(f"T {seconds_between_reversals:3d} s   feed {feed / MM_PER_MIN:8.1f} mm/min   stands for {travel / MM:7.3f} mm")
