@@ -44,6 +44,11 @@ class PiecewiseCurve:
         """Range of the parameter xi."""
         return self.pieces[0].xi0, self.pieces[-1].xi1
 
+    @property
+    def built_exactly(self) -> bool:
+        """Whether the pieces' control points are the given numbers themselves, nothing rounded."""
+        return False
+
     def exact_pieces(self) -> tuple[ExactPiece | None, ...]:
         """Return the pieces in exact numbers, None for an arc."""
         raise NotImplementedError

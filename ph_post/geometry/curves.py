@@ -54,6 +54,11 @@ class Bezier(PiecewiseCurve):
         self._exact = exact
         super().__init__((Piece(kind="polynomial", control=control, xi0=0.0, xi1=1.0),))
 
+    @property
+    def built_exactly(self) -> bool:
+        """Whether the control points are the given numbers themselves."""
+        return self._exact is None
+
     def exact_pieces(self) -> tuple[ExactPiece]:
         """Return the control points in exact numbers."""
         points = self._exact if self._exact is not None else fractional.rows(self.pieces[0].control)
@@ -85,6 +90,11 @@ class Line(PiecewiseCurve):
         self._exact = exact
         speed = frozen([np.linalg.norm(control[1] - control[0])])
         super().__init__((Piece(kind="polynomial", control=control, xi0=0.0, xi1=1.0, speed=speed),))
+
+    @property
+    def built_exactly(self) -> bool:
+        """Whether the control points are the given numbers themselves."""
+        return self._exact is None
 
     def exact_pieces(self) -> tuple[ExactPiece]:
         """Return both ends in exact numbers."""

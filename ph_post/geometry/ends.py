@@ -27,13 +27,33 @@ def tangents(pieces: PieceSet, end: int) -> Array:
     """Compute unit tangents in the sense of the motion at end 0 or 1 of every piece, shape (pieces, dim)."""
     result = np.empty((len(pieces.pieces), pieces.dimension))
     for group in pieces.groups:
-        terms = _taylor(group, end)
-        order = _first_order(terms)
-        direction = terms[order, np.arange(order.size)]
-        size = np.linalg.norm(direction, axis=1, keepdims=True)
+        direction, plain = _first_step(group, end)
+        rest = np.flatnonzero(~plain)
+        if rest.size:
+            part = Group(
+                kind=group.kind, degree=group.degree, index=group.index[rest], control=group.control[rest]
+            )
+            terms = _taylor(part, end)
+            direction[rest] = terms[_first_order(terms), np.arange(rest.size)]
+        size = np.sqrt(np.einsum("nk,nk->n", direction, direction))[:, None]
         # Seen into the piece; at its last end the motion is the other way.
         result[group.index] = direction / size * (1.0 if end == 0 else -1.0)
     return result
+
+
+def _first_step(group: Group, end: int) -> tuple[Array, Array]:
+    """First step of every control polygon, and where it is plainly the direction.
+
+    No Taylor coefficient is larger than 3^d times the longest step, so that most need not be computed.
+    """
+    dimension = group.control.shape[2] - (group.kind == "rational")
+    if group.kind != "polynomial":
+        return np.zeros((group.index.size, dimension)), np.zeros(group.index.size, dtype=bool)
+    # The pieces' number last: sums and comparisons then run along contiguous memory.
+    steps = np.diff(np.ascontiguousarray(group.control.transpose(1, 2, 0)), axis=0)
+    first = steps[0] if end == 0 else -steps[-1]
+    largest = 3.0**group.degree * math.sqrt(dimension) * np.abs(steps).max(axis=(0, 1))
+    return first.T.copy(), np.abs(first).max(axis=0) > DEGENERATE * largest
 
 
 def curvatures(pieces: PieceSet, end: int) -> Array:

@@ -47,14 +47,8 @@ class Joints(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def find_joints(track: Track) -> Joints:
     """Compare every piece's end with the beginning of the next."""
-    count = len(track.pieces)
-    before = np.arange(count if track.closed else count - 1)
-    after = (before + 1) % count
+    before, after = _neighbours(track)
     (first, last), (first_bend, last_bend) = track.tangents(), track.end_curvatures()
-    t0, t1 = last[before], first[after]
-    jump = t1 - t0
-    # Half the angle has the sine |t1 - t0| / 2 and the cosine |t1 + t0| / 2: accurate at 0 and at π.
-    angle = 2.0 * np.arctan2(np.linalg.norm(jump, axis=1), np.linalg.norm(t1 + t0, axis=1))
     bent, bend = last_bend[before], first_bend[after]
     infinite = ~(np.isfinite(bent) & np.isfinite(bend))
     curvature_jump = np.where(infinite, np.inf, np.where(infinite, 0.0, bend) - np.where(infinite, 0.0, bent))
@@ -62,7 +56,28 @@ def find_joints(track: Track) -> Joints:
         before=before,
         after=after,
         s=track.starts[before + 1],
-        angle=angle,
-        tangent_jump=jump,
+        angle=_angle(last[before], first[after]),
+        tangent_jump=first[after] - last[before],
         curvature_jump=curvature_jump,
     )
+
+
+def joint_angles(track: Track) -> Array:
+    """Angles between the tangents [rad], the joints' only property that is wanted often."""
+    before, after = _neighbours(track)
+    first, last = track.tangents()
+    return _angle(last[before], first[after])
+
+
+def _neighbours(track: Track) -> tuple[IntArray, IntArray]:
+    count = len(track.pieces)
+    before = np.arange(count if track.closed else count - 1)
+    return before, (before + 1) % count
+
+
+def _angle(t0: Array, t1: Array) -> Array:
+    """Half the angle has the sine |t1 - t0| / 2 and the cosine |t1 + t0| / 2: accurate at 0 and at π."""
+    difference, total = t1 - t0, t1 + t0
+    sine, cosine = (np.sqrt(np.einsum("nk,nk->n", v, v)) for v in (difference, total))
+    angle: Array = 2.0 * np.arctan2(sine, cosine)
+    return angle
