@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 Sense = Literal["max", "min"]
 TurningKind = Literal["smooth", "corner", "dwell", "cusp"]
@@ -270,4 +271,6 @@ class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
     decimals: int
     max_line: int
     blending: bool
+
+
 """Whether a path-blending word (G64) is understood."""

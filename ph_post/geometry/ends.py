@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.geometry.piece import Group, PieceSet, divide
-from ph_post.types import Array
+from ph_post.types import Array, BoolArray
 
 DEGENERATE: Final = 1e-8
 """A Taylor coefficient below this part of the largest one vanishes.
@@ -41,7 +41,7 @@ def tangents(pieces: PieceSet, end: int) -> Array:
     return result
 
 
-def _first_step(group: Group, end: int) -> tuple[Array, Array]:
+def _first_step(group: Group, end: int) -> tuple[Array, BoolArray]:
     """First step of every control polygon, and where it is plainly the direction.
 
     No Taylor coefficient is larger than 3^d times the longest step, so that most need not be computed.

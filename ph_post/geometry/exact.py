@@ -18,6 +18,15 @@ import msgspec
 WIDTH: Final = Fraction(1, 2**64)
 """Isolating intervals are refined to this: below the rounding of any double in [0, 1] that is not tiny."""
 
+BITS: Final = 80
+"""Newton's method runs on multiples of 2**-BITS."""
+
+REACH: Final = 1 << (BITS - 56)
+"""Half the interval in which the exact polynomial must change its sign: 2**-56 of the piece."""
+
+NEWTON_STEPS: Final = 5
+"""From the ten digits that floating point gives, quadratic convergence needs two."""
+
 Rational = tuple[Fraction, ...]
 
 
@@ -76,6 +85,11 @@ def numerator_terms(n: int) -> tuple[tuple[int, int, int, Fraction], ...]:
     )
 
 
+def rounded(coefficients: Rational) -> list[float]:
+    """Round every coefficient once, by true division of integers."""
+    return [value.numerator / value.denominator for value in coefficients]
+
+
 def integers(coefficients: Rational) -> list[int]:
     """Scaled Bernstein coefficients, common denominator cleared: f(u) ~ Σ a_k u^k (1 - u)^(n - k)."""
     n = len(coefficients) - 1
@@ -95,7 +109,7 @@ def value_at(scaled: Sequence[int], numerator: int, denominator: int) -> int:
     return total
 
 
-def sharpen(coefficients: Rational, u: float, reach: float) -> float | None:
+def sharpen(coefficients: Rational, u: float) -> float | None:
     """Improve a simple root by Newton's method on the exact polynomial.
 
     Parameters
@@ -104,30 +118,27 @@ def sharpen(coefficients: Rational, u: float, reach: float) -> float | None:
         Bernstein coefficients.
     u : float
         Root, roughly.
-    reach : float
-        The exact polynomial must change its sign within this distance of the result.
 
     Returns
     -------
     float or None
-        None where it does not: the root is not as simple as it looked.
+        None where the exact polynomial does not change its sign within REACH of the result: the root is not as
+        simple as it looked.
     """
     scaled = integers(coefficients)
-    n, bits = len(scaled) - 1, 80
-    one, place = 1 << bits, round(u * (1 << 60)) << (bits - 60)
+    n = len(scaled) - 1
+    one, place = 1 << BITS, round(u * (1 << 60)) << (BITS - 60)
     slopes = [(k + 1) * scaled[k + 1] - (n - k) * scaled[k] for k in range(n)]
-    for _ in range(4):
+    for _ in range(NEWTON_STEPS):
         slope = value_at(slopes, place, one)
         if slope == 0:
             return None
         step = value_at(scaled, place, one) // slope
         place -= step
-        if abs(step) < 1 << 16:
+        if abs(step) < REACH:
             break
-    gap = round(reach * one)
-    left, right = value_at(scaled, place - gap, one), value_at(scaled, place + gap, one)
-    inside = 0 < place < one
-    return place / one if inside and (left < 0) != (right < 0) else None
+    left, right = value_at(scaled, place - REACH, one), value_at(scaled, place + REACH, one)
+    return place / one if (left < 0) != (right < 0) else None
 
 
 def isolate(coefficients: Rational) -> tuple[ExactRoot, ...]:
@@ -185,14 +196,3 @@ def _power(scaled: Sequence[int]) -> list[int]:
         for j in range(n - k + 1):
             power[k + j] += value * math.comb(n - k, j) * (-1) ** j
     return power[::-1]
-
-
-def share_root(polynomials: Sequence[Rational], low: Fraction, high: Fraction) -> bool:
-    """Tell whether the polynomials have a common root in [low, high]."""
-    import sympy
-
-    u = sympy.Symbol("u")
-    shared: Any = sympy.Poly(0, u, domain="ZZ")
-    for coefficients in polynomials:
-        shared = sympy.gcd(shared, sympy.Poly(_power(integers(coefficients)), u, domain="ZZ"))
-    return bool(shared.is_zero or shared.count_roots(low, high))

@@ -16,9 +16,8 @@ from typing import Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 
 EPS: Final = float(np.finfo(np.float64).eps)
 
@@ -30,8 +29,6 @@ NEWTON_STEPS: Final = 20
 
 SPLITS: Final = (0.5, 0.4375)
 """Where an interval is cut: in the middle, or beside it where the middle may be a root (dyadic: no error)."""
-
-BoolArray = NDArray[np.bool_]
 
 
 class Roots(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -104,11 +104,11 @@ def test_sharpen_reaches_rounding_where_floats_cannot() -> None:
     polynomial = (U - sympy.Rational(1, 3)) ** 2 - sympy.Rational(1, 10**20)
     coefficients = bernstein(polynomial * (U + 2), 3)
     for root, start in ((middle - gap, 1 / 3 - 1.3e-10), (middle + gap, 1 / 3 + 0.8e-10)):
-        assert exact.sharpen(coefficients, start, 1e-14) == pytest.approx(float(root), abs=2.0**-53)
+        assert exact.sharpen(coefficients, start) == pytest.approx(float(root), abs=2.0**-53)
 
 
 def test_sharpen_refuses_a_double_root() -> None:
-    assert exact.sharpen(bernstein((3 * U - 1) ** 2, 2), 0.3333, 1e-14) is None
+    assert exact.sharpen(bernstein((3 * U - 1) ** 2, 2), 0.3333) is None
 
 
 @given(st.lists(st.integers(-6, 6), min_size=1, max_size=7))
