@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ph_post.geometry import fractional
-from ph_post.geometry.base import PiecewiseCurve, require
+from ph_post.geometry.base import MEETS, PiecewiseCurve, require
 from ph_post.geometry.fractional import FractionRows
 from ph_post.geometry.piece import Piece
 from ph_post.types import Array, frozen
 from ph_post.units import MM
-
-MEETS: Final = 1e-6 * MM
-"""Two points nearer than this are one, as the path file's contract has it [m]."""
 
 ROUNDING: Final = 4.0 * float(np.finfo(np.float64).eps)
 """Relative slack for the rounding of the file's numbers to metres."""

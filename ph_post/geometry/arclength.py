@@ -2,123 +2,172 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ph_post.geometry.panels import Panels
-from ph_post.geometry.piece import CHUNK
+from ph_post.geometry.panels import NODES, Panels, join_panels, measure, resolve
+from ph_post.geometry.piece import CHUNK, Group, Piece
+from ph_post.geometry.speed import sort_by_speed
 from ph_post.types import Array, IntArray, frozen
 
-FAST_STEPS: Final = 3
-"""Newton steps for all rows: enough from the monotone cubic guess wherever the speed does not vanish."""
+EPS: Final = float(np.finfo(np.float64).eps)
+
+FAST_STEPS: Final = 4
+"""Newton steps for all rows of a chunk; those left after them are few, and next to low speeds."""
+
+SURE: Final = 1e-12
+"""Residual, relative to the panel's length, after which one more Newton step leaves only rounding."""
 
 SLOW_STEPS: Final = 80
-"""Bracketed steps for the rows that remain, next to cusps: bisection alone would take 53."""
-
-SETTLED: Final = 16.0 * float(np.finfo(np.float64).eps)
-"""Residual, relative to the panel's length, below which nothing is left but rounding."""
+"""Bracketed steps for the rows that remain: bisection alone would take 53."""
 
 
 class ArcLength:
     """The arc length s of a chain of pieces as a function of (piece, u), and back.
 
+    The lengths of the pieces are known at once; s(u) inside a piece is worked out when it is first asked for.
+
     Parameters
     ----------
-    panels : Panels
-        Ordered by piece and place.
+    pieces : sequence of Piece
+    groups : sequence of Group
+        The same pieces.
     """
 
-    def __init__(self, panels: Panels) -> None:
-        self.panels = panels
-        ends = np.zeros(panels.length.size + 1)
-        ends[1:] = np.cumsum(panels.length, dtype=np.longdouble)
-        self.ends = frozen(ends)
-        """Arc length at the panels' ends [m], shape (panels + 1,)."""
-        first_of_piece = np.flatnonzero(np.diff(panels.piece, prepend=-1))
-        self.starts = frozen(np.append(self.ends[first_of_piece], self.ends[-1]))
+    def __init__(self, pieces: Sequence[Piece], groups: Sequence[Group]) -> None:
+        self._families = sort_by_speed(pieces, groups, NODES)
+        count = len(pieces)
+        self._panels = join_panels(())
+        self._guess = _monotone_guess(self._panels)
+        self._first_panel, self._last_panel = np.full(count, -1), np.full(count, -2)
+        lengths, starts = np.empty(count), np.zeros(count + 1)
+        for family in self._families:
+            lengths[family.index] = measure(family)
+        # The sum of many lengths is the one place where rounding adds up.
+        starts[1:] = np.cumsum(lengths, dtype=np.longdouble)
+        self.starts = frozen(starts)
         """Arc length at the pieces' ends [m], shape (pieces + 1,)."""
-        self._first_panel = first_of_piece
-        self._key = panels.piece + panels.first
-        self._guess = _monotone_guess(panels)
 
     def at(self, piece: IntArray, u: Array) -> Array:
         """Arc length from the chain's beginning [m]."""
-        panel = np.searchsorted(self._key, piece + u, side="right") - 1
-        # The sum rounds u to the grain of the piece's number: set that right.
-        panels = self.panels
-        panel = np.where((panels.piece[panel] > piece) | (u < panels.first[panel]), panel - 1, panel)
-        panel = np.maximum(panel, self._first_panel[piece])
-        x = self._to_x(panel, u)
-        value, _ = self._horner([row.take(panel) for row in panels.power], x)
-        s: Array = self.ends[panel] + value
+        panels = self._panels_of(piece)
+        s = self.starts[piece]
+        for first in range(0, u.size, CHUNK):
+            part = slice(first, first + CHUNK)
+            panel = self._find(piece[part], u[part], panels.first)
+            low, high = panels.first[panel], panels.last[panel]
+            x = np.where(u[part] >= high, 1.0, 2.0 * (u[part] - low) / (high - low) - 1.0)
+            value, _ = _horner([row.take(panel) for row in panels.power], x)
+            s[part] += panels.start[panel] + value
         return s
 
     def locate(self, s: Array) -> tuple[IntArray, Array]:
         """Piece and u at arc length `s` [m], clipped to the chain; the later piece answers at a joint."""
-        s = np.clip(s, 0.0, self.ends[-1])
-        piece, u = np.empty(s.size, dtype=np.int64), np.empty(s.size)
+        s = np.clip(s, 0.0, self.starts[-1])
+        piece: IntArray = np.searchsorted(self.starts[1:-1], s, side="right")
+        panels = self._panels_of(piece)
+        u = np.empty(s.size)
         for first in range(0, s.size, CHUNK):
             part = slice(first, first + CHUNK)
-            panel = np.searchsorted(self.ends[1:-1], s[part], side="right")
-            x = self._invert(panel, s[part] - self.ends[panel])
-            piece[part], u[part] = self.panels.piece[panel], self._to_u(panel, x)
+            local = s[part] - self.starts[piece[part]]
+            panel = self._find(piece[part], local, panels.start)
+            x = self._invert(panel, local - panels.start[panel])
+            low, high = panels.first[panel], panels.last[panel]
+            u[part] = np.where(x >= 1.0, high, low + 0.5 * (x + 1.0) * (high - low))
         return piece, u
 
-    def _to_u(self, panel: IntArray, x: Array) -> Array:
-        first, last = self.panels.first[panel], self.panels.last[panel]
-        return np.where(x >= 1.0, last, first + 0.5 * (x + 1.0) * (last - first))
+    def _panels_of(self, piece: IntArray) -> Panels:
+        """Panels, those of the pieces named among them."""
+        known = self._first_panel >= 0
+        missing = np.unique(piece[~known[piece]])
+        if missing.size:
+            self._add(_widened(missing, known))
+        return self._panels
 
-    def _to_x(self, panel: IntArray, u: Array) -> Array:
-        first, last = self.panels.first[panel], self.panels.last[panel]
-        return np.where(u >= last, 1.0, 2.0 * (u - first) / (last - first) - 1.0)
+    def _add(self, index: IntArray) -> None:
+        """Work out the panels of some pieces."""
+        wanted = np.zeros(self._first_panel.size, dtype=np.bool_)
+        wanted[index] = True
+        parts = [self._panels]
+        for family in self._families:
+            rows = np.flatnonzero(wanted[family.index])
+            if rows.size:
+                parts.append(resolve(family, rows))
+        self._panels = join_panels(parts)
+        self._guess = _monotone_guess(self._panels)
+        piece = self._panels.piece
+        self._first_panel[piece[::-1]] = np.arange(piece.size)[::-1]
+        self._last_panel[piece] = np.arange(piece.size)
+
+    def _find(self, piece: IntArray, value: Array, begin: Array) -> IntArray:
+        """Last panel of each row's piece whose `begin` is not above `value`, or the first."""
+        low, high = self._first_panel[piece], self._last_panel[piece]
+        while np.any(low < high):
+            middle = (low + high + 1) // 2
+            right = value >= begin[middle]
+            low, high = np.where(right, middle, low), np.where(right, high, middle - 1)
+        return low
 
     def _invert(self, panel: IntArray, target: Array) -> Array:
         """Solve s(x) = target on each row's panel."""
-        length = self.panels.length[panel]
+        length = self._panels.length[panel]
         part = np.clip(target / length, 0.0, 1.0)
         a, b, c = (row.take(panel) for row in self._guess)
         x: Array = np.clip(part * (a + part * (b + part * c)) - 1.0, -1.0, 1.0)
-        power = [row.take(panel) for row in self.panels.power]
+        power = [row.take(panel) for row in self._panels.power]
         for _ in range(FAST_STEPS):
-            value, slope = self._horner(power, x)
-            value -= target
-            np.divide(value, slope, out=value, where=slope > 0.0)
-            x -= value
+            residual, slope = _horner(power, x)
+            residual -= target
+            open_rows = np.abs(residual) > SURE * length
+            np.divide(residual, slope, out=residual, where=slope > 0.0)
+            x -= residual
             np.clip(x, -1.0, 1.0, out=x)
-        value, _ = self._horner(power, x)
-        slow = np.flatnonzero(np.abs(value - target) > SETTLED * length)
-        if slow.size:
-            x[slow] = self._bracketed([row[slow] for row in power], target[slow], x[slow])
+            if not open_rows.any():
+                break
+        else:
+            rows = np.flatnonzero(open_rows)
+            x[rows] = _bracketed([row[rows] for row in power], target[rows], x[rows])
         x[part <= 0.0] = -1.0
         x[part >= 1.0] = 1.0
         return x
 
-    def _bracketed(self, power: list[Array], target: Array, x: Array) -> Array:
-        """Newton's method, by bisection wherever it leaves the bracket."""
-        low, high = np.full(x.size, -1.0), np.full(x.size, 1.0)
-        for _ in range(SLOW_STEPS):
-            value, slope = self._horner(power, x)
-            value -= target
-            low, high = np.where(value <= 0.0, x, low), np.where(value >= 0.0, x, high)
-            new = x - np.divide(value, slope, out=np.zeros_like(x), where=slope > 0.0)
-            inside = (new > low) & (new < high) & (slope > 0.0)
-            new = np.where(inside, new, 0.5 * (low + high))
-            if np.array_equal(new, x):
-                break
-            x = new
-        return x
 
-    @staticmethod
-    def _horner(power: list[Array], x: Array) -> tuple[Array, Array]:
-        """Value and slope of the arc length on the panel."""
-        value, slope = power[-1].copy(), np.zeros_like(x)
-        for coefficient in reversed(power[:-1]):
-            slope *= x
-            slope += value
-            value *= x
-            value += coefficient
-        return value, slope
+def _widened(missing: IntArray, known: NDArray[np.bool_]) -> IntArray:
+    """Add neighbours, so that there are at least as many as are known already: growth then costs little."""
+    unknown = np.flatnonzero(~known)
+    first = np.searchsorted(unknown, missing[0])
+    ahead = np.roll(unknown, -first)[: known.size - unknown.size]
+    return np.union1d(missing, ahead)
+
+
+def _bracketed(power: list[Array], target: Array, x: Array) -> Array:
+    """Solve s(x) = target by Newton's method, and by bisection wherever it leaves the bracket."""
+    low, high = np.full(x.size, -1.0), np.full(x.size, 1.0)
+    for _ in range(SLOW_STEPS):
+        residual, slope = _horner(power, x)
+        residual -= target
+        low, high = np.where(residual <= 0.0, x, low), np.where(residual >= 0.0, x, high)
+        new = x - np.divide(residual, slope, out=np.zeros_like(x), where=slope > 0.0)
+        inside = (new >= low) & (new <= high) & (slope > 0.0)
+        new = np.where(inside, new, 0.5 * (low + high))
+        step, x = np.abs(new - x), new
+        if np.all(step <= 2.0 * EPS):
+            break
+    return x
+
+
+def _horner(power: list[Array], x: Array) -> tuple[Array, Array]:
+    """Value and slope of the arc length on the panel."""
+    value, slope = power[-1].copy(), np.zeros_like(x)
+    for coefficient in reversed(power[:-1]):
+        slope *= x
+        slope += value
+        value *= x
+        value += coefficient
+    return value, slope
 
 
 def _monotone_guess(panels: Panels) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,10 +11,15 @@ from numpy.typing import ArrayLike
 from ph_post.errors import InputError
 from ph_post.geometry import frenet
 from ph_post.geometry.piece import ExactPiece, Piece, PieceSet
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, IntArray, frozen
+from ph_post.units import MM
 
 if TYPE_CHECKING:
     from ph_post.geometry.track import Track
+
+
+MEETS: Final = 1e-6 * MM
+"""Two points nearer than this are one, as the path file's contract has it [m]."""
 
 
 class PiecewiseCurve:
@@ -119,6 +124,20 @@ def require(holds: bool, what: str, *, expected: str = "", got: str = "") -> Non
         raise InputError("", what, expected=expected, got=got)
 
 
-def require_length(control: Array) -> None:
-    """Refuse a curve all of whose points are the same."""
-    require(bool(np.any(control != control[0])), "zero length", expected="points that differ")
+def require_length(size: float) -> None:
+    """Refuse a curve that goes nowhere: `size` [m] is its extent or its length."""
+    require(
+        size > MEETS, "zero length", expected="points farther apart than 1e-6 mm", got=f"{size / MM:.3g} mm"
+    )
+
+
+def extent(points: Array) -> float:
+    """Return how far points lie from the first of them, along any axis [m]."""
+    return float(np.abs(points - points[0]).max())
+
+
+def polynomial_piece(control: Array, xi0: float, xi1: float, speed: Array | None = None) -> Piece:
+    """Make a polynomial piece; one of degree 1 has a constant speed."""
+    if speed is None and len(control) == 2:
+        speed = frozen([np.linalg.norm(control[1] - control[0])])
+    return Piece(kind="polynomial", control=control, xi0=float(xi0), xi1=float(xi1), speed=speed)

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ph_post.geometry import fractional
 from ph_post.geometry.arc import Arc
-from ph_post.geometry.base import PiecewiseCurve, require, require_length
+from ph_post.geometry.base import PiecewiseCurve, extent, polynomial_piece, require, require_length
 from ph_post.geometry.fractional import FractionRows, Fractions
 from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.ph import PH, ph_hermite
-from ph_post.geometry.piece import ExactPiece, Piece
+from ph_post.geometry.piece import ExactPiece
 from ph_post.types import frozen
 
 __all__ = ["PH", "Arc", "Bezier", "Line", "Nurbs", "PiecewiseCurve", "Polynomial", "ph_hermite"]
@@ -50,9 +49,9 @@ class Bezier(PiecewiseCurve):
     def __init__(self, points: ArrayLike, *, exact: FractionRows | None = None) -> None:
         control = frozen(points)
         require(len(control) > 1, "too few points", expected="at least 2", got=str(len(control)))
-        require_length(control)
+        require_length(extent(control))
         self._exact = exact
-        super().__init__((Piece(kind="polynomial", control=control, xi0=0.0, xi1=1.0),))
+        super().__init__((polynomial_piece(control, 0.0, 1.0),))
 
     @property
     def built_exactly(self) -> bool:
@@ -86,10 +85,9 @@ class Line(PiecewiseCurve):
     def __init__(self, points: ArrayLike, *, exact: FractionRows | None = None) -> None:
         control = frozen(points)
         require(len(control) == 2, "wrong number of points", expected="2", got=str(len(control)))
-        require_length(control)
+        require_length(extent(control))
         self._exact = exact
-        speed = frozen([np.linalg.norm(control[1] - control[0])])
-        super().__init__((Piece(kind="polynomial", control=control, xi0=0.0, xi1=1.0, speed=speed),))
+        super().__init__((polynomial_piece(control, 0.0, 1.0),))
 
     @property
     def built_exactly(self) -> bool:
@@ -138,11 +136,10 @@ class Polynomial(PiecewiseCurve):
         require(domain[0] < domain[1], "empty domain", expected="first < last", got=f"{list(domain)}")
         # Converted exactly and rounded once: far from the domain's origin the power basis cancels badly.
         control = fractional.floats(_bernstein(fractional.rows(coefficients), fractional.rows([domain])[0]))
-        require_length(control)
+        require_length(extent(control))
         self._exact = exact
         self._given = (coefficients, domain)
-        piece = Piece(kind="polynomial", control=control, xi0=float(domain[0]), xi1=float(domain[1]))
-        super().__init__((piece,))
+        super().__init__((polynomial_piece(control, *domain),))
 
     def exact_pieces(self) -> tuple[ExactPiece]:
         """Return the Bernstein control points in exact numbers."""

@@ -16,14 +16,14 @@ FractionRows = tuple[Fractions, ...]
 
 
 def rows(values: Any) -> FractionRows:
-    """Turn rows of floats, integers or Fractions into the Fractions that they are.
+    """Turn rows of floats or Fractions into the Fractions that they are.
 
     Examples
     --------
     >>> rows([[0.5, 1]])
     ((Fraction(1, 2), Fraction(1, 1)),)
     """
-    return tuple(tuple(Fraction(x) for x in row) for row in values)
+    return tuple(tuple(x if isinstance(x, Fraction) else Fraction(float(x)) for x in row) for row in values)
 
 
 def columns(table: Sequence[Fractions]) -> FractionRows:

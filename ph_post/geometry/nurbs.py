@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from itertools import pairwise
-from typing import Any, ClassVar
+from itertools import compress, pairwise
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ph_post.geometry import fractional
-from ph_post.geometry.arc import MEETS
-from ph_post.geometry.base import PiecewiseCurve, require
+from ph_post.geometry.base import MEETS, PiecewiseCurve, extent, polynomial_piece, require, require_length
 from ph_post.geometry.fractional import FractionRows, Fractions
-from ph_post.geometry.piece import ExactPiece, Piece, PieceKind
+from ph_post.geometry.piece import ExactPiece, Piece, PieceKind, places
 from ph_post.types import Array, frozen
 from ph_post.units import MM
+
+STANDSTILL: Final = 1e-3 * MEETS
+"""A span that is no larger stands still [m]: repeated points, but for rounding."""
 
 Span = tuple[Fractions, FractionRows]
 """A piece: both its knots, and its (homogeneous) Bézier points."""
@@ -76,13 +78,12 @@ class Nurbs(PiecewiseCurve):
         _require_weights(self.weights, len(self.points))
         self._exact = exact
         spans = self._spans(self.knots, self.points, self.weights)
-        require(bool(spans), "zero length", expected="points that differ")
-        pieces = tuple(
-            Piece(kind=self._piece_kind, control=fractional.floats(control), xi0=float(t0), xi1=float(t1))
-            for (t0, t1), control in spans
-        )
+        pieces = [self._piece(*span) for span in spans]
+        self._moving = [extent(places(piece)) > STANDSTILL for piece in pieces]
+        pieces = list(compress(pieces, self._moving))
+        require_length(max((extent(places(piece)) for piece in pieces), default=0.0))
         _require_whole(pieces)
-        super().__init__(pieces)
+        super().__init__(tuple(pieces))
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -98,19 +99,24 @@ class Nurbs(PiecewiseCurve):
     def exact_pieces(self) -> tuple[ExactPiece, ...]:
         """Return the Bézier pieces in exact numbers."""
         given = self._exact if self._exact is not None else (self.knots, self.points, self.weights)
-        return tuple(ExactPiece(kind=self._piece_kind, control=control) for _, control in self._spans(*given))
+        spans = compress(self._spans(*given), self._moving)
+        return tuple(ExactPiece(kind=self._piece_kind, control=control) for _, control in spans)
+
+    def _piece(self, ends: Fractions, control: FractionRows) -> Piece:
+        t0, t1 = map(float, ends)
+        rounded = fractional.floats(control)
+        if self._piece_kind == "polynomial":
+            return polynomial_piece(rounded, t0, t1)
+        return Piece(kind="rational", control=rounded, xi0=t0, xi1=t1)
 
     def _spans(self, knots: Any, points: Any, weights: Any) -> list[Span]:
-        """Bézier pieces in exact numbers, without those that stand still."""
+        """Bézier pieces in exact numbers."""
         exact_knots, exact_points = fractional.rows([knots])[0], fractional.rows(points)
-        if self._piece_kind == "polynomial":
-            spans = bezier_spans(self.degree, exact_knots, exact_points)
-            return [span for span in spans if any(point != span[1][0] for point in span[1])]
-        exact_weights = fractional.rows([weights])[0]
-        homogeneous = tuple(
-            (*(w * x for x in point), w) for w, point in zip(exact_weights, exact_points, strict=True)
-        )
-        return [span for span in bezier_spans(self.degree, exact_knots, homogeneous) if _projects(span[1])]
+        if self._piece_kind == "rational":
+            factors = fractional.rows([weights])[0]
+            homogeneous = zip(factors, exact_points, strict=True)
+            exact_points = tuple((*(w * x for x in point), w) for w, point in homogeneous)
+        return bezier_spans(self.degree, exact_knots, exact_points)
 
 
 def bezier_spans(degree: int, knots: Fractions, points: FractionRows) -> list[Span]:
@@ -145,12 +151,6 @@ def _insert(degree: int, t: list[Any], q: list[Fractions], knot: Any) -> None:
     t.insert(last + 1, knot)
 
 
-def _projects(control: FractionRows) -> bool:
-    """Whether homogeneous points are not all one point."""
-    places = [tuple(x / point[-1] for x in point[:-1]) for point in control]
-    return any(place != places[0] for place in places)
-
-
 def _require_knots(degree: int, knots: Array, count: int) -> None:
     require(degree >= 1, "degree is too low", expected="at least 1", got=str(degree))
     expected = f"at least {degree + 1}"
@@ -175,14 +175,9 @@ def _require_weights(weights: Array | None, count: int) -> None:
     require(lowest > 0.0, "a weight is not positive", expected="> 0", got=f"{lowest:.9g}")
 
 
-def _require_whole(pieces: tuple[Piece, ...]) -> None:
+def _require_whole(pieces: list[Piece]) -> None:
     """Refuse a curve that a knot of multiplicity degree + 1 tears."""
     for before, after in pairwise(pieces):
-        gap = float(np.linalg.norm(_place(before, -1) - _place(after, 0)))
+        gap = float(np.linalg.norm(places(before)[-1] - places(after)[0]))
         what = f"the curve comes apart at knot {after.xi0:.9g}"
         require(gap <= MEETS, what, expected="ends that meet to 1e-6 mm", got=f"a gap of {gap / MM:.3g} mm")
-
-
-def _place(piece: Piece, row: int) -> Array:
-    point: Array = piece.control[row]
-    return point if piece.kind == "polynomial" else np.asarray(point[:-1] / point[-1])

@@ -1,4 +1,4 @@
-"""Arc length as a function of u, by panels on which it is a polynomial.
+"""Arc length of a piece as a function of u, by panels on which it is a polynomial.
 
 Where the speed is a polynomial (lines, arcs, PH curves) one panel a piece holds the exact integral. Elsewhere
 the speed is interpolated at Gauss-Legendre nodes, and a panel is cut until the Legendre coefficients of the
@@ -8,7 +8,7 @@ only on each side. All panels of a round are handled together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -18,7 +18,7 @@ from numpy.polynomial import legendre
 
 from ph_post.errors import SolveError
 from ph_post.geometry import bernstein
-from ph_post.geometry.piece import Group, Piece
+from ph_post.geometry.speed import Family
 from ph_post.types import Array, IntArray, frozen
 
 NODES: Final = 24
@@ -30,8 +30,14 @@ TAIL: Final = 1e-12
 What is left out of the arc length is smaller by about 100: by 2 * NODES from integrating, and by the decay.
 """
 
+SQUARED_TAIL: Final = 1e-7
+"""The same where only the integral over the panel is wanted: its error is of the order of the square."""
+
 SPREAD: Final = 16.0
-"""Sum of the power coefficients' sizes, relative to the length, above which a panel is cut: lost digits."""
+"""Sum of the power coefficients' sizes, relative to the length, above which a panel is cut: lost digits.
+
+It binds polynomial speeds of high degree only; where the Legendre coefficients die away, so do these.
+"""
 
 MAX_ROUNDS: Final = 60
 """Halvings before the quadrature gives up; a kink of the speed that is not met exactly takes about 25."""
@@ -42,175 +48,167 @@ LOW: Final = 0.1
 EDGE: Final = 2.0**-10
 """A minimum nearer than this to the end of its panel is left to the halving."""
 
-MINIMUM_STEPS: Final = 12
-"""Gauss-Newton converges quadratically on a cusp; near one, any place close to the minimum will do."""
+MINIMUM_STEPS: Final = 6
+"""Gauss-Newton converges quadratically on a cusp; elsewhere any place close to the minimum will do."""
 
 
 class Panels(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Panels ordered by piece and place: u in [first, last] of `piece`, x in [-1, 1] along it.
+    """Panels, those of a piece in order side by side: u in [first, last] of `piece`, x in [-1, 1] along it.
 
     `power`, shape (k, panels), are the coefficients in powers of x of the arc length from the panel's
-    beginning [m]; `length` is its value at x = 1.
+    beginning [m]; `start` and `length` [m] are counted from the piece's beginning.
     """
 
     piece: IntArray
     first: Array
     last: Array
-    power: Array
+    start: Array
     length: Array
+    power: Array
 
 
 class _Work(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Panels of one family: `forms` (k, channels, degree + 1) are Bernstein forms on the panel."""
+    """Panels of one family in work: `row` in the family, `forms` are its functions on the panel."""
 
-    piece: IntArray
+    row: IntArray
     first: Array
     last: Array
     forms: Array
 
-    def take(self, which: Array | IntArray) -> _Work:
+    def take(self, which: IntArray) -> _Work:
         return _Work(
-            piece=self.piece[which], first=self.first[which], last=self.last[which], forms=self.forms[which]
+            row=self.row[which],
+            first=self.first[which],
+            last=self.last[which],
+            forms=self.forms[:, which],
         )
 
 
-class _Family:
-    """Speeds that are computed alike: exact forms, norms of hodographs, or norms over a denominator."""
-
-    def __init__(self, forms: Array, *, exact: bool, rational: bool) -> None:
-        self.exact = exact
-        self.rational = rational
-        degree = forms.shape[2] - 1
-        self.nodes = min(degree + 1, NODES) if exact else NODES
-        self.complete = exact and self.nodes > degree
-        nodes, _ = legendre.leggauss(self.nodes)
-        self.basis = bernstein.basis(degree, 0.5 * (nodes + 1.0)).T.copy()
-
-    def speed(self, forms: Array) -> Array:
-        """ds/du at the nodes, shape (panels, nodes)."""
-        count, channels, size = forms.shape
-        values = (forms.reshape(-1, size) @ self.basis).reshape(count, channels, self.nodes)
-        if self.exact:
-            return np.asarray(values[:, 0])
-        vectors = values[:, :-1] if self.rational else values
-        speed: Array = np.sqrt(np.einsum("pkn,pkn->pn", vectors, vectors))
-        if self.rational:
-            speed /= values[:, -1]
-        return speed
-
-
-def build_panels(pieces: tuple[Piece, ...], groups: tuple[Group, ...]) -> Panels:
-    """Cut pieces into panels on which the arc length is a polynomial, to rounding.
+def measure(family: Family) -> Array:
+    """Lengths [m] of a family's pieces: exact for polynomial speeds, elsewhere by quadrature.
 
     Raises
     ------
     SolveError
         The speed of a piece could not be resolved.
     """
-    found = [part for family, work in _families(pieces, groups) for part in _resolve(family, work)]
-    piece = np.concatenate([work.piece for work, _ in found])
+    lengths = np.zeros(family.index.size)
+    for work, modes in _rounds(family, np.arange(family.index.size), SQUARED_TAIL):
+        lengths += np.bincount(work.row, modes[:, 0] * (work.last - work.first), lengths.size)
+    return lengths
+
+
+def resolve(family: Family, rows: IntArray) -> Panels:
+    """Cut some of a family's pieces into panels on which the arc length is a polynomial, to rounding.
+
+    Raises
+    ------
+    SolveError
+        The speed of a piece could not be resolved.
+    """
+    _, to_power = _transforms(family.node_count)
+    found = [
+        (work, (modes @ to_power) * (0.5 * (work.last - work.first))[:, None])
+        for work, modes in _rounds(family, rows, TAIL)
+    ]
+    piece = family.index[np.concatenate([work.row for work, _ in found])]
     first = np.concatenate([work.first for work, _ in found])
-    order = np.lexsort((first, piece))
-    power = np.zeros((max(one.shape[1] for _, one in found), piece.size))
-    column = 0
-    for _, one in found:
-        power[: one.shape[1], column : column + len(one)] = one.T
-        column += len(one)
-    power = np.ascontiguousarray(power[:, order])
     last = np.concatenate([work.last for work, _ in found])
+    order = np.lexsort((first, piece))
+    power = np.ascontiguousarray(np.concatenate([power for _, power in found])[order].T)
+    piece, length = piece[order], power.sum(axis=0)
     return Panels(
-        piece=piece[order], first=first[order], last=last[order], power=power, length=power.sum(axis=0)
+        piece=piece,
+        first=first[order],
+        last=last[order],
+        start=_sums_before(piece, length),
+        length=length,
+        power=power,
     )
 
 
-def _families(pieces: tuple[Piece, ...], groups: tuple[Group, ...]) -> Iterator[tuple[_Family, _Work]]:
-    """Sort pieces by how their speed is found, and start with one panel each."""
-    exact: dict[int, list[int]] = {}
-    for number, piece in enumerate(pieces):
-        if piece.speed is not None:
-            exact.setdefault(piece.speed.size, []).append(number)
-    for members in exact.values():
-        speeds = np.concatenate([pieces[number].speed for number in members])
-        forms = speeds.reshape(len(members), 1, -1)
-        yield _Family(forms, exact=True, rational=False), _start(np.array(members, dtype=np.int64), forms)
-    known = {number for members in exact.values() for number in members}
-    for group in groups:
-        rest = np.array([number not in known for number in group.index.tolist()])
-        if rest.any():
-            rational = group.kind == "rational"
-            control = group.control[rest].transpose(0, 2, 1)
-            forms = _rational_forms(control) if rational else bernstein.derivative(control)
-            family = _Family(forms, exact=False, rational=rational)
-            yield family, _start(group.index[rest], forms)
+def join_panels(parts: Sequence[Panels]) -> Panels:
+    """Put panels one after the other, the shorter polynomials filled with zeros."""
+    terms = max((len(part.power) for part in parts), default=1)
+    filled = [np.pad(part.power, ((0, terms - len(part.power)), (0, 0))) for part in parts]
+    none = np.empty(0)
+    return Panels(
+        piece=np.concatenate([np.empty(0, dtype=np.int64), *(part.piece for part in parts)]),
+        first=np.concatenate([none, *(part.first for part in parts)]),
+        last=np.concatenate([none, *(part.last for part in parts)]),
+        start=np.concatenate([none, *(part.start for part in parts)]),
+        length=np.concatenate([none, *(part.length for part in parts)]),
+        power=np.concatenate([np.empty((terms, 0)), *filled], axis=1),
+    )
 
 
-def _start(index: IntArray, forms: Array) -> _Work:
-    return _Work(piece=index, first=np.zeros(index.size), last=np.ones(index.size), forms=forms)
+def _sums_before(piece: IntArray, length: Array) -> Array:
+    """For every panel, the sum of the lengths before it in its piece."""
+    sums = np.concatenate([[0.0], np.cumsum(length)])
+    head = np.flatnonzero(np.diff(piece, prepend=-1))
+    counts = np.diff(head, append=piece.size)
+    start: Array = sums[:-1] - np.repeat(sums[head], counts)
+    return start
 
 
-def _rational_forms(control: Array) -> Array:
-    """Numerator P'w - Pw' and denominator w² of the hodograph, in one degree."""
-    weight = control[:, -1:]
-    # Seen from the first point, lest the difference cancel far from the origin.
-    place = control[:, :-1] - weight * (control[:, :-1, :1] / weight[:, :, :1])
-    numerator = bernstein.product(bernstein.derivative(place), weight)
-    numerator -= bernstein.product(place, bernstein.derivative(weight))
-    return np.concatenate([bernstein.elevate(numerator), bernstein.product(weight, weight)], axis=1)
-
-
-def _resolve(family: _Family, work: _Work) -> Iterator[tuple[_Work, Array]]:
-    """Cut until every panel is resolved; give panels and power coefficients of their arc length."""
-    to_legendre, to_power = _transforms(family.nodes)
-    total: Array | None = None
-    rank = np.zeros(int(work.piece.max()) + 1, dtype=np.int64)
-    rank[work.piece] = np.arange(work.piece.size)
-    for _ in range(MAX_ROUNDS):
+def _rounds(family: Family, rows: IntArray, tail: float) -> Iterator[tuple[_Work, Array]]:
+    """Cut until every panel is resolved; give panels and the Legendre coefficients of the speed on them."""
+    to_legendre, to_power = _transforms(family.node_count)
+    zero, one = np.zeros(rows.size), np.ones(rows.size)
+    work = _Work(row=rows, first=zero, last=one, forms=family.forms[:, rows])
+    allowed = np.zeros(family.index.size)
+    for turn in range(MAX_ROUNDS):
         speed = family.speed(work.forms)
         modes = speed @ to_legendre
-        if total is None:
-            total = modes[:, 0].copy()
         width = work.last - work.first
-        tail = np.abs(modes[:, -3:]).max(axis=1) * width
-        done = np.full(width.size, family.complete) | (tail <= TAIL * total[rank[work.piece]])
-        power = (modes[done] @ to_power) * (0.5 * width[done, None])
-        steady = np.abs(power).sum(axis=1) <= SPREAD * modes[done, 0] * width[done]
-        done[np.flatnonzero(done)[~steady]] = False
-        yield work.take(done), power[steady]
+        if turn == 0:
+            allowed[rows] = np.inf if family.complete else tail * modes[:, 0]
+        done = _tail(modes) * width <= allowed[work.row]
+        if family.exact:
+            spread = np.abs(modes @ to_power).sum(axis=1)
+            done &= spread <= SPREAD * modes[:, 0]
+        yield work.take(np.flatnonzero(done)), modes[done]
         if done.all():
             return
-        work = _cut(family, work.take(~done), speed[~done])
-    worst = int(work.piece[0])
-    raise SolveError(
-        f"the arc length of piece {worst} did not converge: panel {work.last[0] - work.first[0]:.3g}"
-    )
+        # The first halvings are made blindly: they are the rule, cusps are the exception.
+        work = _cut(family, work.take(np.flatnonzero(~done)), speed[~done] if turn > 1 else None)
+    width = work.last - work.first
+    number = family.index[work.row[0]]
+    raise SolveError(f"arc length of piece {number}: not resolved on a panel of {width[0]:.3g}")
 
 
-def _cut(family: _Family, work: _Work, speed: Array) -> _Work:
-    """Halve the panels, or cut them where the speed is nearly zero."""
-    at = np.full(work.piece.size, 0.5)
-    low = np.flatnonzero(speed.min(axis=1) < LOW * speed.max(axis=1))
-    if low.size and not family.exact:
-        vectors = work.forms[low, :-1] if family.rational else work.forms[low]
-        nodes = 0.5 * (legendre.leggauss(family.nodes)[0] + 1.0)
-        lowest = _minimum(vectors, nodes[speed[low].argmin(axis=1)])
-        at[low] = np.where((lowest > EDGE) & (lowest < 1.0 - EDGE), lowest, 0.5)
-    left, right = bernstein.subdivide(work.forms, at[:, None])
-    middle = work.first + at * (work.last - work.first)
+def _tail(modes: Array) -> Array:
+    tail: Array = np.abs(modes[:, -3:]).max(axis=1)
+    return tail
+
+
+def _cut(family: Family, work: _Work, speed: Array | None) -> _Work:
+    """Halve the panels, or cut them where the `speed` at their nodes, if given, goes down to nearly zero."""
+    left, right = (work.forms @ half for half in family.halves)
+    middle = 0.5 * (work.first + work.last)
+    if speed is not None and not family.exact:
+        node = speed.argmin(axis=1)
+        between = (node > 0) & (node < family.node_count - 1)
+        low = np.flatnonzero(between & (speed.min(axis=1) < LOW * speed.max(axis=1)))
+        lowest = _minimum(family.vectors(work.forms[:, low]), family.nodes[node[low]])
+        inside = (lowest > EDGE) & (lowest < 1.0 - EDGE)
+        low, lowest = low[inside], lowest[inside]
+        left[:, low], right[:, low] = bernstein.subdivide(work.forms[:, low], lowest)
+        middle[low] = work.first[low] + lowest * (work.last[low] - work.first[low])
     return _Work(
-        piece=np.concatenate([work.piece, work.piece]),
+        row=np.concatenate([work.row, work.row]),
         first=np.concatenate([work.first, middle]),
         last=np.concatenate([middle, work.last]),
-        forms=np.concatenate([left, right]),
+        forms=np.concatenate([left, right], axis=1),
     )
 
 
 def _minimum(vectors: Array, u: Array) -> Array:
-    """Where the length of a vector polynomial, shape (k, dim, degree + 1), is least, from nearby."""
+    """Find from nearby where the length of a vector polynomial, shape (dim, k, degree + 1), is least."""
     slopes = bernstein.derivative(vectors)
     for _ in range(MINIMUM_STEPS):
-        value, slope = bernstein.evaluate(vectors, u[:, None]), bernstein.evaluate(slopes, u[:, None])
-        steep = np.einsum("pk,pk->p", slope, slope)
-        step = np.einsum("pk,pk->p", value, slope)
+        value, slope = bernstein.evaluate(vectors, u), bernstein.evaluate(slopes, u)
+        steep, step = np.sum(slope * slope, axis=0), np.sum(value * slope, axis=0)
         u = np.clip(u - np.divide(step, steep, out=np.zeros_like(u), where=steep > 0.0), 0.0, 1.0)
     return u
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ph_post.geometry import bernstein, fractional
-from ph_post.geometry.base import PiecewiseCurve, require
+from ph_post.geometry.base import PiecewiseCurve, polynomial_piece, require, require_length
 from ph_post.geometry.fractional import FractionRows, Fractions
-from ph_post.geometry.piece import ExactPiece, Piece
+from ph_post.geometry.piece import ExactPiece
 from ph_post.types import Array, frozen
 
 Form = tuple[tuple[int, int, int], ...]
@@ -78,21 +78,15 @@ class PH(PiecewiseCurve):
         found = self.preimage.shape[1]
         what = "wrong number of preimage components"
         require(found == components, what, expected=str(components), got=str(found))
-        require(bool(np.any(self.preimage)), "zero length", expected="a preimage that is not zero")
         self._exact = exact
         parts = self.preimage.T
         squares = [bernstein.product(part, part) for part in parts]
         control = [
             _integrated(first, form, parts) for first, form in zip(self.start, self._forms, strict=True)
         ]
-        piece = Piece(
-            kind="polynomial",
-            control=frozen(np.stack(control, axis=1)),
-            xi0=0.0,
-            xi1=1.0,
-            speed=frozen(np.sum(squares, axis=0)),
-        )
-        super().__init__((piece,))
+        speed = frozen(np.sum(squares, axis=0))
+        require_length(float(speed.mean()))
+        super().__init__((polynomial_piece(frozen(np.stack(control, axis=1)), 0.0, 1.0, speed),))
 
     @property
     def _forms(self) -> tuple[Form, ...]:

@@ -45,6 +45,11 @@ class Piece(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     speed: Array | None = None
 
 
+def places(piece: Piece) -> Array:
+    """Return the control points of a polynomial or rational piece as places [m]."""
+    return piece.control if piece.kind == "polynomial" else piece.control[:, :-1] / piece.control[:, -1:]
+
+
 class ExactPiece(msgspec.Struct, frozen=True, kw_only=True):
     """A polynomial or rational piece in exact numbers, control points as in :class:`Piece`, in any unit."""
 
@@ -65,18 +70,22 @@ class Group(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     control: Array
 
 
+def stacked(arrays: Iterable[Array]) -> Array:
+    """Put many small arrays one after the other, flat and read-only."""
+    # By way of bytes: numpy's own way takes several times as long for thousands of arrays.
+    return np.frombuffer(b"".join([array.tobytes() for array in arrays]))
+
+
 def group_pieces(pieces: Sequence[Piece]) -> tuple[Group, ...]:
     """Gather pieces by kind and degree, in the order in which the kinds appear."""
     members: dict[tuple[PieceKind, int], list[int]] = {}
     for number, piece in enumerate(pieces):
-        members.setdefault((piece.kind, len(piece.control) - 1), []).append(number)
+        members.setdefault((piece.kind, piece.control.shape[0]), []).append(number)
     groups = []
-    for (kind, degree), index in members.items():
-        stacked = np.concatenate([pieces[number].control for number in index])
-        control = stacked.reshape(len(index), degree + 1, -1)
-        control.setflags(write=False)
-        numbers = np.array(index, dtype=np.int64)
-        groups.append(Group(kind=kind, degree=degree, index=numbers, control=control))
+    for (kind, rows), numbers in members.items():
+        control = stacked([pieces[number].control for number in numbers]).reshape(len(numbers), rows, -1)
+        index = np.array(numbers, dtype=np.int64)
+        groups.append(Group(kind=kind, degree=rows - 1, index=index, control=control))
     return tuple(groups)
 
 

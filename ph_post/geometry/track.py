@@ -10,7 +10,6 @@ from ph_post.errors import InputError
 from ph_post.geometry import ends, frenet
 from ph_post.geometry.arclength import ArcLength
 from ph_post.geometry.base import PiecewiseCurve
-from ph_post.geometry.panels import build_panels
 from ph_post.geometry.piece import Group, Piece, PieceSet
 from ph_post.types import Array, Curve, IntArray, Path, Segment, frozen
 
@@ -58,7 +57,7 @@ class Track:
         self.segment: IntArray = np.repeat(np.arange(len(curves), dtype=np.int64), counts)
         self.xi0 = frozen([piece.xi0 for piece in self.pieces])
         self.xi1 = frozen([piece.xi1 for piece in self.pieces])
-        self._arc_length = ArcLength(build_panels(self.pieces, self.groups))
+        self._arc_length = ArcLength(self.pieces, self.groups)
         self.starts = self._arc_length.starts
         self.length = float(self.starts[-1])
 
