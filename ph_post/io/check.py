@@ -63,16 +63,20 @@ def place(name: str, keys: Iterable[str | int]) -> str:
 
 
 def one_of(known: Iterable[str], wrong: str | None = None) -> str:
-    """List what is known, the nearest to `wrong` first where there is one.
+    """Name the known word nearest to `wrong`, or list them all where none is near.
 
     Examples
     --------
     >>> one_of(["line", "arc", "bezier"], "beziere")
-    'bezier (known: line, arc, bezier)'
+    'bezier'
+    >>> one_of(["line", "arc", "bezier"], "helix")
+    'one of line, arc, bezier'
     """
-    names = list(known)
-    near = difflib.get_close_matches(wrong, names, 1, 0.6) if wrong is not None else []
-    return f"{near[0]} (known: {', '.join(names)})" if near else f"one of {', '.join(names)}"
+    words = list(known)
+    if len(words) == 1:
+        return words[0]
+    near = difflib.get_close_matches(wrong or "", words, 1)
+    return near[0] if near else f"one of {', '.join(words)}"
 
 
 def shown(value: Any) -> str:

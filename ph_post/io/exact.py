@@ -88,8 +88,9 @@ def fits(value: Fraction) -> bool:
 
 
 def quoted(text: str, width: int = 40) -> str:
-    """Show a string in a message: quoted, escaped, cut where it is long."""
-    return json.dumps(text if len(text) <= width else text[: width - 3] + "...", ensure_ascii=False)
+    """Show a string in a message: quoted, cut where it is long, escaped where it would not print."""
+    short = text if len(text) <= width else text[: width - 3] + "..."
+    return json.dumps(short, ensure_ascii=not short.isprintable())
 
 
 def _decimal(text: str) -> Fraction | Refused:

@@ -103,7 +103,7 @@ def _parse(source: Source) -> dict[str, Any]:
 def _number(text: str) -> float | Refused:
     value = float(text)
     if not math.isfinite(value):
-        return Refused("not a finite number", "a finite number", text)
+        return Refused("not finite", "a finite number", text)
     if value == 0 or _SIZES[0] <= abs(value) <= _SIZES[1]:
         return value
     return Refused("number out of range", f"0, or {_SIZES[0]:g} to {_SIZES[1]:g} in size", quoted(text))

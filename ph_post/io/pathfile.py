@@ -50,7 +50,9 @@ def read_path(source: str | os.PathLike[str]) -> Path:
     """
     text = read_source(source)
     record = checked(loads(text.text, text.name), PathRecord, text.name)
-    frame = Frame(file=text.name, axes=_axes(record, text.name), unit=_UNITS[record.units])
+    frame = Frame(
+        file=text.name, axes=_axes(record, text.name), units=record.units, unit=_UNITS[record.units]
+    )
     feed = _feed(record.feed, Place(frame, ("feed",)))
     places = [Place(frame, ("segments", number)) for number in range(len(record.segments))]
     # what leaves a double's range is met by the checks, not by a warning
@@ -84,7 +86,11 @@ def _feed(value: Fraction, here: Place) -> float:
     speed = float(value * per_second)
     if not 0 < speed <= MAX_FEED:
         most = MAX_FEED / float(per_second)
-        raise here.refuse("the feed is out of range", f"> 0 and at most {most:g}", f"{float(value):.12g}")
+        raise here.refuse(
+            "the feed is out of range",
+            f"> 0 and at most {most:g} {here.frame.units}/min",
+            f"{float(value):.12g}",
+        )
     return speed
 
 

@@ -31,10 +31,11 @@ Points = tuple[Numbers, ...]
 
 
 class Frame(msgspec.Struct, frozen=True, kw_only=True):
-    """What a segment must know of its file: the file's name, the axes, and the length unit in metres."""
+    """What a segment must know of its file: its name, the axes, the length unit's name and size in metres."""
 
     file: str
     axes: tuple[str, ...]
+    units: str
     unit: Fraction
 
 
@@ -59,7 +60,7 @@ def build_curve(segment: record.AnySegment, here: Place) -> PiecewiseCurve:
     Raises
     ------
     InputError
-        Where a count, a range or the shape is wrong, or the segment is shorter than 1e-6 mm.
+        Where a count, a range or the shape is wrong, or the segment has no length.
     """
     try:
         curve = _BUILDERS[type(segment)](segment, here)
@@ -67,11 +68,10 @@ def build_curve(segment: record.AnySegment, here: Place) -> PiecewiseCurve:
         if error.where:
             raise
         raise here.refuse(str(error)) from None  # of a constructor, which does not know its place
-    points = hull(curve)
-    if not np.all(np.abs(points) <= MAX_LENGTH):
-        raise here.refuse("the segment is too large", f"coordinates up to {_length(MAX_LENGTH, here)}")
-    if np.ptp(points, axis=0).max() <= JOIN:
-        raise here.refuse("the segment has no length", f"more than {_length(JOIN, here)}")
+    except OverflowError:
+        raise _too_large(here) from None
+    if not np.all(np.abs(hull(curve)) <= MAX_LENGTH):
+        raise _too_large(here)
     return curve
 
 
@@ -101,7 +101,10 @@ def _arc(segment: record.ArcRecord, here: Place) -> Arc:
     if start != end and np.linalg.norm(metres[1] - metres[0]) <= JOIN:
         what = "the arc's ends are nearer than 1e-6 mm"
         raise here.at("end").refuse(what, "the same point for a full circle, or a longer arc", _shown(end))
-    return Arc(metres[0], metres[1], metres[2], segment.turn, exact=(start, end, center))
+    arc = Arc(metres[0], metres[1], metres[2], segment.turn, exact=(start, end, center))
+    if arc.radius * abs(arc.sweep) <= JOIN:
+        raise here.refuse("zero length", f"more than {_length(JOIN, here)}")
+    return arc
 
 
 def _polynomial(segment: record.PolynomialRecord, here: Place) -> Polynomial:
@@ -218,7 +221,14 @@ def _count(items: Sequence[object], here: Place, least: int, most: int | None, n
 def _metres(rows: Sequence[Numbers], here: Place) -> Array:
     """Convert points to metres, each number correctly rounded."""
     unit = here.frame.unit
-    return np.array([[_ratio(value, unit) for value in row] for row in rows])
+    metres = np.array([[_ratio(value, unit) for value in row] for row in rows])
+    if np.abs(metres).max() > MAX_LENGTH:
+        raise _too_large(here)
+    return metres
+
+
+def _too_large(here: Place) -> InputError:
+    return here.refuse("too large", f"coordinates up to {_length(MAX_LENGTH, here)}")
 
 
 def _ratio(value: Fraction, unit: Fraction) -> float:
@@ -235,4 +245,4 @@ def _shown(row: Sequence[Fraction]) -> str:
 
 
 def _length(metres: float, here: Place) -> str:
-    return f"{metres / float(here.frame.unit):.12g}"
+    return f"{metres / float(here.frame.unit):g} {here.frame.units}"

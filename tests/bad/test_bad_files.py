@@ -1,0 +1,29 @@
+"""Bad inputs and the exact line with which each is refused: ``NAME.error`` beside the input."""
+
+from pathlib import Path
+
+import pytest
+
+from ph_post.errors import InputError
+from ph_post.io.machinefile import read_machine
+from ph_post.io.pathfile import read_path
+
+HERE = Path(__file__).parent
+READERS = {"paths": (read_path, ".json"), "machines": (read_machine, ".toml")}
+CASES = sorted(HERE.glob("*/*.error"))
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.parent.name}/{case.stem}")
+def test_a_bad_file_is_refused_in_its_one_line(case, monkeypatch):
+    read, ending = READERS[case.parent.name]
+    monkeypatch.chdir(case.parent)
+    with pytest.raises(InputError) as refusal:
+        read(case.stem + ending)
+    assert f"{refusal.value}\n" == case.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("folder", READERS)
+def test_every_bad_file_has_its_line(folder):
+    inputs = {file.stem for file in (HERE / folder).glob(f"*{READERS[folder][1]}")}
+    lines = {file.stem for file in (HERE / folder).glob("*.error")}
+    assert inputs | {"no-such-file"} == lines

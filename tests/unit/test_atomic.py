@@ -1,0 +1,144 @@
+"""Outputs are written whole or not at all."""
+
+import os
+import pathlib
+import stat
+import threading
+
+import pytest
+
+from ph_post.errors import InputError
+from ph_post.io import atomic
+from ph_post.io.atomic import write_atomically
+
+
+def names(folder):
+    return sorted(file.name for file in folder.iterdir())
+
+
+def test_writes_text_and_bytes_and_leaves_nothing_else(tmp_path):
+    write_atomically({str(tmp_path / "a.ngc"): "G1 X1\né\n", str(tmp_path / "b.npz"): b"\x00\xff"})
+    assert (tmp_path / "a.ngc").read_bytes() == b"G1 X1\n\xc3\xa9\n"
+    assert (tmp_path / "b.npz").read_bytes() == b"\x00\xff"
+    assert names(tmp_path) == ["a.ngc", "b.npz"]
+
+
+def test_nothing_to_write():
+    write_atomically({})
+
+
+def test_new_files_have_the_usual_permissions_and_old_ones_keep_theirs(tmp_path):
+    new, old, usual = tmp_path / "new", tmp_path / "old", tmp_path / "usual"
+    old.write_text("before", encoding="utf-8")
+    old.chmod(0o640)
+    usual.touch()
+    write_atomically({str(new): "x", str(old): "x"})
+    assert stat.S_IMODE(old.stat().st_mode) == 0o640
+    assert new.stat().st_mode == usual.stat().st_mode
+
+
+def test_a_link_stays_and_its_target_changes(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_text("before", encoding="utf-8")
+    link.symlink_to(target)
+    write_atomically({str(link): "after"})
+    assert link.is_symlink()
+    assert target.read_text(encoding="utf-8") == "after"
+
+
+@pytest.mark.parametrize(
+    ("bad", "what"),
+    [
+        ("none/b", r"none/b: cannot be written; expected an existing folder; got .*none"),
+        (".", r"\.: is a directory; expected a file to write"),
+        ("a/b", r"a/b: cannot be written; expected an existing folder; got .*a"),
+        ("x" * 300, r"x+: cannot be written; got File name too long"),
+        ("nul\0", r"'nul\\x00': is no file name; got embedded null"),
+    ],
+)
+def test_a_bad_place_leaves_everything_untouched(tmp_path, monkeypatch, bad, what):
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("a").write_text("before", encoding="utf-8")
+    with pytest.raises(InputError, match=what):
+        write_atomically({"a": "after", "c": "new", bad: "x"})
+    assert names(tmp_path) == ["a"]
+    assert pathlib.Path("a").read_text(encoding="utf-8") == "before"
+
+
+def test_a_write_protected_file_is_refused(tmp_path, monkeypatch):
+    target = tmp_path / "a"
+    target.write_text("before", encoding="utf-8")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anything
+    with pytest.raises(InputError, match="got a write-protected file"):
+        write_atomically({str(target): "after"})
+    assert target.read_text(encoding="utf-8") == "before"
+
+
+def test_two_products_in_one_place_are_refused(tmp_path):
+    a = str(tmp_path / "a")
+    (tmp_path / "link").symlink_to(a)
+    for other in (f"{tmp_path}/./a", str(tmp_path / "link")):
+        with pytest.raises(InputError, match="would be written twice"):
+            write_atomically({a: "1", other: "2"})
+    assert names(tmp_path) == ["link"]
+
+
+@pytest.mark.parametrize("failing", [0, 1, 2])
+def test_a_move_that_fails_undoes_those_before(tmp_path, monkeypatch, failing):
+    (tmp_path / "a").write_text("before", encoding="utf-8")
+    targets = [str(tmp_path / name) for name in "abc"]
+    replace, moves = pathlib.Path.replace, []
+
+    def sometimes(self, target):
+        if self.suffix == ".new":
+            moves.append(target)
+            if len(moves) == failing + 1:
+                raise OSError(28, "No space left on device")
+        return replace(self, target)
+
+    monkeypatch.setattr(pathlib.Path, "replace", sometimes)
+    with pytest.raises(InputError, match="cannot be written; got No space left on device"):
+        write_atomically(dict.fromkeys(targets, "after"))
+    assert names(tmp_path) == ["a"]
+    assert (tmp_path / "a").read_text(encoding="utf-8") == "before"
+
+
+def test_a_file_system_without_links_still_keeps_the_old_file(tmp_path, monkeypatch):
+    def no_links(self, target):
+        raise OSError(1, "Operation not permitted")
+
+    monkeypatch.setattr(pathlib.Path, "hardlink_to", no_links)
+    (tmp_path / "a").write_text("before", encoding="utf-8")
+    write_atomically({str(tmp_path / "a"): "after"})
+    assert names(tmp_path) == ["a"]
+    assert (tmp_path / "a").read_text(encoding="utf-8") == "after"
+
+
+def test_standard_output(tmp_path, capfdbinary):
+    write_atomically({"-": "t,s\n", str(tmp_path / "a"): "x"})
+    assert capfdbinary.readouterr().out == b"t,s\n"
+    assert names(tmp_path) == ["a"]
+
+
+def test_a_closed_pipe_leaves_files_untouched(tmp_path, monkeypatch):
+    def broken(_name, _data):
+        raise BrokenPipeError
+
+    monkeypatch.setattr(atomic, "_send", broken)
+    with pytest.raises(BrokenPipeError):
+        write_atomically({"-": "t,s\n", str(tmp_path / "a"): "x"})
+    assert names(tmp_path) == []
+
+
+def test_a_device_or_pipe_is_written_to_and_stays_one(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    got = []
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()))
+    reader.start()
+    write_atomically({str(pipe): "through"})
+    reader.join()
+    assert got == [b"through"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    write_atomically({os.devnull: "nowhere"})
+    assert stat.S_ISCHR(pathlib.Path(os.devnull).stat().st_mode)
