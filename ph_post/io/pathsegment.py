@@ -122,8 +122,7 @@ def _polynomial(segment: record.PolynomialRecord, here: Place) -> Polynomial:
         exact.append(tuple(given))
     domain = tuple(segment.domain) if segment.domain is not None else (Fraction(0), Fraction(1))
     _count(domain, here.at("domain"), 2, 2, "number")
-    unit = here.frame.unit
-    metres = [[_ratio(value, unit) for value in row] for row in exact]
+    metres = [_scaled(row, here.frame.unit) for row in exact]
     return Polynomial(metres, (float(domain[0]), float(domain[1])), exact=(tuple(exact), domain))
 
 
@@ -220,8 +219,7 @@ def _count(items: Sequence[object], here: Place, least: int, most: int | None, n
 
 def _metres(rows: Sequence[Numbers], here: Place) -> Array:
     """Convert points to metres, each number correctly rounded."""
-    unit = here.frame.unit
-    metres = np.array([[_ratio(value, unit) for value in row] for row in rows])
+    metres = np.array([_scaled(row, here.frame.unit) for row in rows])
     if np.abs(metres).max() > MAX_LENGTH:
         raise _too_large(here)
     return metres
@@ -231,9 +229,10 @@ def _too_large(here: Place) -> InputError:
     return here.refuse("too large", f"coordinates up to {_length(MAX_LENGTH, here)}")
 
 
-def _ratio(value: Fraction, unit: Fraction) -> float:
-    # true division of whole numbers rounds correctly, and is much faster than a product of fractions
-    return (value.numerator * unit.numerator) / (value.denominator * unit.denominator)
+def _scaled(row: Sequence[Fraction], unit: Fraction) -> list[float]:
+    # true division of whole numbers rounds once, and is much faster than a product of fractions
+    up, down = unit.numerator, unit.denominator
+    return [(value.numerator * up) / (value.denominator * down) for value in row]
 
 
 def _number(value: Fraction) -> str:
