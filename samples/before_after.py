@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 from ph_post.analysis import analyse
-from ph_post.compensate.plan import PlanOptions, make_plan
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
 from ph_post.io.machinefile import read_machine
 from ph_post.io.pathfile import read_path
 from ph_post.io.shipped import shipped

@@ -1,4 +1,4 @@
-"""How far the tool travels while one axis stands in its backlash, by feed: Figure 7 of the paper, from the closed form.
+"""How far the tool travels while one axis stands in its backlash, by feed (Figure 7 of the paper).
 
 Run:  python samples/standstill_by_feed.py
 """
@@ -11,7 +11,7 @@ from ph_post.units import MM, MM_PER_MIN
 
 
 def standstill_travel(feed: float, radius: float = 0.25) -> float:
-    """Distance [m] travelled while the X axis of the paper's machine stands, on a circle of `radius` [m] at `feed` [m/s]."""
+    """Distance [m] travelled while X of the paper's machine stands; `feed` [m/s], `radius` [m]."""
     interval, note = backlash_interval(read_machine("paper").axes["X"], radius, feed / radius)
     if interval is None:
         raise ValueError(note)
@@ -19,7 +19,7 @@ def standstill_travel(feed: float, radius: float = 0.25) -> float:
 
 
 if __name__ == "__main__":
-    for seconds_between_reversals in (2, 4, 6, 12, 24):
-        feed = math.pi * 0.25 / seconds_between_reversals
+    for seconds in (2, 4, 6, 12, 24):  # T, between two reversals
+        feed = math.pi * 0.25 / seconds
         travel = standstill_travel(feed)
-        print(f"T {seconds_between_reversals:3d} s   feed {feed / MM_PER_MIN:8.1f} mm/min   stands for {travel / MM:7.3f} mm")
+        print(f"T {seconds:3d} s   feed {feed / MM_PER_MIN:8.1f} mm/min   stands for {travel / MM:7.3f} mm")

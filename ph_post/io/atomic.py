@@ -159,3 +159,19 @@ def _keep(place: pathlib.Path, old: pathlib.Path) -> None:
         old.hardlink_to(place)
     except OSError:
         shutil.copy2(place, old)
+
+
+def make_folder(name: str) -> pathlib.Path:
+    """Return the folder `name`, made if it is not there.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, or something else has its name.
+    """
+    folder = pathlib.Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(name, f"the folder cannot be made: {(error.strerror or str(error)).lower()}") from error
+    return folder

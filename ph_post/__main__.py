@@ -1,0 +1,7 @@
+"""``python -m ph_post``: the same as the console script."""
+
+import sys
+
+from ph_post.cli.main import main
+
+sys.exit(main())

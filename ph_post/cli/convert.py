@@ -1,0 +1,170 @@
+"""``ph-post convert``: the main job, a path file in, a compensated program and table out."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ph_post.cli import options
+from ph_post.units import MM, MM_PER_MIN, MS
+
+if TYPE_CHECKING:
+    from ph_post.compensate.options import PlanOptions
+    from ph_post.gcode.options import ProgramOptions
+
+
+def _coefficients(
+    _ctx: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[float, ...] | None:
+    """Read ``1,1,0.2,1,1``."""
+    if text is None:
+        return None
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"expected numbers separated by commas; got {text!r}") from error
+
+
+@click.command()
+@click.argument("source", metavar="IN")
+@options.machine
+@click.option(
+    "-o", "--output", metavar="OUT", help="Part program; - for standard output (the default without --table)."
+)
+@click.option(
+    "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
+)
+@click.option("--strategy", default="suppress", show_default=True, help="What is done at each turning point.")
+@options.tolerance
+@options.feed
+@click.option("--dialect", help="Controller dialect in place of the machine file's.")
+@click.option(
+    "--start",
+    type=click.Choice(["rest", "moving"]),
+    default="rest",
+    show_default=True,
+    help="Begin and end at rest, or hold the feed from end to end.",
+)
+@click.option(
+    "--feed-mode",
+    type=click.Choice(["per-minute", "inverse-time"]),
+    default="per-minute",
+    show_default=True,
+    help="F words in mm/min (G94) or in 1/min (G93).",
+)
+@click.option(
+    "--ratio", type=float, help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25]"
+)
+@click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]")
+@click.option("--t-star", type=options.positive, metavar="S", help="Half duration of the feed profile.")
+@click.option(
+    "--coefficients", callback=_coefficients, metavar="V0,V1,...", help="V_k / V_c of Eq. (26), all of them."
+)
+@click.option(
+    "--allow-retrograde", is_flag=True, help="Let the feed become negative: the tool moves back for a while."
+)
+@click.option(
+    "--min-feed", type=options.positive, metavar="MM/MIN", help="No slower than this while cutting."
+)
+@click.option(
+    "--max-slowdown",
+    type=click.FloatRange(min=0.0),
+    default=0.1,
+    show_default=True,
+    metavar="FRACTION",
+    help="Soften the dips until the cycle time grows by no more than this; not where --ratio is given.",
+)
+@click.option(
+    "--chord-tolerance", type=options.positive, metavar="MM", help="How far a G1 chord may leave the path."
+)
+@click.option(
+    "--block-time", type=options.positive, metavar="MS", help="Duration of the blocks in ramps and dips."
+)
+@click.option(
+    "--safe-z", type=float, metavar="MM", help="Height at which a planar path is approached and left."
+)
+@click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
+@options.common
+def command(
+    source: str, machine: str, output: str | None, table: str | None, as_json: bool, **how: Any
+) -> int:
+    """Convert a path file into a compensated part program and/or an interpolator table.
+
+    IN is a path file (.json), or - for standard input. Without -o and --table the program goes to standard
+    output. Files are written whole or not at all; what was reduced, shortened or left alone is said on
+    standard error.
+
+    \b
+    Examples:
+      ph-post convert paths/oval.json -m mill -o oval.ngc
+      ph-post convert part.json -m router.toml --ratio 0.3 --table part.csv -o part.ngc
+      ph-post convert paths/circle.json -m paper --start moving --table - > circle.csv
+    """
+    from ph_post.cli.job import load_and_analyse, program_of
+    from ph_post.compensate.plan import make_plan
+    from ph_post.compensate.sample import sample
+    from ph_post.io.atomic import write_atomically
+    from ph_post.io.table import table_content
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json, print_plan
+    from ph_post.report.views import plan_view
+
+    _check_outputs(output, table, as_json)
+    plain = output is None and table is None and not as_json
+    with Progress() as stage:
+        analysis = load_and_analyse(
+            source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
+        )
+        stage("planning the feed")
+        plan = make_plan(analysis, _plan_options(how))
+        products: dict[str, str | bytes] = {}
+        if table is not None:
+            stage("sampling the interpolator table")
+            products[table] = table_content(sample(plan, analysis.track, plan.machine.servo_period), table)
+        if output is not None or plain:
+            stage("writing the program")
+            products[output or "-"], plan = program_of(analysis, plan, _program_options(how))
+        write_atomically(products)
+    if as_json:
+        print_json(plan_view(analysis, plan))
+    print_plan(analysis, plan, products)
+    return 0
+
+
+def _plan_options(how: dict[str, Any]) -> PlanOptions:
+    """Gather what concerns the feed, in SI."""
+    from ph_post.compensate.options import PlanOptions
+
+    chosen = {name: how[name] for name in ("strategy", "start", "ratio", "degree", "t_star", "coefficients")}
+    min_feed = None if how["min_feed"] is None else how["min_feed"] * MM_PER_MIN
+    return PlanOptions(
+        **chosen,
+        allow_retrograde=how["allow_retrograde"],
+        min_feed=min_feed,
+        max_slowdown=how["max_slowdown"],
+    )
+
+
+def _program_options(how: dict[str, Any]) -> ProgramOptions:
+    """Gather what concerns the program's text, in SI; what is not given keeps its default."""
+    from ph_post.gcode.options import ProgramOptions
+
+    scale = {"chord_tolerance": MM, "block_time": MS, "safe_z": MM, "depth": MM}
+    given = {name: how[name] * unit for name, unit in scale.items() if how[name] is not None}
+    return ProgramOptions(feed_mode=how["feed_mode"], **given)
+
+
+def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None:
+    """Refuse two products for one place."""
+    streams = [name for name, value in (("-o", output), ("--table", table)) if value == "-"]
+    streams += ["--json"] if as_json else []
+    if len(streams) > 1:
+        raise click.UsageError(f"standard output can take one product; got {' and '.join(streams)}")
+    if (
+        output not in (None, "-")
+        and table is not None
+        and FilePath(str(output)).resolve() == FilePath(table).resolve()
+    ):
+        raise click.UsageError(f"-o and --table name the same file; got {output}")

@@ -1,0 +1,66 @@
+"""What several commands share: read and analyse; write a plan as a program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import msgspec
+
+from ph_post.analysis import Analysis, analyse
+from ph_post.errors import InputError
+from ph_post.gcode.options import ProgramOptions
+from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.writer import make_program
+from ph_post.io.machinefile import read_machine
+from ph_post.io.pathfile import read_path
+from ph_post.types import Machine, Path, Plan
+from ph_post.units import MM, MM_PER_MIN
+
+
+def load(
+    source: str, machine: str | None, feed: float | None = None, dialect: str | None = None
+) -> tuple[Path, Machine | None]:
+    """Read a path file and a machine file, the command line's feed [mm/min] and dialect in place of theirs.
+
+    Raises
+    ------
+    InputError
+        Where a file is bad, or the machine has no drive for an axis of the path.
+    """
+    path = read_path(source)
+    if feed is not None:
+        path = msgspec.structs.replace(path, feed=feed * MM_PER_MIN)
+    if machine is None:
+        return path, None
+    drives = read_machine(machine)
+    if dialect is not None:
+        drives = msgspec.structs.replace(drives, dialect=dialect)
+    for axis in path.axes:
+        if axis not in drives.axes:
+            raise InputError(
+                machine, f"the path moves axis {axis}, which has no drive", expected=f"[axes.{axis}]",
+                got=", ".join(f"[axes.{name}]" for name in drives.axes),
+            )  # fmt: skip
+    return path, drives
+
+
+def load_and_analyse(
+    source: str,
+    machine: str | None,
+    tolerance: float,
+    stage: Callable[[str], None],
+    *,
+    feed: float | None = None,
+    dialect: str | None = None,
+) -> Analysis:
+    """Read, then analyse with windows of ε = `tolerance` [mm]."""
+    stage("reading")
+    path, drives = load(source, machine, feed, dialect)
+    stage("locating turning points, windows and backlash intervals")
+    return analyse(path, drives, tolerance * MM)
+
+
+def program_of(analysis: Analysis, plan: Plan, how: ProgramOptions | None = None) -> tuple[str, Plan]:
+    """Return the part program of a plan, and the plan with the writer's warnings added to its own."""
+    program = make_program(plan, analysis.track, find_dialect(plan.machine.dialect), how)
+    return program.text, msgspec.structs.replace(plan, warnings=(*plan.warnings, *program.warnings))

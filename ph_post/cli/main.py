@@ -1,0 +1,78 @@
+"""The console script: one command a file, loaded when it is called, and one line for whatever goes wrong."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+import click
+
+from ph_post.errors import PhPostError
+
+COMMANDS = ("convert", "inspect", "demo", "paper")
+"""Every command, in the order of the help page; each lives in the module of its name."""
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command's module when the command is asked for."""
+
+    def list_commands(self, _ctx: click.Context) -> list[str]:
+        """Names of all commands."""
+        return list(COMMANDS)
+
+    def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(f"ph_post.cli.{cmd_name}").command
+        return command
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="ph-post", prog_name="ph-post")
+def cli() -> None:
+    """Take the mark out of the part where an axis reverses.
+
+    ph-post finds the turning points of a toolpath, works out how long backlash holds the axis there, and
+    writes a part program or an interpolator table whose feed dips around each of them.
+
+    Start with:  ph-post demo
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status: 0 done, 1 difference or miss, 2 bad usage or input."""
+    state: dict[str, bool] = {}
+    try:
+        result = cli.main(arguments, prog_name="ph-post", standalone_mode=False, obj=state)
+    except click.ClickException as error:
+        return _refuse(_usage_line(error))
+    except (click.Abort, KeyboardInterrupt):
+        return _refuse("interrupted; nothing more was written", status=130)
+    except BrokenPipeError:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - stays open for the flush at exit
+        return 0
+    except PhPostError as error:
+        if state.get("debug"):
+            traceback.print_exc()
+        return _refuse(str(error))
+    except Exception as error:
+        if state.get("debug"):
+            traceback.print_exc()
+        return _refuse(f"internal error: {type(error).__name__}: {error}; --debug shows where")
+    return result if isinstance(result, int) else 0
+
+
+def _usage_line(error: click.ClickException) -> str:
+    """Fold click's message into one line and name the help page."""
+    context = getattr(error, "ctx", None)
+    page = f"; see {context.command_path} --help" if context is not None else ""
+    return " ".join(error.format_message().split()).rstrip(".") + page
+
+
+def _refuse(message: str, status: int = 2) -> int:
+    print(f"ph-post: {' '.join(message.split())}", file=sys.stderr)  # noqa: T201 - the one line on stderr
+    return status

@@ -1,0 +1,117 @@
+"""Pictures, drawn with matplotlib and returned as bytes so that they are written like every other product."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ph_post.analysis import Analysis
+from ph_post.compensate.sample import place_and_feed
+from ph_post.errors import InputError
+from ph_post.types import Array, Phase, Plan, TurningPoint
+from ph_post.units import MM, MM_PER_MIN
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg", ".pdf")
+"""Picture formats that can be asked for, by the file's name."""
+
+POINTS_A_PIECE = 64
+"""Points a piece is drawn with."""
+
+BEFORE, AFTER, WINDOW, MARK = "#8c96a0", "#0b62a4", "#f2a33a", "#c0392b"
+
+
+def new_figure(width: float = 10.0, height: float = 4.5) -> Figure:
+    """Return an empty figure [inch] that needs no screen."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def picture_format(target: str) -> str:
+    """Return the format a file's name asks for.
+
+    Raises
+    ------
+    InputError
+        If it is none of :data:`FORMATS`.
+    """
+    suffix = FilePath(target).suffix.lower()
+    if suffix not in FORMATS:
+        raise InputError(
+            target, "pictures come in other formats", expected=", ".join(FORMATS), got=repr(suffix)
+        )
+    return suffix[1:]
+
+
+def render(figure: Figure, picture: str) -> bytes:
+    """Return the picture's bytes, the same for the same figure (no dates, fixed identifiers)."""
+    import matplotlib as mpl
+
+    stream = io.BytesIO()
+    dates = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with mpl.rc_context({"svg.hashsalt": "ph_post"}):
+        figure.savefig(stream, format=picture, dpi=120, metadata=dates[picture])
+    return stream.getvalue()
+
+
+def draw_plan(analysis: Analysis, plan: Plan) -> Figure:
+    """Draw the path with its windows on the left, the feed along it before and after on the right."""
+    figure = new_figure()
+    left, right = figure.subplots(1, 2)
+    _draw_path(left, analysis)
+    _draw_feed(right, plan)
+    figure.suptitle(f"{analysis.path.name}: {plan.strategy}")
+    return figure
+
+
+def _draw_path(axes: Axes, analysis: Analysis) -> None:
+    track = analysis.track
+    line = _positions(analysis, np.linspace(0.0, track.length, POINTS_A_PIECE * len(track.pieces) + 1))
+    axes.plot(*line, color=BEFORE, linewidth=1.0, label="path")
+    for number, window in enumerate(analysis.windows):
+        span = np.linspace(window.s - window.half_length, window.s + window.half_length, POINTS_A_PIECE)
+        label = "window" if number == 0 else None
+        axes.plot(*_positions(analysis, span), color=WINDOW, linewidth=4.0, alpha=0.7, label=label)
+    _draw_turning_points(axes, analysis)
+    axes.set(xlabel=f"{analysis.path.axes[0]} [mm]", ylabel=f"{analysis.path.axes[1]} [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="center", frameon=False)
+
+
+def _draw_turning_points(axes: Axes, analysis: Analysis) -> None:
+    points: tuple[TurningPoint, ...] = analysis.turning_points
+    if points:
+        places = _positions(analysis, np.array([point.s for point in points]))
+        axes.plot(*places, "o", color=MARK, markersize=4.0, label="turning point")
+
+
+def _positions(analysis: Analysis, s: Array) -> Array:
+    """First two coordinates [mm] at arc length s, wrapped on a closed path."""
+    track = analysis.track
+    wrapped = np.mod(s, track.length) if track.closed else np.clip(s, 0.0, track.length)
+    wrapped = np.where(track.closed & (s == track.length), track.length, wrapped)
+    positions = track.derivatives(*track.locate(wrapped), 0)[0]
+    return np.ascontiguousarray(positions[:, :2].T / MM)
+
+
+def _draw_feed(axes: Axes, plan: Plan) -> None:
+    for phases, colour, style, label in (
+        (plan.phases, AFTER, "-", "after"),
+        (plan.nominal, BEFORE, "--", "before"),
+    ):
+        s, feed = _feed_along(phases)
+        axes.plot(s / MM, feed / MM_PER_MIN, style, color=colour, linewidth=1.4, label=label)
+    axes.set(xlabel="along the path [mm]", ylabel="feed [mm/min]")
+    axes.legend(frameon=False, loc="center right")
+
+
+def _feed_along(phases: tuple[Phase, ...]) -> tuple[Array, Array]:
+    within = np.linspace(0.0, 1.0, POINTS_A_PIECE)
+    return place_and_feed(phases, np.concatenate([phase.start + phase.duration * within for phase in phases]))

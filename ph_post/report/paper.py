@@ -1,0 +1,156 @@
+"""The numbers of the paper that need no simulation of the whole machine, computed and compared.
+
+References
+----------
+.. [1] doi:10.1007/s00170-021-08515-z; the figures beyond those printed there are computed from its equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, Final
+
+import msgspec
+
+from ph_post.analysis import Analysis, analyse
+from ph_post.compensate.profile import coefficients_from_ratio, middle_factor, middle_ratio, traversal_factor
+from ph_post.drive.gap import gap_constant
+from ph_post.drive.harmonic import phase_constants
+from ph_post.drive.servo import discriminant, rates
+from ph_post.drive.settled import first_reversal, settled_orbit
+from ph_post.errors import SolveError
+from ph_post.io.machinefile import read_machine
+from ph_post.io.pathfile import read_path
+from ph_post.io.shipped import shipped
+from ph_post.types import Window
+
+AMPLITUDE: Final = 0.25
+"""a of §4.2 [m]."""
+
+BETWEEN_REVERSALS: Final = 6.0
+"""T of §4.2 [s]."""
+
+OMEGA: Final = math.pi / BETWEEN_REVERSALS
+"""Ω of §4.2 [1/s]."""
+
+FIGURE_1_TOLERANCE: Final = {"X": 1e-6, "Y": 1e-5}
+"""ε of the vertical (X) and the horizontal (Y) turning point in Figure 2 [m]."""
+
+
+class Number(msgspec.Struct, frozen=True, kw_only=True):
+    """A number of the paper: where it stands, what it is, what comes out, and the digits expected.
+
+    The digits are those printed, those of a printed formula evaluated exactly, or more digits of the
+    same computed beforehand.
+    """
+
+    where: str
+    name: str
+    value: float
+    reference: str
+
+    @property
+    def error(self) -> float:
+        """Computed less expected."""
+        return self.value - float(self.reference)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the value, rounded to the digits expected, is the number expected."""
+        mantissa, _, exponent = self.reference.partition("e")
+        digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+        return abs(self.error) <= 0.5 * digit * (1.0 + 1e-9)
+
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        return "agrees" if self.agrees else "DIFFERS"
+
+
+def paper_numbers() -> tuple[Number, ...]:
+    """Compute every number that needs no whole-machine simulation."""
+    return (*_drive_numbers(), *_interval_numbers(), *_profile_numbers(), *_figure_1_numbers())
+
+
+def number_view(number: Number) -> dict[str, Any]:
+    """Return a number as ``paper --json`` shows it."""
+    return {
+        "where": number.where, "name": number.name, "value": number.value,
+        "reference": number.reference, "error": number.error, "agrees": number.agrees,
+    }  # fmt: skip
+
+
+def _drive_numbers() -> Iterator[Number]:
+    axis = read_machine("paper").axes["X"]
+    gamma, lam = rates(axis.servo)[:2]
+    p, q, phi = phase_constants(axis.servo, axis.gap.beta or 0.0, OMEGA)
+    for name, value, reference in (
+        ("Δ = c² - 4b [s²]", discriminant(axis.servo), "-0.001975"),
+        ("γ [1/s]", gamma, "5"),
+        ("λ [1/s]", lam, "44.440972"),
+        ("C [rad/(m s²)]", gap_constant(axis), "1.428571e5"),
+        ("Ω [rad/s]", OMEGA, "0.523599"),
+        ("p", p, "-1.000130"),
+        ("q", q, "0.002619"),
+        ("φ [rad]", phi, "1.088448"),
+    ):
+        yield Number(where="§4.2", name=name, value=value, reference=reference)
+
+
+def _interval_numbers() -> Iterator[Number]:
+    axis = read_machine("paper").axes["X"]
+    first = first_reversal(axis.servo, axis.gap, AMPLITUDE, OMEGA)
+    settled = settled_orbit(axis.servo, axis.gap, AMPLITUDE, OMEGA)
+    if settled is None:
+        raise SolveError("the paper's example has no settled orbit")
+    for name, value, reference in (
+        ("lag of the first reversal [s]", first.lag, "0.005000546"),
+        ("lag, settled [s]", settled.lag, "0.005000674"),
+        ("lag, settled, as printed [s]", settled.lag, "0.005001"),
+        ("x at standstill, settled [m]", settled.position, "0.25003341707"),
+        ("Δt, settled [s]", settled.duration, "0.11874297"),
+        ("Δt, as printed [s]", settled.duration, "0.118743"),
+    ):
+        yield Number(where="§4.2", name=name, value=value, reference=reference)
+
+
+def _profile_numbers() -> Iterator[Number]:
+    for degree, f, reference in ((4, -1.5, "0.0625"), (10, -2.8, "0.06484375")):
+        ratio = middle_ratio(_with_middle(degree, f))
+        yield Number(
+            where="§5.1", name=f"V(½)/V_c at n = {degree}, f = {f:g}", value=ratio, reference=reference
+        )
+    factor = middle_factor(0.25, 10)
+    yield Number(where="§6", name="f for V(½)/V_c = 0.25, n = 10", value=factor, reference="-2.04761905")
+    time = traversal_factor(factor, 10)
+    yield Number(where="§5.1", name="window time factor (n+1)/(n+f)", value=time, reference="1.38323353")
+
+
+def _with_middle(degree: int, factor: float) -> Any:
+    coefficients = coefficients_from_ratio(1.0, degree).copy()
+    coefficients[degree // 2] = factor
+    return coefficients
+
+
+def figure_1_analysis() -> Analysis:
+    """Analyse the shipped quintic of Figure 1."""
+    return analyse(read_path(shipped("paths", "figure1")), None, FIGURE_1_TOLERANCE["Y"])
+
+
+def figure_1_windows() -> tuple[Window, ...]:
+    """Windows of the vertical and the horizontal turning point, each with the ε of Figure 2."""
+    path = read_path(shipped("paths", "figure1"))
+    windows = []
+    for axis, tolerance in FIGURE_1_TOLERANCE.items():
+        analysis = analyse(path, None, tolerance)
+        own = {point.index for point in analysis.turning_points if point.axis == axis}
+        windows += [window for window in analysis.windows if window.turning_point in own]
+    return tuple(windows)
+
+
+def _figure_1_numbers() -> Iterator[Number]:
+    vertical, horizontal = figure_1_windows()
+    for name, window, reference in (("vertical", vertical, "0.2411"), ("horizontal", horizontal, "0.2033")):
+        text = f"2|s| of Eq. (6), {name} turning point"
+        yield Number(where="Figure 2", name=text, value=2.0 * window.estimate, reference=reference)

@@ -1,0 +1,163 @@
+"""Tables and sentences for a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, TextIO
+
+import msgspec
+import numpy as np
+
+from ph_post.analysis import Analysis, feed_at
+from ph_post.compensate.plan import cycle_time
+from ph_post.report.views import radius, windows_by_point
+from ph_post.types import Plan, TurningPoint
+from ph_post.units import MM, MM_PER_MIN, MS
+
+NOTHING = "-"
+
+
+def print_json(view: dict[str, Any]) -> None:
+    """Print one JSON object on standard output; what does not exist is null."""
+    sys.stdout.write(msgspec.json.format(msgspec.json.encode(view), indent=1).decode() + "\n")
+
+
+def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Columns aligned to the right, two spaces apart, words as they are.
+
+    Examples
+    --------
+    >>> print(format_table(("axis", "mm"), [("X", "0.5"), ("Y", "12")]))
+    axis   mm
+       X  0.5
+       Y   12
+    """
+    table = [tuple(header), *(tuple(row) for row in rows)]
+    widths = [max(len(row[column]) for row in table) for column in range(len(header))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:
+    """Print the turning points of a path, a line each, and what there is to say about them."""
+    stream = stream or sys.stdout
+    where = ("#", "kind", "axis", "sense", "segment", "xi", "position", "s", "radius", "window", "bound by")
+    gap = ("lag ms", "duration ms", "standstill mm") if analysis.machine is not None else ()
+    windows = windows_by_point(analysis.windows)
+    rows = []
+    for point in analysis.turning_points:
+        window = windows.get(point.index)
+        half, bound = (
+            (NOTHING, NOTHING) if window is None else _window_cells(window.half_length, window.limited_by)
+        )
+        rows.append((*_place_cells(point), half, bound, *(_gap_cells(analysis, point) if gap else ())))
+    stream.write(_heading(analysis))
+    if rows:
+        stream.write(format_table((*where, *gap), rows) + "\n")
+    for line in analysis_notes(analysis):
+        stream.write(line + "\n")
+
+
+def _heading(analysis: Analysis) -> str:
+    count = len(analysis.turning_points)
+    points = (
+        "no turning point" if not count else "1 turning point" if count == 1 else f"{count} turning points"
+    )
+    length = f"{analysis.track.length / MM:.3f} mm"
+    return f"{analysis.path.name}: {points} on {length} (in mm; windows at {analysis.tolerance / MM:g} mm)\n"
+
+
+def _place_cells(point: TurningPoint) -> tuple[str, ...]:
+    circle = radius(point)
+    size = NOTHING if circle is None else f"{circle / MM:.4g}"
+    return (
+        str(point.index), point.kind, point.axis, point.sense, str(point.segment), f"{point.xi:.6f}",
+        f"{point.position / MM:.4f}", f"{point.s / MM:.3f}", size,
+    )  # fmt: skip
+
+
+def _window_cells(half_length: float, limited_by: str | None) -> tuple[str, str]:
+    return f"{half_length / MM:.3f}", limited_by or "nothing"
+
+
+def _gap_cells(analysis: Analysis, point: TurningPoint) -> tuple[str, ...]:
+    interval = analysis.intervals[point.index]
+    if interval is None:
+        return (NOTHING, NOTHING, NOTHING)
+    travel = feed_at(analysis.path, point) * interval.duration
+    return (f"{interval.lag / MS:.4f}", f"{interval.duration / MS:.3f}", f"{travel / MM:.4f}")
+
+
+def analysis_notes(analysis: Analysis) -> list[str]:
+    """Everything there is to say about windows and intervals, equal words said once."""
+    said: dict[str, list[int]] = {}
+    for point in analysis.turning_points:
+        if analysis.notes[point.index]:
+            said.setdefault(analysis.notes[point.index], []).append(point.index)
+    for window in analysis.windows:
+        for note in window.notes:
+            said.setdefault(note, []).append(window.turning_point)
+    return [f"{_numbers(indices)}: {note}" for note, indices in said.items()]
+
+
+def _numbers(indices: Sequence[int], most: int = 8) -> str:
+    shown = ", ".join(f"#{index}" for index in indices[:most])
+    return shown + (f" and {len(indices) - most} more" if len(indices) > most else "")
+
+
+def print_certificate(certificate: Certificate, stream: TextIO | None = None) -> None:
+    """Print what the exact count says."""
+    for line in certificate.words:
+        (stream or sys.stdout).write(line + "\n")
+
+
+def print_plan(analysis: Analysis, plan: Plan, products: Iterable[str], stream: TextIO | None = None) -> None:
+    """Say on stderr what was planned, what was reduced or left alone, and what was written where."""
+    stream = stream or sys.stderr
+    before, after = cycle_time(plan.nominal), cycle_time(plan.phases)
+    count = sum(profile is not None for profile in plan.profiles)
+    stream.write(
+        f"{analysis.path.name}: {count} of {len(plan.turning_points)} turning points with a feed dip; "
+        f"cycle time {before:.3f} s before, {after:.3f} s after\n"
+    )
+    for warning in plan.warnings:
+        stream.write(f"warning: {warning}\n")
+    for name in products:
+        if name != "-":
+            stream.write(f"wrote {name}\n")
+
+
+def dip_table(analysis: Analysis, plan: Plan) -> str:
+    """Return the short table of ``demo``: a turning point a line with lag, Δt, window and feed dip."""
+    header = (
+        "#",
+        "axis",
+        "sense",
+        "position",
+        "lag ms",
+        "duration ms",
+        "window mm",
+        "t* ms",
+        "feed mm/min",
+        "dip to",
+    )
+    own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
+    rows = []
+    for point in plan.turning_points:
+        number = own.get(point.index)
+        window = NOTHING if number is None else f"{plan.windows[number].half_length / MM:.3f}"
+        profile = None if number is None else plan.profiles[number]
+        dip = (NOTHING, NOTHING, NOTHING)
+        if profile is not None:
+            cruise = profile.cruise / MM_PER_MIN
+            dip = (f"{profile.t_star / MS:.1f}", f"{cruise:.0f}", f"{cruise * profile.ratio:.0f}")
+        lag, duration, _ = _gap_cells(analysis, point)
+        place = (str(point.index), point.axis, point.sense, f"{point.position / MM:.3f}")
+        rows.append((*place, lag, duration, window, *dip))
+    return format_table(header, rows)
+
+
+def relative_error(value: float, printed: float) -> float:
+    """|value - printed| / |printed|."""
+    return float(np.abs(value - printed) / np.abs(printed))

@@ -1,0 +1,113 @@
+"""Analyses and plans as plain objects for JSON: keys and units of the interface, null for nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ph_post.analysis import Analysis, feed_at
+from ph_post.compensate.plan import cycle_time
+from ph_post.types import FeedProfile, Plan, TurningPoint, Window
+from ph_post.units import MM, MM_PER_MIN
+
+View = dict[str, Any]
+
+
+def window_view(window: Window | None) -> View | None:
+    """Return a window as INTERFACE §5 lists it; `estimate` is null on a circle."""
+    if window is None:
+        return None
+    return {
+        "half_length": window.half_length / MM,
+        "limited_by": window.limited_by,
+        "estimate": _finite(window.estimate, MM),
+        "contact_order": window.contact_order,
+        "members": list(window.members),
+        "notes": list(window.notes),
+    }
+
+
+def turning_point_views(analysis: Analysis) -> list[View]:
+    """Every turning point with its window and backlash interval."""
+    windows = windows_by_point(analysis.windows)
+    return [_turning_point(analysis, point, windows.get(point.index)) for point in analysis.turning_points]
+
+
+def windows_by_point(windows: tuple[Window, ...]) -> dict[int, Window]:
+    """Return the window of every turning point that has one, its own or a shared one."""
+    return {member: window for window in windows for member in window.members}
+
+
+def _turning_point(analysis: Analysis, point: TurningPoint, window: Window | None) -> View:
+    return {
+        "index": point.index,
+        "kind": point.kind,
+        "segment": point.segment,
+        "xi": point.xi,
+        "axis": point.axis,
+        "sense": point.sense,
+        "position": point.position / MM,
+        "s": point.s / MM,
+        "curvature": _scaled(point.curvature, 1 / MM),
+        "curvature_dot": _scaled(point.curvature_dot, 1 / MM**2),
+        "curvature_ddot": _scaled(point.curvature_ddot, 1 / MM**3),
+        "torsion": _scaled(point.torsion, 1 / MM),
+        "radius": _scaled(radius(point), MM),
+        "window": window_view(window),
+        "backlash": _backlash(analysis, point),
+        "note": analysis.notes[point.index] or None,
+    }
+
+
+def radius(point: TurningPoint) -> float | None:
+    """Radius of the osculating circle [m], None where it is a line or does not exist."""
+    return None if not point.curvature else 1.0 / abs(point.curvature)
+
+
+def _backlash(analysis: Analysis, point: TurningPoint) -> View | None:
+    interval = analysis.intervals[point.index]
+    if interval is None:
+        return None
+    travel = feed_at(analysis.path, point) * interval.duration
+    return {"lag": interval.lag, "duration": interval.duration, "standstill_travel": travel / MM}
+
+
+def profile_view(profile: FeedProfile | None) -> View | None:
+    """Return a feed profile: t* [s], s* [mm], V_c [mm/min], V_k / V_c and V(½)/V_c."""
+    if profile is None:
+        return None
+    return {
+        "t_star": profile.t_star,
+        "s_star": profile.s_star / MM,
+        "cruise": profile.cruise / MM_PER_MIN,
+        "degree": len(profile.coefficients) - 1,
+        "coefficients": profile.coefficients.tolist(),
+        "ratio": profile.ratio,
+        "notes": list(profile.notes),
+    }
+
+
+def plan_view(analysis: Analysis, plan: Plan) -> View:
+    """Return what ``convert --json`` prints: windows, cycle time, error (null until there is a simulator)."""
+    views = turning_point_views(analysis)
+    own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
+    for view in views:
+        number = own.get(view["index"])
+        profile = None if number is None else plan.profiles[number]
+        view["strategy"] = plan.strategy if profile is not None else "none"
+        view["profile"] = profile_view(profile)
+    return {
+        "windows": views,
+        "cycle_time": {"before": cycle_time(plan.nominal), "after": cycle_time(plan.phases)},
+        "error": None,
+        "strategy": plan.strategy,
+        "warnings": list(plan.warnings),
+    }
+
+
+def _scaled(value: float | None, unit: float) -> float | None:
+    return None if value is None else value / unit
+
+
+def _finite(value: float, unit: float) -> float | None:
+    return value / unit if math.isfinite(value) else None

@@ -1,0 +1,265 @@
+"""The command line as other programs see it: streams, exit status, JSON keys, whole files or none."""
+
+import importlib.util
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ph_post.cli.main import COMMANDS, main
+
+ROOT = Path(__file__).resolve().parents[2]
+CIRCLE = str(ROOT / "paths" / "circle.json")
+OVAL = str(ROOT / "paths" / "oval.json")
+POCKET = str(ROOT / "paths" / "pocket.json")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    status = main(arguments)
+    streams = capsys.readouterr()
+    return status, streams.out, streams.err
+
+
+def strict_json(text: str) -> dict:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def test_inspect_circle_shows_the_papers_lag_and_duration(capsys):
+    # PAPER_NOTES §1: lag 0.005000674 s and duration 0.11874297 s, settled.
+    status, out, err = run(capsys, "inspect", CIRCLE, "-m", "paper", "--json")
+    assert (status, err) == (0, "")
+    points = strict_json(out)["turning_points"]
+    assert len(points) == 4
+    for point in (point for point in points if point["axis"] == "X"):
+        assert point["backlash"]["lag"] == pytest.approx(0.00500067, abs=5e-9)
+        assert point["backlash"]["duration"] == pytest.approx(0.11874297, abs=5e-9)
+        assert point["backlash"]["standstill_travel"] == pytest.approx(130.8996939 * 0.11874297, rel=1e-7)
+
+
+def test_inspect_circle_geometry(capsys):
+    _, out, _ = run(capsys, "inspect", CIRCLE, "--json")
+    points = strict_json(out)["turning_points"]
+    assert [(point["axis"], point["sense"]) for point in points] == [
+        ("X", "max"), ("Y", "max"), ("X", "min"), ("Y", "min"),
+    ]  # fmt: skip
+    for quarter, point in enumerate(points):
+        assert point["kind"] == "smooth"
+        assert point["segment"] == 0
+        assert point["xi"] == pytest.approx(quarter / 4, abs=1e-15)
+        assert point["s"] == pytest.approx(quarter * 125 * math.pi, abs=1e-9)
+        assert point["radius"] == pytest.approx(250, rel=1e-14)
+        assert point["curvature"] == pytest.approx(1 / 250, rel=1e-14)
+        assert point["backlash"] is None
+        assert point["window"]["limited_by"] == "neighbour"
+        assert point["window"]["estimate"] is None
+        assert point["window"]["half_length"] == pytest.approx(62.5 * math.pi, rel=1e-9)
+
+
+def test_inspect_prints_a_line_a_turning_point(capsys):
+    status, out, _ = run(capsys, "inspect", CIRCLE, "-m", "paper")
+    assert status == 0
+    assert "circle: 4 turning points" in out
+    assert sum(line.split()[:1] == [str(number)] for line in out.splitlines() for number in range(4)) == 4
+    assert "118.743" in out
+
+
+def test_certify_says_that_none_is_missing(capsys):
+    status, out, _ = run(capsys, "inspect", OVAL, "--certify", "--json")
+    assert status == 0
+    view = strict_json(out)
+    assert view["certificate"]["ok"] is True
+    assert view["certificate"]["count"] == len(view["turning_points"]) == 4
+
+
+def test_convert_writes_program_and_table_whole(capsys, tmp_path):
+    program, table = tmp_path / "oval.ngc", tmp_path / "oval.csv"
+    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", "-o", str(program), "--table", str(table))
+    assert (status, out) == (0, "")
+    assert f"wrote {program}" in err
+    assert program.read_text().rstrip().endswith("M2")
+    rows = np.genfromtxt(table, delimiter=",", names=True)
+    assert rows.dtype.names == ("t", "segment", "xi", "s", "X", "Y", "feed", "window")
+    assert np.all(rows["feed"] >= 0)
+    assert rows["feed"][0] == rows["feed"][-1] == 0
+
+
+def test_convert_json_has_the_contracts_keys(capsys):
+    status, out, _ = run(capsys, "convert", OVAL, "-m", "mill", "--json")
+    assert status == 0
+    view = strict_json(out)
+    assert {"windows", "cycle_time", "error"} <= view.keys()
+    assert view["error"] is None
+    assert view["cycle_time"]["after"] > view["cycle_time"]["before"] > 0
+    dips = [window for window in view["windows"] if window["profile"] is not None]
+    assert len(dips) >= 3
+    assert all(window["strategy"] == "suppress" and 0 <= window["profile"]["ratio"] < 1 for window in dips)
+
+
+def test_convert_to_standard_output_is_the_program_alone(capsys):
+    status, out, _ = run(capsys, "convert", OVAL, "-m", "mill")
+    assert status == 0
+    assert out.rstrip().endswith("M2")
+    assert "ph-post" in out.splitlines()[0] + out.splitlines()[1]
+
+
+def test_convert_is_deterministic(capsys):
+    programs = {run(capsys, "convert", POCKET, "-m", "stepper", "--dialect", "grbl")[1] for _ in range(2)}
+    assert len(programs) == 1
+
+
+@pytest.mark.parametrize("ratio", [0.25, 0.6, 1.0])
+def test_given_ratio_is_kept(capsys, ratio):
+    arguments = ("convert", CIRCLE, "-m", "paper", "--start", "moving", "--ratio", str(ratio), "--json")
+    _, out, _ = run(capsys, *arguments)
+    ratios = [window["profile"]["ratio"] for window in strict_json(out)["windows"] if window["profile"]]
+    assert ratios == pytest.approx([ratio] * 4, abs=1e-12)
+
+
+def test_moving_holds_the_feed_from_end_to_end(capsys):
+    # The paper's case: constant feed outside the windows, each traversed in (n+1)/(n+f) of its time.
+    ratio, degree, t_star = 0.25, 10, 0.5
+    f = (256 * ratio - 193) / 63
+    arguments = ("--start", "moving", "--ratio", str(ratio), "--t-star", str(t_star), "--json")
+    _, out, _ = run(capsys, "convert", CIRCLE, "-m", "paper", *arguments)
+    time_ = strict_json(out)["cycle_time"]
+    assert time_["before"] == pytest.approx(12.0, rel=1e-9)
+    saved = 2 * t_star * (1 - (degree + f) / (degree + 1))
+    assert time_["after"] == pytest.approx(12.0 + 4 * saved, rel=1e-9)
+
+
+def test_standard_input_and_output(capsys, monkeypatch, tmp_path):
+    command = [sys.executable, "-m", "ph_post", "convert", "-", "-m", "mill", "--table", "-"]
+    text = Path(OVAL).read_text()
+    done = subprocess.run(command, input=text, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.startswith("t,segment,xi,s,X,Y,feed,window\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("convert",), "ph-post: Missing argument 'IN'; see ph-post convert --help"),
+        (("convert", CIRCLE), "ph-post: Missing option '-m' / '--machine'; see ph-post convert --help"),
+        (("nonsense",), "ph-post: No such command 'nonsense'; see ph-post --help"),
+        (
+            ("inspect", CIRCLE, "--tolerance", "0"),
+            "ph-post: Invalid value for '--tolerance': 0.0 is not in the range x>0.0; "
+            "see ph-post inspect --help",
+        ),
+        (
+            ("convert", CIRCLE, "-m", "paper", "-o", "-", "--table", "-"),
+            "ph-post: standard output can take one product; got -o and --table; see ph-post convert --help",
+        ),
+        (
+            ("convert", CIRCLE, "-m", "paper", "--coefficients", "1,1,x"),
+            "ph-post: Invalid value for '--coefficients': expected numbers separated by commas; got '1,1,x'; "
+            "see ph-post convert --help",
+        ),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_2(capsys, arguments, line):
+    status, out, err = run(capsys, *arguments)
+    assert (status, out) == (2, "")
+    assert err == line + "\n"
+
+
+def test_missing_drive_names_the_axis(capsys, tmp_path):
+    status, out, err = run(capsys, "convert", str(ROOT / "paths" / "spatial.json"), "-m", "paper")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "axis Z, which has no drive" in err
+
+
+def test_unwritable_output_touches_nothing(capsys, tmp_path):
+    table = tmp_path / "oval.csv"
+    table.write_text("precious")
+    missing = str(tmp_path / "no" / "such" / "folder" / "oval.ngc")
+    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", "-o", missing, "--table", str(table))
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert table.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [table]
+
+
+def test_demo_writes_program_table_and_picture(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = run(capsys, "demo")
+    assert status == 0
+    folder = tmp_path / "ph_post_demo"
+    assert {path.name for path in folder.iterdir()} == {"oval.ngc", "oval.csv", "oval.png"}
+    assert (folder / "oval.png").read_bytes().startswith(b"\x89PNG")
+    assert {"lag", "duration", "window"} <= set(out.split())
+
+
+def test_paper_numbers_all_agree(capsys):
+    status, out, _ = run(capsys, "paper", "--json")
+    assert status == 0
+    numbers = strict_json(out)["numbers"]
+    assert all(number["agrees"] for number in numbers)
+    assert len(numbers) >= 14
+
+
+def test_paper_draws_figures_1_and_2(capsys, tmp_path):
+    status, _, _ = run(capsys, "paper", "--plot", str(tmp_path))
+    assert status == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"figure1.png", "figure2.png"}
+
+
+def test_every_command_has_help_with_examples_or_a_sentence(capsys):
+    for name in COMMANDS:
+        status, out, _ = run(capsys, name, "--help")
+        assert status == 0
+        assert "Usage: ph-post " + name in out
+        assert len(out) > 300
+
+
+def test_every_command_stands_in_the_readme():
+    readme = (ROOT / "README.md").read_text()
+    assert all(f"ph-post {name}" in readme for name in COMMANDS)
+
+
+def test_readme_and_ci_share_the_test_command():
+    commands = [
+        line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("python3 -m venv")
+    ]
+    assert len(commands) == 2
+    assert commands[1] in (ROOT / ".ci" / "run").read_text().splitlines()
+
+
+def test_help_page_imports_nothing_slow():
+    # The page has 0.2 s; numpy alone would take half of it, and sympy or matplotlib all.
+    code = (
+        "import sys; from ph_post.cli.main import main; main(['--help']); "
+        "slow = ('numpy', 'scipy', 'sympy', 'matplotlib', 'msgspec'); "
+        "print([name for name in slow if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_progress_speaks_only_after_a_second(capsys):
+    from ph_post.report.progress import Progress
+
+    with Progress(patience=0.05) as stage:
+        stage("counting")
+        time.sleep(0.2)
+    assert "ph-post: counting" in capsys.readouterr().err
+    with Progress(patience=5.0) as stage:
+        stage("counting")
+    assert capsys.readouterr().err == ""
+
+
+def test_module_runs_like_the_script():
+    assert importlib.util.find_spec("ph_post.__main__") is not None
+    done = subprocess.run(
+        [sys.executable, "-m", "ph_post", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("ph-post, version ")

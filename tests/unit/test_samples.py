@@ -1,0 +1,33 @@
+"""Every script in samples/ is imported and asserted on one number."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+SAMPLES = Path(__file__).resolve().parents[2] / "samples"
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"sample_{name}", SAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_script_is_tested_here():
+    here = Path(__file__).read_text()
+    assert all(f'load("{script.stem}")' in here for script in SAMPLES.glob("*.py"))
+
+
+def test_before_after(tmp_path):
+    factor = load("before_after").before_after(tmp_path)
+    assert 1.0 < factor <= 1.1  # the default of --max-slowdown
+    assert (tmp_path / "before_after.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_standstill_by_feed():
+    # Figure 7 at T = 6 s: V Δt with the Δt of PAPER_NOTES §1.
+    travel = load("standstill_by_feed").standstill_travel(0.1308996939)
+    assert travel == pytest.approx(0.1308996939 * 0.11874297, rel=1e-7)
