@@ -33,7 +33,7 @@ def tangents(pieces: PieceSet, end: int) -> Array:
             direction = rays[_first_away(rays), np.arange(group.index.size)]
             # Seen into the piece; at its last end the motion is the other way.
             direction = direction if end == 0 else -direction
-        result[group.index] = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        result[group.index] = direction / np.sqrt(np.einsum("nk,nk->n", direction, direction))[:, None]
     return result
 
 
@@ -57,8 +57,8 @@ def _rays(group: Group, end: int) -> tuple[Array, Array]:
 
 def _first_away(rays: Array) -> IntArray:
     """Index of the first ray that is not zero."""
-    sizes = np.linalg.norm(rays, axis=2)
-    first: IntArray = np.argmax(sizes > DEGENERATE * sizes.max(axis=0), axis=0)
+    squares = np.einsum("jnk,jnk->jn", rays, rays)
+    first: IntArray = np.argmax(squares > DEGENERATE**2 * squares.max(axis=0), axis=0)
     return first
 
 

@@ -30,8 +30,12 @@ TAIL: Final = 1e-12
 What is left out of the arc length is smaller by about 100: by 2 * NODES from integrating, and by the decay.
 """
 
-SQUARED_TAIL: Final = 1e-7
-"""The same where only the integral over the panel is wanted: its error is of the order of the square."""
+OWN_TAIL: Final = 3e-8
+"""Where only the integral over a panel is wanted, the same relative to the panel's own mean speed.
+
+Coefficients that have died away like this go on doing so; the quadrature misses only those beyond 2 * NODES.
+Next to a cusp they do not: so this holds for panels on which the speed is nowhere low.
+"""
 
 SPREAD: Final = 16.0
 """Sum of the power coefficients' sizes, relative to the length, above which a panel is cut: lost digits.
@@ -43,7 +47,7 @@ MAX_ROUNDS: Final = 60
 """Halvings before the quadrature gives up; a kink of the speed that is not met exactly takes about 25."""
 
 LOW: Final = 0.1
-"""A node with this part of the panel's largest speed makes it worth looking for the minimum."""
+"""A speed is low below this part of the largest on the panel. The nodes lie so densely that a cusp shows."""
 
 EDGE: Final = 2.0**-10
 """A minimum nearer than this to the end of its panel is left to the halving."""
@@ -93,7 +97,7 @@ def measure(family: Family) -> Array:
         The speed of a piece could not be resolved.
     """
     lengths = np.zeros(family.index.size)
-    for work, modes in _rounds(family, np.arange(family.index.size), SQUARED_TAIL):
+    for work, modes in _rounds(family, np.arange(family.index.size), OWN_TAIL):
         lengths += np.bincount(work.row, modes[:, 0] * (work.last - work.first), lengths.size)
     return lengths
 
@@ -109,7 +113,7 @@ def resolve(family: Family, rows: IntArray) -> Panels:
     _, to_power = _transforms(family.node_count)
     found = [
         (work, (modes @ to_power) * (0.5 * (work.last - work.first))[:, None])
-        for work, modes in _rounds(family, rows, TAIL)
+        for work, modes in _rounds(family, rows, 0.0)
     ]
     piece = family.index[np.concatenate([work.row for work, _ in found])]
     first = np.concatenate([work.first for work, _ in found])
@@ -151,7 +155,7 @@ def _sums_before(piece: IntArray, length: Array) -> Array:
     return start
 
 
-def _rounds(family: Family, rows: IntArray, tail: float) -> Iterator[tuple[_Work, Array]]:
+def _rounds(family: Family, rows: IntArray, own_tail: float) -> Iterator[tuple[_Work, Array]]:
     """Cut until every panel is resolved; give panels and the Legendre coefficients of the speed on them."""
     to_legendre, to_power = _transforms(family.node_count)
     zero, one = np.zeros(rows.size), np.ones(rows.size)
@@ -162,8 +166,11 @@ def _rounds(family: Family, rows: IntArray, tail: float) -> Iterator[tuple[_Work
         modes = speed @ to_legendre
         width = work.last - work.first
         if turn == 0:
-            allowed[rows] = np.inf if family.complete else tail * modes[:, 0]
-        done = _tail(modes) * width <= allowed[work.row]
+            allowed[rows] = np.inf if family.complete else TAIL * modes[:, 0]
+        tail = np.abs(modes[:, -3:]).max(axis=1)
+        done = tail * width <= allowed[work.row]
+        if own_tail > 0.0:
+            done |= (tail <= own_tail * modes[:, 0]) & (speed.min(axis=1) > LOW * speed.max(axis=1))
         if family.exact:
             spread = np.abs(modes @ to_power).sum(axis=1)
             done &= spread <= SPREAD * modes[:, 0]
@@ -175,11 +182,6 @@ def _rounds(family: Family, rows: IntArray, tail: float) -> Iterator[tuple[_Work
     width = work.last - work.first
     number = family.index[work.row[0]]
     raise SolveError(f"arc length of piece {number}: not resolved on a panel of {width[0]:.3g}")
-
-
-def _tail(modes: Array) -> Array:
-    tail: Array = np.abs(modes[:, -3:]).max(axis=1)
-    return tail
 
 
 def _cut(family: Family, work: _Work, speed: Array | None) -> _Work:
