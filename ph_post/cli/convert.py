@@ -92,15 +92,15 @@ def command(
 ) -> int:
     """Convert a path file into a compensated part program and/or an interpolator table.
 
-    IN is a path file (.json), or - for standard input. Without -o and --table the program goes to standard
-    output. Files are written whole or not at all; what was reduced, shortened or left alone is said on
-    standard error.
+    IN is a path file (.json), the name of a shipped one, or - for standard input. Without -o and --table the
+    program goes to standard output. Files are written whole or not at all; what was reduced, shortened or
+    left alone is said on standard error.
 
     \b
     Examples:
-      ph-post convert paths/oval.json -m mill -o oval.ngc
+      ph-post convert oval -m mill -o oval.ngc
       ph-post convert part.json -m router.toml --ratio 0.3 --table part.csv -o part.ngc
-      ph-post convert paths/circle.json -m paper --start moving --table - > circle.csv
+      ph-post convert circle -m paper --start moving --table - > circle.csv
     """
     from ph_post.cli.job import load_and_analyse, program_of
     from ph_post.compensate.plan import make_plan

@@ -21,11 +21,11 @@ def command(
 ) -> int:
     """List the turning points of a path, their windows and, with a machine, their backlash.
 
-    IN is a path file (.json), or - for standard input.
+    IN is a path file (.json), the name of a shipped one, or - for standard input.
 
     \b
     Examples:
-      ph-post inspect paths/circle.json -m paper
+      ph-post inspect circle -m paper
       ph-post inspect part.json -m mill.toml --json
       ph-post inspect part.json --certify
     """

@@ -13,6 +13,7 @@ from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.writer import make_program
 from ph_post.io.machinefile import read_machine
 from ph_post.io.pathfile import read_path
+from ph_post.io.shipped import or_shipped
 from ph_post.types import Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN
 
@@ -27,7 +28,7 @@ def load(
     InputError
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
-    path = read_path(source)
+    path = read_path(or_shipped("paths", source))
     if feed is not None:
         path = msgspec.structs.replace(path, feed=feed * MM_PER_MIN)
     if machine is None:

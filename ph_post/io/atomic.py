@@ -173,5 +173,6 @@ def make_folder(name: str) -> pathlib.Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(name, f"the folder cannot be made: {(error.strerror or str(error)).lower()}") from error
+        reason = (error.strerror or str(error)).lower()
+        raise InputError(name, f"the folder cannot be made: {reason}") from error
     return folder
