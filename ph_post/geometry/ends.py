@@ -26,15 +26,22 @@ def tangents(pieces: PieceSet, end: int) -> Array:
     """Compute unit tangents in the sense of the motion at end 0 or 1 of every piece, shape (pieces, dim)."""
     result = np.empty((len(pieces.pieces), pieces.dimension))
     for group in pieces.groups:
-        if group.kind == "arc":
-            direction = _arc_direction(group, end)
-        else:
-            rays, _ = _rays(group, end)
-            direction = rays[_first_away(rays), np.arange(group.index.size)]
-            # Seen into the piece; at its last end the motion is the other way.
-            direction = direction if end == 0 else -direction
-        result[group.index] = direction / np.sqrt(np.einsum("nk,nk->n", direction, direction))[:, None]
+        result[group.index] = _arc_direction(group, end) if group.kind == "arc" else _first_ray(group, end)
+    result /= np.sqrt(np.einsum("nd,nd->n", result, result))[:, None]
     return result
+
+
+def _first_ray(group: Group, end: int) -> Array:
+    """Direction of the motion, from or to the first control point that is not the end point."""
+    rays, _ = _rays(group, end)
+    rays = np.ascontiguousarray(rays.transpose(0, 2, 1))  # the pieces' number last: fast sums and comparisons
+    squares = np.einsum("kdn,kdn->kn", rays, rays)
+    first = np.argmax(squares > DEGENERATE**2 * squares.max(axis=0), axis=0)
+    direction: Array = rays[0].T.copy()
+    later = np.flatnonzero(first)
+    direction[later] = rays[first[later], :, later]
+    # Seen into the piece; at its last end the motion is the other way.
+    return direction if end == 0 else -direction
 
 
 def curvatures(pieces: PieceSet, end: int) -> Array:

@@ -122,8 +122,8 @@ def sharpen(coefficients: Rational, u: float) -> float | None:
     Returns
     -------
     float or None
-        None where the exact polynomial does not change its sign within REACH of the result: the root is not as
-        simple as it looked.
+        None where the exact polynomial does not change its sign within REACH of the result: the root is not
+        as simple as it looked.
     """
     scaled = integers(coefficients)
     n = len(scaled) - 1
