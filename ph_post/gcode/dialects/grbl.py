@@ -1,0 +1,46 @@
+"""Grbl 1.1 (grblHAL takes all of it too): an eight-bit controller, fed line by line through a serial port."""
+
+from __future__ import annotations
+
+from ph_post.gcode.dialect import Dialect
+from ph_post.types import Capabilities
+
+_DECIMALS = 4
+"""0.1 µm. Grbl computes in single precision, which has no more at the size of such machines, and a shorter
+line is a faster one."""
+
+_MAX_LINE = 70
+"""Grbl's line buffer holds 80 characters with the end; senders and offshoots leave less."""
+
+_STREAM_RATE = 11_520.0
+"""115,200 baud, ten bits a byte."""
+
+_PLANNER_BLOCKS = 16
+"""Moves that Grbl holds in its planner."""
+
+
+def _opening(plane: str) -> tuple[str, ...]:
+    return (f"G21 {plane} G90 G91.1 G94 G40 G49 G54 G80",)
+
+
+DIALECT = Dialect(
+    name="grbl",
+    capabilities=Capabilities(
+        arcs=True,
+        cubic_splines=False,
+        inverse_time=True,
+        decimals=_DECIMALS,
+        max_line=_MAX_LINE,
+        blending=False,
+    ),
+    feed_digits=6,
+    terse=True,
+    # Under G93 Grbl 1.1 breaks an arc into chords, multiplies F by their number and then takes it for mm/min
+    # (mc_arc in its motion_control.c): only straight moves keep their time.
+    inverse_time_arcs=False,
+    opening=_opening,
+    closing=("M2",),
+    stream_rate=_STREAM_RATE,
+    stream_window=_PLANNER_BLOCKS,
+)
+"""The Grbl dialect."""

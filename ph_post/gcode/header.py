@@ -1,0 +1,89 @@
+"""What a program says about itself: comments at its head, the same bytes for the same input."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+
+from ph_post.compensate.plan import cycle_time
+from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.format import comment_lines
+from ph_post.gcode.options import ProgramOptions
+from ph_post.types import FeedProfile, Plan, Window
+from ph_post.units import MM, MM_PER_MIN, MS
+
+_DIGEST = 16
+"""So many hexadecimal digits of an input's hash: enough to tell inputs apart."""
+
+
+def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
+    """Comment lines: inputs and their hashes, what was done, and what the program takes for granted."""
+    remarks = [
+        *_origin(plan),
+        *_manner(plan, dialect, options),
+        *_windows(plan),
+        *_assumptions(plan, options),
+    ]
+    return [line for remark in remarks for line in comment_lines(remark, dialect.capabilities.max_line)]
+
+
+def package_version() -> str:
+    """Version of the installed package, or a word for a source tree."""
+    try:
+        return version("ph-post")
+    except PackageNotFoundError:
+        return "source tree"
+
+
+def _origin(plan: Plan) -> list[str]:
+    path, machine = plan.path, plan.machine
+    return [
+        f"ph-post {package_version()}, strategy {plan.strategy}",
+        f"path {path.name}{_hash(path.digest)}",
+        f"machine {machine.name}{_hash(machine.digest)}",
+    ]
+
+
+def _hash(digest: str) -> str:
+    return f", sha256 {digest[:_DIGEST]}" if digest else ""
+
+
+def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
+    feed = "inverse time, F in 1/min" if options.feed_mode == "inverse-time" else "F in mm/min"
+    chord, block = options.chord_tolerance / MM, options.block_time / MS
+    rounding = "" if dialect.path_mode is None else f", joints rounded by at most {chord:g} mm more"
+    return [
+        f"dialect {dialect.name}, lengths in mm, {feed}",
+        f"planned time {cycle_time(plan.nominal):.4f} s without feed dips,"
+        f" {cycle_time(plan.phases):.4f} s with them",
+        f"chords within {chord:g} mm of the path{rounding}, blocks of at most {block:g} ms in ramps and dips",
+    ]
+
+
+def _windows(plan: Plan) -> list[str]:
+    rows = zip(plan.windows, plan.profiles, strict=True)
+    return [_window(plan, number, window, profile) for number, (window, profile) in enumerate(rows)]
+
+
+def _window(plan: Plan, number: int, window: Window, profile: FeedProfile | None) -> str:
+    point = plan.turning_points[window.turning_point]
+    place = f"segment {point.segment}, s {window.s / MM:.3f} mm, {point.axis} {point.sense}"
+    if profile is None:
+        return f"window {number}: {place}, feed kept"
+    high = profile.cruise / MM_PER_MIN
+    low = profile.ratio * high
+    return f"window {number}: {place}, feed {high:.6g} to {low:.6g} mm/min, t* {profile.t_star:.4f} s"
+
+
+def _assumptions(plan: Plan, options: ProgramOptions) -> list[str]:
+    """Say what has to hold for the program to do what it was planned for."""
+    facts = [
+        "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
+        "spindle and coolant are not touched until M2, which switches them off",
+    ]
+    if options.safe_z is not None:
+        facts.append(f"safe height Z {options.safe_z / MM:g} mm")
+    elif "Z" in plan.path.axes:
+        facts.append("no safe height: the approach begins at the height at which the tool stands")
+    else:
+        facts.append("no Z word: the tool stays at the height at which it stands")
+    return facts

@@ -1,0 +1,147 @@
+"""Moves as lines of text, in the words of a dialect."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ph_post.gcode.dialect import Dialect, plane_of
+from ph_post.gcode.format import decimal_text, significant_text
+from ph_post.gcode.moves import Moves
+from ph_post.gcode.shape import ARC, LINE, SPLINE
+from ph_post.units import MINUTE, MM_PER_MIN
+
+_OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
+_SPLINE_END_WORDS = {"X": "P", "Y": "Q"}
+
+
+class LineWriter:
+    """Collects lines and keeps the modal state that the controller will have.
+
+    Parameters
+    ----------
+    dialect : Dialect
+    axes : sequence of str
+        Names of the coordinates of the moves, in their order.
+    tolerance : float
+        How far joints may be rounded [m], where the dialect can say so.
+
+    Attributes
+    ----------
+    lines : list of str
+    sizes : list of int
+        Bytes of each move on the path.
+    """
+
+    def __init__(self, dialect: Dialect, axes: Sequence[str], tolerance: float) -> None:
+        self.lines: list[str] = []
+        self.sizes: list[int] = []
+        self.dialect = dialect
+        self.axes = tuple(axes)
+        self._tolerance = tolerance
+        self._sense = plane_of(self.axes)[1]
+        self._at: dict[str, int] = {}
+        self._motion = ""
+        self._feed = ""
+        self._inverse = False
+        self._path_mode = ""
+
+    def add(self, lines: Iterable[str]) -> None:
+        """Add lines that change nothing which is kept here."""
+        self.lines += lines
+
+    def feed_mode(self, *, inverse: bool) -> None:
+        """Write G93 or G94 where the other is in force; the feed has to be given anew after it."""
+        if inverse != self._inverse:
+            self.lines.append("G93" if inverse else "G94")
+            self._inverse, self._feed = inverse, ""
+
+    def path_mode(self, *, exact: bool) -> None:
+        """Make the controller reach every point, or let it round the joints, where the dialect can say so."""
+        if self.dialect.path_mode is None:
+            return
+        word = self.dialect.path_mode(None if exact else self._tolerance)
+        if word != self._path_mode:
+            self.lines.append(word)
+            self._path_mode = word
+
+    def straight(self, word: str, target: dict[str, int], speed: float = 0.0) -> None:
+        """Write a G0 or a G1 [m/s] to positions on the grid, by axis."""
+        words = [
+            axis + self._length(count)
+            for axis, count in target.items()
+            if not self.dialect.terse or self._at.get(axis) != count
+        ]
+        if words:
+            self._write(word, words, self._digits(speed / MM_PER_MIN) if speed else "")
+        self._at.update(target)
+
+    def moves(self, moves: Moves, first: int, last: int) -> None:
+        """Write the moves numbered `first` to `last` - 1."""
+        bodies = self._coordinates(moves, first, last)
+        feeds = self._feeds(moves, first, last)
+        kinds, rapid = moves.kind[first:last].tolist(), moves.rapid[first:last].tolist()
+        for i, (kind, body, feed) in enumerate(zip(kinds, bodies, feeds, strict=True), first):
+            if kind == LINE:
+                self._write("G0" if rapid[i - first] else "G1", body, feed)
+            elif kind == ARC:
+                turn = moves.turn[i] * self._sense
+                self._write("G3" if turn > 0 else "G2", body + self._center(moves, i), feed)
+            elif kind == SPLINE:
+                self._write("G5", body + self._inner(moves, i), feed)
+            else:
+                self._write("G4", ["P" + self._digits(float(moves.duration[i]))], "", modal=False)
+            self.sizes.append(len(self.lines[-1]) + 1)
+        self._at.update(zip(self.axes, moves.points[last].tolist(), strict=True))
+
+    def _coordinates(self, moves: Moves, first: int, last: int) -> list[list[str]]:
+        """Coordinate words of each move; a terse dialect leaves out what changes nothing where it can."""
+        points = moves.points[first : last + 1]
+        needed = np.ones((last - first, len(self.axes)), dtype=bool)
+        if self.dialect.terse:
+            needed = np.diff(points, axis=0) != 0
+            needed[:, :2] |= (moves.kind[first:last] == ARC)[:, None]
+        columns = [
+            [axis + self._length(count) if need else "" for count, need in zip(column, needs, strict=True)]
+            for axis, column, needs in zip(self.axes, points[1:].T.tolist(), needed.T.tolist(), strict=True)
+        ]
+        return [[word for word in words if word] for words in zip(*columns, strict=True)]
+
+    def _feeds(self, moves: Moves, first: int, last: int) -> list[str]:
+        part = slice(first, last)
+        values = MINUTE / moves.duration[part] if self._inverse else moves.feed[part] / MM_PER_MIN
+        cutting = moves.feed[first:last] > 0.0
+        return [
+            self._digits(value) if cuts else ""
+            for value, cuts in zip(values.tolist(), cutting.tolist(), strict=True)
+        ]
+
+    def _center(self, moves: Moves, i: int) -> list[str]:
+        offsets = (moves.center[i] - moves.points[i, :2]).tolist()
+        return [_OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes[:2], offsets, strict=True)]
+
+    def _inner(self, moves: Moves, i: int) -> list[str]:
+        near = (moves.inner[i, 0] - moves.points[i]).tolist()
+        far = (moves.inner[i, 1] - moves.points[i + 1]).tolist()
+        words = [_OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, near, strict=True)]
+        return words + [
+            _SPLINE_END_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, far, strict=True)
+        ]
+
+    def _length(self, count: int) -> str:
+        return decimal_text(count, self.dialect.capabilities.decimals)
+
+    def _digits(self, value: float) -> str:
+        return significant_text(value, self.dialect.feed_digits)
+
+    def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
+        """One line; F only where it changes, except under G93, where every move has its own."""
+        repeats = self.dialect.terse and modal and word == self._motion
+        parts = words if repeats else [word, *words]
+        if feed and (self._inverse or feed != self._feed):
+            parts = [*parts, "F" + feed]
+            self._feed = feed
+        if modal:
+            self._motion = word
+        self.lines.append(("" if self.dialect.terse else " ").join(parts))

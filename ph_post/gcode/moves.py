@@ -1,0 +1,116 @@
+"""Blocks as a controller will read them: on the grid of the dialect's decimals, each with its time."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.blocks import DWELL, Blocks
+from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.format import to_grid
+from ph_post.gcode.shape import ARC, SPLINE, Shape
+from ph_post.gcode.splines import cubic_control
+from ph_post.types import Array, IntArray
+from ph_post.units import MM
+
+
+class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Moves, n of them; positions are whole numbers of the dialect's last decimal.
+
+    `points` (n + 1, dim): the start and the end of every move. `center` (n, 2) and `turn` (n,) of arcs, +1
+    from the first axis towards the second; `inner` (n, 2, 2) the middle control points of splines.
+    `duration` (n,) [s], `length` (n,) [m] as the controller will find it, `feed` (n,) [m/s], 0 for rapids and
+    dwells. `kind`, `rapid`, `s0` and `s1` are those of the blocks.
+    """
+
+    kind: IntArray
+    points: IntArray
+    center: IntArray
+    turn: IntArray
+    inner: IntArray
+    duration: Array
+    length: Array
+    feed: Array
+    rapid: IntArray
+    s0: Array
+    s1: Array
+
+
+def round_blocks(blocks: Blocks, shape: Shape, dialect: Dialect) -> Moves:
+    """Put blocks on the grid; those that come out with no length give their time to a neighbour.
+
+    All points of one circle share one centre, so that radii at the start and at the end of an arc differ by
+    no more than the rounding of the two points.
+    """
+    decimals = dialect.capabilities.decimals
+    points = to_grid(shape.positions(np.append(blocks.s0[:1], blocks.s1)), decimals)
+    moving = (np.diff(points, axis=0) != 0).any(axis=1) | (blocks.kind == DWELL)
+    duration = _inherited(blocks.end - blocks.start, moving)
+    kept = np.flatnonzero(moving)
+    names = Blocks.__struct_fields__
+    blocks = msgspec.structs.replace(blocks, **{name: getattr(blocks, name)[kept] for name in names})
+    points = points[np.append(0, kept + 1)]
+    piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
+    center = to_grid(shape.center[piece], decimals)
+    way = np.sign(blocks.s1 - blocks.s0).astype(np.int64)
+    turn = np.where(blocks.kind == ARC, shape.turn[piece] * way, 0)
+    length = _lengths(blocks, points, center, turn, decimals)
+    return Moves(
+        kind=blocks.kind,
+        points=points,
+        center=center,
+        turn=turn,
+        inner=_inner_points(blocks, shape, piece, decimals),
+        duration=duration,
+        length=length,
+        feed=_feeds(blocks, length, duration),
+        rapid=blocks.rapid,
+        s0=blocks.s0,
+        s1=blocks.s1,
+    )
+
+
+def _inherited(duration: Array, moving: Array) -> Array:
+    """Give the times of the blocks that do not move to those that do.
+
+    A block without length gives its time to the next one that moves, so that a start from rest stays slow;
+    at the end to the last one.
+    """
+    count = int(moving.sum())
+    heir = np.minimum(np.cumsum(moving) - moving, max(count - 1, 0))
+    return np.asarray(np.bincount(heir, duration, count)[:count], dtype=np.float64)
+
+
+def _inner_points(blocks: Blocks, shape: Shape, piece: IntArray, decimals: int) -> IntArray:
+    inner = np.zeros((piece.size, 2, 2), dtype=np.int64)
+    spline = np.flatnonzero(blocks.kind == SPLINE)
+    of = piece[spline]
+    u0, u1 = shape.local(of, blocks.s0[spline]), shape.local(of, blocks.s1[spline])
+    inner[spline] = to_grid(cubic_control(shape, of, u0, u1)[:, 1:3], decimals)
+    return inner
+
+
+def _lengths(blocks: Blocks, points: IntArray, center: IntArray, turn: IntArray, decimals: int) -> Array:
+    """Length [m] of every move as it is written; that of a spline is the path's own."""
+    chord = np.diff(points, axis=0).astype(np.float64)
+    length = np.sqrt((chord * chord).sum(axis=1))
+    arc = blocks.kind == ARC
+    start = (points[:-1, :2] - center)[arc].astype(np.float64)
+    end = (points[1:, :2] - center)[arc].astype(np.float64)
+    cross = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+    angle = np.mod(turn[arc] * np.arctan2(cross, (start * end).sum(axis=1)), 2.0 * np.pi)
+    length[arc] = 0.5 * (np.hypot(*start.T) + np.hypot(*end.T)) * angle
+    length *= MM * 10.0**-decimals
+    spline = blocks.kind == SPLINE
+    length[spline] = np.abs(blocks.s1 - blocks.s0)[spline]
+    return np.asarray(length)
+
+
+def _feeds(blocks: Blocks, length: Array, duration: Array) -> Array:
+    """Length over time; one feed for all moves of a constant-speed stretch, so that it is written once."""
+    works = (blocks.rapid == 0) & (blocks.kind != DWELL)
+    feed = np.where(works, length / duration, 0.0)
+    held = np.flatnonzero(works & (blocks.timed == 0))
+    of = np.unique(blocks.stretch[held], return_inverse=True)[1]
+    feed[held] = (np.bincount(of, length[held]) / np.bincount(of, duration[held]))[of]
+    return np.asarray(feed)

@@ -1,0 +1,123 @@
+"""What a path is made of, as far as cutting it into blocks goes."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from ph_post.geometry.joints import find_joints
+from ph_post.geometry.piece import Piece
+from ph_post.geometry.track import Track
+from ph_post.types import Array, IntArray
+
+LINE, ARC, SPLINE, CURVE = range(4)
+"""What a piece is to the writer: one G1, G2 or G3, one or more G5, or many chords."""
+
+SNAP = 1e-9
+"""Places closer than this [m] are one: 1 nm, the last decimal any dialect writes."""
+
+
+class Shape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The pieces of a track, grouped for the writer.
+
+    `kind` and `rapid` per piece. `marks` [m]: where a block has to end while the speed is constant, because
+    the kind changes there; `walls` [m]: where a block has to end in any case (sharp corners, beginnings and
+    ends of rapid segments). `center` (m, 2) [m], `radius` (m,) [m] and `turn` (m,) of arcs: +1 from the first
+    axis towards the second, -1 the other way, 0 where the piece is no arc.
+    """
+
+    track: Track
+    kind: IntArray
+    rapid: IntArray
+    marks: Array
+    walls: Array
+    center: Array
+    radius: Array
+    turn: IntArray
+
+    def wrapped(self, s: Array) -> Array:
+        """Bring places along the motion onto the track: another round on a closed path, else its end."""
+        length = self.track.length
+        if not self.track.closed:
+            return np.clip(s, 0.0, length)
+        return np.where((s < 0.0) | (s > length), np.mod(s, length), s)
+
+    def piece_at(self, s: Array) -> IntArray:
+        """Return the number of the piece at each place."""
+        number = np.searchsorted(self.track.starts, self.wrapped(s), side="right") - 1
+        return np.asarray(np.clip(number, 0, self.kind.size - 1), dtype=np.int64)
+
+    def positions(self, s: Array) -> Array:
+        """Return points of the path [m], shape (n, dimension)."""
+        piece, u = self.track.locate(self.wrapped(s))
+        return np.asarray(self.track.derivatives(piece, u, 0)[0])
+
+    def local(self, piece: IntArray, s: Array) -> Array:
+        """Parameter u of places on those pieces, their ends included."""
+        starts = self.track.starts
+        wrapped = self.wrapped(s)
+        found, u = self.track.locate(np.clip(wrapped, starts[piece], starts[piece + 1]))
+        return np.where(found == piece, u, (found > piece).astype(np.float64))
+
+
+def read_shape(track: Track, *, arcs: bool, splines: bool) -> Shape:
+    """Sort the pieces of a track by what they become; arcs and cubics become chords where not wanted."""
+    kind = np.array(
+        [_kind(piece, arcs, splines and track.dimension == 2) for piece in track.pieces], dtype=np.int64
+    )
+    rapid = _rapid(track)
+    joints = find_joints(track)
+    sharp = joints.s[joints.sharp]
+    before, after = kind[:-1], kind[1:]
+    changes = track.starts[1:-1][(before != after) | (before != CURVE)]
+    switches = track.starts[1:-1][np.diff(rapid) != 0]
+    walls = np.unique(np.concatenate([sharp, switches]))
+    center, radius, turn = _circles(track)
+    return Shape(
+        track=track,
+        kind=kind,
+        rapid=rapid,
+        marks=np.unique(np.concatenate([changes, walls])),
+        walls=walls,
+        center=center,
+        radius=radius,
+        turn=turn,
+    )
+
+
+def between(shape: Shape, marks: Array, s0: float, s1: float) -> Array:
+    """Select the marks between two places of the motion, in the order of travel, on any round of a loop."""
+    low, high = min(s0, s1), max(s0, s1)
+    if shape.track.closed:
+        length = shape.track.length
+        marks = np.append(marks, length) if high > length + SNAP or low < -SNAP else marks
+        rounds = np.arange(np.floor(low / length), np.ceil(high / length) + 1)
+        marks = (marks[None, :] + length * rounds[:, None]).ravel()
+    inside = np.sort(marks[(marks > low + SNAP) & (marks < high - SNAP)])
+    return inside if s1 > s0 else inside[::-1]
+
+
+def _kind(piece: Piece, arcs: bool, splines: bool) -> int:
+    if piece.kind == "arc":
+        return ARC if arcs else CURVE
+    degree = piece.control.shape[0] - 1
+    if degree == 1:
+        return LINE
+    return SPLINE if splines and piece.kind == "polynomial" and degree <= 3 else CURVE
+
+
+def _rapid(track: Track) -> IntArray:
+    segments = np.array([segment.rapid for segment in track.path.segments], dtype=np.int64)
+    return segments[track.segment]
+
+
+def _circles(track: Track) -> tuple[Array, Array, IntArray]:
+    """Centres, radii and senses of the arcs; zeros, infinity and 0 elsewhere."""
+    m = len(track.pieces)
+    center, radius, turn = np.zeros((m, 2)), np.full(m, np.inf), np.zeros(m, dtype=np.int64)
+    for group in track.groups:
+        if group.kind == "arc":
+            center[group.index] = group.control[:, 0, :2]
+            radius[group.index] = group.control[:, 1, 0]
+            turn[group.index] = np.sign(group.control[:, 2, 0])
+    return center, radius, turn

@@ -1,0 +1,178 @@
+"""From a plan to the text of a part program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode.blocks import cut_blocks
+from ph_post.gcode.dialect import Dialect, plane_of
+from ph_post.gcode.format import to_grid
+from ph_post.gcode.header import header_lines
+from ph_post.gcode.lines import LineWriter
+from ph_post.gcode.moves import Moves, round_blocks
+from ph_post.gcode.options import ProgramOptions, check_options
+from ph_post.gcode.seat import SEAT_FEED, find_seat
+from ph_post.gcode.warn import controller_warnings, plan_warnings
+from ph_post.geometry.track import Track
+from ph_post.types import Plan
+
+
+class Program(msgspec.Struct, frozen=True, kw_only=True):
+    """A part program.
+
+    `text`, its lines ended by a newline each; `warnings` in words; `moves` the number of moves on the path,
+    `time` [s] the time planned for them.
+    """
+
+    text: str
+    warnings: tuple[str, ...]
+    moves: int
+    time: float
+
+
+def write_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None) -> str:
+    """Return the text of :func:`make_program`."""
+    return make_program(plan, track, dialect, options).text
+
+
+def program_warnings(
+    plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None
+) -> tuple[str, ...]:
+    """Return the warnings of :func:`make_program`."""
+    return make_program(plan, track, dialect, options).warnings
+
+
+def make_program(
+    plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None
+) -> Program:
+    """Write a plan as a part program.
+
+    Parameters
+    ----------
+    plan : Plan
+    track : Track
+        Of the plan's path.
+    dialect : Dialect
+        See :func:`ph_post.gcode.registry.find_dialect`.
+    options : ProgramOptions, optional
+
+    Returns
+    -------
+    Program
+        The same input gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        Where an option cannot be, or the dialect cannot do what was asked for.
+    """
+    chosen = options or ProgramOptions()
+    inverse = chosen.feed_mode == "inverse-time"
+    if inverse and not dialect.capabilities.inverse_time:
+        what = f"the dialect {dialect.name} has no inverse time"
+        raise InputError("--feed-mode", what, expected="per-minute", got=chosen.feed_mode)
+    check_options(chosen, plan.path, plan.machine.servo_period)
+    return _Job(plan, track, dialect, chosen).program()
+
+
+class _Job:
+    """One program in the making."""
+
+    def __init__(self, plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions) -> None:
+        self.plan = plan
+        self.dialect = dialect
+        self.options = options
+        self.axes = plan.path.axes
+        blocks, self.shape = cut_blocks(plan, track, dialect, options)
+        self.moves = round_blocks(blocks, self.shape, dialect)
+        self.out = LineWriter(dialect, self.axes, options.chord_tolerance)
+        self.safe = self._height(options.safe_z)
+        self.depth = self._height(options.depth)
+
+    def program(self) -> Program:
+        """Header, opening, the cuts each with its approach, and the end."""
+        self.out.add(header_lines(self.plan, self.dialect, self.options))
+        self.out.add(self.dialect.opening(plane_of(self.axes)[0]))
+        for first, last, rapid in _groups(self.moves):
+            if rapid:
+                self._rapids(first, last)
+            else:
+                self._cut(first, last)
+        self._leave()
+        sizes = np.array(self.out.sizes)
+        warnings = (
+            *plan_warnings(self.plan, self.options, self.moves),
+            *controller_warnings(self.plan, self.dialect, self.options, self.moves, sizes),
+        )
+        text = "\n".join([*self.out.lines, ""])
+        time = float(self.moves.duration.sum())
+        return Program(text=text, warnings=warnings, moves=self.moves.kind.size, time=time)
+
+    def _rapids(self, first: int, last: int) -> None:
+        """Rapid segments, above the part where a safe height is known and the path has no heights itself."""
+        self.out.path_mode(exact=True)
+        if self.depth is not None:
+            self._lift()
+        if first == 0:
+            self.out.straight("G0", self._point(0))
+        self.out.moves(self.moves, first, last)
+
+    def _cut(self, first: int, last: int) -> None:
+        """Write the moves between rapids; only the first are approached where nothing lifts the tool."""
+        self.out.path_mode(exact=True)
+        if first == 0 or self.depth is not None:
+            self._approach(first, last)
+        self.out.path_mode(exact=False)
+        self.out.feed_mode(inverse=self.options.feed_mode == "inverse-time")
+        self.out.moves(self.moves, first, last)
+
+    def _approach(self, first: int, last: int) -> None:
+        """Go beside the start, then slowly onto it, each axis in the sense of its first motion, then down."""
+        start, offset = self._point(first), self._offset(first, last)
+        across = [axis for axis in self.axes if axis != "Z"]
+        self.out.feed_mode(inverse=False)
+        self._lift()
+        self.out.straight("G0", {axis: start[axis] + offset[axis] for axis in across})
+        if "Z" in start and self.safe is None:
+            self.out.straight("G0", {"Z": start["Z"] + offset["Z"]})
+        feed = min(SEAT_FEED, self.plan.path.feed)
+        self.out.straight("G1", {axis: start[axis] for axis in across if offset[axis] != 0}, feed)
+        depth = start.get("Z", self.depth)
+        if depth is not None:
+            self.out.straight("G1", {"Z": depth}, feed)
+
+    def _leave(self) -> None:
+        self.out.feed_mode(inverse=False)
+        self._lift()
+        self.out.add(self.dialect.closing)
+
+    def _lift(self) -> None:
+        if self.safe is not None:
+            self.out.straight("G0", {"Z": self.safe})
+
+    def _point(self, number: int) -> dict[str, int]:
+        return dict(zip(self.axes, self.moves.points[number].tolist(), strict=True))
+
+    def _offset(self, first: int, last: int) -> dict[str, int]:
+        s, end = float(self.moves.s0[first]), float(self.moves.s1[last - 1])
+        offset = find_seat(self.shape, self.axes, self.plan.machine, s, end)
+        return dict(zip(self.axes, to_grid(offset, self._decimals).tolist(), strict=True))
+
+    def _height(self, z: float | None) -> int | None:
+        return None if z is None else int(to_grid(z, self._decimals))
+
+    @property
+    def _decimals(self) -> int:
+        return self.dialect.capabilities.decimals
+
+
+def _groups(moves: Moves) -> Iterator[tuple[int, int, bool]]:
+    """Neighbouring moves that are all rapid, or none: (first, last + 1, rapid)."""
+    changes = (np.flatnonzero(np.diff(moves.rapid)) + 1).tolist()
+    for first, last in pairwise([0, *changes, moves.kind.size]):
+        yield first, last, bool(moves.rapid[first])
