@@ -1,0 +1,226 @@
+"""A path on a machine, and motions along it that keep the limits on every sample."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate.broken import Broken, find_broken
+from ph_post.compensate.caps import AxisLimits, axis_limits, build_caps
+from ph_post.compensate.limits import rounding
+from ph_post.compensate.motion import Motion
+from ph_post.compensate.nominal import Schedule, add_plateaus, first_nodes, plan_feed
+from ph_post.compensate.profile import mean, soften
+from ph_post.compensate.sites import Site, Stretch, stretches
+from ph_post.compensate.stretch import stretch_usage
+from ph_post.errors import LimitError
+from ph_post.geometry.track import Track
+from ph_post.types import Array, BoolArray, IntArray, Machine, frozen
+
+FLAT = 0.03
+"""A profile softened to less than this part of its depth is left out."""
+
+_MARGIN = 2e-3
+"""Part of every limit that the plan leaves unused, for what changes between the places it looks at."""
+
+_MOST_FOR_ROUNDING = 0.1
+"""The plan leaves no more than this part of a limit to the rounding of the samples."""
+
+_SLOWER = 0.98
+"""Beyond what the samples ask for, a stretch is slowed by this: the next plan meets it at other phases."""
+
+_SLOWEST_STEP = 0.3
+"""No stretch is slowed by more than this factor at once."""
+
+_ROUNDS = 60
+"""Rounds of planning, checking and slowing; one or two are usual."""
+
+_PATIENCE = 12
+"""Rounds after which everything is slowed, not only the stretches that break a limit."""
+
+_HALVINGS = 8
+"""Bisections of a profile's depth: to 1/256 of it."""
+
+
+class Settled(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A motion that keeps the limits.
+
+    `sites` are those it was planned for, with V_c as it came out; `depth` (sites,) is how much of each
+    profile was kept: 1 all of it, 0 none; `refused` tells why a profile was left out, by its number.
+    """
+
+    motion: Motion
+    sites: tuple[Site, ...]
+    depth: Array
+    refused: dict[int, str]
+
+
+class _Draft(NamedTuple):
+    """A motion not yet known to keep the limits."""
+
+    motion: Motion
+    sites: tuple[Site, ...]
+
+
+class Course:
+    """Plans motions along one path on one machine; what it learns about its limits it keeps.
+
+    Parameters
+    ----------
+    track : Track
+    machine : Machine
+    stops : Array
+        Arc lengths at which the motion stops [m].
+    moving : bool
+        Whether the motion begins and ends at feed.
+
+    Attributes
+    ----------
+    looped : bool
+        Whether the motion runs through the seam of a closed path.
+    factor : Array
+        How much slower than planned at first the motion is, at the points of `caps`.
+    """
+
+    def __init__(self, track: Track, machine: Machine, stops: Array, moving: bool) -> None:
+        self.track = track
+        self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
+        self.caps = build_caps(track, _planned(self.limits, track))
+        self.factor = np.ones(self.caps.s.size)
+        self.looped = moving and track.closed
+        self._nodes = first_nodes(track.length, stops, moving)
+
+    def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> Settled:
+        """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as wished.
+
+        Where samples break a limit the feed is lowered, or the profile softened, and all is planned again; as
+        a last resort everything is slowed down.
+
+        Raises
+        ------
+        LimitError
+            If no motion was found; not known to happen.
+        """
+        depth = np.ones(len(sites)) if depth is None else depth.copy()
+        refused: dict[int, str] = {}
+        for attempt in range(_ROUNDS):
+            draft = self._draft(sites, depth, refused)
+            broken = find_broken(self.track, self.limits, draft.motion)
+            if not broken.factor.size:
+                return Settled(motion=draft.motion, sites=draft.sites, depth=depth, refused=refused)
+            guilty, elsewhere = self._guilty(draft, broken, depth)
+            self._soften(draft, guilty, depth, refused)
+            self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)
+        left = f"{broken.factor.size} stretches of samples still break one"
+        raise LimitError(f"no motion keeps the limits of the axes: {left}")
+
+    def _draft(self, sites: tuple[Site, ...], depth: Array, refused: dict[int, str]) -> _Draft:
+        """Plan the feed with a plateau for every profile, and put the profiles on them."""
+        laid: list[Stretch] = []
+        for number in np.flatnonzero(depth).tolist():
+            parts = self._lay(number, sites[number], depth[number])
+            if isinstance(parts, str):
+                refused[number], depth[number] = parts, 0.0
+            else:
+                laid += parts
+        s0, s1, level = np.array([(part.s0, part.s1, part.cruise) for part in laid]).reshape(-1, 3).T
+        nodes = add_plateaus(self._nodes, s0, s1, level, np.arange(len(laid)))
+        schedule = plan_feed(self.caps.slowed(self.factor), nodes)
+        cruise = {number: site.cruise for number, site in enumerate(sites)}
+        for row in np.flatnonzero(schedule.window >= 0).tolist():
+            cruise[laid[schedule.window[row]].site] = float(schedule.speed[row, 0])
+        planned = (msgspec.structs.replace(site, cruise=cruise[k]) for k, site in enumerate(sites))
+        return _Draft(assemble(schedule, sites, laid), tuple(planned))
+
+    def _lay(self, number: int, site: Site, depth: float) -> list[Stretch] | str:
+        """Put a profile on the path so deep, or say why that cannot be done."""
+        return stretches(number, site, soften(site.coefficients, 1.0 - depth), self.track.length)
+
+    def _guilty(self, draft: _Draft, broken: Broken, depth: Array) -> tuple[IntArray, BoolArray]:
+        """Tell whose fault it is.
+
+        Returns
+        -------
+        guilty : IntArray
+            Numbers of the sites whose profiles break limits that a constant feed in their place would keep.
+        elsewhere : BoolArray
+            Which of the broken stretches no such profile has a part in.
+        """
+        motion = draft.motion
+        first, last = motion.phase_at(broken.t0), motion.phase_at(broken.t1)
+        between = [set(motion.window[i : j + 1].tolist()) for i, j in zip(first, last, strict=True)]
+        suspects = set().union(*between) - {-1}
+        rows = [k for k, site in enumerate(draft.sites) if site.window in suspects and depth[k] > 0.0]
+        numbers = np.array(rows, dtype=np.int64)
+        guilty = numbers[self._usage(draft, numbers, np.zeros(depth.size)) <= 1.0]
+        windows = {draft.sites[k].window for k in guilty.tolist()}
+        return guilty, np.array([not windows & found for found in between], dtype=np.bool_)
+
+    def _usage(self, draft: _Draft, numbers: IntArray, depth: Array) -> Array:
+        """Largest use of a limit on each of the sites `numbers`, were their profiles of that depth."""
+        parts: list[Stretch] = []
+        for number in numbers.tolist():
+            found = self._lay(number, draft.sites[number], depth[number])
+            parts += [] if isinstance(found, str) else found
+        worst = np.zeros(len(draft.sites))
+        np.maximum.at(worst, [part.site for part in parts], stretch_usage(self.track, self.limits, parts))
+        return np.asarray(worst[numbers])
+
+    def _soften(self, draft: _Draft, guilty: IntArray, depth: Array, refused: dict[int, str]) -> None:
+        """Make guilty profiles as shallow as the limits ask for, by bisection on dense samples."""
+        if not guilty.size:
+            return
+        low, high = np.zeros(depth.size), depth.copy()
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            fits = np.zeros(depth.size, dtype=np.bool_)
+            fits[guilty] = self._usage(draft, guilty, middle) <= 1.0
+            low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+        # What looked right on dense samples and broke a limit all the same is made a little shallower.
+        depth[guilty] = np.minimum(low[guilty], 0.9 * depth[guilty])
+        for number in guilty[depth[guilty] < FLAT].tolist():
+            depth[number] = 0.0
+            refused[number] = "every profile worth having breaks a limit of the axes"
+
+    def _slow(self, broken: Broken, everything: bool) -> None:
+        """Lower the caps on the stretches, and a little everywhere if nothing else helped."""
+        s = self.caps.s
+        first = np.maximum(np.searchsorted(s, broken.s0, side="right") - 1, 0)
+        last = np.minimum(np.searchsorted(s, broken.s1, side="left"), s.size - 1)
+        for i, j, factor in zip(np.minimum(first, last), np.maximum(first, last), broken.factor, strict=True):
+            self.factor[i : j + 1] *= max(_SLOWER * factor, _SLOWEST_STEP)
+        if everything:
+            self.factor *= _SLOWER * max(float(broken.factor.min(initial=1.0)), _SLOWEST_STEP)
+
+
+def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[Stretch]) -> Motion:
+    """Replace the plateaus of a schedule by the profiles laid on them."""
+    duration, window = schedule.duration.copy(), np.full(schedule.s.size, -1)
+    group, row = np.zeros(schedule.s.size, dtype=np.int64), np.arange(schedule.s.size)
+    tables: dict[int, list[Array]] = {}
+    for k in np.flatnonzero(schedule.window >= 0).tolist():
+        part = laid[schedule.window[k]]
+        cruise = schedule.speed[k, 0]
+        table = tables.setdefault(part.coefficients.size, [])
+        duration[k] = (part.s1 - part.s0) / (cruise * mean(part.coefficients))
+        window[k] = sites[part.site].window
+        group[k], row[k] = 1 + list(tables).index(part.coefficients.size), len(table)
+        table.append(cruise * part.coefficients)
+    speeds = [schedule.speed, *(np.array(table) for table in tables.values())]
+    return Motion(duration, schedule.s, speeds, group, row, window)
+
+
+def _planned(limits: AxisLimits, track: Track) -> AxisLimits:
+    """Limits for the planner, a little inside those of the machine."""
+    feeds = [track.path.feed if one.feed is None else one.feed for one in track.path.segments]
+    every = np.arange(len(track.pieces))
+    extent = float(np.abs(track.derivatives(every, np.zeros(every.size))).max())
+    # The duration is not known yet; a few times the one at the lowest feed will not be far off.
+    noise = rounding(extent, track.length, 4.0 * track.length / min(feeds), max(feeds))
+    planned = []
+    for order, limit in enumerate(limits.values, start=1):
+        shown = np.minimum(noise * (2.0 / limits.period) ** order, _MOST_FOR_ROUNDING * limit)
+        planned.append((1.0 - _MARGIN) * limit - shown)
+    return AxisLimits(values=frozen(planned), period=limits.period)

@@ -1,0 +1,193 @@
+"""Fit the profiles that a strategy wants to the path, the limits and the user's options."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate import words
+from ph_post.compensate.course import FLAT, Course, Settled
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.profile import half_duration, half_length, lowest, mean, middle_ratio, soften
+from ph_post.compensate.sites import FeedAlong, Site, find_site
+from ph_post.compensate.strategies.base import Wish
+from ph_post.types import Array, BoolArray, FeedProfile, Window, frozen
+from ph_post.units import MM_PER_MIN, MS
+
+_ROUNDS = 8
+"""Times that the profiles are fitted again after limits or options changed them; one or two are usual."""
+
+_SAME = 1e-9
+"""Relative differences below this are none."""
+
+_BISECTIONS = 60
+
+
+class Fitted(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The settled motion, one profile or None a window, and what there is to say."""
+
+    settled: Settled
+    profiles: tuple[FeedProfile | None, ...]
+    warnings: tuple[str, ...]
+
+
+class Fitter:
+    """Fits profiles to one course.
+
+    Parameters
+    ----------
+    course : Course
+    before : Settled
+        The plain plan.
+    windows : tuple of Window
+    wishes : tuple of Wish
+        One a window.
+    options : PlanOptions
+    """
+
+    def __init__(
+        self,
+        course: Course,
+        before: Settled,
+        windows: tuple[Window, ...],
+        wishes: tuple[Wish, ...],
+        options: PlanOptions,
+    ) -> None:
+        self.course, self.before, self.windows, self.wishes = course, before, windows, wishes
+        self.options = options
+        self._said: list[tuple[tuple[int, ...], str]] = []
+        self._causes: dict[int, set[str]] = {}
+
+    def fit(self) -> Fitted:
+        """Place the profiles, then soften and shorten them until everything holds at once."""
+        sites = self._find_sites()
+        settled = self.before
+        depth = self._above_least_feed(sites, np.ones(len(sites)))
+        for _ in range(_ROUNDS if sites else 0):
+            settled = self.course.settle(sites, depth)
+            self._blame(settled.depth < depth, "the limits of the axes")
+            sites = tuple(map(self._resize, settled.sites, settled.depth.tolist()))
+            depth = self._above_least_feed(sites, settled.depth * self._affordable(settled))
+            if np.all(depth == settled.depth) and sites == settled.sites:
+                break
+        profiles = self._profiles(settled)
+        return Fitted(settled=settled, profiles=profiles, warnings=tuple(words.about_points(self._said)))
+
+    def _find_sites(self) -> tuple[Site, ...]:
+        """Place every profile that is wanted, and say why others are not."""
+        track, looped = self.course.track, self.course.looped
+        feed = FeedAlong(self.before.motion, self.course.limits.period, track.length, looped)
+        wanted = [k for k, wish in enumerate(self.wishes) if wish.coefficients is not None]
+        for k, wish in enumerate(self.wishes):
+            if wish.coefficients is None and wish.note:
+                self._say(k, f"left alone: {wish.note}")
+        rooms = _rooms(np.array([self.windows[k].s for k in wanted]), track.length, looped)
+        sites = []
+        for k, room in zip(wanted, rooms.tolist(), strict=True):
+            found = find_site(k, self.windows[k], self.wishes[k], feed, room)
+            if isinstance(found, str):
+                self._say(k, f"left alone: {found}")
+            else:
+                sites.append(found)
+        return tuple(sites)
+
+    def _resize(self, site: Site, depth: float) -> Site:
+        """Shorten a site where the user's own duration asks for it."""
+        if self.options.t_star is None:
+            return site
+        wanted = half_length(soften(site.coefficients, 1.0 - depth), site.cruise, self.options.t_star)
+        return msgspec.structs.replace(site, half=wanted) if wanted < site.half * (1.0 - _SAME) else site
+
+    def _above_least_feed(self, sites: tuple[Site, ...], depth: Array) -> Array:
+        """Depths at which no profile falls below the least feed."""
+        if self.options.min_feed is None or not sites:
+            return depth
+        dip = np.array([1.0 - lowest(site.coefficients) for site in sites])
+        room = np.array([1.0 - self.options.min_feed / site.cruise for site in sites])
+        most = np.where(dip > 0.0, np.clip(room, 0.0, None) / np.where(dip > 0.0, dip, 1.0), np.inf)
+        # Rounding must not take the feed below the one asked for.
+        limited = np.minimum(depth, np.where(most < FLAT, 0.0, most * (1.0 - _SAME)))
+        self._blame(limited < depth, "the least feed")
+        return np.asarray(np.where(limited < depth * (1.0 - 2.0 * _SAME), limited, depth))
+
+    def _affordable(self, settled: Settled) -> float:
+        """Part of their depth that all profiles may keep without the cycle time growing too much."""
+        budget = self.before.motion.end * (1.0 + self.options.max_slowdown)
+        if self.options.chosen_by_user or settled.motion.end <= budget * (1.0 + _SAME):
+            return 1.0
+        flat = np.array([2.0 * site.half / site.cruise for site in settled.sites])
+        loss = settled.depth * np.array([1.0 - mean(site.coefficients) for site in settled.sites])
+
+        def extra(part: float) -> float:
+            return float(np.sum(flat * (1.0 / (1.0 - part * loss) - 1.0)))
+
+        allowed = budget - (settled.motion.end - extra(1.0))
+        low, high = 0.0, 1.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if extra(middle) <= allowed else (low, middle)
+        cause = f"a cycle time at most {100.0 * self.options.max_slowdown:g} % longer"
+        self._blame(settled.depth > 0.0, cause)
+        return low if low * float(settled.depth.max()) >= FLAT else 0.0
+
+    def _profiles(self, settled: Settled) -> tuple[FeedProfile | None, ...]:
+        profiles: list[FeedProfile | None] = [None] * len(self.windows)
+        for number, (site, depth) in enumerate(zip(settled.sites, settled.depth.tolist(), strict=True)):
+            if depth == 0.0:
+                why = settled.refused.get(number) or f"nothing worth having is left by {self._why(number)}"
+                self._say(site.window, f"left alone: {why}")
+                continue
+            notes = [*site.notes, *self._softened(number, site, depth)]
+            for note in notes:
+                self._say(site.window, note)
+            profiles[site.window] = _profile(site, depth, notes)
+        return tuple(profiles)
+
+    def _softened(self, number: int, site: Site, depth: float) -> list[str]:
+        """Say what of a profile was not to be had."""
+        notes = []
+        coefficients = soften(site.coefficients, 1.0 - depth)
+        if depth < 1.0:
+            notes.append(
+                f"softened for {self._why(number)}: V(1/2)/V_c = {middle_ratio(coefficients):.3g} "
+                f"in place of {middle_ratio(site.coefficients):.3g}"
+            )
+        t_star = half_duration(coefficients, site.cruise, site.half)
+        wanted = self.options.t_star
+        if wanted is not None and abs(t_star - wanted) > 1e-6 * wanted:
+            notes.append(f"t* = {t_star / MS:.4g} ms in place of {wanted / MS:.4g} ms")
+        if self.options.min_feed is not None and site.cruise < self.options.min_feed:
+            notes.append(
+                f"the feed around it, {site.cruise / MM_PER_MIN:.4g} mm/min, is below the least feed"
+            )
+        return notes
+
+    def _blame(self, which: BoolArray, cause: str) -> None:
+        for number in np.flatnonzero(which).tolist():
+            self._causes.setdefault(number, set()).add(cause)
+
+    def _why(self, number: int) -> str:
+        return " and ".join(sorted(self._causes.get(number, {"the limits of the axes"})))
+
+    def _say(self, window: int, text: str) -> None:
+        self._said.append((self.windows[window].members, text))
+
+
+def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
+    coefficients = soften(site.coefficients, 1.0 - depth)
+    return FeedProfile(
+        window=site.window, coefficients=frozen(coefficients), cruise=site.cruise,
+        t_star=half_duration(coefficients, site.cruise, site.half), s_star=site.half,
+        ratio=middle_ratio(coefficients), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _rooms(s: Array, length: float, looped: bool) -> Array:
+    """Half the distance from every place to the nearest other one; `s` ascends."""
+    if s.size == 0 or (s.size == 1 and not looped):
+        return np.full(s.size, np.inf)
+    gap = np.diff(np.concatenate([[s[-1] - length], s, [s[0] + length]]))
+    if not looped:
+        gap[[0, -1]] = np.inf
+    rooms: Array = 0.5 * np.minimum(gap[:-1], gap[1:])
+    return rooms

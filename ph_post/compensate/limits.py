@@ -1,0 +1,117 @@
+"""Whether sampled motion stays inside the limits of the axes.
+
+Velocity, acceleration and jerk of samples are their first, second and third differences over the period's
+first, second and third power.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate.caps import AxisLimits, axis_limits
+from ph_post.types import Array, Command, IntArray, Machine
+
+Quantity = Literal["velocity", "acceleration", "jerk"]
+
+QUANTITIES: tuple[Quantity, ...] = ("velocity", "acceleration", "jerk")
+"""By the order of the difference, less one."""
+
+
+class Violation(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch of samples on which one axis breaks one limit, told by its worst place.
+
+    `t` [s] and `s` [m] are those of the first sample of the difference; `value` and `limit` in SI units.
+    """
+
+    axis: str
+    quantity: Quantity
+    t: float
+    s: float
+    value: float
+    limit: float
+
+
+def rounding(extent: float, length: float, duration: float, speed: float) -> float:
+    """How far rounding may move one sampled position [m].
+
+    A position of size `extent` [m] is a sum of some products, right to about four units in its last place; so
+    is the arc length, up to `length` [m]; and time is counted up to `duration` [s], where half a unit in its
+    last place, in the instant as in the phase's beginning, moves the tool at `speed` [m/s].
+    """
+    return float(np.finfo(np.float64).eps * (4.0 * (extent + length) + duration * speed))
+
+
+def differences(position: Array, order: int, period: float) -> Array:
+    """Difference of an order over that power of the period, shape (rows - order, dim)."""
+    d: Array = np.diff(position, order, axis=0) / period**order
+    return d
+
+
+def usage(position: Array, limits: AxisLimits, order: int, noise: float) -> Array:
+    """Ratio of what every axis does to what it may, shape (rows - order, dim); more than 1 breaks a limit.
+
+    Rounding of the positions by `noise` [m] shows 2^order-fold in a difference and is allowed for.
+    """
+    allowed = limits.of_order(order) + noise * (2.0 / limits.period) ** order
+    ratio: Array = np.abs(differences(position, order, limits.period)) / allowed
+    return ratio
+
+
+def at_rest_before_and_after(position: Array, before: bool, after: bool) -> Array:
+    """Add the samples of a machine that stands still before and after, three each: as many as show."""
+    first = np.repeat(position[:1], 3 if before else 0, axis=0)
+    last = np.repeat(position[-1:], 3 if after else 0, axis=0)
+    padded: Array = np.concatenate([first, position, last])
+    return padded
+
+
+def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
+    """Find every stretch on which the samples of `command` break a limit of the machine.
+
+    Where the motion begins or ends with a feed of zero the machine stands still before or after it.
+
+    Returns
+    -------
+    tuple of Violation
+        Ordered by axis, quantity and time; empty where all is well. Rounding is allowed for, nothing else.
+    """
+    before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
+    position = at_rest_before_and_after(command.position, before, after)
+    extent, speed = float(np.abs(command.position).max()), float(np.abs(command.feed).max())
+    noise = rounding(extent, float(command.s.max()), float(command.t[-1]), speed)
+    found: list[Violation] = []
+    for number, axis in enumerate(command.axes):
+        limits = axis_limits((axis,), machine, command.period)
+        for order, quantity in enumerate(QUANTITIES, start=1):
+            value = np.abs(differences(position[:, number], order, command.period))
+            broken = usage(position[:, number : number + 1], limits, order, noise)[:, 0] > 1.0
+            for run in runs(np.flatnonzero(broken)):
+                worst = int(run[np.argmax(value[run])])
+                row = min(max(worst - (3 if before else 0), 0), command.t.size - 1)
+                found.append(
+                    _violation(command, row, axis, quantity, value[worst], limits.of_order(order)[0])
+                )
+    return tuple(found)
+
+
+def _violation(
+    command: Command, row: int, axis: str, quantity: Quantity, value: float, limit: float
+) -> Violation:
+    return Violation(
+        axis=axis, quantity=quantity, t=float(command.t[row]), s=float(command.s[row]),
+        value=float(value), limit=float(limit),
+    )  # fmt: skip
+
+
+def runs(rows: IntArray) -> list[IntArray]:
+    """Cut sorted row numbers into runs of consecutive ones.
+
+    Examples
+    --------
+    >>> [run.tolist() for run in runs(np.array([3, 4, 7]))]
+    [[3, 4], [7]]
+    """
+    return np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []

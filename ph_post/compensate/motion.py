@@ -1,0 +1,136 @@
+"""Phases as one function of time, evaluated at many instants at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ph_post.geometry.bernstein import integrate
+from ph_post.types import Array, IntArray, Phase, frozen
+
+_CHUNK = 1 << 14
+"""Instants evaluated at a time: what is at work stays in the processor's cache."""
+
+_WHOLE = 1e-9
+"""A duration this part of a period short of a whole number of periods counts as whole."""
+
+
+class Motion:
+    """Arc length and speed as functions of time.
+
+    Parameters
+    ----------
+    duration, s : Array, shape (m,)
+        Duration [s] of the phases, one after the other, and arc length [m] at their beginning.
+    speeds : sequence of Array
+        Groups of phases of one degree n: Bernstein coefficients of the speed [m/s], shape (k, n + 1).
+    group, row : IntArray, shape (m,)
+        Group of every phase, and its row there.
+    window : IntArray, shape (m,)
+        Index of the window that a phase modulates, -1 elsewhere.
+    """
+
+    def __init__(
+        self,
+        duration: Array,
+        s: Array,
+        speeds: Sequence[Array],
+        group: IntArray,
+        row: IntArray,
+        window: IntArray,
+    ) -> None:
+        self.duration, self.s, self.window = duration, s, window
+        ends = np.cumsum(duration)
+        self.start = np.concatenate([[0.0], ends[:-1]])
+        self.end = float(ends[-1])
+        self.speeds = tuple(speeds)
+        self.group, self.row = group, row
+        self._speed = [np.ascontiguousarray(one.T) for one in speeds]
+        self._way = [np.ascontiguousarray(integrate(one).T) for one in speeds]
+
+    @classmethod
+    def from_phases(cls, phases: Sequence[Phase]) -> Motion:
+        """Gather phases by degree."""
+        sizes = np.array([phase.speed.size for phase in phases])
+        kinds, group = np.unique(sizes, return_inverse=True)
+        row = np.zeros(sizes.size, dtype=np.int64)
+        speeds = []
+        for number in range(kinds.size):
+            members = np.flatnonzero(group == number)
+            row[members] = np.arange(members.size)
+            speeds.append(np.array([phases[k].speed for k in members.tolist()]))
+        duration, s = np.array([(phase.duration, phase.s) for phase in phases]).T
+        return cls(duration, s, speeds, group, row, np.array([phase.window for phase in phases]))
+
+    def phases(self) -> tuple[Phase, ...]:
+        """Return the phases as records."""
+        tables = [frozen(one) for one in self.speeds]
+        columns = (self.start, self.duration, self.s, self.group, self.row, self.window)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return tuple(
+            Phase(start=start, duration=duration, s=s, speed=tables[group][row], window=window)
+            for start, duration, s, group, row, window in rows
+        )
+
+    @property
+    def ends_at_rest(self) -> bool:
+        """Whether the speed is zero at the end."""
+        return float(self.speeds[self.group[-1]][self.row[-1], -1]) == 0.0
+
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether the speed is zero at the beginning."""
+        return float(self.speeds[self.group[0]][self.row[0], 0]) == 0.0
+
+    def phase_at(self, t: Array) -> IntArray:
+        """Return the number of the phase at every instant: at a boundary the later one, at last the last."""
+        return np.clip(np.searchsorted(self.start, t, side="right") - 1, 0, self.start.size - 1)
+
+    def place_and_feed(self, t: Array) -> tuple[Array, Array]:
+        """Arc length [m] and speed [m/s] at `t` [s]; before the start and after the end what holds there."""
+        t = np.asarray(t, dtype=np.float64)
+        s, feed = np.empty(t.size), np.empty(t.size)
+        for first in range(0, t.size, _CHUNK):
+            part = slice(first, first + _CHUNK)
+            self._chunk(t[part], s[part], feed[part])
+        return s, feed
+
+    def _chunk(self, t: Array, s: Array, feed: Array) -> None:
+        phase = self.phase_at(t)
+        duration = self.duration[phase]
+        tau = np.clip((t - self.start[phase]) / duration, 0.0, 1.0)
+        group, row = self.group[phase], self.row[phase]
+        for number, (speed, way) in enumerate(zip(self._speed, self._way, strict=True)):
+            mine = np.flatnonzero(group == number)
+            if mine.size:
+                feed[mine] = _evaluate(speed, row[mine], tau[mine])
+                s[mine] = _evaluate(way, row[mine], tau[mine])
+        s *= duration
+        s += self.s[phase]
+
+
+def row_times(motion: Motion, period: float) -> Array:
+    """Instants of samples [s]: multiples of the period up to the end, or just beyond an end at rest."""
+    periods = motion.end / period
+    rows = math.ceil(periods - _WHOLE) if motion.ends_at_rest else math.floor(periods + _WHOLE)
+    times: Array = np.arange(max(rows, 0) + 1, dtype=np.float64) * period
+    return times
+
+
+def _evaluate(columns: Array, row: IntArray, tau: Array) -> Array:
+    """Bernstein polynomials of coefficients ``columns[:, row]`` at `tau`."""
+    n = len(columns) - 1
+    up, down = _powers(tau, n), _powers(1.0 - tau, n)
+    value = np.zeros(tau.size)
+    for k in range(n + 1):
+        value += math.comb(n, k) * up[k] * down[n - k] * columns[k].take(row)
+    return value
+
+
+def _powers(x: Array, most: int) -> list[Array]:
+    powers = [np.ones_like(x)]
+    for _ in range(most):
+        powers.append(powers[-1] * x)
+    return powers

@@ -1,0 +1,48 @@
+"""What the user may ask of a plan."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+
+class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """How to plan the feed.
+
+    Parameters
+    ----------
+    strategy : str
+        Name of a registered strategy.
+    start : {"rest", "moving"}
+        Begin and end at rest, or hold the feed from end to end.
+    ratio : float, optional
+        V(½) / V_c of every profile; 0.25 where neither it nor `coefficients` is given.
+    degree : int, optional
+        n of Eq. (26), even; 10 where not given.
+    t_star : float, optional
+        Half duration of every profile [s]; the smaller of the window and four backlash intervals by default.
+    coefficients : tuple of float, optional
+        All V_k / V_c of Eq. (26), in place of `ratio` and `degree`.
+    allow_retrograde : bool
+        Whether the feed may become negative.
+    min_feed : float, optional
+        Lowest feed in a profile [m/s].
+    max_slowdown : float
+        How much the cycle time may grow, relative; not for a `ratio` or `coefficients` of the user's own.
+    """
+
+    strategy: str = "suppress"
+    start: Literal["rest", "moving"] = "rest"
+    ratio: float | None = None
+    degree: int | None = None
+    t_star: float | None = None
+    coefficients: tuple[float, ...] | None = None
+    allow_retrograde: bool = False
+    min_feed: float | None = None
+    max_slowdown: float = 0.1
+
+    @property
+    def chosen_by_user(self) -> bool:
+        """Whether the depth of the profiles is the user's own."""
+        return self.ratio is not None or self.coefficients is not None

@@ -1,0 +1,176 @@
+"""Ramps of limited acceleration and jerk between two speeds, with zero acceleration at both ends.
+
+A ramp rises with constant jerk, may hold its acceleration for a while, and ends with constant jerk the other
+way; it is symmetric, so its mean speed is the mean of its ends. Speeds [m/s], distances [m], acceleration
+a [m/s²] and jerk j [m/s³] are arrays that broadcast, unless a function says that it takes single numbers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ph_post.types import Array, IntArray
+
+_BISECTIONS = 60
+"""Halvings that reach the last bit of a double from an interval of its own size."""
+
+
+def ramp_time(v0: Array, v1: Array, a: Array, j: Array) -> Array:
+    """Shortest time [s] of a ramp from v0 to v1, up or down."""
+    change = np.abs(v1 - v0)
+    time: Array = np.where(change * j <= a * a, 2.0 * np.sqrt(change / j), change / a + a / j)
+    return time
+
+
+def ramp_distance(v0: Array, v1: Array, a: Array, j: Array) -> Array:
+    """Path [m] that the shortest ramp from v0 to v1 takes."""
+    distance: Array = 0.5 * (v0 + v1) * ramp_time(v0, v1, a, j)
+    return distance
+
+
+def reachable(v: float, distance: float, a: float, j: float) -> float:
+    """Highest speed that a ramp from `v` reaches within `distance`; single numbers.
+
+    The cubic (2 v + x) √(x / j) = distance without, the quadratic (v + x / 2) (x / a + a / j) = distance with
+    a stretch of constant acceleration, x being the change of speed.
+
+    Examples
+    --------
+    >>> round(reachable(0.0, 1.0, a=10.0, j=1.0), 12)
+    1.0
+    """
+    change = a * a / j
+    if (2.0 * v + change) * math.sqrt(change / j) <= distance:
+        half = v + 0.5 * change
+        root = math.sqrt(half * half + 2.0 * (a * distance - v * change))
+        change = 2.0 * (a * distance - v * change) / (half + root)
+    else:
+        y = real_root(2.0 * v / j, distance / j)
+        change = j * y * y
+    # The last bits are given away, so that what was called reachable is within the distance.
+    return v + change * (1.0 - 1e-14)
+
+
+def real_root(p: float, q: float) -> float:
+    """Real root y >= 0 of y³ + p y = q with p, q >= 0.
+
+    Examples
+    --------
+    >>> round(real_root(1.0, 10.0), 12)
+    2.0
+    """
+    cube = math.cbrt(q)
+    # Where the linear term cannot show, the hyperbolic form would divide by nothing.
+    if p <= 1e-30 * cube * cube or q == 0.0:
+        return cube
+    scale = math.sqrt(p / 3.0)
+    return 2.0 * scale * math.sinh(math.asinh(1.5 * q / (p * scale)) / 3.0)
+
+
+def peak_speed(v0: Array, v1: Array, ceiling: Array, distance: Array, a: Array, j: Array) -> Array:
+    """Highest speed <= `ceiling` from which a ramp leads back to v1 within `distance`; at least max(v0, v1).
+
+    All arrays have one shape. The path taken grows with the peak, so it is bisected to the last bit.
+    """
+    low = np.maximum(v0, v1)
+    high = np.maximum(ceiling, low)
+
+    def taken(peak: Array, rows: IntArray) -> Array:
+        first = ramp_distance(v0[rows], peak, a[rows], j[rows])
+        return np.asarray(first + ramp_distance(peak, v1[rows], a[rows], j[rows]))
+
+    rows = np.flatnonzero(taken(high, np.arange(low.size)) > distance)
+    lower, upper = low[rows], high[rows]
+    for _ in range(_BISECTIONS if rows.size else 0):
+        middle = 0.5 * (lower + upper)
+        fits = taken(middle, rows) <= distance[rows]
+        lower, upper = np.where(fits, middle, lower), np.where(fits, upper, middle)
+    peak = high.copy()
+    peak[rows] = lower
+    return peak
+
+
+def state_on_ramp(v0: Array, v1: Array, x: Array, a: Array, j: Array) -> tuple[Array, Array]:
+    """Speed and acceleration at the distance `x` from the lower end of a ramp between v0 <= v1.
+
+    The two ends are cubics in time, solved in closed form; between them v² is linear in x.
+    """
+    change = v1 - v0
+    t1 = np.minimum(a / j, np.sqrt(change / j))
+    dv = 0.5 * j * t1 * t1
+    length = ramp_distance(v0, v1, a, j)
+    x_low = t1 * (v0 + dv / 3.0)
+    x_high = length - t1 * (v1 - dv / 3.0)
+    t_low = np.minimum(_time_from_low(v0, np.minimum(x, x_low), j), t1)
+    t_high = np.minimum(_time_to_high(v1, length - np.maximum(x, x_high), j), t1)
+    between = np.sqrt((v0 + dv) ** 2 + 2.0 * a * np.clip(x - x_low, 0.0, None))
+    early, late = x <= x_low, x >= x_high
+    speed = np.where(early, v0 + 0.5 * j * t_low**2, np.where(late, v1 - 0.5 * j * t_high**2, between))
+    acceleration = np.where(early, j * t_low, np.where(late, j * t_high, a))
+    return np.clip(speed, v0, v1), acceleration
+
+
+def _time_from_low(v: Array, x: Array, j: Array) -> Array:
+    """Solve v t + j t³ / 6 = x for t >= 0."""
+    p, q = 6.0 * v / j, 6.0 * np.maximum(x, 0.0) / j
+    cube = np.cbrt(q)
+    plain = p <= 1e-30 * cube * cube
+    scale = np.sqrt(np.where(plain, 1.0, p) / 3.0)
+    bent = 2.0 * scale * np.sinh(np.arcsinh(1.5 * q / (np.where(plain, 1.0, p) * scale)) / 3.0)
+    return np.where(plain, cube, bent)
+
+
+def _time_to_high(v: Array, y: Array, j: Array) -> Array:
+    """Solve v t - j t³ / 6 = y for the smaller t >= 0."""
+    p, q = 6.0 * v / j, 6.0 * np.maximum(y, 0.0) / j
+    scale = np.sqrt(p / 3.0)
+    still = scale == 0.0
+    sine = np.where(still, 0.0, 0.5 * q / np.where(still, 1.0, scale) ** 3)
+    time: Array = 2.0 * scale * np.sin(np.arcsin(np.minimum(sine, 1.0)) / 3.0)
+    return time
+
+
+def curve_phases(
+    v0: Array, peak: Array, v1: Array, distance: Array, a: Array, j: Array
+) -> tuple[Array, Array]:
+    """Seven phases of constant jerk from v0 over `peak` to v1; a phase that is not needed lasts 0 s.
+
+    Parameters
+    ----------
+    v0, peak, v1, distance, a, j : Array, shape (m,)
+
+    Returns
+    -------
+    durations : Array, shape (m, 7)
+    speeds : Array, shape (m, 7, 3)
+        Bernstein coefficients of the speed in every phase.
+    """
+    up_times, up_speeds = _ramp_phases(v0, peak, a, j)
+    down_times, down_speeds = _ramp_phases(v1, peak, a, j)
+    left = distance - ramp_distance(v0, peak, a, j) - ramp_distance(peak, v1, a, j)
+    cruise = np.maximum(left, 0.0) / np.where(peak > 0.0, peak, 1.0)
+    durations = np.concatenate([up_times, cruise[:, None], down_times[:, ::-1]], axis=1)
+    flat = np.repeat(peak[:, None, None], 3, axis=2)
+    speeds = np.concatenate([up_speeds, flat, down_speeds[:, ::-1, ::-1]], axis=1)
+    return durations, speeds
+
+
+def _ramp_phases(low: Array, high: Array, a: Array, j: Array) -> tuple[Array, Array]:
+    """Durations (m, 3) and speed coefficients (m, 3, 3) of the ramp up from `low` to `high`."""
+    change = high - low
+    t1 = np.minimum(a / j, np.sqrt(change / j))
+    t2 = np.maximum(change / a - a / j, 0.0)
+    dv = 0.5 * j * t1 * t1
+    first, last = low + dv, high - dv
+    durations = np.stack([t1, t2, t1], axis=1)
+    speeds = np.stack(
+        [
+            np.stack([low, low, first], axis=1),
+            np.stack([first, 0.5 * (first + last), last], axis=1),
+            np.stack([last, high, high], axis=1),
+        ],
+        axis=1,
+    )
+    return durations, speeds

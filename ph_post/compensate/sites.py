@@ -1,0 +1,207 @@
+"""Where the profiles go: how much of a window has room for one, and at which feed.
+
+A site is a stretch of path with one profile on it. It begins and ends at the feed V_c, which is the lowest
+that the plain plan has on it, so that a plateau of that feed can be had there without going any faster.
+"""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate import profile
+from ph_post.compensate.motion import Motion
+from ph_post.compensate.strategies.base import Wish
+from ph_post.geometry.bernstein import evaluate, subdivide
+from ph_post.types import Array, Window
+from ph_post.units import MM, MS
+
+STEADY = 0.95
+"""Part of the feed at the turning point that the plain plan must keep all over a site."""
+
+SLOWEST = 0.5
+"""Likewise where a site would otherwise be too short for the backlash interval."""
+
+SAME_PLACE = 1e-12
+"""Lengths of path below this [m] are none."""
+
+
+class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A profile's place: [s - half, s + half] [m] along the path, entered and left at `cruise` [m/s].
+
+    `window` is the index of its window; `coefficients` are those wanted, V_k / V_c; `wish` is what the
+    strategy asked for; `notes` say what was cut off.
+    """
+
+    window: int
+    s: float
+    half: float
+    cruise: float
+    coefficients: Array
+    wish: Wish
+    notes: tuple[str, ...] = ()
+
+
+class Stretch(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Part of a site that lies on the path without a break: [s0, s1] [m] and the profile's part there."""
+
+    site: int
+    s0: float
+    s1: float
+    cruise: float
+    coefficients: Array
+
+
+class FeedAlong:
+    """Feed of the plain plan as function of arc length, read off samples of its motion.
+
+    Parameters
+    ----------
+    motion : Motion
+    period : float
+        Sampling period [s].
+    length : float
+        Length of the path [m].
+    looped : bool
+        Whether the motion runs through the seam of a closed path, so that the feed repeats.
+    """
+
+    def __init__(self, motion: Motion, period: float, length: float, looped: bool) -> None:
+        edges = np.concatenate([motion.start, [motion.end]])
+        t = np.unique(np.concatenate([np.arange(0.0, motion.end, period), edges]))
+        s, feed = motion.place_and_feed(t)
+        if looped:
+            s, feed = np.concatenate([s - length, s, s + length]), np.tile(feed, 3)
+        self.s, self.feed = np.maximum.accumulate(s), feed
+        self.first, self.last = float(self.s[0]), float(self.s[-1])
+
+    def at(self, s: float) -> float:
+        """Feed at `s` [m/s]."""
+        return float(np.interp(s, self.s, self.feed))
+
+    def lowest(self, s: float, half: float) -> float:
+        """Lowest feed on [s - half, s + half] [m/s]."""
+        i, j = np.searchsorted(self.s, [s - half, s + half])
+        inside = self.feed[i:j]
+        ends = min(self.at(s - half), self.at(s + half))
+        return min(ends, float(inside.min())) if inside.size else ends
+
+    def steady_half(self, s: float, half: float, least: float) -> float:
+        """Largest part of `half` for which the feed is at least `least` on [s - half, s + half]."""
+        i, centre, j = np.searchsorted(self.s, [s - half, s, s + half])
+        before = np.flatnonzero(self.feed[i:centre] < least)
+        after = np.flatnonzero(self.feed[centre:j] < least)
+        if before.size:
+            half = min(half, s - float(self.s[i + before[-1] + 1]))
+        if after.size:
+            half = min(half, float(self.s[centre + after[0] - 1]) - s)
+        return max(half, 0.0)
+
+
+def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: float) -> Site | str:
+    """Fit a wish into its window.
+
+    Parameters
+    ----------
+    index : int
+        Index of the window.
+    window : Window
+    wish : Wish
+        With coefficients.
+    feed : FeedAlong
+    room : float
+        Half the distance to the next window with a profile [m].
+
+    Returns
+    -------
+    Site or str
+        The site, or the reason why there is none.
+    """
+    assert wish.coefficients is not None
+    cruise = feed.at(window.s)
+    if cruise <= 0.0:
+        return "the motion stops here"
+    mean = profile.mean(wish.coefficients)
+    room = max(min(room, window.s - feed.first, feed.last - window.s), 0.0)
+    # The user's own duration may leave the window, the default may not.
+    wanted = cruise * mean * wish.t_star
+    most = wanted if math.isfinite(wish.t_star) and wish.least == 0.0 else min(wanted, window.half_length)
+    half = feed.steady_half(window.s, min(most, room), STEADY * cruise)
+    needed = min(most, cruise * mean * wish.least)
+    if half < needed * (1.0 - 1e-9):
+        # Where the feed changes quickly a lower plateau is better than none.
+        half = min(needed, room)
+        if half < needed or feed.lowest(window.s, half) < SLOWEST * cruise:
+            return f"no room: {needed / MM:.3g} mm of steady feed on either side are needed"
+    if half <= SAME_PLACE:
+        return "no room for it: the path starts or ends here, or the motion stops"
+    lowest = feed.lowest(window.s, half)
+    notes = tuple(_notes(window, wish, half, most, half / (lowest * mean)))
+    return Site(
+        window=index,
+        s=window.s,
+        half=half,
+        cruise=lowest,
+        coefficients=wish.coefficients,
+        wish=wish,
+        notes=notes,
+    )
+
+
+def _notes(window: Window, wish: Wish, half: float, most: float, t_star: float) -> list[str]:
+    notes = [wish.note] if wish.note else []
+    if half < most * (1.0 - 1e-6):
+        notes.append(
+            f"profile shortened from {most / MM:.4g} mm to {half / MM:.4g} mm on either side, where the feed "
+            "changes"
+        )
+    if half > window.half_length * (1.0 + 1e-9):
+        notes.append(
+            "the profile is longer than the window in which the osculating circle stands for the path"
+        )
+    if t_star < wish.least * (1.0 - 1e-9):
+        notes.append(
+            f"the window holds t* = {t_star / MS:.4g} ms only, less than the backlash interval of "
+            f"{wish.least / MS:.4g} ms"
+        )
+    return notes
+
+
+def stretches(number: int, site: Site, coefficients: Array, length: float) -> list[Stretch] | str:
+    """Lay a site's profile on the path, in two parts where it runs over the seam of a closed one.
+
+    Returns
+    -------
+    list of Stretch or str
+        The stretches, or the reason why the profile cannot be had.
+    """
+    s0, s1 = site.s - site.half, site.s + site.half
+    for turn in (-length, 0.0, length):
+        if s0 + turn >= -SAME_PLACE and s1 + turn <= length + SAME_PLACE:
+            low, high = max(s0 + turn, 0.0), min(s1 + turn, length)
+            return [Stretch(site=number, s0=low, s1=high, cruise=site.cruise, coefficients=coefficients)]
+    seam = length if s1 > length else 0.0
+    tau = _split_time(coefficients, (seam - s0) / (s1 - s0))
+    first, second = subdivide(coefficients, tau)
+    if not (profile.is_non_negative(first) and profile.is_non_negative(second)):
+        return "the feed would become negative on the seam of the path, where the motion begins"
+    return [
+        Stretch(site=number, s0=s0 - seam + length, s1=length, cruise=site.cruise, coefficients=first),
+        Stretch(site=number, s0=0.0, s1=s1 - seam, cruise=site.cruise, coefficients=second),
+    ]
+
+
+def _split_time(coefficients: Array, fraction: float) -> float:
+    """τ at which the profile has covered that fraction of its path; V >= 0, so it is bisected."""
+    way = profile.distance_coefficients(coefficients)
+    low, high = 0.0, 1.0
+    while True:
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            return middle
+        if float(evaluate(way, middle)) < fraction * way[-1]:
+            low = middle
+        else:
+            high = middle

@@ -1,0 +1,82 @@
+"""What a strategy is.
+
+A strategy says, for every window, which profile it would like there. It knows the windows, the backlash
+intervals, the drives and the user's options; it knows nothing of the limits: where its wish does not fit it
+is shortened or softened for it, and the plan says so.
+
+To add one: write a class with the members of :class:`Strategy`, make one instance of it, and register that as
+entry point of the group ``ph_post.strategies``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol, runtime_checkable
+
+import msgspec
+
+from ph_post.compensate.options import PlanOptions
+from ph_post.types import Array, BacklashInterval, Feedback, Machine, Path, TurningPoint, Window
+
+
+class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What a strategy is asked about.
+
+    `intervals` and `notes` hold one entry a turning point: the backlash interval at the programmed feed, None
+    where there is none, and a word about it.
+    """
+
+    path: Path
+    machine: Machine
+    options: PlanOptions
+    turning_points: tuple[TurningPoint, ...]
+    windows: tuple[Window, ...]
+    intervals: tuple[BacklashInterval | None, ...]
+    notes: tuple[str, ...]
+
+
+class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The profile wanted in one window.
+
+    `coefficients` are V_k / V_c, None to leave the window alone; `t_star` [s] is the half duration wanted,
+    infinite for as long as the window; `least` [s] the half duration below which the profile is of less use;
+    `note` says why the window is left alone, or whatever else the user should know.
+    """
+
+    coefficients: Array | None
+    t_star: float = math.inf
+    least: float = 0.0
+    note: str = ""
+
+
+class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A strategy's answer: one wish a window, and warnings about the job as a whole."""
+
+    wishes: tuple[Wish, ...]
+    warnings: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class Strategy(Protocol):
+    """The contract.
+
+    1. `name` is what the user types; `summary` one line about it.
+    2. `feedbacks` are the feedback loops whose backlash it can shrink.
+    3. `profiles` returns exactly one wish a window, in their order. It raises InputError for options that
+       contradict each other, and is otherwise a pure function of the task.
+    """
+
+    @property
+    def name(self) -> str:
+        """What the user types."""
+
+    @property
+    def summary(self) -> str:
+        """One line about it."""
+
+    @property
+    def feedbacks(self) -> frozenset[Feedback]:
+        """Feedback loops whose backlash it can shrink."""
+
+    def profiles(self, task: Task) -> Proposal:
+        """Say which profile is wanted in every window."""

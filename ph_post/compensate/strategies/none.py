@@ -1,0 +1,21 @@
+"""The plain program: nothing is modulated."""
+
+from __future__ import annotations
+
+from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.types import Feedback
+
+
+class PlainFeed:
+    """Leave every window alone."""
+
+    name = "none"
+    summary = "the plain program, nothing added"
+    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+
+    def profiles(self, task: Task) -> Proposal:
+        """Want no profile anywhere, and have nothing to say about it."""
+        return Proposal(wishes=tuple(Wish(coefficients=None) for _ in task.windows))
+
+
+STRATEGY = PlainFeed()
