@@ -12,6 +12,7 @@ import numpy as np
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.report.views import radius, windows_by_point
+from ph_post.turning import Certificate
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
 

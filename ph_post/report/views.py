@@ -7,6 +7,7 @@ from typing import Any
 
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
+from ph_post.turning import Certificate
 from ph_post.types import FeedProfile, Plan, TurningPoint, Window
 from ph_post.units import MM, MM_PER_MIN
 
@@ -102,6 +103,26 @@ def plan_view(analysis: Analysis, plan: Plan) -> View:
         "error": None,
         "strategy": plan.strategy,
         "warnings": list(plan.warnings),
+    }
+
+
+def certificate_view(certificate: Certificate) -> View:
+    """Return what ``inspect --certify --json`` adds: the exact count and the isolating intervals in xi."""
+    return {
+        "ok": certificate.ok,
+        "count": certificate.exact,
+        "found": certificate.found,
+        "roots": [
+            {
+                "segment": entry.segment,
+                "axis": entry.axis,
+                "intervals": [[str(low), str(high)] for low, high in entry.intervals],
+                "multiplicities": list(entry.multiplicities),
+                "reversals": entry.reversals,
+            }
+            for entry in certificate.entries
+        ],
+        "words": list(certificate.words),
     }
 
 

@@ -66,7 +66,7 @@ def test_inspect_circle_geometry(capsys):
 def test_inspect_prints_a_line_a_turning_point(capsys):
     status, out, _ = run(capsys, "inspect", CIRCLE, "-m", "paper")
     assert status == 0
-    assert "circle: 4 turning points" in out
+    assert "4 turning points on 1570.796 mm" in out
     assert sum(line.split()[:1] == [str(number)] for line in out.splitlines() for number in range(4)) == 4
     assert "118.743" in out
 
