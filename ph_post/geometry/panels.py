@@ -15,6 +15,7 @@ from typing import Final
 import msgspec
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from ph_post.errors import SolveError
 from ph_post.geometry import bernstein
@@ -47,7 +48,7 @@ MAX_ROUNDS: Final = 60
 """Halvings before the quadrature gives up; a kink of the speed that is not met exactly takes about 25."""
 
 LOW: Final = 0.1
-"""A speed is low below this part of the largest on the panel. The nodes lie so densely that a cusp shows."""
+"""A speed is low below this part of the largest on the panel; at a cusp that shows at some node or end."""
 
 EDGE: Final = 2.0**-10
 """A minimum nearer than this to the end of its panel is left to the halving."""
@@ -167,10 +168,7 @@ def _rounds(family: Family, rows: IntArray, own_tail: float) -> Iterator[tuple[_
         width = work.last - work.first
         if turn == 0:
             allowed[rows] = np.inf if family.complete else TAIL * modes[:, 0]
-        tail = np.abs(modes[:, -3:]).max(axis=1)
-        done = tail * width <= allowed[work.row]
-        if own_tail > 0.0:
-            done |= (tail <= own_tail * modes[:, 0]) & (speed.min(axis=1) > LOW * speed.max(axis=1))
+        done = _settled(family, work, speed, modes, allowed[work.row], own_tail)
         if family.exact:
             spread = np.abs(modes @ to_power).sum(axis=1)
             done &= spread <= SPREAD * modes[:, 0]
@@ -182,6 +180,30 @@ def _rounds(family: Family, rows: IntArray, own_tail: float) -> Iterator[tuple[_
     width = work.last - work.first
     number = family.index[work.row[0]]
     raise SolveError(f"arc length of piece {number}: not resolved on a panel of {width[0]:.3g}")
+
+
+def _settled(
+    family: Family, work: _Work, speed: Array, modes: Array, allowed: Array, own_tail: float
+) -> NDArray[np.bool_]:
+    """Tell on which panels the coefficients of the speed have died away."""
+    tail = np.abs(modes[:, -3:]).max(axis=1)
+    width = work.last - work.first
+    done: NDArray[np.bool_] = tail * width <= allowed
+    if family.complete:
+        return done
+    ends = family.end_speed(work.forms)
+    # A cusp between an end and the next node shows nowhere else than at that end.
+    missed = np.abs(modes @ _ends(family.node_count) - ends).max(axis=1)
+    done &= missed * family.nodes[0] * width <= allowed
+    if own_tail > 0.0:
+        lowest = np.minimum(speed.min(axis=1), ends.min(axis=1))
+        done |= (tail <= own_tail * modes[:, 0]) & (lowest > LOW * speed.max(axis=1))
+    return done
+
+
+def _ends(count: int) -> Array:
+    """Legendre polynomials at -1 and 1, shape (count, 2)."""
+    return np.stack([(-1.0) ** np.arange(count), np.ones(count)], axis=1)
 
 
 def _cut(family: Family, work: _Work, speed: Array | None) -> _Work:

@@ -46,7 +46,13 @@ class Family:
 
     def speed(self, forms: Array) -> Array:
         """ds/du at the nodes of panels on which the family's functions have these forms, (panels, nodes)."""
-        values = forms @ self._basis
+        return self._norm(forms @ self._basis)
+
+    def end_speed(self, forms: Array) -> Array:
+        """ds/du at both ends of the same panels, (panels, 2)."""
+        return self._norm(forms[..., [0, -1]])
+
+    def _norm(self, values: Array) -> Array:
         if self.exact:
             return np.asarray(values[0])
         vectors = values[:-1] if self.rational else values
