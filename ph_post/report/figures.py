@@ -67,7 +67,7 @@ def draw_plan(analysis: Analysis, plan: Plan) -> Figure:
     left, right = figure.subplots(1, 2)
     _draw_path(left, analysis)
     _draw_feed(right, plan)
-    figure.suptitle(f"{analysis.path.name}: {plan.strategy}")
+    figure.suptitle(f"{analysis.path.name}, strategy {plan.strategy}")
     return figure
 
 
@@ -82,7 +82,7 @@ def _draw_path(axes: Axes, analysis: Analysis) -> None:
     _draw_turning_points(axes, analysis)
     axes.set(xlabel=f"{analysis.path.axes[0]} [mm]", ylabel=f"{analysis.path.axes[1]} [mm]")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.legend(loc="center", frameon=False)
+    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
 
 def _draw_turning_points(axes: Axes, analysis: Analysis) -> None:
@@ -109,7 +109,7 @@ def _draw_feed(axes: Axes, plan: Plan) -> None:
         s, feed = _feed_along(phases)
         axes.plot(s / MM, feed / MM_PER_MIN, style, color=colour, linewidth=1.4, label=label)
     axes.set(xlabel="along the path [mm]", ylabel="feed [mm/min]")
-    axes.legend(frameon=False, loc="center right")
+    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 
 def _feed_along(phases: tuple[Phase, ...]) -> tuple[Array, Array]:
