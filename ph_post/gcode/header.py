@@ -21,7 +21,7 @@ def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[
         *_origin(plan),
         *_manner(plan, dialect, options),
         *_windows(plan),
-        *_assumptions(plan, options),
+        *_assumptions(plan, dialect, options),
     ]
     return [line for remark in remarks for line in comment_lines(remark, dialect.capabilities.max_line)]
 
@@ -74,12 +74,16 @@ def _window(plan: Plan, number: int, window: Window, profile: FeedProfile | None
     return f"window {number}: {place}, feed {high:.6g} to {low:.6g} mm/min, t* {profile.t_star:.4f} s"
 
 
-def _assumptions(plan: Plan, options: ProgramOptions) -> list[str]:
+def _assumptions(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     """Say what has to hold for the program to do what it was planned for."""
     facts = [
         "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
         "spindle and coolant are not touched until M2, which switches them off",
     ]
+    if dialect.path_mode is not None:
+        facts.append("the path mode of the last cut stays in force after the program")
+    if "Z" in plan.path.axes:
+        facts.append("Z is approached from above, whatever its first motion")
     if options.safe_z is not None:
         facts.append(f"safe height Z {options.safe_z / MM:g} mm")
     elif "Z" in plan.path.axes:

@@ -13,6 +13,10 @@ from ph_post.gcode.splines import cubic_control
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
 
+_SAME_FEED = 1e-4
+"""A feed that differs from the planned one by no more than this part is written as that: a tenth of what the
+time may err."""
+
 
 class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Moves, n of them; positions are whole numbers of the dialect's last decimal.
@@ -107,10 +111,16 @@ def _lengths(blocks: Blocks, points: IntArray, center: IntArray, turn: IntArray,
 
 
 def _feeds(blocks: Blocks, length: Array, duration: Array) -> Array:
-    """Length over time; one feed for all moves of a constant-speed stretch, so that it is written once."""
+    """Length over time; one feed for all moves of a constant-speed stretch, so that it is written once.
+
+    There it is the planned one, unless chords are so much shorter than what they span that it shows.
+    """
     works = (blocks.rapid == 0) & (blocks.kind != DWELL)
     feed = np.where(works, length / duration, 0.0)
     held = np.flatnonzero(works & (blocks.timed == 0))
     of = np.unique(blocks.stretch[held], return_inverse=True)[1]
-    feed[held] = (np.bincount(of, length[held]) / np.bincount(of, duration[held]))[of]
+    time = np.bincount(of, duration[held])
+    written = np.bincount(of, length[held]) / time
+    planned = np.bincount(of, np.abs(blocks.s1 - blocks.s0)[held]) / time
+    feed[held] = np.where(np.abs(written - planned) <= _SAME_FEED * planned, planned, written)[of]
     return np.asarray(feed)

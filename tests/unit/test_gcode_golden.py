@@ -1,0 +1,52 @@
+"""Whole programs, byte by byte: path, machine and arguments of each folder of tests/golden give its program.
+
+After a change that is meant, ``pytest tests/unit/test_gcode_golden.py --renew-golden`` writes them anew; read
+the difference line by line before committing it.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from support.interpreter import run
+
+from ph_post.cli.main import main
+from ph_post.gcode import header
+
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
+CASES = sorted(folder for folder in GOLDEN.iterdir() if folder.is_dir())
+RS274 = shutil.which("rs274")
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
+def test_program_is_as_it_was(
+    case: Path, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(header, "package_version", lambda: "VERSION")
+    output = tmp_path / "program.ngc"
+    arguments = (case / "arguments.txt").read_text().split()
+    files = [str(case / "path.json"), "-m", str(GOLDEN / "machine.toml"), "-o", str(output)]
+    assert main(["convert", *files, *arguments]) == 0
+    expected = case / "program.ngc"
+    if request.config.getoption("--renew-golden"):
+        expected.write_bytes(output.read_bytes())
+    assert output.read_bytes() == expected.read_bytes()
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
+def test_program_can_be_read(case: Path) -> None:
+    grbl = "grbl" in (case / "arguments.txt").read_text()
+    result = run((case / "program.ngc").read_text(), max_line=70 if grbl else 255)
+    assert result.ended
+
+
+@pytest.mark.skipif(RS274 is None, reason="LinuxCNC's interpreter rs274 is not installed")
+@pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
+def test_linuxcnc_s_interpreter_takes_it(case: Path, tmp_path: Path) -> None:
+    command = [str(RS274), "-v", str(tmp_path / "rs274.var"), "-g", str(case / "program.ngc")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, timeout=60)
+    assert done.returncode == 0, done.stderr[-500:] + done.stdout[-500:]
+    assert "PROGRAM_END" in done.stdout
