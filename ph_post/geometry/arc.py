@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ph_post.geometry import fractional
-from ph_post.geometry.base import MEETS, PiecewiseCurve, require
+from ph_post.geometry.base import MEETS, PiecewiseCurve, require, require_length
 from ph_post.geometry.fractional import FractionRows
 from ph_post.geometry.piece import Piece
 from ph_post.types import Array, frozen
@@ -70,6 +70,7 @@ class Arc(PiecewiseCurve):
         control[1, :2] = self.radius, self.first_angle
         control[2, 0] = self.sweep
         length = frozen([self.radius * abs(self.sweep)])
+        require_length(float(length[0]))
         super().__init__((Piece(kind="arc", control=frozen(control), xi0=0.0, xi1=1.0, speed=length),))
 
     @property

@@ -145,6 +145,7 @@ def _widened(missing: IntArray, known: NDArray[np.bool_]) -> IntArray:
 
 def _bracketed(power: list[Array], target: Array, x: Array) -> Array:
     """Solve s(x) = target by Newton's method, and by bisection wherever it leaves the bracket."""
+    solution, rows = x.copy(), np.arange(x.size)
     low, high = np.full(x.size, -1.0), np.full(x.size, 1.0)
     for _ in range(SLOW_STEPS):
         residual, slope = _horner(power, x)
@@ -153,10 +154,13 @@ def _bracketed(power: list[Array], target: Array, x: Array) -> Array:
         new = x - np.divide(residual, slope, out=np.zeros_like(x), where=slope > 0.0)
         inside = (new >= low) & (new <= high) & (slope > 0.0)
         new = np.where(inside, new, 0.5 * (low + high))
-        step, x = np.abs(new - x), new
-        if np.all(step <= 2.0 * EPS):
+        solution[rows] = new
+        left = np.flatnonzero(np.abs(new - x) > 2.0 * EPS)
+        if left.size == 0:
             break
-    return x
+        rows, x, target, low, high = rows[left], new[left], target[left], low[left], high[left]
+        power = [coefficient[left] for coefficient in power]
+    return solution
 
 
 def _horner(power: list[Array], x: Array) -> tuple[Array, Array]:

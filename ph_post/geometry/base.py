@@ -65,7 +65,8 @@ class PiecewiseCurve:
         """
         piece, u = self._to_piece(np.atleast_1d(np.asarray(xi, dtype=np.float64)))
         values = self._set.derivatives(piece, u, order)
-        width = np.array([one.xi1 - one.xi0 for one in self.pieces])[piece]
+        first, last = self._breaks
+        width = (last - first)[piece]
         for k in range(1, order + 1):
             values[k] /= width[:, None] ** k
         return values
@@ -104,9 +105,13 @@ class PiecewiseCurve:
     def _set(self) -> PieceSet:
         return PieceSet(self.pieces)
 
+    @cached_property
+    def _breaks(self) -> tuple[Array, Array]:
+        """Where the pieces begin and end in xi."""
+        return frozen([piece.xi0 for piece in self.pieces]), frozen([piece.xi1 for piece in self.pieces])
+
     def _to_piece(self, xi: Array) -> tuple[IntArray, Array]:
-        first = np.array([piece.xi0 for piece in self.pieces])
-        last = np.array([piece.xi1 for piece in self.pieces])
+        first, last = self._breaks
         number = np.clip(np.searchsorted(first, xi, side="right") - 1, 0, first.size - 1)
         u = (xi - first[number]) / (last[number] - first[number])
         return number, np.clip(u, 0.0, 1.0)

@@ -85,7 +85,7 @@ class _Work(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             row=self.row[which],
             first=self.first[which],
             last=self.last[which],
-            forms=self.forms[:, which],
+            forms=self.forms[:, :, which],
         )
 
 
@@ -99,7 +99,7 @@ def measure(family: Family) -> Array:
     """
     lengths = np.zeros(family.index.size)
     for work, modes in _rounds(family, np.arange(family.index.size), OWN_TAIL):
-        lengths += np.bincount(work.row, modes[:, 0] * (work.last - work.first), lengths.size)
+        lengths += np.bincount(work.row, modes[0] * (work.last - work.first), lengths.size)
     return lengths
 
 
@@ -113,14 +113,14 @@ def resolve(family: Family, rows: IntArray) -> Panels:
     """
     _, to_power = _transforms(family.node_count)
     found = [
-        (work, (modes @ to_power) * (0.5 * (work.last - work.first))[:, None])
+        (work, (to_power @ modes) * (0.5 * (work.last - work.first)))
         for work, modes in _rounds(family, rows, 0.0)
     ]
     piece = family.index[np.concatenate([work.row for work, _ in found])]
     first = np.concatenate([work.first for work, _ in found])
     last = np.concatenate([work.last for work, _ in found])
     order = np.lexsort((first, piece))
-    power = np.ascontiguousarray(np.concatenate([power for _, power in found])[order].T)
+    power = np.concatenate([power for _, power in found], axis=1)[:, order]
     piece, length = piece[order], power.sum(axis=0)
     return Panels(
         piece=piece,
@@ -160,23 +160,23 @@ def _rounds(family: Family, rows: IntArray, own_tail: float) -> Iterator[tuple[_
     """Cut until every panel is resolved; give panels and the Legendre coefficients of the speed on them."""
     to_legendre, to_power = _transforms(family.node_count)
     zero, one = np.zeros(rows.size), np.ones(rows.size)
-    work = _Work(row=rows, first=zero, last=one, forms=family.forms[:, rows])
+    work = _Work(row=rows, first=zero, last=one, forms=family.forms[:, :, rows])
     allowed = np.zeros(family.index.size)
     for turn in range(MAX_ROUNDS):
         speed = family.speed(work.forms)
-        modes = speed @ to_legendre
+        modes = to_legendre @ speed
         width = work.last - work.first
         if turn == 0:
-            allowed[rows] = np.inf if family.complete else TAIL * modes[:, 0]
+            allowed[rows] = np.inf if family.complete else TAIL * modes[0]
         done = _settled(family, work, speed, modes, allowed[work.row], own_tail)
         if family.exact:
-            spread = np.abs(modes @ to_power).sum(axis=1)
-            done &= spread <= SPREAD * modes[:, 0]
-        yield work.take(np.flatnonzero(done)), modes[done]
+            spread = np.abs(to_power @ modes).sum(axis=0)
+            done &= spread <= SPREAD * modes[0]
+        yield work.take(np.flatnonzero(done)), modes[:, done]
         if done.all():
             return
         # The first halvings are made blindly: they are the rule, cusps are the exception.
-        work = _cut(family, work.take(np.flatnonzero(~done)), speed[~done] if turn > 1 else None)
+        work = _cut(family, work.take(np.flatnonzero(~done)), speed[:, ~done] if turn > 1 else None)
     width = work.last - work.first
     number = family.index[work.row[0]]
     raise SolveError(f"arc length of piece {number}: not resolved on a panel of {width[0]:.3g}")
@@ -186,44 +186,46 @@ def _settled(
     family: Family, work: _Work, speed: Array, modes: Array, allowed: Array, own_tail: float
 ) -> NDArray[np.bool_]:
     """Tell on which panels the coefficients of the speed have died away."""
-    tail = np.abs(modes[:, -3:]).max(axis=1)
+    tail = np.abs(modes[-3:]).max(axis=0)
     width = work.last - work.first
     done: NDArray[np.bool_] = tail * width <= allowed
     if family.complete:
         return done
     ends = family.end_speed(work.forms)
     # A cusp between an end and the next node shows nowhere else than at that end.
-    missed = np.abs(modes @ _ends(family.node_count) - ends).max(axis=1)
+    missed = np.abs(_ends(family.node_count) @ modes - ends).max(axis=0)
     done &= missed * family.nodes[0] * width <= allowed
     if own_tail > 0.0:
-        lowest = np.minimum(speed.min(axis=1), ends.min(axis=1))
-        done |= (tail <= own_tail * modes[:, 0]) & (lowest > LOW * speed.max(axis=1))
+        lowest = np.minimum(speed.min(axis=0), ends.min(axis=0))
+        done |= (tail <= own_tail * modes[0]) & (lowest > LOW * speed.max(axis=0))
     return done
 
 
 def _ends(count: int) -> Array:
-    """Legendre polynomials at -1 and 1, shape (count, 2)."""
-    return np.stack([(-1.0) ** np.arange(count), np.ones(count)], axis=1)
+    """Legendre polynomials at -1 and 1, shape (2, count)."""
+    return np.stack([(-1.0) ** np.arange(count), np.ones(count)])
 
 
 def _cut(family: Family, work: _Work, speed: Array | None) -> _Work:
     """Halve the panels, or cut them where the `speed` at their nodes, if given, goes down to nearly zero."""
-    left, right = (work.forms @ half for half in family.halves)
+    left, right = (half @ work.forms for half in family.halves)
     middle = 0.5 * (work.first + work.last)
     if speed is not None and not family.exact:
-        node = speed.argmin(axis=1)
+        node = speed.argmin(axis=0)
         between = (node > 0) & (node < family.node_count - 1)
-        low = np.flatnonzero(between & (speed.min(axis=1) < LOW * speed.max(axis=1)))
-        lowest = _minimum(family.vectors(work.forms[:, low]), family.nodes[node[low]])
+        low = np.flatnonzero(between & (speed.min(axis=0) < LOW * speed.max(axis=0)))
+        forms = np.swapaxes(work.forms[:, :, low], 1, 2)
+        lowest = _minimum(family.vectors(forms), family.nodes[node[low]])
         inside = (lowest > EDGE) & (lowest < 1.0 - EDGE)
         low, lowest = low[inside], lowest[inside]
-        left[:, low], right[:, low] = bernstein.subdivide(work.forms[:, low], lowest)
+        halves = bernstein.subdivide(forms[:, inside], lowest)
+        left[:, :, low], right[:, :, low] = (np.swapaxes(half, 1, 2) for half in halves)
         middle[low] = work.first[low] + lowest * (work.last[low] - work.first[low])
     return _Work(
         row=np.concatenate([work.row, work.row]),
         first=np.concatenate([work.first, middle]),
         last=np.concatenate([middle, work.last]),
-        forms=np.concatenate([left, right], axis=1),
+        forms=np.concatenate([left, right], axis=2),
     )
 
 
@@ -242,9 +244,9 @@ def _transforms(count: int) -> tuple[Array, Array]:
     """Matrices from values at Gauss nodes to Legendre coefficients, and on to powers of the integral."""
     nodes, weights = legendre.leggauss(count)
     degrees = np.arange(count)
-    to_legendre = legendre.legvander(nodes, count - 1) * weights[:, None] * (degrees + 0.5)
-    to_power = np.zeros((count, count + 1))
+    to_legendre = (legendre.legvander(nodes, count - 1) * weights[:, None] * (degrees + 0.5)).T
+    to_power = np.zeros((count + 1, count))
     for k in degrees:
         integral = legendre.leg2poly(legendre.legint(np.eye(count)[k], lbnd=-1.0))
-        to_power[k, : integral.size] = integral
+        to_power[: integral.size, k] = integral
     return frozen(to_legendre), frozen(to_power)

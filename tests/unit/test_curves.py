@@ -276,6 +276,10 @@ REFUSED = {
         "not at one distance from the center; .*; got 1000 mm and 1100 mm",
     ),
     "radius of zero": (lambda: Arc([1, 0], [1, 0], [1, 0], "ccw"), "radius is zero"),
+    "arc of no length": (
+        lambda: Arc([1e-10, 0], [1e-10, 0], [0, 0], "ccw"),
+        "zero length; .*; got 6.28e-07 mm",
+    ),
     "arc out of plane": (
         lambda: Arc([1, 0, 0], [0, 1, 1], [0, 0, 0], "ccw"),
         "leaves its plane; .*; got 0, 1000, 0 mm",
