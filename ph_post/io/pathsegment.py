@@ -101,10 +101,7 @@ def _arc(segment: record.ArcRecord, here: Place) -> Arc:
     if start != end and np.linalg.norm(metres[1] - metres[0]) <= JOIN:
         what = "the arc's ends are nearer than 1e-6 mm"
         raise here.at("end").refuse(what, "the same point for a full circle, or a longer arc", _shown(end))
-    arc = Arc(metres[0], metres[1], metres[2], segment.turn, exact=(start, end, center))
-    if arc.radius * abs(arc.sweep) <= JOIN:
-        raise here.refuse("zero length", f"more than {_length(JOIN, here)}")
-    return arc
+    return Arc(metres[0], metres[1], metres[2], segment.turn, exact=(start, end, center))
 
 
 def _polynomial(segment: record.PolynomialRecord, here: Place) -> Polynomial:
