@@ -9,33 +9,14 @@ from ph_post.compensate.motion import Motion
 from ph_post.gcode.chords import Gauge, shares
 from ph_post.gcode.dialect import Dialect, plane_of
 from ph_post.gcode.options import ProgramOptions
+from ph_post.gcode.record import DWELL, Blocks
 from ph_post.gcode.shape import ARC, CURVE, LINE, SNAP, SPLINE, Shape, read_shape
+from ph_post.gcode.slivers import without_slivers
 from ph_post.gcode.splines import cut_cubics
 from ph_post.gcode.stretches import Runs, Stretch, find_runs, find_stretches
 from ph_post.geometry.track import Track
 from ph_post.types import Array, IntArray, Plan
 from ph_post.units import MM
-
-DWELL = -1
-"""Kind of a block that moves nothing. The others are LINE (also for chords), ARC and SPLINE."""
-
-
-class Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Blocks in the order of the motion, all arrays of shape (n,).
-
-    `kind`; `start`, `end` [s]; `s0`, `s1` places along the motion [m]; `rapid` 1 for G0; `stretch` the number
-    of the stretch a block belongs to; `timed` 1 where a block's ends follow from the time, in ramps and
-    dips, 0 where they follow from the geometry.
-    """
-
-    kind: IntArray
-    start: Array
-    end: Array
-    s0: Array
-    s1: Array
-    rapid: IntArray
-    stretch: IntArray
-    timed: IntArray
 
 
 def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions) -> tuple[Blocks, Shape]:
@@ -64,6 +45,7 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
         _by_geometry(runs, stretches, shape, options.chord_tolerance), _by_time(stretches, options.block_time)
     )
     blocks = _with_arcs(_with_places(blocks, motion), shape, dialect)
+    blocks = without_slivers(blocks, shape, plan.machine.servo_period, options.block_time)
     return _within_tolerance(blocks, motion, shape, options.chord_tolerance), shape
 
 
@@ -121,7 +103,8 @@ def _by_geometry(runs: Runs, stretches: list[Stretch], shape: Shape, tolerance: 
     table = np.array([(one.start, one.end, one.s0, one.s1, one.rapid) for one in stretches])
     start, end, first, last, rapid = table[runs.stretch[run]].T
     a, b = places(low), places(high)
-    rate = (end - start) / (last - first)
+    extent = np.where(last != first, last - first, 1.0)  # where nothing moves any share of the time will do
+    rate = (end - start) / extent
     return Blocks(
         kind=np.where(curved, LINE, runs.kind[run]),
         start=start + (a - first) * rate,

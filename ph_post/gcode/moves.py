@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ph_post.gcode.blocks import DWELL, Blocks
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import to_grid
+from ph_post.gcode.record import DWELL, Blocks
 from ph_post.gcode.shape import ARC, SPLINE, Shape
 from ph_post.gcode.splines import cubic_control
 from ph_post.types import Array, IntArray

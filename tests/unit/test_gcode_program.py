@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.interpreter import Move, Run, run
 from support.measure import distance_to_path, place_at, samples
-from support.plans import Timetable, make_machine, make_path, make_plan
+from support.plans import RISE, Timetable, make_machine, make_path, make_plan
 
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.registry import find_dialect
@@ -383,3 +383,38 @@ def test_warnings() -> None:
         late, track, find_dialect("linuxcnc"), msgspec.structs.replace(dense, block_time=5e-3)
     )
     assert "shorter than the servo period of 4 ms" in told[0]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_stretches_that_are_hardly_any_make_no_blocks(dialect: str) -> None:
+    """Such blocks would be nanometres long, turned any way by rounding, and LinuxCNC would stop for them."""
+    track = quintic()
+    table = Timetable()
+    table.rise(0.02)
+    table.hold_until(table.s + 0.02 * 2e-9, 0.02)
+    table.dip(0.02, 0.3, 0.1, 0)
+    table.hold_until(table.s + 0.02 * 4e-4, 0.02)
+    table.dip(0.02, 0.3, 0.1, 1)
+    table.hold_until(track.length - 0.02 * RISE / 2, 0.02)
+    table.fall(0.02)
+    plan = msgspec.structs.replace(make_plan(track), phases=tuple(table.phases))
+    for tolerance in (1e-6, 1e-5):
+        options = ProgramOptions(chord_tolerance=tolerance)
+        program = make_program(plan, track, find_dialect(dialect), options)
+        moves = run(program.text).moves[-program.moves :]
+        assert min(move.duration for move in moves) >= 1e-3
+        assert sum(move.duration for move in moves) == pytest.approx(table.t, rel=1e-4)
+        limit = tolerance / MM + 2 * quantum(dialect) + 4e-6
+        assert distance_to_path(track, samples(moves)[:, :2]).max() <= limit
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_pieces_passed_in_less_than_a_period_share_blocks(dialect: str) -> None:
+    angles = np.linspace(0.0, math.pi / 4, 1501)
+    points = 20e-3 * np.column_stack([np.cos(angles), np.sin(angles)])  # 10 µm apart, 0.5 ms at 20 mm/s
+    track = Track(make_path([Line(points[i : i + 2]) for i in range(1500)]))
+    program = make_program(make_plan(track), track, find_dialect(dialect))
+    moves = run(program.text).moves[-program.moves :]
+    assert len(moves) < 300
+    assert min(move.duration for move in moves) >= 1e-3
+    assert distance_to_path(track, samples(moves)[:, :2]).max() <= TOLERANCE_MM + 2 * quantum(dialect) + 4e-6
