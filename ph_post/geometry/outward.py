@@ -32,7 +32,7 @@ FINE: Final = ((16, 0.8), (64, 0.98), (512, 1.0))
 """Places looked at where a function does not plainly rise, and how near to the level its maxima may then come
 before more are: between two places it may lie above."""
 
-CLOSE: Final = 2e-3
+CLOSE: Final = 1e-3
 """A crossing is solved until the value is within this part of the level, from below."""
 
 STEPS: Final = 200
@@ -79,7 +79,7 @@ def first_crossings(function: Function, reach: Array, guess: Array, level: float
     Returns
     -------
     extent : Array, shape (n,)
-        Where the function crosses the level: from below, between 0.998 of it and all of it.
+        Where the function crosses the level: from below, between 0.999 of it and all of it.
     crossed : array of bool, shape (n,)
         Whether the function exceeds the level just behind; elsewhere `extent` is `reach`.
 
