@@ -5,9 +5,14 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
+
+# No test fails on a time: how long an example takes depends on who else uses the machine.
+hypothesis.settings.register_profile("ph_post", deadline=None)
+hypothesis.settings.load_profile("ph_post")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

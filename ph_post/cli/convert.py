@@ -83,7 +83,7 @@ def _coefficients(
     "--block-time", type=options.positive, metavar="MS", help="Duration of the blocks in ramps and dips."
 )
 @click.option(
-    "--safe-z", type=float, metavar="MM", help="Height at which a planar path is approached and left."
+    "--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left."
 )
 @click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
 @options.common
