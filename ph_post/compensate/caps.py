@@ -14,7 +14,8 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ph_post.compensate.grid import build_grid
+from ph_post.compensate.grid import build_grid, fastest_speeds
+from ph_post.geometry import frenet
 from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, Machine, frozen
@@ -43,6 +44,9 @@ without that a ramp would have to follow the cap node by node."""
 
 UNBOUNDED = 1e9
 """A speed [m/s] in place of infinity."""
+
+_ROUNDING = 16.0 * np.finfo(np.float64).eps
+"""Relative error of sums and products of a dozen terms."""
 
 _LEAST = 1e-300
 """Kept in denominators that may vanish."""
@@ -124,15 +128,16 @@ def axis_limits(axes: tuple[str, ...], machine: Machine, period: float) -> AxisL
 def build_caps(track: Track, limits: AxisLimits) -> Caps:
     """Evaluate the limits along the path on a grid that is fine where they change."""
     feeds = np.array([_feed(track, int(segment)) for segment in track.segment])
+    fastest = fastest_speeds(track)
 
     def cap(piece: IntArray, u: Array) -> Array:
-        shape = _shape(track, piece, u)
+        shape = _shape(track, fastest, piece, u)
         kinematic = np.minimum(_velocity_cap(shape, limits), _bend_cap(shape, limits, limits.jerk))
         # Far above the programmed feed nothing binds, so nothing needs to be resolved there.
         return np.minimum(kinematic, 1.5 * feeds[piece])
 
-    piece, u = build_grid(track, cap)
-    shape = _shape(track, piece, u)
+    piece, u = build_grid(track, fastest, cap)
+    shape = _shape(track, fastest, piece, u)
     joint, room_a, room_j = _joint_room(track, limits, piece, feeds[piece])
     velocity, bend = _velocity_cap(shape, limits), _bend_cap(shape, limits, room_j)
     # Between two points neither of their caps may be exceeded.
@@ -177,10 +182,20 @@ def _feed(track: Track, segment: int) -> float:
     return track.path.feed if one.feed is None else one.feed
 
 
-def _shape(track: Track, piece: IntArray, u: Array) -> Array:
-    """|r_s|, |r_ss|, |r_sss| by axis, shape (3, n, dim)."""
-    shape: Array = np.abs(track.arc_derivatives(piece, u, 3)[1:])
-    return shape
+def _shape(track: Track, fastest: Array, piece: IntArray, u: Array) -> Array:
+    """|r_s|, |r_ss|, |r_sss| by axis, shape (3, n, dim), less what may be rounding.
+
+    Where the parametric speed σ is small they are differences of terms like |r_uu| / σ² in r_ss, |r_uuu| / σ³
+    and |r_uu|² / σ⁴ in r_sss, right to rounding times how far σ is below its largest value. A line drawn as
+    a cubic with coincident control points at its ends would else seem to bend there.
+    """
+    d = track.derivatives(piece, u, 3)
+    shape: Array = np.abs(frenet.arc_derivatives(d)[1:])
+    speed, second, third = np.linalg.norm(d[1:], axis=2)
+    error = _ROUNDING * (1.0 + fastest[piece] / speed)
+    shape[1] -= (error * second / speed**2)[:, None]
+    shape[2] -= (error * (third / speed**3 + 10.0 * second**2 / speed**4))[:, None]
+    return np.maximum(shape, 0.0)
 
 
 def _velocity_cap(shape: Array, limits: AxisLimits) -> Array:

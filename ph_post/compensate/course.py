@@ -198,7 +198,10 @@ class Course:
 def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[Stretch]) -> Motion:
     """Replace the plateaus of a schedule by the profiles laid on them."""
     duration, window = schedule.duration.copy(), np.full(schedule.s.size, -1)
-    group, row = np.zeros(schedule.s.size, dtype=np.int64), np.arange(schedule.s.size)
+    # Constant speed is of degree 0, so that it is told and evaluated without rounding.
+    group = 1 * np.all(schedule.speed == schedule.speed[:, :1], axis=1)
+    row = np.where(group == 1, np.cumsum(group), np.cumsum(1 - group)) - 1
+    speeds = [schedule.speed[group == 0], schedule.speed[group == 1][:, :1]]
     tables: dict[int, list[Array]] = {}
     for k in np.flatnonzero(schedule.window >= 0).tolist():
         part = laid[schedule.window[k]]
@@ -206,9 +209,9 @@ def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[Stretch]) -
         table = tables.setdefault(part.coefficients.size, [])
         duration[k] = (part.s1 - part.s0) / (cruise * mean(part.coefficients))
         window[k] = sites[part.site].window
-        group[k], row[k] = 1 + list(tables).index(part.coefficients.size), len(table)
+        group[k], row[k] = len(speeds) + list(tables).index(part.coefficients.size), len(table)
         table.append(cruise * part.coefficients)
-    speeds = [schedule.speed, *(np.array(table) for table in tables.values())]
+    speeds += [np.array(table) for table in tables.values()]
     return Motion(duration, schedule.s, speeds, group, row, window)
 
 

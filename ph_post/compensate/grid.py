@@ -28,12 +28,24 @@ _STILL = 1e-6
 _LEAST = np.finfo(np.float64).tiny
 
 
-def build_grid(track: Track, cap: Callable[[IntArray, Array], Array]) -> tuple[IntArray, Array]:
+def fastest_speeds(track: Track) -> Array:
+    """Largest parametric speed of every piece [m], as seen at a few points, shape (pieces,)."""
+    piece, u = _first_points(track)
+    fastest = np.zeros(len(track.pieces))
+    np.maximum.at(fastest, piece, np.linalg.norm(track.derivatives(piece, u, 1)[1], axis=1))
+    return fastest
+
+
+def build_grid(
+    track: Track, fastest: Array, cap: Callable[[IntArray, Array], Array]
+) -> tuple[IntArray, Array]:
     """Choose the points at which the limits are evaluated.
 
     Parameters
     ----------
     track : Track
+    fastest : Array
+        See :func:`fastest_speeds`.
     cap : callable
         Speed cap [m/s] at ``(piece, u)``, finite; cells are halved until it is nearly the same all over them.
 
@@ -43,9 +55,9 @@ def build_grid(track: Track, cap: Callable[[IntArray, Array], Array]) -> tuple[I
     u : Array, shape (n,)
         In the order of the path, both ends of every piece among them where the path is regular there.
     """
-    look = _Look(track, cap)
-    points = [look.at(*_first_points(look.straight))]
-    cells = _first_cells(points[0], look.straight)
+    look = _Look(track, fastest, cap)
+    points = [look.at(*_first_points(track))]
+    cells = _first_cells(points[0])
     for _ in range(_ROUNDS):
         if not cells.low.piece.size:
             break
@@ -79,15 +91,10 @@ class _Cells(NamedTuple):
 
 
 class _Look:
-    """Looks at the path; `straight` says which pieces need no look inside."""
+    """Looks at the path."""
 
-    def __init__(self, track: Track, cap: Callable[[IntArray, Array], Array]) -> None:
-        self.track, self.cap = track, cap
-        straight = [piece.kind == "polynomial" and len(piece.control) == 2 for piece in track.pieces]
-        self.straight = np.array(straight)
-        piece, u = _first_points(self.straight)
-        self.fastest = np.zeros(len(track.pieces))
-        np.maximum.at(self.fastest, piece, np.linalg.norm(track.derivatives(piece, u, 1)[1], axis=1))
+    def __init__(self, track: Track, fastest: Array, cap: Callable[[IntArray, Array], Array]) -> None:
+        self.track, self.fastest, self.cap = track, fastest, cap
 
     def at(self, piece: IntArray, u: Array) -> _Points:
         velocity = self.track.derivatives(piece, u, 1)[1]
@@ -99,15 +106,17 @@ class _Look:
         return _Points(piece, u, value, tangent)
 
 
-def _first_points(straight: BoolArray) -> tuple[IntArray, Array]:
-    counts = np.where(straight, 2, _CELLS + 1)
+def _first_points(track: Track) -> tuple[IntArray, Array]:
+    """Points a piece begins with: of a straight one its ends, which joints may hold down, and its middle."""
+    straight = [piece.kind == "polynomial" and len(piece.control) == 2 for piece in track.pieces]
+    counts = np.where(straight, 3, _CELLS + 1)
     piece = np.repeat(np.arange(counts.size), counts)
     first = np.cumsum(counts) - counts
     return piece, (np.arange(piece.size) - first[piece]) / (counts[piece] - 1.0)
 
 
-def _first_cells(points: _Points, straight: BoolArray) -> _Cells:
-    inner = np.flatnonzero((points.piece[1:] == points.piece[:-1]) & ~straight[points.piece[1:]])
+def _first_cells(points: _Points) -> _Cells:
+    inner = np.flatnonzero(points.piece[1:] == points.piece[:-1])
     return _Cells(points.take(inner), points.take(inner + 1))
 
 

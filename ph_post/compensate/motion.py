@@ -97,6 +97,18 @@ class Motion:
             self._chunk(t[part], s[part], feed[part])
         return s, feed
 
+    def acceleration(self, t: Array) -> Array:
+        """Rate of change of the speed [m/s²] at `t` [s]; at a boundary that of the later phase."""
+        t = np.asarray(t, dtype=np.float64)
+        phase = self.phase_at(t)
+        tau = np.clip((t - self.start[phase]) / self.duration[phase], 0.0, 1.0)
+        rate = np.zeros(t.size)
+        for number, speed in enumerate(self._speed):
+            mine = np.flatnonzero(self.group[phase] == number)
+            slope = np.ascontiguousarray((len(speed) - 1) * np.diff(speed, axis=0))
+            rate[mine] = _evaluate(slope, self.row[phase[mine]], tau[mine])
+        return rate / self.duration[phase]
+
     def _chunk(self, t: Array, s: Array, feed: Array) -> None:
         phase = self.phase_at(t)
         duration = self.duration[phase]

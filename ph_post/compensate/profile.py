@@ -82,8 +82,9 @@ def coefficients_from_ratio(ratio: float, degree: int) -> Array:
     >>> coefficients_from_ratio(0.25, 4).tolist()
     [1.0, 1.0, -1.0, 1.0, 1.0]
     """
+    factor = middle_factor(ratio, degree)
     coefficients = np.ones(degree + 1)
-    coefficients[degree // 2] = middle_factor(ratio, degree)
+    coefficients[degree // 2] = factor
     return coefficients
 
 

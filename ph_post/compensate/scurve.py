@@ -11,10 +11,16 @@ import math
 
 import numpy as np
 
-from ph_post.types import Array, IntArray
+from ph_post.types import Array
 
-_BISECTIONS = 60
-"""Halvings that reach the last bit of a double from an interval of its own size."""
+_ROOT_STEPS = 100
+"""Steps towards a peak speed; about ten are usual, and every fourth halves the bracket."""
+
+_ULP = 4.0 * np.finfo(np.float64).eps
+"""Relative width of a bracket that cannot be made much narrower."""
+
+_LEFT = 1e-9
+"""A part of the distance that may be left over by the ramps; they are then made slower by it."""
 
 
 def ramp_time(v0: Array, v1: Array, a: Array, j: Array) -> Array:
@@ -72,24 +78,36 @@ def real_root(p: float, q: float) -> float:
 def peak_speed(v0: Array, v1: Array, ceiling: Array, distance: Array, a: Array, j: Array) -> Array:
     """Highest speed <= `ceiling` from which a ramp leads back to v1 within `distance`; at least max(v0, v1).
 
-    All arrays have one shape. The path taken grows with the peak, so it is bisected to the last bit.
+    All arrays have one shape. The path taken grows with the peak; its root is found by false position with
+    Illinois' rule and a bisection now and then, and approached from below.
     """
     low = np.maximum(v0, v1)
-    high = np.maximum(ceiling, low)
-
-    def taken(peak: Array, rows: IntArray) -> Array:
-        first = ramp_distance(v0[rows], peak, a[rows], j[rows])
-        return np.asarray(first + ramp_distance(peak, v1[rows], a[rows], j[rows]))
-
-    rows = np.flatnonzero(taken(high, np.arange(low.size)) > distance)
-    lower, upper = low[rows], high[rows]
-    for _ in range(_BISECTIONS if rows.size else 0):
-        middle = 0.5 * (lower + upper)
-        fits = taken(middle, rows) <= distance[rows]
-        lower, upper = np.where(fits, middle, lower), np.where(fits, upper, middle)
-    peak = high.copy()
-    peak[rows] = lower
+    peak = np.maximum(ceiling, low)
+    spare = distance - _both_ramps(v0, v1, peak, a, j)
+    rows = np.flatnonzero(spare < 0.0)
+    v0, v1, low, distance, a, j = (part[rows] for part in (v0, v1, low, distance, a, j))
+    # A small rise takes a path like its square root, so the root is what is sought.
+    lower, upper = np.zeros(rows.size), np.sqrt(peak[rows] - low)
+    left = distance - _both_ramps(v0, v1, low, a, j)
+    under, over = np.maximum(left, 0.0), -spare[rows]
+    for count in range(_ROOT_STEPS):
+        if np.all((left <= 0.1 * _LEFT * distance) | (upper - lower <= _ULP * upper)):
+            break
+        share = 0.5 if count % 4 == 3 else under / (under + over)
+        middle = lower + share * (upper - lower)
+        spare = distance - _both_ramps(v0, v1, low + middle**2, a, j)
+        fits = spare >= 0.0
+        # The end that stays put counts for half, or false position would creep up on the root from one side.
+        under, over = np.where(fits, spare, 0.5 * under), np.where(fits, 0.5 * over, -spare)
+        lower, upper, left = np.where(fits, (middle, upper, spare), (lower, middle, left))
+    peak[rows] = low + lower**2
     return peak
+
+
+def _both_ramps(v0: Array, v1: Array, peak: Array, a: Array, j: Array) -> Array:
+    """Path that the ramps from v0 up to `peak` and from there down to v1 take."""
+    path: Array = ramp_distance(v0, peak, a, j) + ramp_distance(v1, peak, a, j)
+    return path
 
 
 def state_on_ramp(v0: Array, v1: Array, x: Array, a: Array, j: Array) -> tuple[Array, Array]:
@@ -137,6 +155,8 @@ def curve_phases(
 ) -> tuple[Array, Array]:
     """Seven phases of constant jerk from v0 over `peak` to v1; a phase that is not needed lasts 0 s.
 
+    Ramps that leave next to nothing of the distance are stretched in time to take all of it.
+
     Parameters
     ----------
     v0, peak, v1, distance, a, j : Array, shape (m,)
@@ -149,9 +169,12 @@ def curve_phases(
     """
     up_times, up_speeds = _ramp_phases(v0, peak, a, j)
     down_times, down_speeds = _ramp_phases(v1, peak, a, j)
-    left = distance - ramp_distance(v0, peak, a, j) - ramp_distance(peak, v1, a, j)
-    cruise = np.maximum(left, 0.0) / np.where(peak > 0.0, peak, 1.0)
-    durations = np.concatenate([up_times, cruise[:, None], down_times[:, ::-1]], axis=1)
+    ramps = _both_ramps(v0, v1, peak, a, j)
+    left = distance - ramps
+    cruises = left > _LEFT * distance
+    cruise = np.where(cruises, left, 0.0) / np.where(peak > 0.0, peak, 1.0)
+    slower = np.where(cruises | (ramps == 0.0), 1.0, distance / np.where(ramps > 0.0, ramps, 1.0))[:, None]
+    durations = np.concatenate([up_times * slower, cruise[:, None], down_times[:, ::-1] * slower], axis=1)
     flat = np.repeat(peak[:, None, None], 3, axis=2)
     speeds = np.concatenate([up_speeds, flat, down_speeds[:, ::-1, ::-1]], axis=1)
     return durations, speeds
