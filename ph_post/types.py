@@ -138,7 +138,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     digest: str = ""
 
 
-class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
     """Where one axis reverses.
 
     `segment`, `xi` as the contract counts them (a joint belongs to the earlier segment, at its end; the
@@ -164,7 +164,7 @@ class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     normal: float | None = None
 
 
-class Window(msgspec.Struct, frozen=True, kw_only=True):
+class Window(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     """The osculating-circle window [s - half_length, s + half_length] of a turning point [m].
 
     `estimate` is Eq. (6) [m], infinite on a circle. `contact_order` is 2, 3, or more where both terms
@@ -271,6 +271,4 @@ class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
     decimals: int
     max_line: int
     blending: bool
-
-
-"""Whether a path-blending word (G64) is understood."""
+    """Whether a path-blending word (G64) is understood."""

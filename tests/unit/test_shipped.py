@@ -3,6 +3,7 @@
 from fractions import Fraction
 from pathlib import Path
 
+import mpmath as mp
 import pytest
 
 from ph_post.errors import InputError
@@ -83,3 +84,41 @@ def test_an_installed_package_looks_inside_itself(tmp_path, monkeypatch):
     (tmp_path / "a.json").write_text("{}", encoding="utf-8")
     monkeypatch.setitem(module._FOLDERS, "paths", (tmp_path, tmp_path / "none", ".json"))
     assert shipped("paths", "a") == tmp_path / "a.json"
+
+
+def bezier(points):
+    """Both coordinates of a Bézier curve as functions of xi, at mpmath's precision."""
+    degree = len(points) - 1
+
+    def coordinate(axis):
+        row = [mp.mpf(point[axis].numerator) / point[axis].denominator for point in points]
+        return lambda t: mp.fsum(
+            mp.binomial(degree, k) * t**k * (1 - t) ** (degree - k) * x for k, x in enumerate(row)
+        )
+
+    return coordinate(0), coordinate(1)
+
+
+def test_figure_1_has_the_printed_extents():
+    """2|s| of Eq. (6): 0.2411 where the tangent is vertical (ε = 1e-6), 0.2033 where horizontal (1e-5)."""
+    (segment,) = read_path(shipped("paths", "figure1")).segments
+    with mp.workdps(40):
+        x, y = bezier(segment.curve.exact_pieces()[0].control)
+
+        def speed(t):
+            return mp.hypot(mp.diff(x, t), mp.diff(y, t))
+
+        def curvature(t):
+            return (mp.diff(x, t) * mp.diff(y, t, 2) - mp.diff(y, t) * mp.diff(x, t, 2)) / speed(t) ** 3
+
+        def along(function):
+            return lambda t: mp.diff(function, t) / speed(t)
+
+        vertical = mp.mpf("0.3")
+        horizontal = mp.findroot(lambda t: mp.diff(y, t), 0.82)
+        assert abs(mp.diff(x, vertical)) < mp.mpf("1e-15")
+        assert abs(along(curvature)(vertical)) < mp.mpf("1e-8")
+        by_second = 2 * (24 * mp.mpf("1e-6") / abs(along(along(curvature))(vertical))) ** 0.25
+        by_first = 2 * (6 * mp.mpf("1e-5") / abs(along(curvature)(horizontal))) ** (mp.mpf(1) / 3)
+    assert float(by_second) == pytest.approx(0.2411, abs=0.5e-4)
+    assert float(by_first) == pytest.approx(0.2033, abs=0.5e-4)
