@@ -19,14 +19,20 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.geometry.circles import Circles, Sides, sides_of, touching_circles, unrolled_piece
 from ph_post.geometry.joints import SHARP_CORNER_RAD, joint_angles
 from ph_post.geometry.outward import first_crossings
-from ph_post.geometry.stationary import STILL
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, TurningPoint, Window, WindowLimit
 
 JUMP: Final = 1e-6
 """Part of the curvature by which both sides of a joint may differ and still share one circle."""
+
+FEW: Final = 15
+"""Pieces of a window times their degree up to which it is not searched piece by piece: three quintics."""
+
+INNER: Final = 0.9
+"""A deviation above this part of the tolerance on this inner part of a window is suspect: a cube has 0.73."""
 
 LIMITS: Final[tuple[WindowLimit, ...]] = ("neighbour", "corner", "end", "deviation")
 """What ends a window; where several do at one place, the first is named."""
@@ -38,30 +44,6 @@ NOTES: Final = (
     (),
 )
 """Words for each of LIMITS."""
-
-
-class Circles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Osculating circles by arc length: `point` r, `tangent` dr/ds, `bend` d²r/ds² [1/m], shape (n, dim)."""
-
-    point: Array
-    tangent: Array
-    bend: Array
-
-    def take(self, which: IntArray) -> Circles:
-        """Choose some of them."""
-        return Circles(point=self.point[which], tangent=self.tangent[which], bend=self.bend[which])
-
-    def at(self, s: Array) -> Array:
-        """Points at arc lengths `s` [m], shape (n, k), from where they touch; shape (n, k, dim) [m]."""
-        half = 0.5 * np.sqrt(np.einsum("nd,nd->n", self.bend, self.bend))[:, None] * s
-        # r + t sin(κs)/κ + n (1 - cos(κs))/κ, in a form that holds for κ = 0.
-        chord = s * np.divide(np.sin(half), half, out=np.ones_like(half), where=half != 0.0)
-        along, across = chord * np.cos(half), 0.5 * chord**2
-        points = np.empty((*s.shape, self.point.shape[1]))
-        for axis in range(points.shape[2]):
-            points[..., axis] = along * self.tangent[:, axis, None] + across * self.bend[:, axis, None]
-            points[..., axis] += self.point[:, axis, None]
-        return points
 
 
 class _Centers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -79,13 +61,13 @@ class _Centers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def _centers(points: Sequence[TurningPoint]) -> _Centers:
-    columns = [
-        (one.s, one.xi, one.curvature, one.curvature_dot, one.curvature_ddot, one.torsion) for one in points
-    ]
-    s, xi, kappa, kappa_dot, kappa_ddot, tau = np.array(columns, dtype=np.float64).T.copy()
+    kappa = np.array([point.curvature for point in points], dtype=np.float64)
+    kappa_dot = np.array([point.curvature_dot for point in points], dtype=np.float64)
+    kappa_ddot = np.array([point.curvature_ddot for point in points], dtype=np.float64)
+    tau = np.array([point.torsion for point in points], dtype=np.float64)
     return _Centers(
-        s=s,
-        xi=xi,
+        s=np.array([point.s for point in points]),
+        xi=np.array([point.xi for point in points]),
         cubic=np.hypot(kappa_dot, kappa * tau),
         quartic=np.abs(kappa_ddot),
         worse=(kappa_dot * kappa_ddot > 0.0).astype(np.int64),
@@ -95,74 +77,12 @@ def _centers(points: Sequence[TurningPoint]) -> _Centers:
 def circles_at(track: Track, points: Sequence[TurningPoint]) -> tuple[Circles, Circles]:
     """Osculating circles of turning points that have one: of the path before each, and after it.
 
-    They differ where the curvature jumps. A side on which the parametric speed vanishes borrows the other's.
+    They differ where the curvature jumps.
     """
-    both = _sides(track, _centers(points)).circles
+    centers = _centers(points)
+    both = touching_circles(track, centers.s, centers.xi)
     before, after = np.arange(2 * len(points)).reshape(2, -1)
     return both.take(before), both.take(after)
-
-
-def _circles_at(track: Track, centers: _Centers) -> Circles:
-    """Circles of all centers before them, and then of all after them."""
-    s, count = centers.s, len(track.pieces)
-    piece = np.clip(np.searchsorted(track.starts, s, side="right") - 1, 0, count - 1)
-    joint = np.flatnonzero(track.starts[piece] == s)
-    u = np.clip((centers.xi - track.xi0[piece]) / (track.xi1[piece] - track.xi0[piece]), 0.0, 1.0)
-    u[joint] = 0.0
-    after, regular = _circles(track, piece, u)
-    both = after.take(np.tile(np.arange(s.size), 2))
-    if joint.size:
-        before, fine = _circles(track, (piece[joint] - 1) % count, np.ones(joint.size))
-        _assign(both, joint[fine], before.take(np.flatnonzero(fine)))
-        lost = np.flatnonzero(~regular[joint])
-        _assign(both, s.size + joint[lost], before.take(lost))
-    return both
-
-
-def _circles(track: Track, piece: IntArray, u: Array) -> tuple[Circles, BoolArray]:
-    """Osculating circles, and where there is one: where the parametric speed does not vanish."""
-    point, d1, d2 = track.derivatives(piece, u, 2)
-    square = np.einsum("nd,nd->n", d1, d1)
-    regular: BoolArray = square > STILL * np.sqrt(np.einsum("nd,nd->n", d2, d2))
-    square = np.where(regular, square, 1.0)[:, None]
-    tangent = d1 / np.sqrt(square)
-    bend = (d2 - np.einsum("nd,nd->n", d2, tangent)[:, None] * tangent) / square
-    return Circles(point=point, tangent=tangent, bend=bend), regular
-
-
-def _assign(circles: Circles, where: IntArray, values: Circles) -> None:
-    for name in Circles.__struct_fields__:
-        getattr(circles, name)[where] = getattr(values, name)
-
-
-class _Sides(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Both sides of windows, first all sides before, then all after: circles, places and directions (±1)."""
-
-    track: Track
-    circles: Circles
-    s: Array
-    direction: Array
-
-    def deviation(self, side: IntArray, distance: Array) -> Array:
-        """|r(s) - c(s)| [m] at distances (n, k) outward on the given sides (n,), shape (n, k)."""
-        offset = self.direction[side, None] * distance
-        s = self.s[side, None] + offset
-        if self.track.closed:
-            s = s % self.track.length
-        piece, u = self.track.locate(s.ravel())
-        gap = self.track.derivatives(piece, u)[0].reshape(*s.shape, -1)
-        gap -= self.circles.take(side).at(offset)
-        deviation: Array = np.sqrt(np.einsum("nkd,nkd->nk", gap, gap))
-        return deviation
-
-
-def _sides(track: Track, centers: _Centers) -> _Sides:
-    return _Sides(
-        track=track,
-        circles=_circles_at(track, centers),
-        s=np.tile(centers.s, 2),
-        direction=np.repeat([-1.0, 1.0], centers.s.size),
-    )
 
 
 def deviation(track: Track, point: TurningPoint, s: Array) -> Array:
@@ -178,8 +98,9 @@ def deviation(track: Track, point: TurningPoint, s: Array) -> Array:
     s : Array
         Arc lengths from the turning point [m], negative before it.
     """
+    center = _centers([point])
     side = np.where(s < 0.0, 0, 1)
-    return _sides(track, _centers([point])).deviation(side, np.abs(s)[:, None])[:, 0]
+    return sides_of(track, center.s, center.xi).deviation(side, np.abs(s)[:, None])[:, 0]
 
 
 def find_windows(track: Track, points: Sequence[TurningPoint], tolerance: float) -> tuple[Window, ...]:
@@ -203,7 +124,7 @@ def find_windows(track: Track, points: Sequence[TurningPoint], tolerance: float)
     clusters = _clusters(track, turning, tolerance)
     chosen = [turning[members[0]] for members in clusters]
     centers = _centers(chosen)
-    sides = _sides(track, centers)
+    sides = sides_of(track, centers.s, centers.xi)
     stops = _stops(track, centers.s, [point.s for point in points if point.kind == "cusp"])
     limit = stops.argmin(axis=0)
     estimate, order = _estimates(centers, tolerance)
@@ -251,18 +172,59 @@ def _estimates(centers: _Centers, tolerance: float) -> tuple[Array, IntArray]:
     return np.minimum(np.cbrt(third), np.sqrt(np.sqrt(fourth))), order
 
 
-def _extents(sides: _Sides, centers: _Centers, reach: Array, tolerance: float) -> tuple[Array, BoolArray]:
+def _extents(sides: Sides, centers: _Centers, reach: Array, tolerance: float) -> tuple[Array, BoolArray]:
     """Half lengths [m] up to `reach`, and whether the deviation ends them.
 
     The side on which the terms of Eq. (4) add up is likely to end the window; the other one then has to be
     looked at only as far.
     """
     rows = np.arange(reach.size)
-    worse, better = rows + rows.size * centers.worse, rows + rows.size * (1 - centers.worse)
+    order = rows + rows.size * np.stack([centers.worse, 1 - centers.worse])
+    half, crossed = reach, np.zeros(rows.size, dtype=bool)
     guess = _guess(centers, tolerance)
-    half, crossed = first_crossings(lambda k, t: sides.deviation(worse[k], t), reach, guess, tolerance)
-    half, earlier = first_crossings(lambda k, t: sides.deviation(better[k], t), half, half, tolerance)
-    return half, crossed | earlier
+    for side in order:
+        half, ends = _one_sided(sides, side, half, guess, tolerance)
+        crossed, guess = crossed | ends, half
+    suspects, places = _suspects(sides, half, tolerance)
+    for side in order[:, suspects] if suspects.size else ():
+        half[suspects], ends = _one_sided(sides, side, half[suspects], half[suspects], tolerance, places)
+        crossed[suspects] |= ends
+    return half, crossed
+
+
+def _one_sided(
+    sides: Sides, side: IntArray, reach: Array, guess: Array, tolerance: float, places: int = 0
+) -> tuple[Array, BoolArray]:
+    """Extents on one side of each window."""
+
+    def function(number: IntArray, distance: Array) -> Array:
+        return sides.deviation(side[number], distance)
+
+    return first_crossings(function, reach, guess, tolerance, places=places)
+
+
+def _suspects(sides: Sides, half: Array, tolerance: float) -> tuple[IntArray, int]:
+    """Windows whose deviation may wind past the tolerance inside, and how many places show that it does.
+
+    A piece bends only as often as its degree allows. Windows on few pieces of low degree have been looked at
+    enough; on all others every piece is looked at.
+    """
+    track = sides.track
+    s = sides.s[: half.size]
+    first, last = unrolled_piece(track, s - half), unrolled_piece(track, s + half)
+    nodes = max(4, *(group.degree for group in track.groups))
+    wide = np.flatnonzero((last - first + 1) * nodes > FEW)
+    spans = (last - first + 1)[wide]
+    window = np.repeat(wide, spans)
+    piece = np.repeat(first[wide] - np.cumsum(spans) + spans, spans) + np.arange(window.size)
+    u = np.tile((np.arange(nodes) + 0.5) / nodes, window.size)
+    window, piece = np.repeat(window, nodes), np.repeat(piece, nodes)
+    offset, gap = sides.deviation_at(window, piece, u)
+    inside = np.abs(offset) < half[window]
+    near = np.abs(offset) < INNER * half[window]
+    suspect = (inside & (gap > tolerance)) | (near & (gap > INNER * tolerance))
+    found = np.unique(window[suspect])
+    return found, 4 * nodes * int((last - first + 1)[found].max(initial=0))
 
 
 def _guess(centers: _Centers, tolerance: float) -> Array:
@@ -320,14 +282,15 @@ def _nearest(s: Array, places: Array) -> Array:
     return nearest
 
 
-def _notes(limit: IntArray, sides: _Sides, clusters: list[list[int]]) -> list[tuple[str, ...]]:
+def _notes(limit: IntArray, sides: Sides, clusters: list[list[int]]) -> list[tuple[str, ...]]:
     """Say in words what shaped each window."""
     notes: list[tuple[str, ...]] = [NOTES[which] for which in limit.tolist()]
     bend = sides.circles.bend.reshape(2, len(clusters), -1)
-    size = np.sqrt(np.einsum("snd,snd->sn", bend, bend)).max(axis=0)
-    jump = np.linalg.norm(bend[1] - bend[0], axis=1) > JUMP * size
+    largest = np.sqrt(np.einsum("snd,snd->sn", bend, bend)).max(axis=0)
+    jump = np.linalg.norm(bend[1] - bend[0], axis=1) > JUMP * largest
     for k in np.flatnonzero(jump).tolist():
         notes[k] += ("the curvature jumps here: each side has its own circle",)
-    for k in [k for k, members in enumerate(clusters) if len(members) > 1]:
+    size = np.fromiter(map(len, clusters), dtype=np.int64, count=len(clusters))
+    for k in np.flatnonzero(size > 1).tolist():
         notes[k] += (f"shared by {len(clusters[k])} turning points within the tolerance of one another",)
     return notes

@@ -33,8 +33,13 @@ def tangents(pieces: PieceSet, end: int) -> Array:
 
 def _first_ray(group: Group, end: int) -> Array:
     """Direction of the motion, from or to the first control point that is not the end point."""
-    rays, _ = _rays(group, end)
-    rays = np.ascontiguousarray(rays.transpose(0, 2, 1))  # the pieces' number last: fast sums and comparisons
+    control = (
+        group.control if group.kind == "polynomial" else group.control[..., :-1] / group.control[..., -1:]
+    )
+    net = np.ascontiguousarray(
+        control.transpose(1, 2, 0)
+    )  # the pieces' number last: fast sums and comparisons
+    rays = net[1:] - net[0] if end == 0 else net[-2::-1] - net[-1]
     squares = np.einsum("kdn,kdn->kn", rays, rays)
     first = np.argmax(squares > DEGENERATE**2 * squares.max(axis=0), axis=0)
     direction: Array = rays[0].T.copy()

@@ -13,11 +13,17 @@ from ph_post.types import Array, BoolArray, IntArray
 Function = Callable[[IntArray, Array], Array]
 """Values of the functions numbered by (n,) at their places (n, k), shape (n, k)."""
 
-CELL: Final = np.array([0.5, 0.8, 1.0])
-"""Where the way to the guess is looked at."""
+MIDWAY: Final = 0.6
+"""Where the way to the guess is looked at, besides its end."""
 
-GROWTH: Final = 1.4
+GROWTH: Final = 1.5
 """Longest step outward, over the distance."""
+
+PATIENCE: Final = 3
+"""Steps after which what is still under way is not like a power, and is hurried on."""
+
+CREEP: Final = 1.03
+"""Shortest step outward then, over the distance."""
 
 SHRINK: Final = 0.1
 """Shortest step inward, where the function is above the level long before the guess."""
@@ -25,10 +31,13 @@ SHRINK: Final = 0.1
 POWERS: Final = (1.0, 6.0)
 """A deviation grows with the third power of the distance or so; a secant far from that is not believed."""
 
-LOW: Final = 0.1
+PLAIN: Final = 2
+"""A function rises plainly where it grows faster than this power of the distance."""
+
+LOW: Final = 0.2
 """Below this part of the level a function may do what it likes: it is far from crossing."""
 
-FINE: Final = ((16, 0.8), (64, 0.98), (512, 1.0))
+FINE: Final[tuple[tuple[int, float], ...]] = ((16, 0.8), (64, 0.98), (512, 1.0))
 """Places looked at where a function does not plainly rise, and how near to the level its maxima may then come
 before more are: between two places it may lie above."""
 
@@ -47,7 +56,7 @@ class _Search(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     At `low` (value `below`) and all the way to it the function is not above the level, at `high` (value
     `above`) it is; `high` is infinite as long as no such place is known. `slope` is the last logarithmic
-    slope, `plain` says whether the function has risen all the way.
+    slope, `plain` says whether the function has plainly risen all the way.
     """
 
     reach: Array
@@ -59,11 +68,13 @@ class _Search(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     plain: BoolArray
 
 
-def first_crossings(function: Function, reach: Array, guess: Array, level: float) -> tuple[Array, BoolArray]:
+def first_crossings(
+    function: Function, reach: Array, guess: Array, level: float, *, places: int = 0
+) -> tuple[Array, BoolArray]:
     """Find how far every function stays at or below `level`, up to `reach`.
 
-    A function that does not plainly rise (faster than the distance, as one that begins with a cube does) is
-    looked at more densely.
+    A function that does not plainly rise, as one does that begins with a cube, is looked at more densely.
+    What is narrower than the steps may be missed elsewhere: where it may exist, ask for more `places`.
 
     Parameters
     ----------
@@ -75,6 +86,8 @@ def first_crossings(function: Function, reach: Array, guess: Array, level: float
         Where the crossing may be, > 0; may be infinite.
     level : float
         > 0.
+    places : int
+        Number of places to look at on the way to every extent, in any case.
 
     Returns
     -------
@@ -101,36 +114,31 @@ def first_crossings(function: Function, reach: Array, guess: Array, level: float
     _begin(function, search, np.minimum(reach, guess), level)
     _finish(function, search, np.flatnonzero(reach > 0.0), level)
     doubtful = np.flatnonzero(~search.plain)
-    for count, near in FINE:
+    stages = FINE
+    if places:
+        doubtful, stages = np.flatnonzero(reach > 0.0), ((places, FINE[1][1]), (8 * places, FINE[2][1]))
+    for count, near in stages:
         doubtful = _look_again(function, search, doubtful, count, level, near)
     return search.low, np.isfinite(search.high) | (search.below >= (1.0 - CLOSE) * level)
 
 
 def _begin(function: Function, search: _Search, end: Array, level: float) -> None:
-    """Look at the way to `end`, or less far where that turns out to be too far."""
+    """Look at `end` and a place before it, or less far where that turns out to be too far."""
     on = np.flatnonzero(end > 0.0)
     for _ in range(STEPS):
-        t = end[on, None] * CELL
-        v = function(on, t)
-        over = v > level
-        first = np.where(over.any(axis=1), over.argmax(axis=1), CELL.size)
-        early = first == 0
-        # The last two places before the level is exceeded, or the one before and the one behind.
-        k = np.clip(first, 1, CELL.size - 1)[:, None]
-        (t0, t1), (v0, v1) = (
-            (np.take_along_axis(x, k - 1, 1)[:, 0], np.take_along_axis(x, k, 1)[:, 0]) for x in (t, v)
-        )
-        search.slope[on] = _slope(t0, v0, t1, v1)
-        last = ~over[:, -1] & ~early
-        search.low[on], search.below[on] = np.where(last, t1, t0), np.where(last, v1, v0)
-        met = (first < CELL.size) & ~early
+        t0, t1 = MIDWAY * end[on], end[on]
+        v0, v1 = function(on, np.stack([t0, t1], axis=1)).T
+        clear, met = v1 <= level, (v0 <= level) & (v1 > level)
+        search.low[on], search.below[on] = np.where(clear, t1, t0), np.where(clear, v1, v0)
         search.high[on[met]], search.above[on[met]] = t1[met], v1[met]
-        falls = (v[:, 1:] * t[:, :-1] < v[:, :-1] * t[:, 1:]) & (v[:, :-1] > LOW * level)
-        search.plain[on] = ~np.any(falls & (np.arange(1, CELL.size) <= first[:, None]), axis=1)
-        on, v0 = on[early], v[early, 0]
+        search.slope[on] = _slope(t0, v0, t1, v1)
+        search.plain[on] = _rises(t0, v0, t1, v1, level)
+        early = v0 > level
+        on = on[early]
         if on.size == 0:
             return
-        end[on] *= CELL[0] * np.clip(np.cbrt(level / v0), SHRINK, 1.0)
+        search.high[on] = np.inf
+        end[on] = t0[early] * np.clip(np.cbrt(level / v0[early]), SHRINK, 1.0)
     search.low[on] = search.below[on] = 0.0
 
 
@@ -142,39 +150,58 @@ def _finish(function: Function, search: _Search, on: IntArray, level: float) -> 
         on = on[(below < (1.0 - CLOSE) * level) & (low < search.reach[on]) & apart]
         if on.size == 0:
             return
-        t = _next_place(search, on, level, halve=step % 4 == 3)
+        t = _outward(search, on, level, step)
+        met = np.isfinite(search.high[on])
+        t[met] = _inward(search, on[met], level, step)
         v = function(on, t[:, None])[:, 0]
         low, below = search.low[on], search.below[on]
-        search.slope[on] = _slope(low, below, t, v)
         over = v > level
         search.high[on[over]], search.above[on[over]] = t[over], v[over]
-        search.plain[on] &= (v * low >= below * t) | (below <= LOW * level)
+        search.slope[on] = _slope(low, below, t, v)
+        search.plain[on] &= _rises(low, below, t, v, level)
         search.low[on[~over]], search.below[on[~over]] = t[~over], v[~over]
 
 
-def _next_place(search: _Search, on: IntArray, level: float, *, halve: bool) -> Array:
-    """Where the function meets the level, going by its logarithmic slope; or half-way into the bracket."""
-    low, high, below, above = search.low[on], search.high[on], search.below[on], search.above[on]
-    target = (1.0 - 0.5 * CLOSE) * level
-    ratio = np.divide(target, below, out=np.full(on.size, np.inf), where=below > 0.0)
-    outward = np.minimum(low * np.minimum(ratio ** (1.0 / search.slope[on]), GROWTH), search.reach[on])
-    met = np.isfinite(high)
-    top, value = np.where(met, high, 1.0), np.where(met, above, level)
-    slope = np.where(low > 0.0, _slope(low, below, top, value), 3.0)
-    inward = top * (target / value) ** (1.0 / slope)
-    margin = 1e-3 * (top - low)
-    inward = np.clip(inward, low + margin, top - margin)
-    if halve:
-        inward = 0.5 * (low + top)
-    return np.where(met, inward, outward)
+def _outward(search: _Search, on: IntArray, level: float, step: int) -> Array:
+    """Where the functions may meet the level, going by their last logarithmic slopes."""
+    low, below, slope = search.low[on], search.below[on], search.slope[on]
+    ratio = np.divide(_target(level), below, out=np.full(on.size, np.inf), where=below > 0.0)
+    growth = np.minimum(ratio ** (1.0 / np.clip(slope, *POWERS)), GROWTH)
+    growth[slope <= 0.0] = GROWTH
+    least = 1.0 if step < PATIENCE else CREEP
+    place: Array = np.minimum(low * np.maximum(growth, least), search.reach[on])
+    return place
+
+
+def _inward(search: _Search, on: IntArray, level: float, step: int) -> Array:
+    """Where the functions meet the level, by power laws through both ends of their brackets; or half-way."""
+    low, high, below, above = (x[on] for x in (search.low, search.high, search.below, search.above))
+    if step % 3 == 2 or step > 3 * PATIENCE:
+        return 0.5 * (low + high)
+    # From nothing, a cube.
+    start, value = np.where(below > 0.0, low, 0.5 * high), np.where(below > 0.0, below, 0.125 * above)
+    place = high * (_target(level) / above) ** (1.0 / _slope(start, value, high, above))
+    margin = 1e-3 * (high - low)
+    return np.clip(place, low + margin, high - margin)
+
+
+def _target(level: float) -> float:
+    """Value that is tried for: in the middle of what is close enough."""
+    return (1.0 - 0.5 * CLOSE) * level
+
+
+def _rises(t0: Array, v0: Array, t1: Array, v1: Array, level: float) -> BoolArray:
+    """Whether the values rise plainly from one place to the next, or are far from the level at both."""
+    rises: BoolArray = (v1 * t0**PLAIN >= v0 * t1**PLAIN) | (np.maximum(v0, v1) <= LOW * level)
+    return rises
 
 
 def _slope(t0: Array, v0: Array, t1: Array, v1: Array) -> Array:
-    """Logarithmic slope between two places, within POWERS."""
+    """Logarithmic slope between two places."""
     tiny = np.finfo(np.float64).tiny
     rise = np.log(np.maximum(v1, tiny)) - np.log(np.maximum(v0, tiny))
-    run = np.log(np.maximum(t1, tiny)) - np.log(np.maximum(t0, tiny))
-    return np.clip(rise / np.where(run == 0.0, 1.0, run), *POWERS)
+    slope: Array = rise / (np.log(t1) - np.log(np.maximum(t0, tiny)))
+    return slope
 
 
 def _look_again(

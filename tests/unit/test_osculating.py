@@ -303,7 +303,11 @@ def loops(count: int) -> list[Bezier]:
         drift = (0.37 * turns) ** order * np.cos(0.37 * turns * t + order * math.pi / 2)
         return (np.array([[5.0], [4.0]]) * wave + 0.5 * drift).T * MM / count**order
 
-    p, v, a = (derivative(order) for order in range(3))
+    return [Bezier(points) for points in quintics(*(derivative(order) for order in range(3)))]
+
+
+def quintics(p: Array, v: Array, a: Array) -> Array:
+    """Control points of quintics through points with first and second derivatives, a step apart."""
     rows = [
         p[:-1],
         p[:-1] + v[:-1] / 5,
@@ -312,7 +316,7 @@ def loops(count: int) -> list[Bezier]:
         p[1:] - v[1:] / 5,
         p[1:],
     ]
-    return [Bezier(points) for points in np.stack(rows, axis=1)]
+    return np.stack(rows, axis=1)
 
 
 @pytest.mark.parametrize("tolerance", [1e-8, 1e-6, 5e-6, 1e-4])
@@ -325,3 +329,32 @@ def test_windows_over_many_joints(tolerance: float) -> None:
         assert found.max() <= tolerance * (1.0 + 1e-9)
         if window.limited_by == "deviation":
             assert max(found[0], found[-1]) >= 0.99 * tolerance
+
+
+@pytest.mark.parametrize("tolerance", [2e-6, 5e-6, 5.9e-6, 7e-6])
+@pytest.mark.parametrize("place", [0.1, 0.24, 0.5])
+def test_a_narrow_bump_far_out_ends_a_window(place: float, tolerance: float) -> None:
+    """An arc of R 50 with a bump of 6 µm on 0.5 mm of its length, in quintics of 0.2 mm."""
+    radius, height, width = 50 * MM, 6e-6, 0.25 / 50
+    angle = np.linspace(-0.8, 0.8, 401)
+    step = angle[1] - angle[0]
+    bump = height * np.exp(-(((angle - place) / width) ** 2))
+    slope = -2.0 * (angle - place) / width**2 * bump
+    bend = (4.0 * ((angle - place) / width**2) ** 2 - 2.0 / width**2) * bump
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    rho = (radius + bump)[:, None]
+    p, v = rho * out, (rho * across + slope[:, None] * out) * step
+    a = ((bend[:, None] - rho) * out + 2.0 * slope[:, None] * across) * step**2
+    curves = [Bezier(points) for points in quintics(p, v, a)]
+    track, points, windows = windows_of(*curves, tolerance=tolerance)
+    window = min(windows, key=lambda w: abs(w.s - 0.5 * track.length))
+    s = np.linspace(-window.half_length, window.half_length, 20_001)
+    found = deviation(track, points[window.turning_point], s)
+    assert found.max() <= tolerance * (1.0 + 1e-9)
+    if tolerance < height:
+        assert window.limited_by == "deviation"
+        assert window.half_length == pytest.approx(radius * place, abs=1 * MM)
+        assert max(found[0], found[-1]) >= 0.99 * tolerance
+    else:
+        assert window.half_length > radius * place + 1 * MM
