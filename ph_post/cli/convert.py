@@ -82,9 +82,7 @@ def _coefficients(
 @click.option(
     "--block-time", type=options.positive, metavar="MS", help="Duration of the blocks in ramps and dips."
 )
-@click.option(
-    "--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left."
-)
+@click.option("--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left.")
 @click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
 @options.common
 def command(
