@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ph_post.compensate.caps import AxisLimits
+from ph_post.compensate.columns import largest
 from ph_post.compensate.limits import at_rest_before_and_after, rounding, runs, usage
 from ph_post.compensate.motion import Motion, row_times
 from ph_post.geometry.track import Track
@@ -65,7 +66,7 @@ def _slower_by(position: Array, limits: AxisLimits, noise: float) -> Array:
     """Part of its speed (rows,) that the motion may keep where a difference begins, 1 where all is well."""
     factor = np.ones(len(position))
     for order in range(1, min(3, len(position) - 1) + 1):
-        ratio = usage(position, limits, order, noise).max(axis=1)
+        ratio = largest(usage(position, limits, order, noise))
         part = factor[: ratio.size]
         np.minimum(part, np.maximum(ratio, 1.0) ** (-1.0 / order), out=part)
     return factor

@@ -14,6 +14,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from ph_post.compensate.columns import norm, smallest
 from ph_post.compensate.grid import build_grid, fastest_speeds
 from ph_post.geometry import frenet
 from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
@@ -191,7 +192,7 @@ def _shape(track: Track, fastest: Array, piece: IntArray, u: Array) -> Array:
     """
     d = track.derivatives(piece, u, 3)
     shape: Array = np.abs(frenet.arc_derivatives(d)[1:])
-    speed, second, third = np.linalg.norm(d[1:], axis=2)
+    speed, second, third = (norm(values) for values in d[1:])
     error = _ROUNDING * (1.0 + fastest[piece] / speed)
     shape[1] -= (error * second / speed**2)[:, None]
     shape[2] -= (error * (third / speed**3 + 10.0 * second**2 / speed**4))[:, None]
@@ -201,8 +202,7 @@ def _shape(track: Track, fastest: Array, piece: IntArray, u: Array) -> Array:
 def _velocity_cap(shape: Array, limits: AxisLimits) -> Array:
     """Speed cap (n,) from the velocities of the axes."""
     caps = VELOCITY_SHARE * limits.velocity / np.maximum(shape[0], _LEAST)
-    lowest: Array = np.minimum(caps, UNBOUNDED).min(axis=1)
-    return lowest
+    return smallest(np.minimum(caps, UNBOUNDED))
 
 
 def _bend_cap(shape: Array, limits: AxisLimits, room_j: Array) -> Array:
@@ -211,8 +211,7 @@ def _bend_cap(shape: Array, limits: AxisLimits, room_j: Array) -> Array:
     caps = np.minimum(
         np.sqrt(NORMAL_SHARE * limits.acceleration / normal), np.cbrt(BEND_SHARE * room_j / bend)
     )
-    lowest: Array = np.minimum(caps, UNBOUNDED).min(axis=1)
-    return lowest
+    return smallest(np.minimum(caps, UNBOUNDED))
 
 
 def _joint_room(track: Track, limits: AxisLimits, piece: IntArray, feed: Array) -> tuple[Array, Array, Array]:
@@ -254,8 +253,7 @@ def _jump_cap(jump: Array, kink: Array, limits: AxisLimits) -> Array:
     by_jump = np.sqrt(JUMP_SHARE * limits.jerk * dt / np.maximum(0.75 * jump, _LEAST))
     steps = np.minimum(limits.acceleration * dt, limits.jerk * dt * dt)
     by_kink = KINK_SHARE * steps / np.maximum(kink, _LEAST)
-    lowest: Array = np.minimum(np.minimum(by_jump, by_kink), UNBOUNDED).min(axis=1)
-    return lowest
+    return smallest(np.minimum(np.minimum(by_jump, by_kink), UNBOUNDED))
 
 
 def _lowest_around(values: Array, piece: IntArray) -> Array:
@@ -280,8 +278,8 @@ def _left_over(shape: Array, v: Array, room_a: Array, room_j: Array) -> tuple[Ar
     v = v[:, None]
     acceleration = (room_a - normal * v**2) / tangent
     across = CROSS_SHARE * room_j / np.maximum(3.0 * normal * v, _LEAST)
-    free = acceleration.min(axis=1)
-    crossed = np.minimum(free, across.min(axis=1))
+    free = smallest(acceleration)
+    crossed = np.minimum(free, smallest(across))
     cross_jerk = np.minimum(CROSS_SHARE * room_j, 3.0 * normal * v * free[:, None])
     jerk = (room_j - bend * v**3 - cross_jerk) / tangent
-    return free, crossed, jerk.min(axis=1)
+    return free, crossed, smallest(jerk)

@@ -74,7 +74,7 @@ class Course:
     stops : Array
         Arc lengths at which the motion stops [m].
     moving : bool
-        Whether the motion begins and ends at feed.
+        Whether the motion begins and ends at feed; at a rapid segment it rests all the same.
 
     Attributes
     ----------
@@ -89,8 +89,10 @@ class Course:
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
         self.caps = build_caps(track, _planned(self.limits, track))
         self.factor = np.ones(self.caps.s.size)
-        self.looped = moving and track.closed
-        self._nodes = first_nodes(track.length, stops, moving)
+        segments = track.path.segments
+        first, last = moving and not segments[0].rapid, moving and not segments[-1].rapid
+        self.looped = first and last and track.closed
+        self._nodes = first_nodes(track.length, stops, (first, last))
 
     def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> Settled:
         """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as wished.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ph_post.compensate.columns import largest, norm
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -32,7 +33,7 @@ def fastest_speeds(track: Track) -> Array:
     """Largest parametric speed of every piece [m], as seen at a few points, shape (pieces,)."""
     piece, u = _first_points(track)
     fastest = np.zeros(len(track.pieces))
-    np.maximum.at(fastest, piece, np.linalg.norm(track.derivatives(piece, u, 1)[1], axis=1))
+    np.maximum.at(fastest, piece, norm(track.derivatives(piece, u, 1)[1]))
     return fastest
 
 
@@ -98,7 +99,7 @@ class _Look:
 
     def at(self, piece: IntArray, u: Array) -> _Points:
         velocity = self.track.derivatives(piece, u, 1)[1]
-        speed = np.linalg.norm(velocity, axis=1)
+        speed = norm(velocity)
         value, tangent = np.full(u.size, np.nan), np.full(velocity.shape, np.nan)
         good = np.flatnonzero(speed > _STILL * self.fastest[piece])
         value[good] = np.log(np.maximum(self.cap(piece[good], u[good]), _LEAST))
@@ -121,7 +122,7 @@ def _first_cells(points: _Points) -> _Cells:
 
 
 def _alike(a: _Points, b: _Points) -> BoolArray:
-    turn = np.abs(a.tangent - b.tangent).max(axis=1)
+    turn = largest(np.abs(a.tangent - b.tangent))
     alike: BoolArray = (np.abs(a.value - b.value) < _CHANGE) & (turn < _TURN)
     return alike
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ph_post.compensate import scurve
 from ph_post.compensate.caps import Caps
+from ph_post.compensate.columns import largest
 from ph_post.errors import SolveError
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -80,13 +81,13 @@ class _Curves(NamedTuple):
     v1: Array
 
 
-def first_nodes(length: float, stops: Array, moving: bool) -> Nodes:
-    """Nodes at both ends of the path and at the stops; the ends are at rest unless `moving`."""
+def first_nodes(length: float, stops: Array, moving: tuple[bool, bool]) -> Nodes:
+    """Nodes at both ends of the path and at the stops; each end is at rest unless `moving`."""
     inside = np.unique(stops[(stops > SAME_PLACE) & (stops < length - SAME_PLACE)])
     inside = inside[np.diff(inside, prepend=-1.0) > SAME_PLACE]
     s = np.concatenate([[0.0], inside, [length]])
     level = np.zeros(s.size)
-    level[[0, -1]] = np.inf if moving else 0.0
+    level[[0, -1]] = np.where(moving, np.inf, 0.0)
     return Nodes(s0=s, s1=s, level=level, window=np.full(s.size, -1))
 
 
@@ -230,7 +231,7 @@ def _excess(caps: Caps, index: IntArray, spans: _Spans, curves: _Curves, x: Arra
     tangent, normal, bend = caps.tangent[index], caps.normal[index], caps.bend[index]
     used_a = (normal * v**2 + tangent * a) / caps.room_a[index]
     used_j = (bend * v**3 + 3.0 * normal * v * a + tangent * j) / caps.room_j[index]
-    excess: Array = np.maximum(np.maximum(used_a, used_j).max(axis=1), speed / caps.hard[index])
+    excess: Array = np.maximum(largest(np.maximum(used_a, used_j)), speed / caps.hard[index])
     return excess
 
 

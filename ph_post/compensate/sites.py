@@ -6,8 +6,6 @@ that the plain plan has on it, so that a plateau of that feed can be had there w
 
 from __future__ import annotations
 
-import math
-
 import msgspec
 import numpy as np
 
@@ -125,9 +123,8 @@ def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: flo
         return "the motion stops here"
     mean = profile.mean(wish.coefficients)
     room = max(min(room, window.s - feed.first, feed.last - window.s), 0.0)
-    # The user's own duration may leave the window, the default may not.
     wanted = cruise * mean * wish.t_star
-    most = wanted if math.isfinite(wish.t_star) and wish.least == 0.0 else min(wanted, window.half_length)
+    most = wanted if wish.may_leave else min(wanted, window.half_length)
     half = feed.steady_half(window.s, min(most, room), STEADY * cruise)
     needed = min(most, cruise * mean * wish.least)
     if half < needed * (1.0 - 1e-9):
@@ -155,7 +152,7 @@ def _notes(window: Window, wish: Wish, half: float, most: float, t_star: float) 
     if half < most * (1.0 - 1e-6):
         notes.append(
             f"profile shortened from {most / MM:.4g} mm to {half / MM:.4g} mm on either side, where the feed "
-            "changes"
+            "changes, the path ends or the next profile begins"
         )
     if half > window.half_length * (1.0 + 1e-9):
         notes.append(

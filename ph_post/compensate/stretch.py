@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ph_post.compensate.caps import AxisLimits
+from ph_post.compensate.columns import largest
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.profile import mean
 from ph_post.compensate.sites import Stretch
@@ -37,7 +38,7 @@ def stretch_usage(track: Track, limits: AxisLimits, parts: Sequence[Stretch]) ->
         difference = difference[_PHASES:] - difference[:-_PHASES]
         first, last = number[: len(difference)], number[order * _PHASES :]
         period = _PHASES * step[first]
-        ratio = (np.abs(difference) / limits.of_order(order)).max(axis=1) / period**order
+        ratio = largest(np.abs(difference) / limits.of_order(order)) / period**order
         whole = first == last
         np.maximum.at(worst, first[whole], ratio[whole])
     return worst

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.motions import KINDS, look, make_machine, make_path, random_curves, worst_use
+from support.motions import KINDS, assert_continuous, look, make_machine, make_path, random_curves, worst_use
 
 from ph_post.compensate.limits import check_command, rounding
 from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
@@ -64,5 +64,6 @@ def test_no_sample_breaks_a_limit(batch: int) -> None:
         assert (
             abs(command.s[-1] - analysis.track.length) <= plan.phases[-1].speed.max() * machine.servo_period
         )
+        assert_continuous(plan, analysis.track.length)
         profiles += sum(profile is not None for profile in plan.profiles)
     assert profiles > 30

@@ -9,7 +9,7 @@ import numpy as np
 from ph_post.analysis import Analysis, analyse
 from ph_post.compensate.limits import at_rest_before_and_after
 from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial
-from ph_post.types import Axis, Command, Gap, Limits, Machine, Path, Segment, Servo
+from ph_post.types import Axis, Command, Gap, Limits, Machine, Path, Phase, Plan, Segment, Servo
 
 MM = 1e-3
 
@@ -59,6 +59,33 @@ def worst_use(command: Command, machine: Machine) -> tuple[float, float, float]:
         limit = np.array([getattr(machine.axes[axis].limits, name) for axis in command.axes])
         worst.append(float((np.abs(np.diff(position, order, axis=0)) / command.period**order / limit).max()))
     return worst[0], worst[1], worst[2]
+
+
+def assert_continuous(plan: Plan, length: float) -> None:
+    """Phases follow each other from s = 0 to the end without a jump of place, speed or acceleration."""
+    duration = np.array([phase.duration for phase in plan.phases])
+    starts = np.array([phase.start for phase in plan.phases])
+    s = np.array([phase.s for phase in plan.phases])
+    mean = np.array([phase.speed.mean() for phase in plan.phases])
+    assert (starts[0], s[0]) == (0.0, 0.0)
+    # Each start is the sum of all durations before it.
+    np.testing.assert_allclose(starts[1:], np.cumsum(duration)[:-1], rtol=1e-15 * len(starts))
+    np.testing.assert_allclose(np.append(s[1:], length), s + duration * mean, rtol=0.0, atol=1e-12)
+    ends = np.array([(phase.speed[0], phase.speed[-1]) for phase in plan.phases])
+    np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=0.0, atol=1e-14)
+    slopes = np.array([_end_slopes(phase) for phase in plan.phases])
+    # A slope is n times a difference of speeds, right to an ulp of them each, over the duration.
+    error = 64.0 * np.finfo(np.float64).eps * max(phase.speed.max() for phase in plan.phases) / duration
+    assert np.all(
+        np.abs(slopes[1:, 0] - slopes[:-1, 1]) <= 1e-9 * np.abs(slopes).max() + error[1:] + error[:-1]
+    )
+
+
+def _end_slopes(phase: Phase) -> tuple[float, float]:
+    v, n = phase.speed, phase.speed.size - 1
+    return (
+        (0.0, 0.0) if n == 0 else (n * (v[1] - v[0]) / phase.duration, n * (v[-1] - v[-2]) / phase.duration)
+    )
 
 
 def random_curves(rng: np.random.Generator, kind: str) -> list:

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from support.motions import MM, circle, look, make_machine, make_path, worst_use
+from support.motions import MM, assert_continuous, circle, look, make_machine, make_path, worst_use
 
 from ph_post.compensate.limits import check_command
-from ph_post.compensate.motion import Motion
 from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
 from ph_post.compensate.sample import place_and_feed, sample
 from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial
@@ -38,23 +37,6 @@ def feed_at(plan: Plan, s: float) -> float:
     return float(place_and_feed(plan.phases, np.array([low]))[1][0])
 
 
-def assert_continuous(plan: Plan) -> None:
-    """Phases follow each other without a jump of place (1e-12 m) or speed, from s = 0 to the end."""
-    motion = Motion.from_phases(plan.phases)
-    mean = np.array([phase.speed.mean() for phase in plan.phases])
-    ends = motion.s + motion.duration * mean
-    length = look(plan.path, plan.machine).track.length
-    assert plan.phases[0].s == 0.0
-    assert plan.phases[0].start == 0.0
-    np.testing.assert_allclose(np.append(motion.s[1:], length), ends, rtol=0.0, atol=1e-12)
-    starts = np.array([phase.start for phase in plan.phases])
-    # Each start is the sum of all durations before it.
-    np.testing.assert_allclose(starts[1:], np.cumsum(motion.duration)[:-1], rtol=1e-15 * len(starts))
-    first = np.array([phase.speed[0] for phase in plan.phases])
-    last = np.array([phase.speed[-1] for phase in plan.phases])
-    np.testing.assert_allclose(first[1:], last[:-1], rtol=0.0, atol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("length", "acceleration", "jerk"), [(0.05, 5.0, 100.0), (0.05, 0.2, 100.0), (0.05, 0.5, 1.0)]
 )
@@ -69,7 +51,7 @@ def test_a_line_from_rest_to_rest_takes_the_least_time(
         return length / v + (2.0 * math.sqrt(v / j) if v * j <= a * a else v / a + a / j)
 
     assert least(1.0) < cycle_time(plan.phases) < least(1.0 - UNUSED)
-    assert_continuous(plan)
+    assert_continuous(plan, look(plan.path, plan.machine).track.length)
     assert plan.warnings == ()
 
 
@@ -85,7 +67,7 @@ def test_sharp_corners_stop_the_motion() -> None:
     rest, moving = plan_for(path, make_machine()), plan_for(path, make_machine(), MOVING)
     for plan in (rest, moving):
         assert feed_at(plan, 0.03) == pytest.approx(0.0, abs=1e-9)
-        assert_continuous(plan)
+        assert_continuous(plan, look(plan.path, plan.machine).track.length)
     assert rest.warnings == ()
     assert moving.warnings == ("the motion stops at a sharp corner (30 mm)",)
     assert rest.phases[0].speed[0] == rest.phases[-1].speed[-1] == 0.0
@@ -107,7 +89,7 @@ def test_feed_of_a_segment_is_reached_before_it_begins() -> None:
     assert feed.max() == 0.02
     assert feed[(s >= 0.02) & (s <= 0.04)].max() <= 0.005 * (1.0 + 1e-12)
     assert feed_at(plan, 0.03) == 0.005
-    assert_continuous(plan)
+    assert_continuous(plan, look(plan.path, plan.machine).track.length)
 
 
 def test_rapid_segments_begin_and_end_at_rest_and_go_as_fast_as_the_axes() -> None:
@@ -118,6 +100,12 @@ def test_rapid_segments_begin_and_end_at_rest_and_go_as_fast_as_the_axes() -> No
     assert 0.099 < feed_at(plan, 0.3) < 0.1
     moving = plan_for(path, make_machine(velocity=0.1), MOVING)
     assert moving.warnings == ("the motion stops at 2 ends of rapid segments (200 mm, 400 mm)",)
+
+
+def test_a_rapid_segment_at_the_end_of_a_path_is_not_entered_at_full_speed() -> None:
+    path = make_path([Line([(k * 0.2, 0.0), ((k + 1) * 0.2, 0.0)]) for k in range(2)], rapid=[0])
+    plan = plan_for(path, make_machine(), MOVING)
+    assert (plan.phases[0].speed[0], plan.phases[-1].speed[-1]) == (0.0, 0.02)
 
 
 def test_curvature_lowers_the_feed_and_it_is_said() -> None:
@@ -167,7 +155,7 @@ def test_cusps_and_near_cusps(d: float) -> None:
     machine = make_machine()
     analysis = look(path, machine)
     plan = make_plan(analysis, PLAIN)
-    assert_continuous(plan)
+    assert_continuous(plan, look(plan.path, plan.machine).track.length)
     command = sample(plan, analysis.track, 1e-3)
     assert check_command(command, machine) == ()
     middle = feed_at(plan, analysis.track.length / 2)
@@ -212,7 +200,7 @@ def test_every_kind_of_curve_keeps_the_limits_on_the_samples(options: PlanOption
             command = sample(plan, analysis.track, 1e-3)
             assert check_command(command, machine) == ()
             assert max(worst_use(command, machine)) <= 1.0
-            assert_continuous(plan)
+            assert_continuous(plan, look(plan.path, plan.machine).track.length)
 
 
 def test_no_axis_is_idle_all_the_time_when_the_limits_bind() -> None:

@@ -256,14 +256,14 @@ def test_an_axis_without_a_gap_is_left_alone() -> None:
     )
     plan = make_plan(ring(gap=none), MOVING)
     assert dips(plan) == [None] * 4
-    assert told(plan, "turning points #0, #2: left alone: axis X has no gap")
+    assert told(plan, "turning points #0, #2: left alone: no gap on X")
 
 
 def test_open_loops_are_warned_of_the_offset_that_stays() -> None:
     for feedback in ("motor", "none"):
         plan = make_plan(ring(feedback=feedback), MOVING)
         assert any(ratio is not None for ratio in dips(plan))
-        assert told(plan, "axis X and Y has no scale on the table")
+        assert told(plan, "axes X, Y have no scale on the table")
         assert told(plan, "which a modulated feed does not shrink")
     assert not told(make_plan(ring(), MOVING), "no scale")
 

@@ -39,13 +39,15 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The profile wanted in one window.
 
     `coefficients` are V_k / V_c, None to leave the window alone; `t_star` [s] is the half duration wanted,
-    infinite for as long as the window; `least` [s] the half duration below which the profile is of less use;
-    `note` says why the window is left alone, or whatever else the user should know.
+    infinite for as long as the window; `least` [s] the half duration below which the profile is of less use.
+    `may_leave` lets it leave the window in which the osculating circle stands for the path. `note` says why
+    the window is left alone, or whatever else the user should know.
     """
 
     coefficients: Array | None
     t_star: float = math.inf
     least: float = 0.0
+    may_leave: bool = False
     note: str = ""
 
 

@@ -80,11 +80,11 @@ def _wish(task: Task, window: Window, coefficients: Array) -> Wish:
     members = [task.turning_points[index] for index in window.members]
     if not any(_lost_motion(task, point) for point in members):
         axes = " and ".join(sorted({point.axis for point in members}))
-        return Wish(coefficients=None, note=f"axis {axes} has no gap")
+        return Wish(coefficients=None, note=f"no gap on {axes}")
     durations = [found.duration for found in (task.intervals[p.index] for p in members) if found is not None]
     longest = max(durations, default=0.0)
     if task.options.t_star is not None:
-        return Wish(coefficients=coefficients, t_star=task.options.t_star)
+        return Wish(coefficients=coefficients, t_star=task.options.t_star, may_leave=True)
     if longest == 0.0:
         why = next((task.notes[p.index] for p in members if task.notes[p.index]), "no backlash interval")
         return Wish(coefficients=None, note=why)
@@ -103,9 +103,10 @@ def _offset_warning(task: Task, wishes: tuple[Wish, ...]) -> tuple[str, ...]:
     open_axes = [name for name in axes if task.machine.axes[name].feedback != "load"]
     if not open_axes:
         return ()
+    who = f"axis {open_axes[0]} has" if len(open_axes) == 1 else f"axes {', '.join(open_axes)} have"
     return (
-        f"axis {' and '.join(open_axes)} has no scale on the table: its gap is a lasting offset after each "
-        "reversal, which a modulated feed does not shrink; it only shortens the way travelled meanwhile",
+        f"{who} no scale on the table: the gap is a lasting offset after each reversal there, which a "
+        "modulated feed does not shrink; it only shortens the way travelled meanwhile",
     )
 
 
