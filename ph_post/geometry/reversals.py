@@ -20,6 +20,9 @@ from ph_post.types import Array, BoolArray, IntArray
 RESOLUTION: Final = 4.0 * EPS
 """Travel next to a joint that is less than this part of the coordinate may be the rounding of the joint."""
 
+SAME_PLACE: Final = 1e-13
+"""Reversals nearer than this part of the path's length are at one place."""
+
 
 class Reversals(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Reversals in the order of the path, by the place where the coordinate begins to move the other way.
@@ -52,7 +55,10 @@ def find_reversals(track: Track, turns: Stationary) -> Reversals:
             for name in Reversals.__struct_fields__
         }
     )
-    return joined.take(np.lexsort((joined.axis, joined.s)))
+    joined = joined.take(np.argsort(joined.s, kind="stable"))
+    # Where several coordinates reverse at one place, rounding shall not decide their order.
+    place = np.cumsum(np.diff(joined.s, prepend=0.0) > SAME_PLACE * track.length)
+    return joined.take(np.lexsort((joined.axis, place)))
 
 
 def _end_values(track: Track) -> tuple[Array, Array]:

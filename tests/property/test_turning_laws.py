@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ph_post.geometry.curves import Bezier
 from ph_post.geometry.track import Track
 from ph_post.osculating import find_windows
-from ph_post.turning import find_turning_points
+from ph_post.turning import certify, find_turning_points
 from ph_post.types import Array, TurningPoint
 
 GRID = 2.0**-10
@@ -141,3 +141,11 @@ def test_windows_scale_with_the_path_and_the_tolerance(chain: tuple[list[Array],
     assert [(w.members, w.limited_by) for w in first] == [(w.members, w.limited_by) for w in second]
     for window, wide in zip(first, second, strict=True):
         assert wide.half_length == pytest.approx(factor * window.half_length, rel=1e-3)
+
+
+@LAW
+@given(chains())
+def test_exact_arithmetic_agrees(chain: tuple[list[Array], bool]) -> None:
+    """Small integers make double roots, cusps and stand-stills, on which both must agree."""
+    certificate = certify(track_of(*chain))
+    assert certificate.ok, certificate.words
