@@ -48,13 +48,15 @@ class Settled(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A motion that keeps the limits.
 
     `sites` are those it was planned for, with V_c as it came out; `depth` (sites,) is how much of each
-    profile was kept: 1 all of it, 0 none; `refused` tells why a profile was left out, by its number.
+    profile was kept: 1 all of it, 0 none; `refused` tells why a profile was left out, by its number;
+    `factor` how much slower than the caps allow the motion is, at their points.
     """
 
     motion: Motion
     sites: tuple[Site, ...]
     depth: Array
     refused: dict[int, str]
+    factor: Array
 
 
 class _Draft(NamedTuple):
@@ -81,7 +83,7 @@ class Course:
     looped : bool
         Whether the motion runs through the seam of a closed path.
     factor : Array
-        How much slower than planned at first the motion is, at the points of `caps`.
+        How much slower than the caps allow the motion has to be, at their points, as far as is known.
     """
 
     def __init__(self, track: Track, machine: Machine, stops: Array, moving: bool) -> None:
@@ -111,7 +113,10 @@ class Course:
             draft = self._draft(sites, depth, refused)
             broken = find_broken(self.track, self.limits, draft.motion)
             if not broken.factor.size:
-                return Settled(motion=draft.motion, sites=draft.sites, depth=depth, refused=refused)
+                return Settled(
+                    motion=draft.motion, sites=draft.sites, depth=depth, refused=refused,
+                    factor=self.factor.copy(),
+                )  # fmt: skip
             guilty, elsewhere = self._guilty(draft, broken, depth)
             self._soften(draft, guilty, depth, refused)
             self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)

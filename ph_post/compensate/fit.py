@@ -70,6 +70,10 @@ class Fitter:
             depth = self._above_least_feed(sites, settled.depth * self._affordable(settled))
             if np.all(depth == settled.depth) and sites == settled.sites:
                 break
+        if not np.any(settled.depth):
+            # Whatever was tried, without any profile the plain plan is the one to run.
+            plain = self.before
+            settled = msgspec.structs.replace(settled, motion=plain.motion, factor=plain.factor)
         profiles = self._profiles(settled)
         return Fitted(settled=settled, profiles=profiles, warnings=tuple(words.about_points(self._said)))
 

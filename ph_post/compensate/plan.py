@@ -65,10 +65,12 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
     course = Course(analysis.track, machine, np.concatenate([corners, infinite, rapids, cusps]), moving)
     before = course.settle()
     fitted = Fitter(course, before, analysis.windows, proposal.wishes, options).fit()
+    # From rest, nobody expects a corner to be run through; infinite curvature does not show in the drawing.
+    none = np.zeros(0)
     warnings = [
-        *(words.stops(corners, cusps, infinite, rapids) if moving else ()),
+        *words.stops(*((corners, cusps, infinite, rapids) if moving else (none, none, infinite, none))),
         *words.slow_stretches(course.caps),
-        *words.slowed(course.caps, course.factor),
+        *words.slowed(course.caps, fitted.settled.factor),
         *proposal.warnings,
         *fitted.warnings,
     ]
