@@ -28,6 +28,10 @@ from ph_post.types import Array, BoolArray, IntArray, TurningPoint, Window, Wind
 JUMP: Final = 1e-6
 """Part of the curvature by which both sides of a joint may differ and still share one circle."""
 
+TOGETHER: Final = 1e-9
+"""Turning points no further apart than this share a window [m]: as near as segments have to meet, so that
+every one of them has the same circle. Any others have windows of their own, each true to its own circle."""
+
 FEW: Final = 15
 """Pieces of a window times their degree up to which it is not searched piece by piece: three quintics."""
 
@@ -107,8 +111,8 @@ def find_windows(track: Track, points: Sequence[TurningPoint], tolerance: float)
     """Find the window of every turning point that has an osculating circle.
 
     The largest [s - h, s + h] on which the path leaves the circle by no more than `tolerance`, up to half the
-    way to the next turning point, a corner or cusp, or the end of an open path. Turning points within
-    `tolerance` of one another, along the path, share one window.
+    way to the next turning point, a corner or cusp, or the end of an open path. Turning points at one place,
+    where several axes reverse together, share one window.
 
     Parameters
     ----------
@@ -121,7 +125,7 @@ def find_windows(track: Track, points: Sequence[TurningPoint], tolerance: float)
     turning = [point for point in points if point.curvature is not None]
     if not turning:
         return ()
-    clusters = _clusters(track, turning, tolerance)
+    clusters = _clusters(turning)
     chosen = [turning[members[0]] for members in clusters]
     centers = _centers(chosen)
     sides = sides_of(track, centers.s, centers.xi)
@@ -240,17 +244,13 @@ def _guess(centers: _Centers, tolerance: float) -> Array:
     return guess
 
 
-def _clusters(track: Track, points: Sequence[TurningPoint], tolerance: float) -> list[list[int]]:
-    """Numbers of the turning points that share a window, in order; a cluster may lie across the seam."""
+def _clusters(points: Sequence[TurningPoint]) -> list[list[int]]:
+    """Numbers of the turning points that share a window, in order."""
     s = np.array([point.s for point in points])
-    cuts = np.flatnonzero(np.diff(s) > tolerance) + 1
+    cuts = np.flatnonzero(np.diff(s) > TOGETHER) + 1
     if cuts.size == s.size - 1:
-        clusters = [[k] for k in range(s.size)]
-    else:
-        clusters = [list(range(first, last)) for first, last in pairwise([0, *cuts.tolist(), s.size])]
-    if track.closed and len(clusters) > 1 and s[0] + track.length - s[-1] <= tolerance:
-        clusters[0] += clusters.pop()
-    return clusters
+        return [[k] for k in range(s.size)]
+    return [list(range(first, last)) for first, last in pairwise([0, *cuts.tolist(), s.size])]
 
 
 def _members(points: Sequence[TurningPoint], clusters: list[list[int]]) -> list[tuple[int, ...]]:
@@ -292,5 +292,5 @@ def _notes(limit: IntArray, sides: Sides, clusters: list[list[int]]) -> list[tup
         notes[k] += ("the curvature jumps here: each side has its own circle",)
     size = np.fromiter(map(len, clusters), dtype=np.int64, count=len(clusters))
     for k in np.flatnonzero(size > 1).tolist():
-        notes[k] += (f"shared by {len(clusters[k])} turning points within the tolerance of one another",)
+        notes[k] += (f"shared by {len(clusters[k])} turning points at one place",)
     return notes

@@ -161,35 +161,22 @@ def test_a_cusp_bounds_a_window_and_has_none() -> None:
     assert windows[0].half_length == pytest.approx(points[1].s - points[0].s)
 
 
-def test_turning_points_within_the_tolerance_share_a_window() -> None:
-    """x' has two roots 2 µm of arc length apart, both within ε = 5 µm."""
+def test_turning_points_close_to_each_other_have_windows_of_their_own() -> None:
+    """x' has two roots 2 µm of arc length apart, within ε = 5 µm: each window is true to its own circle."""
     apart = 1e-4
     x = [0.0, 0.01 * (1 / 9 - apart**2), -0.01 / 3, 0.01 / 3]
     _, points, windows = windows_of(Polynomial([x, [0.0, 0.01]]))
     assert len(points) == 2
     assert points[1].s - points[0].s == pytest.approx(2 * apart * 0.01, rel=1e-3)
-    assert [(w.turning_point, w.members) for w in windows] == [(0, (0, 1))]
-    assert "shared by 2 turning points within the tolerance of one another" in windows[0].notes
-    _, _, apart_windows = windows_of(Polynomial([x, [0.0, 0.01]]), tolerance=1e-7)
-    assert [w.members for w in apart_windows] == [(0,), (1,)]
+    assert [(w.members, w.limited_by) for w in windows] == [((0,), "neighbour"), ((1,), "neighbour")]
+    assert windows[0].half_length == pytest.approx(0.5 * (points[1].s - points[0].s))
 
 
 def test_axes_that_reverse_together_share_a_window() -> None:
     _, points, windows = windows_of(Polynomial([[0, 0, 0.01], [0, 0.01], [0, 0, -0.01]], (-1.0, 1.0)))
     assert (len(points), len(windows)) == (2, 1)
     assert windows[0].members == (0, 1)
-
-
-def test_a_cluster_may_lie_across_the_seam() -> None:
-    """A rounded notch of 1 µm, cut in the middle: its turning points lie on both sides of the seam."""
-    r = 0.5e-6
-    notch = [Arc([0.0, r], [r, 0.0], [0.0, 0.0], "cw"), Arc([r, 0.0], [0.0, -r], [0.0, 0.0], "cw")]
-    way = [Line([[0.0, -r], [-0.01, -r]]), Arc([-0.01, -r], [-0.01, r], [-0.01, 0.0], "cw")]
-    home = Line([[-0.01, r], [0.0, r]])
-    _, points, windows = windows_of(notch[1], *way, home, notch[0], closed=True, tolerance=2e-6)
-    shared = {window.members for window in windows}
-    assert points[0].s == 0.0
-    assert any(0 in members and len(points) - 1 in members for members in shared)
+    assert "shared by 2 turning points at one place" in windows[0].notes
 
 
 def test_where_the_curvature_jumps_each_side_has_its_own_circle() -> None:
