@@ -85,9 +85,13 @@ def numerator_terms(n: int) -> tuple[tuple[int, int, int, Fraction], ...]:
     )
 
 
-def rounded(coefficients: Rational) -> list[float]:
-    """Round every coefficient once, by true division of integers."""
-    return [value.numerator / value.denominator for value in coefficients]
+def rounded_derivative(control: Sequence[Rational], axis: int, *, rational: bool) -> list[float]:
+    """Round the coefficients of :func:`derivative`, each once."""
+    if rational:
+        return [value.numerator / value.denominator for value in derivative(control, axis, rational=True)]
+    # Differences as quotients of integers: their common factors need not be sought.
+    ratios = [point[axis].as_integer_ratio() for point in control]
+    return [(p * b - a * q) / (q * b) for (a, b), (p, q) in pairwise(ratios)]
 
 
 def integers(coefficients: Rational) -> list[int]:

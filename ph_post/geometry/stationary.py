@@ -157,7 +157,12 @@ def _sharp_forms(
 
 
 def _rounded_forms(data: ExactData, piece: IntArray, axis: IntArray, numbers: IntArray, count: int) -> Array:
-    forms = [exact.rounded(data.velocity(piece[k], axis[k])) for k in numbers.tolist()]
+    """Velocities from the exact data, every coefficient rounded once."""
+    forms = [
+        exact.rounded_derivative(one.control, number, rational=one.kind == "rational")
+        for one, number in zip(data.pieces(piece[numbers]), axis[numbers].tolist(), strict=True)
+        if one is not None
+    ]
     return np.array(forms, dtype=np.float64).reshape(numbers.size, count)
 
 
@@ -187,15 +192,16 @@ class ExactData:
         found = [self._segments[number].curve for number in self._segment[piece].tolist()]
         return cast("list[PiecewiseCurve]", found)
 
-    def piece(self, piece: int) -> ExactPiece | None:
-        """Control points of a piece in exact numbers; None for an arc."""
-        segment = int(self._segment[piece])
-        if segment not in self._pieces:
-            (curve,) = self.curves(np.array([piece]))
-            self._pieces[segment] = curve.exact_pieces()
-        return self._pieces[segment][piece - int(np.searchsorted(self._segment, segment))]
+    def pieces(self, piece: IntArray) -> list[ExactPiece | None]:
+        """Return the control points of pieces in exact numbers; None for arcs."""
+        segments = self._segment[piece]
+        local = (piece - np.searchsorted(self._segment, segments)).tolist()
+        for segment, curve in zip(segments.tolist(), self.curves(piece), strict=True):
+            if segment not in self._pieces:
+                self._pieces[segment] = curve.exact_pieces()
+        return [self._pieces[segment][k] for segment, k in zip(segments.tolist(), local, strict=True)]
 
     def velocity(self, piece: int, axis: int) -> exact.Rational:
         """Bernstein form of one coordinate's velocity, up to a positive factor; empty for an arc."""
-        one = self.piece(piece)
+        (one,) = self.pieces(np.array([piece]))
         return () if one is None else exact.derivative(one.control, axis, rational=one.kind == "rational")

@@ -118,3 +118,11 @@ def test_counts_against_sturm(values: list[int]) -> None:
     polynomial = sympy.Poly(expression(coefficients), U)
     assert len(roots) == (0 if polynomial.is_zero else polynomial.count_roots(0, 1))
     assert list(roots) == sorted(roots, key=lambda root: root.low)
+
+
+@given(st.lists(st.tuples(st.fractions(-9, 9), st.fractions(1, 9)), min_size=2, max_size=5), st.booleans())
+def test_rounded_derivative_is_the_derivative_rounded_once(
+    control: list[tuple[Fraction, Fraction]], rational: bool
+) -> None:
+    expected = [float(value) for value in exact.derivative(control, 0, rational=rational)]
+    assert exact.rounded_derivative(control, 0, rational=rational) == expected
