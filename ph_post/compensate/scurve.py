@@ -13,14 +13,11 @@ import numpy as np
 
 from ph_post.types import Array
 
-_ROOT_STEPS = 100
-"""Steps towards a peak speed; about ten are usual, and every fourth halves the bracket."""
-
-_ULP = 4.0 * np.finfo(np.float64).eps
-"""Relative width of a bracket that cannot be made much narrower."""
+_ROOT_STEPS = 60
+"""Newton steps towards a peak speed; about ten are usual."""
 
 _LEFT = 1e-9
-"""A part of the distance that may be left over by the ramps; they are then made slower by it."""
+"""Part of the distance that ramps may leave or lack; they are made slower or faster by it."""
 
 
 def ramp_time(v0: Array, v1: Array, a: Array, j: Array) -> Array:
@@ -78,30 +75,48 @@ def real_root(p: float, q: float) -> float:
 def peak_speed(v0: Array, v1: Array, ceiling: Array, distance: Array, a: Array, j: Array) -> Array:
     """Highest speed <= `ceiling` from which a ramp leads back to v1 within `distance`; at least max(v0, v1).
 
-    All arrays have one shape. The path taken grows with the peak; its root is found by false position with
-    Illinois' rule and a bisection now and then, and approached from below.
+    All arrays have one shape. The path taken is a convex function of the square root of the rise, so that
+    Newton's method, begun above the root, comes down to it without overshooting.
     """
     low = np.maximum(v0, v1)
     peak = np.maximum(ceiling, low)
-    spare = distance - _both_ramps(v0, v1, peak, a, j)
-    rows = np.flatnonzero(spare < 0.0)
+    rows = np.flatnonzero(_both_ramps(v0, v1, peak, a, j) > distance)
     v0, v1, low, distance, a, j = (part[rows] for part in (v0, v1, low, distance, a, j))
-    # A small rise takes a path like its square root, so the root is what is sought.
-    lower, upper = np.zeros(rows.size), np.sqrt(peak[rows] - low)
-    left = distance - _both_ramps(v0, v1, low, a, j)
-    under, over = np.maximum(left, 0.0), -spare[rows]
-    for count in range(_ROOT_STEPS):
-        if np.all((left <= 0.1 * _LEFT * distance) | (upper - lower <= _ULP * upper)):
+    # Both ramps take at least the path (3 low + 2 q²) q / √j for a rise of q².
+    q = np.minimum(np.sqrt(peak[rows] - low), _cubic_root(1.5 * low, 0.5 * distance * np.sqrt(j)))
+    q[_both_ramps(v0, v1, low, a, j) >= distance] = 0.0
+    for _ in range(_ROOT_STEPS):
+        excess = _both_ramps(v0, v1, low + q * q, a, j) - distance
+        rest = np.flatnonzero((excess > 0.1 * _LEFT * distance) & (q > 0.0))
+        if not rest.size:
             break
-        share = 0.5 if count % 4 == 3 else under / (under + over)
-        middle = lower + share * (upper - lower)
-        spare = distance - _both_ramps(v0, v1, low + middle**2, a, j)
-        fits = spare >= 0.0
-        # The end that stays put counts for half, or false position would creep up on the root from one side.
-        under, over = np.where(fits, spare, 0.5 * under), np.where(fits, 0.5 * over, -spare)
-        lower, upper, left = np.where(fits, (middle, upper, spare), (lower, middle, left))
-    peak[rows] = low + lower**2
+        at = low[rest] + q[rest] ** 2
+        slope = sum(_slope(v[rest], at, q[rest], a[rest], j[rest]) for v in (v0, v1))
+        q[rest] = np.maximum(q[rest] - excess[rest] / slope, 0.0)
+    peak[rows] = low + q * q
     return peak
+
+
+def _slope(v: Array, peak: Array, q: Array, a: Array, j: Array) -> Array:
+    """Differentiate a ramp's path with respect to q > 0, dpeak = 2 q dq."""
+    # The rise is at least q², which rounding may not show beside the speed.
+    rise = np.maximum(peak - v, q * q)
+    # dT/dpeak is 1 / √(j rise), or 1 / a with a stretch of constant acceleration.
+    rate = np.where(rise * j <= a * a, q / np.sqrt(j * rise), q / a)
+    slope: Array = q * ramp_time(v, peak, a, j) + (v + peak) * rate
+    return slope
+
+
+def _cubic_root(p: Array, q: Array) -> Array:
+    """Real root y >= 0 of y³ + p y = q with p, q >= 0."""
+    cube = np.cbrt(q)
+    # Where the linear term cannot show, the hyperbolic form would divide by nothing.
+    plain = p <= 1e-30 * cube * cube
+    p = np.where(plain, 1.0, p)
+    scale = np.sqrt(p / 3.0)
+    bent = 2.0 * scale * np.sinh(np.arcsinh(1.5 * q / (p * scale)) / 3.0)
+    root: Array = np.where(plain, cube, bent)
+    return root
 
 
 def _both_ramps(v0: Array, v1: Array, peak: Array, a: Array, j: Array) -> Array:
@@ -132,12 +147,7 @@ def state_on_ramp(v0: Array, v1: Array, x: Array, a: Array, j: Array) -> tuple[A
 
 def _time_from_low(v: Array, x: Array, j: Array) -> Array:
     """Solve v t + j t³ / 6 = x for t >= 0."""
-    p, q = 6.0 * v / j, 6.0 * np.maximum(x, 0.0) / j
-    cube = np.cbrt(q)
-    plain = p <= 1e-30 * cube * cube
-    scale = np.sqrt(np.where(plain, 1.0, p) / 3.0)
-    bent = 2.0 * scale * np.sinh(np.arcsinh(1.5 * q / (np.where(plain, 1.0, p) * scale)) / 3.0)
-    return np.where(plain, cube, bent)
+    return _cubic_root(6.0 * v / j, 6.0 * np.maximum(x, 0.0) / j)
 
 
 def _time_to_high(v: Array, y: Array, j: Array) -> Array:
@@ -155,7 +165,7 @@ def curve_phases(
 ) -> tuple[Array, Array]:
     """Seven phases of constant jerk from v0 over `peak` to v1; a phase that is not needed lasts 0 s.
 
-    Ramps that leave next to nothing of the distance are stretched in time to take all of it.
+    Ramps that leave or lack next to nothing of the distance are stretched in time to take all of it.
 
     Parameters
     ----------
