@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 
 from ph_post.gcode.shape import SNAP, Shape
-from ph_post.types import Array, Machine
+from ph_post.types import Array, Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
 
 LEAST_OFFSET = 0.1 * MM
@@ -22,11 +22,8 @@ SEAT_FEED = 300.0 * MM_PER_MIN
 """Feed of the approach [m/s], or the path's where that is less: the shortest offset then lasts 20 ms, several
 times a servo's response, and no drive lags by more than a part of it."""
 
-_SAMPLES = 64
-"""Places a piece at which the first motion is looked for."""
 
-
-def find_seat(shape: Shape, axes: tuple[str, ...], machine: Machine, s: float, end: float) -> Array:
+def find_seat(shape: Shape, plan: Plan, s: float, end: float) -> Array:
     """Offset [m] from the start of a cut to the point from which it is approached, shape (dim,).
 
     Each axis against its first motion, an axis that stands still at first against the first one later, 0
@@ -35,33 +32,33 @@ def find_seat(shape: Shape, axes: tuple[str, ...], machine: Machine, s: float, e
     Parameters
     ----------
     shape : Shape
-    axes : tuple of str
-        The path's.
-    machine : Machine
-        Its lost motions decide how far; an axis it does not have counts as one without.
+    plan : Plan
+        Its turning points tell the first motion, its machine's lost motions how far; an axis the machine does
+        not have counts as one without.
     s, end : float
         The cut, as places along the motion [m].
     """
+    axes, machine = plan.path.axes, plan.machine
     lost = np.array([machine.axes[axis].gap.lost_motion if axis in machine.axes else 0.0 for axis in axes])
     distance = np.maximum(LOST_MOTIONS * lost, LEAST_OFFSET)
     upwards = np.array([axis == "Z" for axis in axes])
-    return np.where(upwards, distance, -first_senses(shape, s, end) * distance)
+    return np.where(upwards, distance, -first_senses(shape, plan.turning_points, axes, s, end) * distance)
 
 
-def first_senses(shape: Shape, s: float, end: float) -> Array:
+def first_senses(
+    shape: Shape, points: Sequence[TurningPoint], axes: tuple[str, ...], s: float, end: float
+) -> Array:
     """Sign of each axis' first travel after `s`, 0 where there is none up to `end`.
 
-    Piece by piece, so that a long path is not searched for what its beginning tells.
+    An axis rises up to a maximum and falls down to a minimum, however soon after the start that comes; where
+    it does not reverse, the ends tell.
     """
-    origin = shape.positions(np.array([s]))[0]
-    sense = np.zeros(origin.size)
-    starts = shape.track.starts
-    inner = starts[(starts > s) & (starts < end)]
-    for low, high in pairwise([s, *inner.tolist(), end]):
-        travel = shape.positions(np.linspace(low, high, _SAMPLES + 1)) - origin
-        moved = np.abs(travel) > SNAP
-        first = travel[np.argmax(moved, axis=0), np.arange(origin.size)]
-        sense = np.where((sense == 0.0) & moved.any(axis=0), np.sign(first), sense)
-        if (sense != 0.0).all():
-            break
-    return sense
+    origin, last = shape.positions(np.array([s, end]))
+    senses: Array = np.where(np.abs(last - origin) > SNAP, np.sign(last - origin), 0.0)
+    for column, axis in enumerate(axes):
+        for point in points:
+            moved = s < point.s < end and abs(point.position - origin[column]) > SNAP
+            if point.axis == axis and moved:
+                senses[column] = 1.0 if point.sense == "max" else -1.0
+                break
+    return senses

@@ -160,7 +160,7 @@ class _Job:
 
     def _offset(self, first: int, last: int) -> dict[str, int]:
         s, end = float(self.moves.s0[first]), float(self.moves.s1[last - 1])
-        offset = find_seat(self.shape, self.axes, self.plan.machine, s, end)
+        offset = find_seat(self.shape, self.plan, s, end)
         return dict(zip(self.axes, to_grid(offset, self._decimals).tolist(), strict=True))
 
     def _height(self, z: float | None) -> int | None:

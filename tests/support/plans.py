@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ph_post.geometry.track import Track
+from ph_post.turning import find_turning_points
 from ph_post.types import (
     Axis,
     FeedProfile,
@@ -103,7 +104,7 @@ def make_plan(
     table = Timetable()
     if not moving:
         table.rise(speed)
-    windows, profiles, points = [], [], []
+    windows, profiles, points = [], [], list(find_turning_points(track))
     events = sorted([(s, "dip", low, t) for s, low, t in dips] + [(s, "stop", 0.0, 0.0) for s in stops])
     for s, what, low, t_star in events:
         if what == "stop":
@@ -117,18 +118,18 @@ def make_plan(
         table.dip(speed, low, t_star, number)
         points.append(
             TurningPoint(
-                index=number, kind="smooth", segment=0, xi=0.5, axis="X", sense="max", position=0.0, s=s
+                index=len(points), kind="smooth", segment=0, xi=0.5, axis="X", sense="max", position=0.0, s=s
             )
         )
         windows.append(
             Window(
-                turning_point=number,
+                turning_point=points[-1].index,
                 s=s,
                 half_length=half,
                 limited_by="deviation",
                 estimate=half,
                 contact_order=2,
-                members=(number,),
+                members=(points[-1].index,),
             )
         )
         ratio = (

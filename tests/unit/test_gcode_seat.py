@@ -11,9 +11,12 @@ from support.plans import make_machine, make_path, make_plan
 from ph_post.errors import InputError
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.seat import first_senses
+from ph_post.gcode.shape import read_shape
 from ph_post.gcode.writer import make_program
 from ph_post.geometry.curves import PH, Arc, Bezier, Line
 from ph_post.geometry.track import Track
+from ph_post.turning import find_turning_points
 from ph_post.units import MM
 
 DIALECTS = ("linuxcnc", "grbl")
@@ -40,6 +43,15 @@ CASES = {
     # a cubic whose x first creeps: x = 3 u² - 2 u³ backwards
     "creeping": (track_of(Bezier(mm([[9, 0], [9, 5], [0, 5], [0, 10]]))), (-1, 1)),
 }
+
+
+def test_a_first_motion_however_short_decides() -> None:
+    """x = 10.1 u² - 0.1 u turns back after 0.25 µm, at 1/200 of the curve."""
+    track = track_of(Bezier(mm([[0, 0], [-0.05, 5], [10, 10]])))
+    senses = first_senses(
+        read_shape(track, arcs=True, splines=False), find_turning_points(track), ("X", "Y"), 0.0, track.length
+    )
+    assert senses.tolist() == [-1.0, 1.0]
 
 
 @pytest.mark.parametrize("lost", [0.0, 20e-6, 120e-6])
