@@ -21,6 +21,8 @@ TurningKind = Literal["smooth", "corner", "dwell", "cusp"]
 WindowLimit = Literal["deviation", "neighbour", "end", "corner"]
 Feedback = Literal["load", "motor", "none"]
 Flank = Literal["+", "-", "unknown"]
+Pickup = Literal["standstill", "momentum", "contact"]
+EventKind = Literal["opens", "picks up", "falls back", "sticks", "slips", "saturates", "recovers", "chatters"]
 
 
 def frozen(values: Any) -> Array:
@@ -88,7 +90,7 @@ class Gap(msgspec.Struct, frozen=True, kw_only=True):
     travel_per_rad: float | None = None
     inertia_fraction: float | None = None
     beta: float | None = None
-    pickup: Literal["standstill", "momentum", "contact"] | None = None
+    pickup: Pickup | None = None
     initial_flank: Flank = "unknown"
 
 
@@ -248,7 +250,8 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Sampled motion, one row a servo period: everything downstream of the plan reads only this.
 
     `t` [s], `segment`, `xi`, `s` [m], `position` [m] shape (n, dimension), `feed` [m/s] signed along the
-    path, `window` index or -1.
+    path, `window` index or -1. `offset` [m], of the shape of `position`, is what a strategy added to the point
+    of the path; None where that is nothing.
     """
 
     axes: tuple[str, ...]
@@ -260,6 +263,53 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position: Array
     feed: Array
     window: IntArray
+    offset: Array | None = None
+
+
+class Scenario(msgspec.Struct, frozen=True, kw_only=True):
+    """One of the machines that a machine file leaves possible.
+
+    `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+");
+    `gap`, `beta` and `gain` are factors on the file's values. A gap of 0 is the machine without backlash.
+    """
+
+    pickup: Pickup | None = None
+    flank: Literal["+", "-"] | None = None
+    gap: float = 1.0
+    beta: float = 1.0
+    gain: float = 1.0
+
+
+class Event(msgspec.Struct, frozen=True, kw_only=True):
+    """What happened inside an axis at `t` [s].
+
+    The gap `opens`; the motor `picks up` the table on the other flank, or `falls back` on the old one; the
+    table `sticks` and `slips` where there is friction; the motor's torque `saturates` and `recovers`; an axis
+    `chatters` where more happens within a sample than is followed.
+    """
+
+    t: float
+    axis: str
+    kind: EventKind
+
+
+class Run(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A simulated motion, one row a sample, SI units.
+
+    `commanded`, `executed` and `motor` [m], shape (n, dimension): `executed` is the table, `motor` the motor's
+    side in units of the table; the two differ by at most half the gap where they are referred to its middle.
+    `s` [m] is where on the path the command stands.
+    """
+
+    axes: tuple[str, ...]
+    period: float
+    scenario: Scenario
+    t: Array
+    s: Array
+    commanded: Array
+    executed: Array
+    motor: Array
+    events: tuple[Event, ...]
 
 
 class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
