@@ -2,8 +2,8 @@
 
 Everything on the motor's side is scaled to the table, m = r θ_m / N, and every force to the position error
 that would hold it in a P loop, F/K. With that N, r and the gains drop out of section 3 of [1]_: engaged, the
-axis obeys b ẍ + c ẋ = u with the controller's output u = e + (k_i/k_p) ∫e + (k_d/k_p) ė; in the gap, the motor
-η b (m̈ + β ṁ) = u (Eq. 16) and the table (1 - η) b ẍ + (c - η β b) ẋ = 0 (section 3.3).
+axis obeys b ẍ + c ẋ = u with the controller's output u = e + (k_i/k_p) ∫e + (k_d/k_p) ė; in the gap, the
+motor η b (m̈ + β ṁ) = u (Eq. 16) and the table (1 - η) b ẍ + (c - η β b) ẋ = 0 (section 3.3).
 
 References
 ----------
@@ -20,8 +20,8 @@ import msgspec
 from ph_post.types import Axis, Feedback, Pickup, Scenario
 
 Force = Callable[[float, float, float, float], float]
-"""A force that resists motion, F/K [m], as function of t [s], position [m] and speed [m/s] of the table, and the
-direction (1, -1; 0 at rest) it moves in."""
+"""A force that resists motion, F/K [m], as function of t [s], position [m] and speed [m/s] of the table, and
+the direction (1, -1; 0 at rest) it moves in."""
 
 
 class Plant(msgspec.Struct, frozen=True, kw_only=True):
@@ -89,8 +89,8 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
 def base_plant(axis: Axis, scenario: Scenario) -> Plant:
     """Return an axis without effects as a scenario has it: its gap, β and C multiplied by its factors.
 
-    C = N/(η r b) multiplies the motor's acceleration in the gap; in the units of the table that is 1/(η b), so
-    that another C at the same b is another η.
+    C = N/(η r b) multiplies the motor's acceleration in the gap; in the units of the table that is 1/(η b),
+    so that another C at the same b is another η.
     """
     gap = axis.gap
     eta = 0.5 if gap.inertia_fraction is None else gap.inertia_fraction
