@@ -250,8 +250,8 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Sampled motion, one row a servo period: everything downstream of the plan reads only this.
 
     `t` [s], `segment`, `xi`, `s` [m], `position` [m] shape (n, dimension), `feed` [m/s] signed along the
-    path, `window` index or -1. `offset` [m], of the shape of `position`, is what a strategy added to the point
-    of the path; None where that is nothing.
+    path, `window` index or -1. `offset` [m], of the shape of `position`, is what a strategy added to the
+    point of the path; None where that is nothing.
     """
 
     axes: tuple[str, ...]
@@ -296,9 +296,9 @@ class Event(msgspec.Struct, frozen=True, kw_only=True):
 class Run(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A simulated motion, one row a sample, SI units.
 
-    `commanded`, `executed` and `motor` [m], shape (n, dimension): `executed` is the table, `motor` the motor's
-    side in units of the table; the two differ by at most half the gap where they are referred to its middle.
-    `s` [m] is where on the path the command stands.
+    `commanded`, `executed` and `motor` [m], shape (n, dimension): `executed` is the table, `motor` the
+    motor's side in units of the table; they differ by at most half the gap, referred to its middle. `s` [m]
+    is where on the path the command stands.
     """
 
     axes: tuple[str, ...]

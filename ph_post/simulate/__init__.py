@@ -1,1 +1,1 @@
-"""The whole machine in simulation: commanded motion in, executed motion and contour error out (section 3.3)."""
+"""The whole machine in simulation: commanded motion in, executed motion and contour error out."""

@@ -1,0 +1,299 @@
+"""The compiled engine: exact steps of linear modes, and the instants at which one gives way to another.
+
+A step of any length is a sum of steps of h/2^k, whose matrices are made beforehand; so the instant at which a
+guard changes sign is found by bisection with exact states, without exponentials and without an iteration
+that could fail. What is stepped is D = exp(A t) - 1, so that short steps lose nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple, TypeVar, cast
+
+import numpy as np
+from numba import njit
+
+from ph_post.types import Array, IntArray
+
+LEVELS: Final = 30
+"""Halvings of the sampling period: an instant is known to h/2^30."""
+
+FINE: Final = 5
+"""Halvings down to which a sample is looked at where a guard may dip below zero and come back."""
+
+FORCED: Final = 3
+"""Halvings of a sample while forces act that are not linear: they are taken as linear over each part."""
+
+MOST_CHANGES: Final = 100
+"""Changes of mode within one sample after which the rest of it is run without guards, and said to chatter."""
+
+CHATTERS: Final = -1
+"""The mode that stands in the log for that."""
+
+STATES: Final = 5
+WIDTH: Final = 10
+_X, _X_DOT, _G, _G_DOT, _ONE, _OUTER = 5, 6, 7, 8, 9, 10
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """Compile a function at its first call; the machine code is kept on disk."""
+    fast: Any = njit(cache=True, nogil=True, error_model="numpy")(function)
+    return cast("F", fast)
+
+
+def is_compiled() -> bool:
+    """Whether the engine needs no compiling any more in this process."""
+    return bool(getattr(advance, "signatures", True))
+
+
+@compiled
+def _square(d: Array, into: Array) -> None:
+    for i in range(WIDTH):
+        for j in range(WIDTH):
+            total = 0.0
+            for k in range(WIDTH):
+                total += d[i, k] * d[k, j]
+            into[i, j] = total
+
+
+@compiled
+def step_tables(rates: Array, period: float) -> Array:
+    """Return D = exp(A h/2^k) - 1, its rows of the states, shape (modes, LEVELS + 1, STATES, WIDTH).
+
+    From a short series at the shortest step by doubling, D(2t) = D(t)² + 2 D(t), which does not cancel.
+    """
+    modes = rates.shape[0]
+    tables = np.empty((modes, LEVELS + 1, STATES, WIDTH))
+    d, once = np.empty((WIDTH, WIDTH)), np.empty((WIDTH, WIDTH))
+    for mode in range(modes):
+        short = period / 2.0**LEVELS
+        for i in range(WIDTH):
+            for j in range(WIDTH):
+                d[i, j] = rates[mode, i, j] * short
+        _square(d, once)
+        for i in range(WIDTH):
+            for j in range(WIDTH):
+                d[i, j] += 0.5 * once[i, j]
+        for level in range(LEVELS, -1, -1):
+            for i in range(STATES):
+                for j in range(WIDTH):
+                    tables[mode, level, i, j] = d[i, j]
+            _square(d, once)
+            for i in range(WIDTH):
+                for j in range(WIDTH):
+                    d[i, j] = once[i, j] + 2.0 * d[i, j]
+    return tables
+
+
+@compiled
+def stribeck(speed: float, direction: int, static: float, scale: float) -> float:
+    """Return what friction has more than Coulomb's while slipping at a speed, F/K [m]."""
+    if direction == 0 or static == 0.0 or scale == 0.0:
+        return 0.0
+    ratio = speed / scale
+    return direction * static * math.exp(-ratio * ratio)
+
+
+class Modes(NamedTuple):
+    """The modes of one axis as the engine takes them, see :class:`~ph_post.drive.automaton.Automaton`.
+
+    `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
+    [m/s] those of :func:`stribeck`.
+    """
+
+    tables: Array
+    guards: Array
+    slopes: Array
+    noise: Array
+    targets: IntArray
+    resets: Array
+    directions: IntArray
+    moving: int
+    static: float
+    scale: float
+
+
+@compiled
+def _step(tables: Array, mode: int, level: int, y: Array, length: float, into: Array) -> None:
+    """Advance state and inputs by `length` [s], the step of that level."""
+    for i in range(STATES):
+        total = y[i]
+        for j in range(WIDTH):
+            total += tables[mode, level, i, j] * y[j]
+        into[i] = total
+    into[_X] = y[_X] + length * y[_X_DOT]
+    into[_X_DOT] = y[_X_DOT]
+    into[_G] = y[_G] + length * y[_G_DOT]
+    into[_G_DOT] = y[_G_DOT]
+    into[_ONE] = 1.0
+
+
+@compiled
+def _value(rows: Array, mode: int, number: int, y: Array) -> float:
+    """Return one row's value at a state."""
+    total = 0.0
+    for j in range(WIDTH):
+        total += rows[mode, number, j] * y[j]
+    return total
+
+
+@compiled
+def _broken(guards: Array, noise: Array, mode: int, y: Array) -> int:
+    """Return the first guard that does not hold, or -1."""
+    for number in range(guards.shape[1]):
+        if _value(guards, mode, number, y) < -noise[mode, number]:
+            return number
+    return -1
+
+
+@compiled
+def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
+    """Whether a guard that holds at both ends falls at first and rises at last, far enough to break between.
+
+    A parabola with those slopes is the yardstick.
+    """
+    for number in range(modes.guards.shape[1]):
+        falls = _value(modes.slopes, mode, number, y)
+        if falls >= 0.0:
+            continue
+        rises = _value(modes.slopes, mode, number, after)
+        if rises <= 0.0:
+            continue
+        depth = 0.5 * falls * falls * length / (rises - falls)
+        if _value(modes.guards, mode, number, y) - depth < -modes.noise[mode, number]:
+            return True
+    return False
+
+
+@compiled
+def _set_force(y: Array, trial: Array, mode: int, modes: Modes, level: int, length: float) -> None:
+    """Let g run linearly over a step, from its value now to that where a step with g held would end.
+
+    `y[_OUTER]` and the place behind it hold a further force at both ends of the step.
+    """
+    direction = modes.directions[mode]
+    y[_G] = stribeck(y[modes.moving], direction, modes.static, modes.scale) + y[_OUTER]
+    y[_G_DOT] = 0.0
+    _step(modes.tables, mode, level, y, length, trial)
+    end = stribeck(trial[modes.moving], direction, modes.static, modes.scale) + y[_OUTER + 1]
+    y[_G_DOT] = (end - y[_G]) / length
+
+
+@compiled
+def _longest(y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float, heed: bool) -> int:
+    """Take the longest step h/2^level, from `level` on, that ends no mode, or else the shortest there is.
+
+    Returns
+    -------
+    int
+        The level; `trial` is where the step leads.
+    """
+    while True:
+        length = period / (1 << level)
+        if modes.static != 0.0 or y[_OUTER] != 0.0 or y[_OUTER + 1] != 0.0:
+            _set_force(y, trial, mode, modes, level, length)
+        _step(modes.tables, mode, level, y, length, trial)
+        if not heed or level == LEVELS:
+            return level
+        if _broken(modes.guards, modes.noise, mode, trial) < 0 and (
+            level >= FINE or not _may_dip(modes, mode, y, trial, length)
+        ):
+            return level
+        level += 1
+
+
+@compiled
+def _change(y: Array, trial: Array, mode: int, modes: Modes, number: int) -> int:
+    """Reset the state where a guard ends a mode, and return the mode it goes on in."""
+    for i in range(STATES):
+        total = 0.0
+        for j in range(WIDTH):
+            total += modes.resets[mode, number, i, j] * y[j]
+        trial[i] = total
+    for i in range(STATES):
+        y[i] = trial[i]
+    speed = y[modes.moving]
+    which = 0 if speed > 0.0 else (1 if speed < 0.0 else 2)
+    return int(modes.targets[mode, number, which])
+
+
+@compiled
+def _note(
+    instants: Array, log: IntArray, count: int, t: float, before: int, after: int
+) -> tuple[Array, IntArray, int]:
+    """Write a change of mode down, in logs of twice the length where they are full."""
+    if count == instants.size:
+        more, longer = np.empty(2 * count), np.empty((2 * count, 2), dtype=np.int64)
+        for i in range(count):
+            more[i], longer[i, 0], longer[i, 1] = instants[i], log[i, 0], log[i, 1]
+        instants, log = more, longer
+    instants[count], log[count, 0], log[count, 1] = t, before, after
+    return instants, log, count + 1
+
+
+@compiled
+def advance(
+    command: Array, period: float, z: Array, mode: int, modes: Modes, force: Array, table: Array, motor: Array
+) -> tuple[int, Array, IntArray]:  # fmt: skip
+    """Run one axis through the samples of a command that is linear between them.
+
+    Parameters
+    ----------
+    command : Array, shape (n,)
+        X [m].
+    period : float
+        h [s].
+    z : Array, shape (STATES,)
+        State at the first sample; holds that at the last one afterwards.
+    mode : int
+    modes : Modes
+    force : Array, shape (2,)
+        Further force at the beginning and at the end of every sample, F/K [m].
+    table, motor : Array, shape (n,)
+        Receive x and m [m].
+
+    Returns
+    -------
+    mode : int
+    instants : Array, shape (changes,)
+        Of the changes of mode, in samples.
+    log : IntArray, shape (changes, 2)
+        Mode before and after; CHATTERS where changes are no longer followed.
+    """
+    y, trial = np.zeros(_OUTER + 2), np.zeros(_OUTER + 2)
+    instants, log, count = np.empty(64), np.empty((64, 2), dtype=np.int64), 0
+    for i in range(STATES):
+        y[i] = z[i]
+    y[_ONE] = 1.0
+    coarsest = FORCED if modes.static != 0.0 or force[0] != 0.0 or force[1] != 0.0 else 0
+    whole = 1 << LEVELS
+    table[0], motor[0] = y[0], y[2]
+    for k in range(command.size - 1):
+        y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
+        left, changes, level, heed = whole, 0, coarsest, True
+        while left > 0:
+            number = _broken(modes.guards, modes.noise, mode, y) if heed else -1
+            if number >= 0:
+                after = _change(y, trial, mode, modes, number)
+                changes += 1
+                heed = changes < MOST_CHANGES
+                said = after if heed else CHATTERS
+                instants, log, count = _note(instants, log, count, k + 1.0 - left / whole, mode, said)
+                mode, level = after, coarsest
+                continue
+            while (whole >> level) > left:
+                level += 1
+            if coarsest:
+                y[_OUTER] = force[0] + (1.0 - left / whole) * (force[1] - force[0])
+                y[_OUTER + 1] = y[_OUTER] + (force[1] - force[0]) / (1 << level)
+            level = _longest(y, trial, mode, modes, level, period, heed)
+            for i in range(WIDTH):
+                y[i] = trial[i]
+            left -= whole >> level
+        table[k + 1], motor[k + 1] = y[0], y[2]
+    for i in range(STATES):
+        z[i] = y[i]
+    return mode, instants[:count], log[:count]

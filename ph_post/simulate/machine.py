@@ -1,0 +1,223 @@
+"""The whole machine in simulation: every axis of a command as the hybrid automaton of its drive.
+
+References
+----------
+.. [1] doi:10.1007/s00170-021-08515-z, sections 3.3 and 5.3.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import lru_cache
+from threading import Timer
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
+from ph_post.drive.plant import Plant, base_plant
+from ph_post.simulate import kernel
+from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, frozen
+
+AT_REST: Final = 1e-12
+"""Speeds at the first sample up to this [m/s] are none."""
+
+AS_IT_IS: Final = Scenario()
+"""What the machine file says, and standstill and the flank "+" where it leaves that open."""
+
+PATIENCE: Final = 0.7
+"""Time [s] after which the user is told that the compiler is at work."""
+
+_FORWARD: Final = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
+"""First derivative at the first of five equidistant samples, of fourth order."""
+
+
+def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) -> Run:
+    """Run a command on a machine.
+
+    Between rows the command is linear. An axis that moves at the first row starts on the path with the
+    path's speed, engaged in the direction of its motion; one that rests there starts on the flank that
+    machine file or scenario say.
+
+    Parameters
+    ----------
+    command : Command
+    machine : Machine
+        With a drive for every axis of the command.
+    scenario : Scenario, optional
+        Which of the machines that the file leaves possible.
+
+    Returns
+    -------
+    Run
+    """
+    executed, motor = np.empty_like(command.position), np.empty_like(command.position)
+    events: list[Event] = []
+    with patience():
+        for number, name in enumerate(command.axes):
+            axis = machine.axes[name]
+            table, side, found = run_axis(_trace(command, number), axis, scenario, command.period)
+            executed[:, number], motor[:, number] = table, side
+            events += found
+    return Run(
+        axes=command.axes, period=command.period, scenario=scenario, t=command.t, s=command.s,
+        commanded=command.position, executed=frozen(executed), motor=frozen(motor),
+        events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
+    )  # fmt: skip
+
+
+def simulate_many(command: Command, machine: Machine, scenarios: Sequence[Scenario]) -> tuple[Run, ...]:
+    """Run a command on several of the machines that a file leaves possible, side by side."""
+    with ThreadPoolExecutor() as pool:
+        return tuple(pool.map(lambda scenario: simulate(command, machine, scenario), scenarios))
+
+
+class Trace(NamedTuple):
+    """What one axis is commanded: `position` (n,) [m], and place and speed of the path at the beginning."""
+
+    position: Array
+    place: float
+    speed: float
+
+
+def _trace(command: Command, number: int) -> Trace:
+    """Take one axis out of a command."""
+    position = np.ascontiguousarray(command.position[:, number])
+    path = position[:5] if command.offset is None else position[:5] - command.offset[:5, number]
+    speed = 0.0
+    if command.feed[0] != 0.0 and path.size == _FORWARD.size:
+        speed = float(_FORWARD @ path) / command.period
+    return Trace(position, float(path[0]), 0.0 if abs(speed) <= AT_REST else speed)
+
+
+def run_axis(trace: Trace, axis: Axis, scenario: Scenario, period: float) -> tuple[Array, Array, list[Event]]:
+    """Run one axis: positions of table and motor [m], shape (n,), and what happened."""
+    return run_plant(trace, plant_of(axis, scenario), first_flank(axis, scenario), axis.name, period)
+
+
+def plant_of(axis: Axis, scenario: Scenario) -> Plant:
+    """Return an axis with its effects."""
+    return base_plant(axis, scenario)
+
+
+def first_flank(axis: Axis, scenario: Scenario) -> int:
+    """Flank on which an axis stands before its first motion."""
+    known = axis.gap.initial_flank
+    flank = (scenario.flank or "+") if known == "unknown" else known
+    return 1 if flank == "+" else -1
+
+
+def run_plant(
+    trace: Trace, plant: Plant, flank: int, name: str, period: float
+) -> tuple[Array, Array, list[Event]]:
+    """Run one plant, as :func:`run_axis`."""
+    automaton = build_automaton(plant)
+    command = _delayed(trace.position, plant.command_delay / period)
+    z, first = _start(trace, plant, automaton, flank)
+    table, motor = np.empty(command.size), np.empty(command.size)
+    modes = prepared(plant, period)
+    _, instants, log = kernel.advance(command, period, z, first, modes, np.zeros(2), table, motor)
+    read = _delayed(table, plant.reading_delay / period)
+    return read, motor, list_events(automaton.keys, first, instants * period, log, name)
+
+
+@lru_cache(maxsize=512)
+def prepared(plant: Plant, period: float) -> kernel.Modes:
+    """Return a plant as the engine takes it."""
+    automaton = build_automaton(plant)
+    return kernel.Modes(
+        tables=kernel.step_tables(automaton.rates, period),
+        guards=automaton.guards, slopes=frozen(np.matmul(automaton.guards, automaton.rates)),
+        noise=automaton.noise, targets=automaton.targets, resets=automaton.resets,
+        directions=automaton.directions, moving=automaton.moving,
+        static=plant.static if plant.stribeck_speed else 0.0, scale=plant.stribeck_speed,
+    )  # fmt: skip
+
+
+def _delayed(values: Array, samples: float) -> Array:
+    """Values as they were so many samples before, linear in between; before the first there is the first."""
+    if samples == 0.0:
+        return values
+    rows = np.arange(values.size, dtype=np.float64)
+    return np.interp(rows - samples, rows, values)
+
+
+def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tuple[Array, int]:
+    """State and mode at the first sample.
+
+    The table of a `load` loop starts on the path; the motor of the others where its servo lags behind the
+    command in steady motion. An integrator starts with what steady motion needs.
+    """
+    direction = int(np.sign(trace.speed))
+    flank = direction or flank
+    half = 0.5 * plant.gap
+    z = np.zeros(STATES)
+    if plant.feedback == "load":
+        z[0], z[1], z[3] = trace.place, trace.speed, trace.speed
+        z[2] = z[0] + flank * half
+    else:
+        z[2] = trace.position[0] - plant.c * trace.speed * (plant.ki == 0.0)
+        z[3] = trace.speed
+        z[0] = z[2] - flank * half
+        z[1] = trace.speed if plant.windup_frequency else 0.0
+    if plant.ki:
+        z[4] = (plant.c * trace.speed + plant.load) / plant.ki
+    contact = flank if any(key[0] == flank for key in automaton.keys) else automaton.keys[0][0]
+    return z, automaton.keys.index((contact, direction, 0))
+
+
+def list_events(keys: Sequence[Key], first: int, t: Array, log: IntArray, name: str) -> list[Event]:
+    """Put the changes of mode into words; modes that last no time are passed over."""
+    events: list[Event] = []
+    flank = keys[first][0]
+    row = 0
+    while row < len(log):
+        last = row
+        while last + 1 < len(log) and t[last + 1] == t[row] and log[last, 1] != kernel.CHATTERS:
+            last += 1
+        before, after = keys[log[row, 0]], keys[log[last, 1]]
+        kinds: list[EventKind] = ["chatters"]
+        if log[last, 1] != kernel.CHATTERS:
+            kinds = _kinds(before, after, flank)
+            flank = after[0] or before[0] or flank
+        events += [Event(t=float(t[row]), axis=name, kind=kind) for kind in kinds]
+        row = last + 1
+    return events
+
+
+def _kinds(before: Key, after: Key, flank: int) -> list[EventKind]:
+    """Name a change of mode; `flank` is the one touched last."""
+    kinds: list[EventKind] = []
+    if before[0] and not after[0]:
+        kinds.append("opens")
+    elif after[0] and not before[0]:
+        kinds.append("falls back" if after[0] == flank else "picks up")
+    elif before[1] and not after[1]:
+        kinds.append("sticks")
+    elif after[1] and not before[1]:
+        kinds.append("slips")
+    if before[2] != after[2]:
+        kinds.append("saturates" if after[2] else "recovers")
+    return kinds
+
+
+def _say_compiling() -> None:
+    print("ph-post: compiling the simulator, once on this machine ...", file=sys.stderr, flush=True)  # noqa: T201
+
+
+@contextmanager
+def patience() -> Iterator[None]:
+    """Say on standard error that the simulator is being compiled, where that takes noticeable time."""
+    if kernel.is_compiled():
+        yield
+        return
+    timer = Timer(PATIENCE, _say_compiling)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
