@@ -211,20 +211,44 @@ class Phase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     window: int = -1
 
 
-class FeedProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The feedrate modulation of one window: Eq. (26) on [-t_star, t_star] about the turning point.
+class Piece(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Part of a shape: its `share` of the duration, and V_k / V_c in Bernstein form on that part."""
 
-    `coefficients` V_k / V_c, `cruise` V_c [m/s], `ratio` V(½)/V_c as emitted; `s_star` [m] from Eq. (27);
-    `notes` say where it was softened, shortened or left out.
+    share: float
+    coefficients: Array
+
+
+class Shape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """V / V_c of a feed profile over its duration: pieces one after the other, whose shares add up to 1.
+
+    A shape of one piece is Eq. (26). A piece of nothing but zeros is a hold: the path stands still. See
+    :mod:`ph_post.compensate.profile` for how shapes are made and what they do.
+    """
+
+    pieces: tuple[Piece, ...]
+
+
+class FeedProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The feedrate modulation of one window: a shape on [-t_star, t_star].
+
+    `cruise` V_c [m/s]; `s_star` [m], half the way it takes, from Eq. (27); `turn` the share of that way that
+    lies before the turning point, the middle in Eq. (29). `ratio` is V(½)/V_c as emitted, of several pieces
+    the lowest V/V_c. `notes` say where it was softened, shortened or left out.
     """
 
     window: int
-    coefficients: Array
+    shape: Shape
     cruise: float
     t_star: float
     s_star: float
     ratio: float
+    turn: float = 0.5
     notes: tuple[str, ...] = ()
+
+    @property
+    def coefficients(self) -> Array | None:
+        """V_k / V_c of Eq. (26), None where the shape has several pieces."""
+        return self.shape.pieces[0].coefficients if len(self.shape.pieces) == 1 else None
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):

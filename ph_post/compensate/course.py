@@ -12,7 +12,7 @@ from ph_post.compensate.caps import AxisLimits, axis_limits, build_caps
 from ph_post.compensate.limits import rounding
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.nominal import Schedule, add_plateaus, first_nodes, plan_feed
-from ph_post.compensate.profile import mean, soften
+from ph_post.compensate.shapes import soften
 from ph_post.compensate.sites import Site, Stretch, stretches
 from ph_post.compensate.stretch import stretch_usage
 from ph_post.errors import LimitError
@@ -143,7 +143,7 @@ class Course:
 
     def _lay(self, number: int, site: Site, depth: float) -> list[Stretch] | str:
         """Put a profile on the path so deep, or say why that cannot be done."""
-        return stretches(number, site, soften(site.coefficients, 1.0 - depth), self.track.length)
+        return stretches(number, site, soften(site.shape, 1.0 - depth), self.track.length)
 
     def _guilty(self, draft: _Draft, broken: Broken, depth: Array) -> tuple[IntArray, BoolArray]:
         """Tell whose fault it is.
@@ -203,23 +203,27 @@ class Course:
 
 
 def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[Stretch]) -> Motion:
-    """Replace the plateaus of a schedule by the profiles laid on them."""
-    duration, window = schedule.duration.copy(), np.full(schedule.s.size, -1)
+    """Replace the plateaus of a schedule by the profiles laid on them, a phase for every piece."""
+    plateaus = np.flatnonzero(schedule.window >= 0)
+    count = np.ones(schedule.s.size, dtype=np.int64)
+    count[plateaus] = [len(laid[number].shape.pieces) for number in schedule.window[plateaus].tolist()]
     # Constant speed is of degree 0, so that it is told and evaluated without rounding.
     group = 1 * np.all(schedule.speed == schedule.speed[:, :1], axis=1)
     row = np.where(group == 1, np.cumsum(group), np.cumsum(1 - group)) - 1
     speeds = [schedule.speed[group == 0], schedule.speed[group == 1][:, :1]]
+    source = np.repeat(np.arange(count.size), count)
+    duration, s, group, row = schedule.duration[source], schedule.s[source], group[source], row[source]
+    window = np.full(source.size, -1)
     tables: dict[int, list[Array]] = {}
-    for k in np.flatnonzero(schedule.window >= 0).tolist():
+    for k, at in zip(plateaus.tolist(), (np.cumsum(count) - count)[plateaus].tolist(), strict=True):
         part = laid[schedule.window[k]]
-        cruise = schedule.speed[k, 0]
-        table = tables.setdefault(part.coefficients.size, [])
-        duration[k] = (part.s1 - part.s0) / (cruise * mean(part.coefficients))
-        window[k] = sites[part.site].window
-        group[k], row[k] = len(speeds) + list(tables).index(part.coefficients.size), len(table)
-        table.append(cruise * part.coefficients)
+        for i, phase in enumerate(part.phases(float(schedule.speed[k, 0])), at):
+            table = tables.setdefault(phase.speed.size, [])
+            duration[i], s[i], window[i] = phase.duration, phase.s, sites[part.site].window
+            group[i], row[i] = len(speeds) + list(tables).index(phase.speed.size), len(table)
+            table.append(phase.speed)
     speeds += [np.array(table) for table in tables.values()]
-    return Motion(duration, schedule.s, speeds, group, row, window)
+    return Motion(duration, s, speeds, group, row, window)
 
 
 def _planned(limits: AxisLimits, track: Track) -> AxisLimits:

@@ -8,10 +8,10 @@ import numpy as np
 from ph_post.compensate import words
 from ph_post.compensate.course import FLAT, Course, Settled
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.profile import half_duration, half_length, lowest, mean, middle_ratio, soften
+from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, soften, told_ratio
 from ph_post.compensate.sites import FeedAlong, Site, find_site
 from ph_post.compensate.strategies.base import Wish
-from ph_post.types import Array, BoolArray, FeedProfile, Window, frozen
+from ph_post.types import Array, BoolArray, FeedProfile, Window
 from ph_post.units import MM_PER_MIN, MS
 
 _ROUNDS = 8
@@ -81,9 +81,9 @@ class Fitter:
         """Place every profile that is wanted, and say why others are not."""
         track, looped = self.course.track, self.course.looped
         feed = FeedAlong(self.before.motion, self.course.limits.period, track.length, looped)
-        wanted = [k for k, wish in enumerate(self.wishes) if wish.coefficients is not None]
+        wanted = [k for k, wish in enumerate(self.wishes) if wish.shape is not None]
         for k, wish in enumerate(self.wishes):
-            if wish.coefficients is None and wish.note:
+            if wish.shape is None and wish.note:
                 self._say(k, f"left alone: {wish.note}")
         rooms = _rooms(np.array([self.windows[k].s for k in wanted]), track.length, looped)
         sites = []
@@ -99,14 +99,14 @@ class Fitter:
         """Shorten a site where the user's own duration asks for it."""
         if self.options.t_star is None:
             return site
-        wanted = half_length(soften(site.coefficients, 1.0 - depth), site.cruise, self.options.t_star)
+        wanted = half_length(soften(site.shape, 1.0 - depth), site.cruise, self.options.t_star)
         return msgspec.structs.replace(site, half=wanted) if wanted < site.half * (1.0 - _SAME) else site
 
     def _above_least_feed(self, sites: tuple[Site, ...], depth: Array) -> Array:
         """Depths at which no profile falls below the least feed."""
         if self.options.min_feed is None or not sites:
             return depth
-        dip = np.array([1.0 - lowest(site.coefficients) for site in sites])
+        dip = np.array([1.0 - lowest(site.shape) for site in sites])
         room = np.array([1.0 - self.options.min_feed / site.cruise for site in sites])
         most = np.where(dip > 0.0, np.clip(room, 0.0, None) / np.where(dip > 0.0, dip, 1.0), np.inf)
         # Rounding must not take the feed below the one asked for.
@@ -120,7 +120,7 @@ class Fitter:
         if self.options.chosen_by_user or settled.motion.end <= budget * (1.0 + _SAME):
             return 1.0
         flat = np.array([2.0 * site.half / site.cruise for site in settled.sites])
-        loss = settled.depth * np.array([1.0 - mean(site.coefficients) for site in settled.sites])
+        loss = settled.depth * np.array([1.0 - mean(site.shape) for site in settled.sites])
 
         def extra(part: float) -> float:
             return float(np.sum(flat * (1.0 / (1.0 - part * loss) - 1.0)))
@@ -150,13 +150,14 @@ class Fitter:
     def _softened(self, number: int, site: Site, depth: float) -> list[str]:
         """Say what of a profile was not to be had."""
         notes = []
-        coefficients = soften(site.coefficients, 1.0 - depth)
+        shape = soften(site.shape, 1.0 - depth)
         if depth < 1.0:
+            what = "V(1/2)/V_c" if len(shape.pieces) == 1 else "lowest V/V_c"
             notes.append(
-                f"softened for {self._why(number)}: V(1/2)/V_c = {middle_ratio(coefficients):.3g} "
-                f"in place of {middle_ratio(site.coefficients):.3g}"
+                f"softened for {self._why(number)}: {what} = {told_ratio(shape):.3g} "
+                f"in place of {told_ratio(site.shape):.3g}"
             )
-        t_star = half_duration(coefficients, site.cruise, site.half)
+        t_star = half_duration(shape, site.cruise, site.half)
         wanted = self.options.t_star
         if wanted is not None and abs(t_star - wanted) > 1e-6 * wanted:
             notes.append(f"t* = {t_star / MS:.4g} ms in place of {wanted / MS:.4g} ms")
@@ -178,11 +179,11 @@ class Fitter:
 
 
 def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
-    coefficients = soften(site.coefficients, 1.0 - depth)
+    shape = soften(site.shape, 1.0 - depth)
     return FeedProfile(
-        window=site.window, coefficients=frozen(coefficients), cruise=site.cruise,
-        t_star=half_duration(coefficients, site.cruise, site.half), s_star=site.half,
-        ratio=middle_ratio(coefficients), notes=tuple(notes),
+        window=site.window, shape=shape, cruise=site.cruise, turn=site.wish.turn,
+        t_star=half_duration(shape, site.cruise, site.half), s_star=site.half,
+        ratio=told_ratio(shape), notes=tuple(notes),
     )  # fmt: skip
 
 

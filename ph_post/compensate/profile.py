@@ -1,6 +1,7 @@
 """The modulated feedrate of section 5: polynomials in Bernstein form on the interval [-t_star, t_star].
 
-Coefficients are relative to the feed around the profile, V_k / V_c, unless a function says otherwise.
+A shape is V / V_c, the feed relative to the one around the profile: one polynomial as in Eq. (26), or several
+pieces one after the other. Here shapes are made, and what a profile commands follows from them.
 
 References
 ----------
@@ -15,15 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ph_post.compensate import shapes
 from ph_post.errors import InputError
-from ph_post.geometry.bernstein import evaluate, integrate, subdivide
-from ph_post.types import Array, FeedProfile
+from ph_post.types import Array, FeedProfile, Piece, Shape, frozen
 
 LEAST_DEGREE = 4
 """V_0 = V_1 = V_{n-1} = V_n = V_c leave a free coefficient from this degree on."""
-
-_HALVINGS = 64
-"""More than enough: the distance between control polygon and graph falls fourfold each time."""
 
 
 def middle_weight(degree: int) -> float:
@@ -110,40 +108,75 @@ def explicit_coefficients(values: Sequence[float]) -> Array:
     return coefficients
 
 
-def soften(coefficients: Array, amount: float) -> Array:
-    """Move a profile towards constant feed: 0 leaves it, 1 gives V = V_c."""
-    if amount == 0.0:
-        return coefficients
-    softened: Array = 1.0 - (1.0 - amount) * (1.0 - coefficients)
-    return softened
-
-
-def mean(coefficients: Array) -> float:
-    """Mean of V / V_c over the profile, the sum of the coefficients over n + 1."""
-    return math.fsum(coefficients) / coefficients.size
-
-
-def middle_ratio(coefficients: Array) -> float:
-    """V(½) / V_c."""
-    return float(evaluate(coefficients, 0.5))
-
-
-def half_length(coefficients: Array, cruise: float, t_star: float) -> float:
-    """s_star [m], half the length of path that a profile takes.
-
-    Implements Eq. (27) of [1]_.
+def dip(ratio: float, degree: int) -> Shape:
+    """Eq. (26) of [1]_ with a given V(½) / V_c, all coefficients but the middle one being V_c.
 
     Examples
     --------
-    >>> half_length(np.array([1.0, 1.0, -1.5, 1.0, 1.0]), cruise=0.1, t_star=2.0)
-    0.1
+    >>> dip(0.25, 4).pieces[0].coefficients.tolist()
+    [1.0, 1.0, -1.0, 1.0, 1.0]
     """
-    return mean(coefficients) * cruise * t_star
+    return shapes.single(coefficients_from_ratio(ratio, degree))
 
 
-def half_duration(coefficients: Array, cruise: float, s_star: float) -> float:
-    """t_star [s] for a given s_star [m]: Eq. (27) of [1]_ the other way round."""
-    return s_star / (mean(coefficients) * cruise)
+def plateau(ramp_down: float, hold: float, ramp_up: float, floor: float, order: int) -> Shape:
+    """Deceleration, constant feed and acceleration: the composite that section 7 of [1]_ proposes.
+
+    At the four junctions all derivatives of V up to the `order` vanish. For 0 the ramps are straight.
+
+    Parameters
+    ----------
+    ramp_down, hold, ramp_up : float
+        Durations in any unit; only their ratios matter. Without a `hold` the ramps meet.
+    floor : float
+        V / V_c between the ramps.
+    order : int
+        k; a ramp is of degree 2 k + 1.
+
+    Examples
+    --------
+    >>> [piece.share for piece in plateau(1.0, 2.0, 1.0, floor=0.5, order=3).pieces]
+    [0.25, 0.5, 0.25]
+    """
+    down = [1.0] * (order + 1) + [floor] * (order + 1)
+    parts = [(ramp_down, down), (hold, [floor]), (ramp_up, down[::-1])]
+    total = math.fsum((ramp_down, hold, ramp_up))
+    return Shape(
+        pieces=tuple(
+            Piece(share=part / total, coefficients=frozen(values)) for part, values in parts if part > 0.0
+        )
+    )
+
+
+def stop(ramp: float, hold: float, order: int) -> Shape:
+    """Deceleration to a standstill, `hold` as long in the unit of `ramp`, and acceleration; see `plateau`."""
+    return plateau(ramp, hold, ramp, 0.0, order)
+
+
+def ramp_duration(change: float, acceleration: float, jerk: float, order: int) -> float:
+    """Shortest duration [s] of a ramp of `plateau` that keeps an acceleration and a jerk.
+
+    Its speed has the derivative (2k + 1) C(2k, k) (τ (1 - τ))^k, largest in the middle, whose own derivative
+    is largest where (1 - 2τ)² = 1 / (2k - 1).
+
+    Parameters
+    ----------
+    change : float
+        By how much the speed changes [m/s].
+    acceleration, jerk : float
+        [m/s²], [m/s³].
+    order : int
+        k, at least 1: the acceleration of straight ramps jumps.
+
+    Examples
+    --------
+    >>> ramp_duration(1.0, 1.5, math.inf, order=1), ramp_duration(1.0, math.inf, 6.0, order=1)
+    (1.0, 1.0)
+    """
+    k, peak = order, (2 * order + 1) * math.comb(2 * order, order)
+    u = math.sqrt(1.0 / (2 * k - 1))
+    steepest, bent = peak / 4.0**k, peak * k / 4.0 ** (k - 1) * u * (1.0 - u * u) ** (k - 1)
+    return max(change * steepest / acceleration, math.sqrt(change * bent / jerk))
 
 
 def traversal_factor(factor: float, degree: int) -> float:
@@ -158,46 +191,37 @@ def normalised_time(t: Array, t_star: float) -> Array:
 
 
 def feed(profile: FeedProfile, t: Array) -> Array:
-    """V(t) [m/s], t [s] counted from the turning point; V_c outside the profile.
+    """V(t) [m/s], t [s] counted from the middle of the profile; V_c outside the profile.
 
     Implements Eq. (26) of [1]_.
     """
     tau = normalised_time(t, profile.t_star)
     inside = (tau >= 0.0) & (tau <= 1.0)
-    values: Array = profile.cruise * np.where(
-        inside, evaluate(profile.coefficients, np.clip(tau, 0.0, 1.0)), 1.0
-    )
+    values: Array = profile.cruise * np.where(inside, shapes.value(profile.shape, tau), 1.0)
     return values
 
 
 def acceleration(profile: FeedProfile, t: Array) -> Array:
     """dV/dt [m/s²] by Eq. (25) of [1]_; 0 outside the profile."""
-    n = profile.coefficients.size - 1
     tau = normalised_time(t, profile.t_star)
     inside = (tau >= 0.0) & (tau <= 1.0)
-    slope = evaluate(n * np.diff(profile.coefficients), np.clip(tau, 0.0, 1.0)) / (2.0 * profile.t_star)
-    values: Array = profile.cruise * np.where(inside, slope, 0.0)
+    rate = shapes.slope(profile.shape, tau) / (2.0 * profile.t_star)
+    values: Array = profile.cruise * np.where(inside, rate, 0.0)
     return values
 
 
-def distance_coefficients(coefficients: Array) -> Array:
-    """S_0 … S_{n+1} of S(τ) = ∫ V dτ, which vanishes at τ = 0.
-
-    Implements Eq. (28) of [1]_.
-    """
-    # ERRATA: Eq. (28) prints (1 - τ)^(n-k); a basis of degree n + 1 has the exponent n + 1 - k.
-    return integrate(coefficients)
-
-
 def travelled(profile: FeedProfile, t: Array) -> Array:
-    """Path length from the turning point [m] at time t [s]: ρ_0 Θ(t) of Eq. (29) of [1]_, at V_c outside."""
+    """Path length from the turning point [m], ρ_0 Θ(t) of Eq. (29) of [1]_; outside the profile at V_c.
+
+    Time is that of `feed`. Of coefficients that are not symmetric s_star is the way on either side, so that the
+    turning point lies in the middle of the way, not of the time; a `turn` of its own puts it elsewhere.
+    """
     t = np.asarray(t, dtype=np.float64)
-    S = evaluate(
-        distance_coefficients(profile.coefficients), np.clip(normalised_time(t, profile.t_star), 0.0, 1.0)
-    )
+    S = shapes.way(profile.shape, normalised_time(t, profile.t_star))
     # ERRATA: section 5.3 lets V_c (t - t_star) hold from the end of the backlash; it holds from t_star on.
     beyond = t - np.clip(t, -profile.t_star, profile.t_star)
-    distance: Array = -profile.s_star + profile.cruise * (2.0 * profile.t_star * S + beyond)
+    before = 2.0 * profile.turn * profile.s_star
+    distance: Array = -before + profile.cruise * (2.0 * profile.t_star * S + beyond)
     return distance
 
 
@@ -222,50 +246,4 @@ def commanded_position(profile: FeedProfile, radius: float, t: Array) -> tuple[A
 
 def lead_duration(profile: FeedProfile, radius: float, angle: float) -> float:
     """T_star [s] for a lead-in from -Θ_star = -`angle` [rad]; section 5.2 of [1]_."""
-    return profile.t_star + (radius * angle - profile.s_star) / profile.cruise
-
-
-def lowest(coefficients: Array) -> float:
-    """Smallest value of a polynomial in Bernstein form on [0, 1], to rounding.
-
-    The control polygon bounds the graph; pieces that cannot hold the minimum are dropped, the others halved.
-
-    Examples
-    --------
-    >>> lowest(np.array([1.0, -1.0, 1.0]))
-    0.0
-    """
-    pieces = np.atleast_2d(np.asarray(coefficients, dtype=np.float64))
-    slack = rounding(coefficients)
-    best = float(pieces[:, [0, -1]].min())
-    for _ in range(_HALVINGS):
-        pieces = pieces[pieces.min(axis=-1) < best - slack]
-        if not pieces.size:
-            break
-        pieces = np.concatenate(subdivide(pieces))
-        best = min(best, float(pieces[:, [0, -1]].min()))
-    return best
-
-
-def extremes(coefficients: Array) -> tuple[float, float]:
-    """Smallest and largest value of a polynomial in Bernstein form on [0, 1], to rounding.
-
-    Examples
-    --------
-    >>> extremes(np.array([1.0, 1.0, -1.0, 1.0, 1.0]))
-    (0.25, 1.0)
-    """
-    return lowest(coefficients), -lowest(-np.asarray(coefficients))
-
-
-def is_non_negative(coefficients: Array) -> bool:
-    """Whether V >= 0 on the whole profile, but for rounding in the last digits.
-
-    A look at the coefficients alone would be too strict: V_{n/2} may be far below 0 while V is not.
-    """
-    return lowest(coefficients) >= -rounding(coefficients)
-
-
-def rounding(coefficients: Array) -> float:
-    """How far rounding may move a value: n + 1 products of no more than the largest coefficient."""
-    return float(np.finfo(np.float64).eps * coefficients.size * np.abs(coefficients).max())
+    return profile.t_star + (radius * angle - 2.0 * profile.turn * profile.s_star) / profile.cruise

@@ -9,11 +9,10 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ph_post.compensate import profile
+from ph_post.compensate import shapes
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.strategies.base import Wish
-from ph_post.geometry.bernstein import evaluate, subdivide
-from ph_post.types import Array, Window
+from ph_post.types import Phase, Shape, Window
 from ph_post.units import MM, MS
 
 STEADY = 0.95
@@ -27,19 +26,25 @@ SAME_PLACE = 1e-12
 
 
 class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A profile's place: [s - half, s + half] [m] along the path, entered and left at `cruise` [m/s].
+    """A profile's place: 2 `half` [m] of path with `s` [m] inside, entered and left at `cruise` [m/s].
 
-    `window` is the index of its window; `coefficients` are those wanted, V_k / V_c; `wish` is what the
-    strategy asked for; `notes` say what was cut off.
+    `window` is the index of its window; `shape` is the one wanted; `wish` is what the strategy asked for, the
+    share of the way before the turning point included; `notes` say what was cut off.
     """
 
     window: int
     s: float
     half: float
     cruise: float
-    coefficients: Array
+    shape: Shape
     wish: Wish
     notes: tuple[str, ...] = ()
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Where it begins and ends along the path [m]; over the seam of a closed one it counts on."""
+        turn = self.wish.turn
+        return self.s - 2.0 * turn * self.half, self.s + 2.0 * (1.0 - turn) * self.half
 
 
 class Stretch(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -49,7 +54,19 @@ class Stretch(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     s0: float
     s1: float
     cruise: float
-    coefficients: Array
+    shape: Shape
+
+    def phases(self, cruise: float, start: float = 0.0, window: int = -1) -> list[Phase]:
+        """Phases of the stretch, one a piece, where it is entered at `cruise` [m/s] and at `start` [s]."""
+        duration = (self.s1 - self.s0) / (cruise * shapes.mean(self.shape))
+        found = []
+        t, s = start, self.s0
+        for piece in self.shape.pieces:
+            speed = cruise * piece.coefficients
+            part = duration * piece.share
+            found.append(Phase(start=t, duration=part, s=s, speed=speed, window=window))
+            t, s = t + part, s + part * float(speed.mean())
+        return found
 
 
 class FeedAlong:
@@ -107,7 +124,7 @@ def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: flo
         Index of the window.
     window : Window
     wish : Wish
-        With coefficients.
+        With a shape.
     feed : FeedAlong
     room : float
         Half the distance to the next window with a profile [m].
@@ -117,44 +134,38 @@ def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: flo
     Site or str
         The site, or the reason why there is none.
     """
-    assert wish.coefficients is not None
+    assert wish.shape is not None
     cruise = feed.at(window.s)
     if cruise <= 0.0:
         return "the motion stops here"
-    mean = profile.mean(wish.coefficients)
+    mean = shapes.mean(wish.shape)
     room = max(min(room, window.s - feed.first, feed.last - window.s), 0.0)
-    wanted = cruise * mean * wish.t_star
+    # What a side may take is what the longer one takes; in the middle of the way both are alike.
+    longer = 2.0 * max(wish.turn, 1.0 - wish.turn)
+    wanted = longer * cruise * mean * wish.t_star
     most = wanted if wish.may_leave else min(wanted, window.half_length)
-    half = feed.steady_half(window.s, min(most, room), STEADY * cruise)
-    needed = min(most, cruise * mean * wish.least)
-    if half < needed * (1.0 - 1e-9):
+    side = feed.steady_half(window.s, min(most, room), STEADY * cruise)
+    needed = min(most, longer * cruise * mean * wish.least)
+    if side < needed * (1.0 - 1e-9):
         # Where the feed changes quickly a lower plateau is better than none.
-        half = min(needed, room)
-        if half < needed or feed.lowest(window.s, half) < SLOWEST * cruise:
+        side = min(needed, room)
+        if side < needed or feed.lowest(window.s, side) < SLOWEST * cruise:
             return f"no room: {needed / MM:.3g} mm of steady feed on either side are needed"
-    if half <= SAME_PLACE:
+    if side <= SAME_PLACE:
         return "no room for it: the path starts or ends here, or the motion stops"
-    lowest = feed.lowest(window.s, half)
-    notes = tuple(_notes(window, wish, half, most, half / (lowest * mean)))
-    return Site(
-        window=index,
-        s=window.s,
-        half=half,
-        cruise=lowest,
-        coefficients=wish.coefficients,
-        wish=wish,
-        notes=notes,
-    )
+    lowest, half = feed.lowest(window.s, side), side / longer
+    notes = tuple(_notes(window, wish, side, most, half / (lowest * mean)))
+    return Site(window=index, s=window.s, half=half, cruise=lowest, shape=wish.shape, wish=wish, notes=notes)
 
 
-def _notes(window: Window, wish: Wish, half: float, most: float, t_star: float) -> list[str]:
+def _notes(window: Window, wish: Wish, side: float, most: float, t_star: float) -> list[str]:
     notes = [wish.note] if wish.note else []
-    if half < most * (1.0 - 1e-6):
+    if side < most * (1.0 - 1e-6):
         notes.append(
-            f"profile shortened from {most / MM:.4g} mm to {half / MM:.4g} mm on either side, where the feed "
+            f"profile shortened from {most / MM:.4g} mm to {side / MM:.4g} mm on either side, where the feed "
             "changes, the path ends or the next profile begins"
         )
-    if half > window.half_length * (1.0 + 1e-9):
+    if side > window.half_length * (1.0 + 1e-9):
         notes.append(
             "the profile is longer than the window in which the osculating circle stands for the path"
         )
@@ -166,7 +177,7 @@ def _notes(window: Window, wish: Wish, half: float, most: float, t_star: float) 
     return notes
 
 
-def stretches(number: int, site: Site, coefficients: Array, length: float) -> list[Stretch] | str:
+def stretches(number: int, site: Site, shape: Shape, length: float) -> list[Stretch] | str:
     """Lay a site's profile on the path, in two parts where it runs over the seam of a closed one.
 
     Returns
@@ -174,31 +185,16 @@ def stretches(number: int, site: Site, coefficients: Array, length: float) -> li
     list of Stretch or str
         The stretches, or the reason why the profile cannot be had.
     """
-    s0, s1 = site.s - site.half, site.s + site.half
+    s0, s1 = site.ends
     for turn in (-length, 0.0, length):
         if s0 + turn >= -SAME_PLACE and s1 + turn <= length + SAME_PLACE:
             low, high = max(s0 + turn, 0.0), min(s1 + turn, length)
-            return [Stretch(site=number, s0=low, s1=high, cruise=site.cruise, coefficients=coefficients)]
+            return [Stretch(site=number, s0=low, s1=high, cruise=site.cruise, shape=shape)]
     seam = length if s1 > length else 0.0
-    tau = _split_time(coefficients, (seam - s0) / (s1 - s0))
-    first, second = subdivide(coefficients, tau)
-    if not (profile.is_non_negative(first) and profile.is_non_negative(second)):
+    first, second = shapes.split(shape, (seam - s0) / (s1 - s0), SAME_PLACE / (s1 - s0))
+    if not (shapes.is_non_negative(first) and shapes.is_non_negative(second)):
         return "the feed would become negative on the seam of the path, where the motion begins"
     return [
-        Stretch(site=number, s0=s0 - seam + length, s1=length, cruise=site.cruise, coefficients=first),
-        Stretch(site=number, s0=0.0, s1=s1 - seam, cruise=site.cruise, coefficients=second),
+        Stretch(site=number, s0=s0 - seam + length, s1=length, cruise=site.cruise, shape=first),
+        Stretch(site=number, s0=0.0, s1=s1 - seam, cruise=site.cruise, shape=second),
     ]
-
-
-def _split_time(coefficients: Array, fraction: float) -> float:
-    """τ at which the profile has covered that fraction of its path; V >= 0, so it is bisected."""
-    way = profile.distance_coefficients(coefficients)
-    low, high = 0.0, 1.0
-    while True:
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            return middle
-        if float(evaluate(way, middle)) < fraction * way[-1]:
-            low = middle
-        else:
-            high = middle

@@ -9,10 +9,9 @@ import numpy as np
 from ph_post.compensate.caps import AxisLimits
 from ph_post.compensate.columns import largest
 from ph_post.compensate.motion import Motion
-from ph_post.compensate.profile import mean
 from ph_post.compensate.sites import Stretch
 from ph_post.geometry.track import Track
-from ph_post.types import Array
+from ph_post.types import Array, IntArray, Phase
 
 _PHASES = 4
 """Sampling phases looked at: which one the samples will have is not known before the whole plan is."""
@@ -25,12 +24,13 @@ def stretch_usage(track: Track, limits: AxisLimits, parts: Sequence[Stretch]) ->
     """Largest ratio of what the axes do to what they may, on each stretch, shape (stretches,)."""
     if not parts:
         return np.zeros(0)
-    motion = _one_after_the_other(parts)
-    step = np.minimum(limits.period, motion.duration / _LEAST_SAMPLES) / _PHASES
-    counts = np.floor(motion.duration / step * (1.0 - 1e-6)).astype(np.int64) + 1
+    motion, first_phase = _one_after_the_other(parts)
+    start, duration = motion.start[first_phase], np.add.reduceat(motion.duration, first_phase)
+    step = np.minimum(limits.period, duration / _LEAST_SAMPLES) / _PHASES
+    counts = np.floor(duration / step * (1.0 - 1e-6)).astype(np.int64) + 1
     number = np.repeat(np.arange(len(parts)), counts)
     within = np.arange(number.size) - np.repeat(np.cumsum(counts) - counts, counts)
-    s, _ = motion.place_and_feed(motion.start[number] + within * step[number])
+    s, _ = motion.place_and_feed(start[number] + within * step[number])
     position = track.derivatives(*track.locate(s), 0)[0]
     worst = np.zeros(len(parts))
     difference = position
@@ -44,17 +44,11 @@ def stretch_usage(track: Track, limits: AxisLimits, parts: Sequence[Stretch]) ->
     return worst
 
 
-def _one_after_the_other(parts: Sequence[Stretch]) -> Motion:
-    """Make one motion of the stretches; it jumps from each to the next."""
-    sizes = [part.coefficients.size for part in parts]
-    kinds = sorted(set(sizes))
-    group = np.array([kinds.index(size) for size in sizes])
-    row = np.zeros(len(parts), dtype=np.int64)
-    speeds = []
-    for number in range(len(kinds)):
-        members = np.flatnonzero(group == number)
-        row[members] = np.arange(members.size)
-        speeds.append(np.array([parts[k].cruise * parts[k].coefficients for k in members.tolist()]))
-    duration = np.array([(part.s1 - part.s0) / (part.cruise * mean(part.coefficients)) for part in parts])
-    s = np.array([part.s0 for part in parts])
-    return Motion(duration, s, speeds, group, row, np.full(len(parts), -1))
+def _one_after_the_other(parts: Sequence[Stretch]) -> tuple[Motion, IntArray]:
+    """Make one motion of the stretches, which jumps from each to the next; also where each of them begins."""
+    phases: list[Phase] = []
+    first = np.zeros(len(parts), dtype=np.int64)
+    for number, part in enumerate(parts):
+        first[number] = len(phases)
+        phases += part.phases(part.cruise)
+    return Motion.from_phases(phases), first

@@ -14,7 +14,8 @@ from typing import Any, Final
 import msgspec
 
 from ph_post.analysis import Analysis, analyse
-from ph_post.compensate.profile import coefficients_from_ratio, middle_factor, middle_ratio, traversal_factor
+from ph_post.compensate.profile import coefficients_from_ratio, middle_factor, traversal_factor
+from ph_post.compensate.shapes import middle_ratio, single
 from ph_post.drive.gap import gap_constant
 from ph_post.drive.harmonic import phase_constants
 from ph_post.drive.servo import discriminant, rates
@@ -117,7 +118,7 @@ def _interval_numbers() -> Iterator[Number]:
 
 def _profile_numbers() -> Iterator[Number]:
     for degree, f, reference in ((4, -1.5, "0.0625"), (10, -2.8, "0.06484375")):
-        ratio = middle_ratio(_with_middle(degree, f))
+        ratio = middle_ratio(single(_with_middle(degree, f)))
         yield Number(
             where="§5.1", name=f"V(½)/V_c at n = {degree}, f = {f:g}", value=ratio, reference=reference
         )

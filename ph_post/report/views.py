@@ -74,15 +74,22 @@ def _backlash(analysis: Analysis, point: TurningPoint) -> View | None:
 
 
 def profile_view(profile: FeedProfile | None) -> View | None:
-    """Return a feed profile: t* [s], s* [mm], V_c [mm/min], V_k / V_c and V(½)/V_c."""
+    """Return a feed profile: t* [s], s* [mm], V_c [mm/min], V_k / V_c and V(½)/V_c.
+
+    `pieces` always tells the shape; `degree` and `coefficients` are null where it has several pieces.
+    """
     if profile is None:
         return None
+    single = profile.coefficients
+    pieces = profile.shape.pieces
     return {
         "t_star": profile.t_star,
         "s_star": profile.s_star / MM,
         "cruise": profile.cruise / MM_PER_MIN,
-        "degree": len(profile.coefficients) - 1,
-        "coefficients": profile.coefficients.tolist(),
+        "degree": None if single is None else len(single) - 1,
+        "coefficients": None if single is None else single.tolist(),
+        "pieces": [{"share": one.share, "coefficients": one.coefficients.tolist()} for one in pieces],
+        "turn": profile.turn,
         "ratio": profile.ratio,
         "notes": list(profile.notes),
     }

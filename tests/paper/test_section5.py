@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ph_post.compensate import profile
+from ph_post.compensate import profile, shapes
+from ph_post.compensate.shapes import single
 from ph_post.errors import InputError
-from ph_post.types import FeedProfile, frozen
+from ph_post.types import FeedProfile
 
 EPS = 2.0**-52
 TAU, F = sp.symbols("tau f")
@@ -30,9 +31,10 @@ def one_different(n: int) -> list:
 
 
 def make_profile(coefficients: np.ndarray, cruise: float = 0.125, t_star: float = 0.5) -> FeedProfile:
+    shape = single(coefficients)
     return FeedProfile(
-        window=0, coefficients=frozen(coefficients), cruise=cruise, t_star=t_star,
-        s_star=profile.half_length(coefficients, cruise, t_star), ratio=profile.middle_ratio(coefficients),
+        window=0, shape=shape, cruise=cruise, t_star=t_star,
+        s_star=shapes.half_length(shape, cruise, t_star), ratio=shapes.middle_ratio(shape),
     )  # fmt: skip
 
 
@@ -53,14 +55,16 @@ def test_eq26_and_eq25_against_sympy(n: int) -> None:
     given = make_profile(coefficients)
     t = np.linspace(-0.5, 0.5, 33)  # dyadic: τ is exact
     exact = [float(sp.Rational(1, 8) * V.subs(TAU, sp.Rational(Fraction(x)) + sp.Rational(1, 2))) for x in t]
-    assert profile.feed(given, t) == pytest.approx(exact, rel=0.0, abs=0.125 * profile.rounding(coefficients))
+    assert profile.feed(given, t) == pytest.approx(
+        exact, rel=0.0, abs=0.125 * shapes.rounding(single(coefficients))
+    )
     # Eq. (25): d/dt = d/dτ / (2 t_star), and 2 t_star = 1 here.
     slope = sp.diff(V, TAU)
     exact = [
         float(sp.Rational(1, 8) * slope.subs(TAU, sp.Rational(Fraction(x)) + sp.Rational(1, 2))) for x in t
     ]
     assert profile.acceleration(given, t) == pytest.approx(
-        exact, abs=0.125 * 4 * n * profile.rounding(coefficients)
+        exact, abs=0.125 * 4 * n * shapes.rounding(single(coefficients))
     )
 
 
@@ -90,7 +94,7 @@ def test_bounds_for_a_positive_feed(n: int, bound: Fraction) -> None:
     for shift, positive in ((1e-9, True), (-1e-9, False)):
         coefficients = np.ones(n + 1)
         coefficients[n // 2] = float(bound) + shift
-        assert profile.is_non_negative(coefficients) is positive
+        assert shapes.is_non_negative(single(coefficients)) is positive
         # The single coefficient is far below zero on both sides of the bound: it must not decide.
         assert coefficients.min() < -1.6
 
@@ -100,7 +104,9 @@ def test_factor_formula_of_section_6() -> None:
     for ratio in (1.0, 0.25, -0.4, -0.5, 1.3):
         assert profile.middle_factor(ratio, 10) == pytest.approx((256 * ratio - 193) / 63, rel=8 * EPS)
         coefficients = profile.coefficients_from_ratio(ratio, 10)
-        assert profile.middle_ratio(coefficients) == pytest.approx(ratio, abs=profile.rounding(coefficients))
+        assert shapes.middle_ratio(single(coefficients)) == pytest.approx(
+            ratio, abs=shapes.rounding(single(coefficients))
+        )
 
 
 def test_figure_8() -> None:
@@ -108,8 +114,8 @@ def test_figure_8() -> None:
     for n, f, middle in ((4, -1.5, 0.0625), (10, -2.8, 16.6 / 256)):
         coefficients = np.ones(n + 1)
         coefficients[n // 2] = f
-        low, high = profile.extremes(coefficients)
-        assert low == pytest.approx(middle, abs=profile.rounding(coefficients))
+        low, high = shapes.extremes(single(coefficients))
+        assert low == pytest.approx(middle, abs=shapes.rounding(single(coefficients)))
         assert high == 1.0
 
 
@@ -118,9 +124,9 @@ def test_eq27_by_integration() -> None:
     V = bernstein([sp.Rational(Fraction(c)) for c in coefficients])
     t_star = sp.Rational(3, 8)
     exact = float(t_star * sp.Rational(1, 8) * sp.integrate(V, (TAU, 0, 1)))
-    found = profile.half_length(coefficients, 0.125, 0.375)
+    found = shapes.half_length(single(coefficients), 0.125, 0.375)
     assert found == pytest.approx(exact, rel=4 * EPS)
-    assert profile.half_duration(coefficients, 0.125, found) == pytest.approx(0.375, rel=4 * EPS)
+    assert shapes.half_duration(single(coefficients), 0.125, found) == pytest.approx(0.375, rel=4 * EPS)
 
 
 @pytest.mark.parametrize("n", [4, 10])
@@ -131,7 +137,7 @@ def test_traversal_time_factor(n: int) -> None:
     assert profile.traversal_factor(f, n) == (n + 1) / (n + f)
     # It is 2 t_star over the time 2 s_star / V_c that constant feed takes.
     coefficients = profile.coefficients_from_ratio(0.25, n)
-    ratio = 0.5 / (profile.half_length(coefficients, 0.125, 0.5) / 0.125)
+    ratio = 0.5 / (shapes.half_length(single(coefficients), 0.125, 0.5) / 0.125)
     assert profile.traversal_factor(f, n) == pytest.approx(ratio, rel=8 * EPS)
 
 
@@ -144,8 +150,8 @@ def test_eq28_with_its_exponent_put_right(n: int) -> None:
     ours = bernstein(S)  # exponent n + 1 - k
     assert sp.expand(sp.diff(ours, TAU) - V) == 0
     assert ours.subs(TAU, 0) == 0
-    found = profile.distance_coefficients(coefficients)
-    assert found == pytest.approx([float(value) for value in S], abs=profile.rounding(coefficients))
+    found = shapes.distance_coefficients(coefficients)
+    assert found == pytest.approx([float(value) for value in S], abs=shapes.rounding(single(coefficients)))
     # As printed, (1 - τ)^(n - k), it is not the integral; the last term is not even a polynomial.
     printed = sum(value * sp.binomial(n + 1, k) * (1 - TAU) ** (n - k) * TAU**k for k, value in enumerate(S))
     assert sp.simplify(sp.diff(printed, TAU) - V) != 0
@@ -224,23 +230,23 @@ def test_extremes_against_the_roots_of_the_derivative(seed: int) -> None:
         [root for root in sp.real_roots(V.diff(TAU)) if 0 <= root.evalf(30) <= 1] if V.degree() > 0 else []
     )
     values = [float(V.as_expr().subs(TAU, place.evalf(40))) for place in places]
-    low, high = profile.extremes(coefficients)
-    slack = 4 * profile.rounding(coefficients)
+    low, high = shapes.extremes(single(coefficients))
+    slack = 4 * shapes.rounding(single(coefficients))
     assert low == pytest.approx(min(values), abs=slack)
     assert high == pytest.approx(max(values), abs=slack)
-    assert profile.is_non_negative(coefficients) is (min(values) >= 0.0)
+    assert shapes.is_non_negative(single(coefficients)) is (min(values) >= 0.0)
 
 
 def test_a_feed_that_touches_zero_is_not_negative() -> None:
     for n in (4, 6, 10, 14):
-        assert profile.is_non_negative(profile.coefficients_from_ratio(0.0, n))
+        assert shapes.is_non_negative(profile.dip(0.0, n))
 
 
 def test_softening_keeps_the_ends_and_scales_the_dip() -> None:
     coefficients = profile.coefficients_from_ratio(0.25, 10)
-    assert profile.soften(coefficients, 0.0).tolist() == coefficients.tolist()
-    assert profile.soften(coefficients, 1.0).tolist() == [1.0] * 11
-    assert profile.middle_ratio(profile.soften(coefficients, 0.5)) == pytest.approx(0.625, rel=8 * EPS)
+    assert shapes.soften(single(coefficients), 0.0).pieces[0].coefficients.tolist() == coefficients.tolist()
+    assert shapes.soften(single(coefficients), 1.0).pieces[0].coefficients.tolist() == [1.0] * 11
+    assert shapes.middle_ratio(shapes.soften(single(coefficients), 0.5)) == pytest.approx(0.625, rel=8 * EPS)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ph_post.compensate.shapes import single
 from ph_post.geometry.track import Track
 from ph_post.turning import find_turning_points
 from ph_post.types import (
@@ -146,7 +147,7 @@ def make_plan(
         profiles.append(
             FeedProfile(
                 window=number,
-                coefficients=frozen([1, 1, 1, 1, low, low, low, 1, 1, 1, 1]),
+                shape=single([1, 1, 1, 1, low, low, low, 1, 1, 1, 1]),
                 cruise=speed,
                 t_star=t_star,
                 s_star=half,

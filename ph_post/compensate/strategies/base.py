@@ -16,7 +16,7 @@ from typing import Protocol, runtime_checkable
 import msgspec
 
 from ph_post.compensate.options import PlanOptions
-from ph_post.types import Array, BacklashInterval, Feedback, Machine, Path, TurningPoint, Window
+from ph_post.types import BacklashInterval, Feedback, Machine, Path, Shape, TurningPoint, Window
 
 
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -38,15 +38,21 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The profile wanted in one window.
 
-    `coefficients` are V_k / V_c, None to leave the window alone; `t_star` [s] is the half duration wanted,
+    `shape` is V / V_c, None to leave the window alone; `t_star` [s] is the half duration wanted,
     infinite for as long as the window; `least` [s] the half duration below which the profile is of less use.
+    `turn` is the share of the profile's way that lies before the turning point. The default is the middle of
+    the way, as Eq. (29) of the paper places coefficients that are not symmetric either: s_* of Eq. (27) is
+    measured both ways, and the turning point is not passed in the middle of the time then. Where it is to be
+    passed at another instant τ, a hold for one, `shapes.share_of_way` tells the share. It stays where
+    the profile is softened, while the instant moves a little.
     `may_leave` lets it leave the window in which the osculating circle stands for the path. `note` says why
     the window is left alone, or whatever else the user should know.
     """
 
-    coefficients: Array | None
+    shape: Shape | None
     t_star: float = math.inf
     least: float = 0.0
+    turn: float = 0.5
     may_leave: bool = False
     note: str = ""
 

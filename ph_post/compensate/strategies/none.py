@@ -15,7 +15,7 @@ class PlainFeed:
 
     def profiles(self, task: Task) -> Proposal:
         """Want no profile anywhere, and have nothing to say about it."""
-        return Proposal(wishes=tuple(Wish(coefficients=None) for _ in task.windows))
+        return Proposal(wishes=tuple(Wish(shape=None) for _ in task.windows))
 
 
 STRATEGY = PlainFeed()
