@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from typing import TypeGuard
 
-from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
+from ph_post.registry import Registry
 
 GROUP = "ph_post.dialects"
 
@@ -25,7 +24,7 @@ def dialect_names() -> tuple[str, ...]:
     >>> {"grbl", "linuxcnc"} <= set(dialect_names())
     True
     """
-    return tuple(sorted({*BUILT_IN, *_registered()}))
+    return _REGISTRY.names()
 
 
 def find_dialect(name: str, where: str = "dialect") -> Dialect:
@@ -42,18 +41,13 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     InputError
         Where nobody registered the name, or what is registered is not a dialect.
     """
-    if name in BUILT_IN:
-        module, attribute = BUILT_IN[name].split(":")
-        found = getattr(import_module(module), attribute)
-    elif name in (registered := _registered()):
-        found = registered[name].load()
-    else:
-        raise InputError(where, "no such dialect", expected=" or ".join(dialect_names()), got=repr(name))
-    if not isinstance(found, Dialect):
-        what = f"what is registered as dialect {name!r} is not one"
-        raise InputError(where, what, expected="a Dialect record", got=type(found).__name__)
-    return found
+    return _REGISTRY.find(name, where)
 
 
-def _registered() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=GROUP)}
+def _is_dialect(found: object) -> TypeGuard[Dialect]:
+    return isinstance(found, Dialect)
+
+
+_REGISTRY: Registry[Dialect] = Registry(
+    group=GROUP, noun="dialect", wanted="a Dialect record", fits=_is_dialect, built_in=BUILT_IN
+)

@@ -17,13 +17,13 @@ def test_the_built_in_dialects() -> None:
 
 
 def test_without_installed_metadata_the_built_in_ones_remain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "entry_points", lambda group: ())
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: ())
     assert registry.dialect_names() == ("grbl", "linuxcnc")
     assert registry.find_dialect("grbl") is grbl.DIALECT
 
 
 def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "entry_points", lambda group: ())
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: ())
     with pytest.raises(InputError) as error:
         registry.find_dialect("fanuc", "mill.toml: controller.dialect")
     expected = "mill.toml: controller.dialect: no such dialect; expected grbl or linuxcnc; got 'fanuc'"
@@ -35,7 +35,7 @@ def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None
         EntryPoint("mine", "ph_post.gcode.dialects.grbl:DIALECT", registry.GROUP),
         EntryPoint("wrong", "ph_post.gcode.dialects.grbl:_MAX_LINE", registry.GROUP),
     )
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: points)
     assert registry.dialect_names() == ("grbl", "linuxcnc", "mine", "wrong")
     assert registry.find_dialect("mine") is grbl.DIALECT
     with pytest.raises(InputError, match="expected a Dialect record; got int"):

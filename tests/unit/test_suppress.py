@@ -299,7 +299,7 @@ class Entry:
 
 
 def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "entry_points", lambda group: [Entry(Halve())])
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry(Halve())])
     assert registry.strategy_names() == ("halve", "none", "suppress")
     analysis = ring(jerk=1e4)
     plan = make_plan(analysis, PlanOptions(strategy="halve", start="moving", max_slowdown=1.0))
@@ -313,6 +313,6 @@ def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_what_is_no_strategy_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "entry_points", lambda group: [Entry("a string")])
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry("a string")])
     with pytest.raises(InputError, match="is not one; expected a Strategy; got str"):
         registry.find_strategy("halve")

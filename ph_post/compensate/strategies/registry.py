@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from typing import TypeGuard
 
 from ph_post.compensate.strategies.base import Strategy
-from ph_post.errors import InputError
+from ph_post.registry import Registry
 
 GROUP = "ph_post.strategies"
 
@@ -25,7 +24,7 @@ def strategy_names() -> tuple[str, ...]:
     >>> {"none", "suppress"} <= set(strategy_names())
     True
     """
-    return tuple(sorted({*BUILT_IN, *_registered()}))
+    return _REGISTRY.names()
 
 
 def find_strategy(name: str, where: str = "--strategy") -> Strategy:
@@ -42,18 +41,13 @@ def find_strategy(name: str, where: str = "--strategy") -> Strategy:
     InputError
         Where nobody registered the name, or what is registered is no strategy.
     """
-    if name in BUILT_IN:
-        module, attribute = BUILT_IN[name].split(":")
-        found = getattr(import_module(module), attribute)
-    elif name in (registered := _registered()):
-        found = registered[name].load()
-    else:
-        raise InputError(where, "no such strategy", expected=" or ".join(strategy_names()), got=repr(name))
-    if not isinstance(found, Strategy):
-        what = f"what is registered as strategy {name!r} is not one"
-        raise InputError(where, what, expected="a Strategy", got=type(found).__name__)
-    return found
+    return _REGISTRY.find(name, where)
 
 
-def _registered() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=GROUP)}
+def _is_strategy(found: object) -> TypeGuard[Strategy]:
+    return isinstance(found, Strategy)
+
+
+_REGISTRY: Registry[Strategy] = Registry(
+    group=GROUP, noun="strategy", wanted="a Strategy", fits=_is_strategy, built_in=BUILT_IN
+)
