@@ -42,6 +42,10 @@ class Registry(msgspec.Struct, Generic[T], frozen=True, kw_only=True):
         """Names of all of them, sorted."""
         return tuple(sorted({*self.built_in, *self._registered()}))
 
+    def has(self, name: str) -> bool:
+        """Whether one of that name is registered."""
+        return name in self.built_in or name in self._registered()
+
     def find(self, name: str, where: str) -> T:
         """Return the one of that name; `where` is what named it (a file and key, an option).
 

@@ -68,12 +68,17 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Servo(msgspec.Struct, frozen=True, kw_only=True):
-    """Closed loop of one axis: b [s²] and c [s] of Eq. (9), and the PI/PID gains relative to k_p."""
+    """Closed loop of one axis: b [s²] and c [s] of Eq. (9), and the PI/PID gains relative to k_p.
+
+    `stiffness` [N/m] is the force on the table that a P loop answers with a position error of one metre,
+    k_p k_a k_t N / r; None where the file does not tell it.
+    """
 
     b: float
     c: float
     ki_over_kp: float = 0.0
     kd_over_kp: float = 0.0
+    stiffness: float | None = None
 
 
 class Gap(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,7 +109,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class EffectSetting(msgspec.Struct, frozen=True, kw_only=True):
-    """A physical effect switched on in the machine file: its name and its parameters."""
+    """A physical effect switched on in the machine file: its name and its parameters, as they stand there."""
 
     name: str
     parameters: Mapping[str, Any]

@@ -23,6 +23,9 @@ MS: Final = 1e-3
 MM_PER_MIN: Final = MM / MINUTE
 """One mm/min in m/s."""
 
+HERTZ: Final = math.tau
+"""One oscillation a second in rad/s."""
+
 DEGREE: Final = math.pi / 180.0
 """One degree in radians."""
 

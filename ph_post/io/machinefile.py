@@ -17,8 +17,11 @@ import math
 import os
 import re
 import tomllib
-from typing import Any
+from typing import Any, NamedTuple
 
+from msgspec.structs import replace
+
+from ph_post.agreement import agreed
 from ph_post.errors import InputError
 from ph_post.io.check import checked, one_line, place
 from ph_post.io.exact import Refused, quoted
@@ -28,9 +31,6 @@ from ph_post.io.shipped import or_shipped
 from ph_post.io.source import Source, read_source
 from ph_post.types import Axis, Gap, Limits, Machine, Servo, Uncertainty
 from ph_post.units import MM, MS
-
-AGREE = 1e-3
-"""Relative difference up to which two ways of giving one thing agree: people round to three digits."""
 
 _LEAD = MM / math.tau
 _MOTOR = (
@@ -117,11 +117,13 @@ class _Given:
         self.record = record
         self.file = file
 
+    def place(self, key: str) -> str:
+        """Where a key stands."""
+        return place(self.file, ("axes", self.name, *key.split(".")))
+
     def refuse(self, key: str, what: str, expected: str = "", got: str = "") -> InputError:
         """Make the refusal of one key."""
-        return InputError(
-            place(self.file, ("axes", self.name, *key.split("."))), what, expected=expected, got=got
-        )
+        return InputError(self.place(key), what, expected=expected, got=got)
 
     def missing(self, key: str, expected: str = "") -> InputError:
         """Make the refusal of an axis that lacks a key."""
@@ -137,14 +139,7 @@ class _Given:
 
     def agreed(self, *given: tuple[str, float | None]) -> float | None:
         """Return the first value given; whatever else gives the same thing must agree with it."""
-        known = [(key, value) for key, value in given if value is not None]
-        for key, value in known[1:]:
-            if not math.isclose(value, known[0][1], rel_tol=AGREE):
-                ratio = value / known[0][1] if known[0][1] else math.inf
-                raise self.refuse(
-                    key, f"contradicts {known[0][0]}", "the same size", f"{ratio:.6g} times that"
-                )
-        return known[0][1] if known else None
+        return agreed(given, self.place)
 
     def either(self, *keys: tuple[str, float]) -> float | None:
         """Return a value that may stand under several keys, each with its factor to SI."""
@@ -157,13 +152,14 @@ def _axis(name: str, record: AxisRecord, file: str) -> Axis:
     given = _Given(name, record, file)
     ratio = given.either(("gear_ratio", 1.0), ("N", 1.0))
     travel = given.either(("travel_per_rad_mm", MM), ("screw_lead_mm", _LEAD), ("r", 1.0))
-    b, c = _coefficients(given, ratio, travel)
+    motor = _motor(given, ratio, travel)
+    b, c = _coefficients(given, motor)
     gap = _gap(given, ratio, travel)
     _check_damping(given, b, c)
-    return Axis(
+    axis = Axis(
         name=name,
         feedback=record.feedback,
-        servo=_servo(given, b, c),
+        servo=_servo(given, b, c, motor.stiffness),
         gap=gap,
         limits=Limits(
             velocity=record.max_velocity_mm_s * MM,
@@ -176,21 +172,36 @@ def _axis(name: str, record: AxisRecord, file: str) -> Axis:
             beta=record.beta_uncertainty,
             gain=record.gain_uncertainty,
         ),
-        effects=effect_settings(record.effects, file, ("axes", name, "effects")),
     )
+    return replace(axis, effects=effect_settings(record.effects, axis, file, ("axes", name, "effects")))
 
 
-def _coefficients(given: _Given, ratio: float | None, travel: float | None) -> tuple[float, float]:
-    """Return b [s²] and c [s], given or made of the physical constants. Implements Eq. (9) of [1]_."""
-    record = given.record
+class _Motor(NamedTuple):
+    """What the physical constants make: b [s²], c [s] and the stiffness [N/m], None where not given."""
+
+    b: float | None = None
+    c: float | None = None
+    stiffness: float | None = None
+
+
+def _motor(given: _Given, ratio: float | None, travel: float | None) -> _Motor:
+    """Take the physical constants, all or none. Implements Eq. (9) of [1]_, and K = k_p k_a k_t N / r."""
+    direct = given.either(("servo_stiffness_n_per_mm", 1.0 / MM))
     motor = {symbol: given.either((key, 1.0), (symbol, 1.0)) for key, symbol in _MOTOR}
-    made_b = made_c = None
-    if any(value is not None for value in motor.values()):
-        constants = {**motor, "N": ratio, "r": travel}
-        J, B, k_p, k_a, k_t, N, r = (given.present(symbol, value) for symbol, value in constants.items())
-        made_b, made_c = N * J / (k_p * k_a * k_t * r), N * B / (k_p * k_a * k_t * r)
-    b = given.agreed(("b", record.b), ("J", made_b))
-    c = given.agreed(("c", record.c), ("B", made_c))
+    if all(value is None for value in motor.values()):
+        return _Motor(stiffness=direct)
+    constants = {**motor, "N": ratio, "r": travel}
+    J, B, k_p, k_a, k_t, N, r = (given.present(symbol, value) for symbol, value in constants.items())
+    gain = k_p * k_a * k_t
+    stiffness = given.agreed(("k_p", gain * N / r), ("servo_stiffness_n_per_mm", direct))
+    return _Motor(N * J / (gain * r), N * B / (gain * r), stiffness)
+
+
+def _coefficients(given: _Given, motor: _Motor) -> tuple[float, float]:
+    """Return b [s²] and c [s], given or made of the physical constants."""
+    record = given.record
+    b = given.agreed(("b", record.b), ("J", motor.b))
+    c = given.agreed(("c", record.c), ("B", motor.c))
     if b is None or c is None:
         ideal = "; 0 for an ideal stepper" if record.feedback == "none" else ""
         wanted = f"b [s²] and c [s] of Eq. (9), or J, B, k_p, k_a, k_t, N and r{ideal}"
@@ -198,7 +209,7 @@ def _coefficients(given: _Given, ratio: float | None, travel: float | None) -> t
     return b, c
 
 
-def _servo(given: _Given, b: float, c: float) -> Servo:
+def _servo(given: _Given, b: float, c: float, stiffness: float | None) -> Servo:
     """Check that the closed loop settles, and take its gains."""
     record = given.record
     ideal = record.feedback == "none" and b == c == 0
@@ -207,7 +218,7 @@ def _servo(given: _Given, b: float, c: float) -> Servo:
             both = ", or b and c both 0" if record.feedback == "none" else ""
             raise given.refuse(key, "no servo loop is without inertia or damping", f"> 0{both}", "0")
     if record.control is None:
-        return Servo(b=b, c=c)
+        return Servo(b=b, c=c, stiffness=stiffness)
     ki, kd = record.control.ki_over_kp_per_s, record.control.kd_over_kp_s
     if record.feedback == "none":
         raise given.refuse(
@@ -216,7 +227,7 @@ def _servo(given: _Given, b: float, c: float) -> Servo:
     if ki * b >= c + kd:  # Routh, for b s³ + (c + kd) s² + s + ki
         most = f"< (c + kd) / b = {(c + kd) / b:.6g}"
         raise given.refuse("control.ki_over_kp_per_s", "the loop is unstable", most, f"{ki:g}")
-    return Servo(b=b, c=c, ki_over_kp=ki, kd_over_kp=kd)
+    return Servo(b=b, c=c, ki_over_kp=ki, kd_over_kp=kd, stiffness=stiffness)
 
 
 def _gap(given: _Given, ratio: float | None, travel: float | None) -> Gap:

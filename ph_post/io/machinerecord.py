@@ -11,28 +11,6 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Fraction01 = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Relative = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 
-EFFECTS = (
-    "backlash",
-    "coulomb_friction",
-    "stribeck_friction",
-    "viscous_friction",
-    "friction_asymmetry",
-    "load_offset",
-    "elastic_windup",
-    "engagement_impact",
-    "position_dependent_backlash",
-    "cyclic_error",
-    "scale_error",
-    "thermal_growth",
-    "squareness",
-    "servo_mismatch",
-    "transport_delay",
-    "torque_saturation",
-    "cogging",
-    "cutting_force",
-)
-"""The physical effects a machine file may switch on."""
-
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of the tables of a machine file: a key that is not known is refused."""
@@ -73,6 +51,7 @@ class AxisRecord(Record, frozen=True, kw_only=True):
     k_a: Positive | None = None
     torque_constant_n_m_per_a: Positive | None = None
     k_t: Positive | None = None
+    servo_stiffness_n_per_mm: Positive | None = None
     # transmission
     gear_ratio: Positive | None = None
     N: Positive | None = None

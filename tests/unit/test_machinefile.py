@@ -10,9 +10,9 @@ import sys
 
 import pytest
 
+from ph_post.drive.effects.registry import CATALOGUE, effect_names, known_names
 from ph_post.errors import InputError
 from ph_post.io.machinefile import read_machine
-from ph_post.io.machinerecord import EFFECTS
 
 HEAD = '[controller]\ndialect = "grbl"\nservo_period_ms = 2.0\n'
 LIMITS = "max_velocity_mm_s = 500\nmax_acceleration_mm_s2 = 5000\nmax_jerk_mm_s3 = 100000\n"
@@ -130,7 +130,7 @@ def test_the_long_names_of_the_physical_constants_are_the_short_ones(read):
 
 
 def test_the_same_thing_given_twice_may_differ_by_rounding(read):
-    once = read(SERVO, DRIVE, GAP)
+    once = read(SERVO, DRIVE, GAP, "servo_stiffness_n_per_mm = 0.25\n")
     lead = f"screw_lead_mm = {2000 * math.pi:.6g}\n"
     assert read(SERVO, DRIVE, GAP, lead, "lost_motion_mm = 5.001\n", PHYSICAL, "N = 25.01\n") == once
 
@@ -186,7 +186,36 @@ def test_the_loop_must_settle(read, ki, ok):
         read(SERVO, DRIVE, GAP, tail=tail)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_of_the_catalogue_is_kept(read, name):
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - set(effect_names())))
+def test_an_effect_that_nothing_acts_under_yet_is_kept(read, name):
     axis = read(SERVO, DRIVE, GAP, tail=f'[[axes.X.effects]]\nname = "{name}"\nkind = "x"\n')
     assert [(effect.name, effect.parameters) for effect in axis.effects] == [(name, {"kind": "x"})]
+
+
+def test_every_effect_that_acts_is_known():
+    assert set(effect_names()) <= set(known_names())
+    assert known_names()[: len(CATALOGUE)] == CATALOGUE
+
+
+def test_an_effect_keeps_the_keys_and_numbers_of_the_file(read):
+    tail = '[[axes.X.effects]]\nname = "coulomb_friction"\nforce_n = 20\n'
+    axis = read(SERVO, DRIVE, GAP, "servo_stiffness_n_per_mm = 500\n", tail=tail)
+    assert [(effect.name, effect.parameters) for effect in axis.effects] == [
+        ("coulomb_friction", {"force_n": 20})
+    ]
+
+
+def test_an_effect_may_be_given_in_two_ways_that_agree(read):
+    tail = '[[axes.X.effects]]\nname = "coulomb_friction"\nforce_n = 20\nfollowing_error_mm = 0.04\n'
+    (effect,) = read(SERVO, DRIVE, GAP, "servo_stiffness_n_per_mm = 500\n", tail=tail).effects
+    assert effect.parameters == {"force_n": 20, "following_error_mm": 0.04}
+
+
+def test_the_stiffness_of_the_servo(read):
+    assert read(SERVO, DRIVE, GAP).servo.stiffness is None
+    direct = read(SERVO, DRIVE, GAP, "servo_stiffness_n_per_mm = 500\n")
+    assert direct.servo.stiffness == pytest.approx(5e5, rel=4e-16)
+    # K = k_p k_a k_t N / r = 10 V/m * 2 A/V * 0.5 N m/A * 25 / (1 m/rad)
+    made = read(PHYSICAL, DRIVE, GAP)
+    assert made.servo.stiffness == pytest.approx(250.0, rel=4e-16)
+    assert read(PHYSICAL, DRIVE, GAP, "servo_stiffness_n_per_mm = 0.25\n") == made

@@ -13,7 +13,7 @@ from ph_post.io.pathfile import read_path
 from ph_post.io.shipped import or_shipped, shipped, shipped_names
 
 PATHS = ("butterfly", "circle", "figure1", "inflection", "oval", "pocket", "spatial")
-MACHINES = ("mill", "paper", "router", "stepper")
+MACHINES = ("mill", "old_mill", "paper", "router", "stepper")
 
 
 def test_everything_is_found():

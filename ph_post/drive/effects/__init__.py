@@ -1,0 +1,59 @@
+"""Physical effects beyond the gap, one file each, and the plant of an axis with its effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from ph_post.drive.effects.base import Effect
+from ph_post.drive.effects.registry import find_effect, is_effect
+from ph_post.drive.effects.values import effect_values
+from ph_post.drive.plant import Plant, base_plant
+from ph_post.types import Axis, EffectSetting, Scenario
+
+
+class Acting(msgspec.Struct, frozen=True, kw_only=True):
+    """An effect that acts on an axis, and its values in SI units."""
+
+    effect: Effect
+    values: Mapping[str, float]
+
+
+def acting(axis: Axis) -> tuple[Acting, ...]:
+    """Effects of an axis that act, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        Where values are missing or contradict each other; a machine file has been checked for that.
+    """
+    where = f"axis {axis.name}: effects"
+    return tuple(
+        Acting(effect=effect, values=effect_values(effect, axis, setting.parameters, f"{where}[{number}]"))
+        for number, setting in enumerate(axis.effects)
+        if (effect := _felt(axis, setting)) is not None
+    )
+
+
+def not_acting(axis: Axis) -> tuple[str, ...]:
+    """Names of an axis' effects that change nothing: reserved ones, and those its loop does not feel.
+
+    Whoever simulates says so.
+    """
+    return tuple(setting.name for setting in axis.effects if _felt(axis, setting) is None)
+
+
+def _felt(axis: Axis, setting: EffectSetting) -> Effect | None:
+    if not is_effect(setting.name):
+        return None
+    effect = find_effect(setting.name)
+    return effect if axis.feedback in effect.feedbacks else None
+
+
+def plant_of(axis: Axis, scenario: Scenario) -> Plant:
+    """Return an axis as a scenario has it, with its effects applied in the order of the file."""
+    plant = base_plant(axis, scenario)
+    for one in acting(axis):
+        plant = one.effect.apply(plant, one.values)
+    return plant

@@ -1,0 +1,153 @@
+"""What an effect is.
+
+An effect is one definition that the machine file, the simulator and whoever fits it to a measurement share:
+its parameters in the units of the shop, with their bounds, and what it does to a :class:`Plant`.
+
+To add one: make an :class:`Effect` and register it, under its own name, as entry point of the group
+``ph_post.effects``. Its `apply` is a pure function of plant and values and adds to what it finds, so that
+effects combine in the order of the file. Where two of a kind cannot both hold on one axis it says `once`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import msgspec
+
+from ph_post.drive.plant import Plant
+from ph_post.types import Axis, Feedback
+from ph_post.units import HERTZ, MM, MS
+
+Values = Mapping[str, float]
+"""Values of an effect in SI units by :attr:`Parameter.gives`; of a choice, its place among the choices."""
+
+ANY = msgspec.Meta()
+POSITIVE = msgspec.Meta(gt=0)
+NOT_NEGATIVE = msgspec.Meta(ge=0)
+
+Kind = Literal["command", "force", "state", "reading", "across axes"]
+
+
+class Unit(msgspec.Struct, frozen=True, kw_only=True):
+    """A unit of the shop.
+
+    `scale` is what one of it is in SI, None on an axis whose constants do not tell; `needs` says which
+    constants of the axis it wants.
+    """
+
+    symbol: str
+    scale: Callable[[Axis], float | None]
+    needs: str = ""
+
+
+class Parameter(msgspec.Struct, frozen=True, kw_only=True):
+    """One key of an effect in the machine file.
+
+    Parameters
+    ----------
+    name : str
+        The key, with the unit as its ending.
+    gives : str
+        The value it gives to `apply`. Keys that give the same value are two ways of saying one thing, of
+        which one is needed, and which must agree.
+    meaning : str
+    unit : Unit, optional
+        None for a choice.
+    choices : tuple of str
+        The words it may have, in place of a number.
+    bounds : msgspec.Meta
+        Its `gt`, `ge`, `lt` and `le`, in the unit of the parameter.
+    default : float or str, optional
+        What it is where the file does not have it; None where the file must.
+    """
+
+    name: str
+    gives: str
+    meaning: str
+    unit: Unit | None = None
+    choices: tuple[str, ...] = ()
+    bounds: msgspec.Meta = ANY
+    default: float | str | None = None
+
+
+class Fault(msgspec.Struct, frozen=True, kw_only=True):
+    """Values that do not go together: which of them is wrong (its `gives`), and why."""
+
+    gives: str
+    what: str
+    expected: str
+
+
+def no_fault(axis: Axis, values: Values) -> Fault | None:  # noqa: ARG001
+    """Find nothing wrong with values that are each within their bounds."""
+    return None
+
+
+class Effect(msgspec.Struct, frozen=True, kw_only=True):
+    """A physical effect.
+
+    Parameters
+    ----------
+    name : str
+    kind : {"command", "force", "state", "reading", "across axes"}
+        Where it acts: on what is commanded, as a force on the table, on the state of the drive, on what is
+        read, or from one axis on another.
+    summary : str
+        One line about it.
+    source : str
+        Literature or standard.
+    parameters : tuple of Parameter
+    apply : callable
+        Plant and values to plant.
+    fault : callable, optional
+        What bounds cannot say; axis and values to the first fault, or None.
+    once : bool
+        Whether a second one on the same axis would contradict the first.
+    feedbacks : frozenset of str
+        Loops that feel it.
+    """
+
+    name: str
+    kind: Kind
+    summary: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    apply: Callable[[Plant, Values], Plant]
+    fault: Callable[[Axis, Values], Fault | None] = no_fault
+    once: bool = False
+    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+
+    def ways(self) -> dict[str, tuple[Parameter, ...]]:
+        """Parameters by the value they give."""
+        found: dict[str, tuple[Parameter, ...]] = {}
+        for parameter in self.parameters:
+            found[parameter.gives] = (*found.get(parameter.gives, ()), parameter)
+        return found
+
+
+def constant(symbol: str, size: float) -> Unit:
+    """Make a unit that needs nothing of the axis."""
+    return Unit(symbol=symbol, scale=lambda _axis: size)
+
+
+def per_stiffness(symbol: str, size: float) -> Unit:
+    """Make the unit of a force, of size [N]: in the units of the plant it is divided by K."""
+
+    def scale(axis: Axis) -> float | None:
+        stiffness = axis.servo.stiffness
+        return None if stiffness is None else size / stiffness
+
+    return Unit(symbol=symbol, scale=scale, needs=STIFFNESS)
+
+
+STIFFNESS = "servo_stiffness_n_per_mm, or all of J, B, k_p, k_a, k_t, N and r"
+
+ONE = constant("", 1.0)
+SECOND = constant("s", 1.0)
+MILLISECOND = constant("ms", MS)
+MILLIMETRE = constant("mm", MM)
+MM_PER_S = constant("mm/s", MM)
+HZ = constant("Hz", HERTZ)
+NEWTON = per_stiffness("N", 1.0)
+N_S_PER_MM = per_stiffness("N s/mm", 1.0 / MM)

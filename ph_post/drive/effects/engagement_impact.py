@@ -1,0 +1,36 @@
+"""Engagement impact: the motor picks the table up with its momentum instead of from standstill."""
+
+from __future__ import annotations
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from ph_post.drive.effects.base import ONE, Effect, Parameter, Values
+from ph_post.drive.plant import Plant
+
+
+def _apply(plant: Plant, values: Values) -> Plant:
+    pickup = "momentum" if plant.pickup == "standstill" else plant.pickup
+    return replace(plant, pickup=pickup, kept=values["kept"])
+
+
+EFFECT = Effect(
+    name="engagement_impact",
+    kind="state",
+    summary="pick-up with momentum, v = kept η ω_m r / N, also where the file says standstill",
+    source="M. Nordin, P.-O. Gutman: Controlling mechanical systems with backlash - a survey, "
+    "Automatica 38 (2002), doi:10.1016/S0005-1098(02)00047-X; plastic impact of the inertias of Eq. (12)",
+    parameters=(
+        Parameter(
+            name="kept",
+            gives="kept",
+            unit=ONE,
+            bounds=Meta(gt=0, le=1),
+            default=1.0,
+            meaning="part of the plastic impact's momentum that survives",
+        ),
+    ),
+    apply=_apply,
+    once=True,
+    feedbacks=frozenset(("load",)),
+)

@@ -1,0 +1,98 @@
+"""Effects by name: those of this package, those that others register as entry points, and those reserved."""
+
+from __future__ import annotations
+
+from typing import TypeGuard
+
+from ph_post.drive.effects.base import Effect
+from ph_post.registry import Registry
+
+GROUP = "ph_post.effects"
+
+CATALOGUE = (
+    "backlash",
+    "coulomb_friction",
+    "stribeck_friction",
+    "viscous_friction",
+    "friction_asymmetry",
+    "load_offset",
+    "elastic_windup",
+    "engagement_impact",
+    "position_dependent_backlash",
+    "cyclic_error",
+    "scale_error",
+    "thermal_growth",
+    "squareness",
+    "servo_mismatch",
+    "transport_delay",
+    "torque_saturation",
+    "cogging",
+    "cutting_force",
+)
+"""Names whose meaning is fixed, whether or not something acts under them yet."""
+
+_HERE = "ph_post.drive.effects"
+BUILT_IN = {
+    "coulomb_friction": f"{_HERE}.coulomb_friction:EFFECT",
+    "elastic_windup": f"{_HERE}.elastic_windup:EFFECT",
+    "engagement_impact": f"{_HERE}.engagement_impact:EFFECT",
+    "load_offset": f"{_HERE}.load_offset:EFFECT",
+    "stribeck_friction": f"{_HERE}.stribeck_friction:EFFECT",
+    "torque_saturation": f"{_HERE}.torque_saturation:EFFECT",
+    "transport_delay": f"{_HERE}.transport_delay:EFFECT",
+    "viscous_friction": f"{_HERE}.viscous_friction:EFFECT",
+}
+"""What a source tree without installed metadata offers."""
+
+
+def effect_names() -> tuple[str, ...]:
+    """Names of all effects that act, sorted.
+
+    Examples
+    --------
+    >>> "coulomb_friction" in effect_names()
+    True
+    """
+    return _REGISTRY.names()
+
+
+def known_names() -> tuple[str, ...]:
+    """Names that a machine file may have: the catalogue, then what others add.
+
+    Examples
+    --------
+    >>> "cogging" in known_names(), "cogging" in effect_names()
+    (True, False)
+    """
+    return (*CATALOGUE, *(name for name in effect_names() if name not in CATALOGUE))
+
+
+def is_effect(name: str) -> bool:
+    """Whether something acts under that name."""
+    return _REGISTRY.has(name)
+
+
+def find_effect(name: str, where: str = "effect") -> Effect:
+    """Return the effect of that name.
+
+    Parameters
+    ----------
+    name : str
+    where : str, optional
+        What named it (a file and key), for the refusal.
+
+    Raises
+    ------
+    InputError
+        Where nothing acts under the name, or what is registered is not an effect.
+    """
+    return _REGISTRY.find(name, where)
+
+
+def _fits(found: object) -> TypeGuard[Effect]:
+    return isinstance(found, Effect)
+
+
+_REGISTRY: Registry[Effect] = Registry(
+    group=GROUP, noun="effect", wanted="an Effect record", fits=_fits, built_in=BUILT_IN
+)

@@ -1,0 +1,16 @@
+"""Literature that several effects share."""
+
+from __future__ import annotations
+
+from typing import Final
+
+FRICTION: Final = (
+    "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit: A survey of models, analysis tools and "
+    "compensation methods for the control of machines with friction, Automatica 30 (1994), "
+    "doi:10.1016/0005-1098(94)90209-7"
+)
+
+FEED_DRIVES: Final = (
+    "Y. Altintas, A. Verl, C. Brecher, L. Uriarte, G. Pritschow: Machine tool feed drives, "
+    "CIRP Annals 60 (2011), doi:10.1016/j.cirp.2011.05.010"
+)
