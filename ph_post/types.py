@@ -256,11 +256,38 @@ class FeedProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.shape.pieces[0].coefficients if len(self.shape.pieces) == 1 else None
 
 
+class Crossing(msgspec.Struct, frozen=True, kw_only=True):
+    """A commanded crossing of the gap of one axis.
+
+    From `start` [s] on, for `duration` [s], the motor travels `travel` [m], signed, as a polynomial whose
+    derivatives up to `order` vanish at both ends. On a `load` axis it travels inside the gap while the table
+    stands; behind the loop of the others the travel is a lasting offset of the command. Then `push` [m],
+    signed, is added to the command for `push_duration` [s], which brings the motor to the flank if the gap
+    is wider than expected. `window` is the index of the window it belongs to, -1 where it belongs to none.
+    """
+
+    axis: str
+    start: float
+    duration: float
+    travel: float
+    order: int = 3
+    push: float = 0.0
+    push_duration: float = 0.0
+    window: int = -1
+
+    @property
+    def end(self) -> float:
+        """When it is over, push included [s]."""
+        return self.start + self.duration + self.push_duration
+
+
 class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What will be commanded: phases one after the other from s = 0 to the path's end.
 
     `nominal` are the phases without any profile, for comparison. `profiles` holds one entry a window,
-    None where nothing is modulated there.
+    None where nothing is modulated there. `crossings` are the path modifications, in the order of time;
+    `bias` [m] is by axis the lasting offset with which the motion begins. `inverse_dynamics` says whether the
+    command leads the path by what the servo lags behind.
     """
 
     path: Path
@@ -272,6 +299,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     profiles: tuple[FeedProfile | None, ...]
     nominal: tuple[Phase, ...]
     phases: tuple[Phase, ...]
+    crossings: tuple[Crossing, ...] = ()
+    bias: Mapping[str, float] = {}
+    inverse_dynamics: bool = False
     warnings: tuple[str, ...] = ()
 
 

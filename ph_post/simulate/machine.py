@@ -18,7 +18,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
-from ph_post.drive.plant import Plant, base_plant
+from ph_post.drive.effects import plant_of
+from ph_post.drive.plant import Plant
 from ph_post.simulate import kernel
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, frozen
 
@@ -96,11 +97,6 @@ def _trace(command: Command, number: int) -> Trace:
 def run_axis(trace: Trace, axis: Axis, scenario: Scenario, period: float) -> tuple[Array, Array, list[Event]]:
     """Run one axis: positions of table and motor [m], shape (n,), and what happened."""
     return run_plant(trace, plant_of(axis, scenario), first_flank(axis, scenario), axis.name, period)
-
-
-def plant_of(axis: Axis, scenario: Scenario) -> Plant:
-    """Return an axis with its effects."""
-    return base_plant(axis, scenario)
 
 
 def first_flank(axis: Axis, scenario: Scenario) -> int:

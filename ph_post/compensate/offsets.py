@@ -1,0 +1,249 @@
+"""What is added to the points of the path: inverse dynamics, crossings of the gap, and lasting offsets.
+
+The command is worked out backwards. The table is to be on the path; that and the crossings tell how the
+motor has to move, which tells the controller's output; and that tells the position error it takes, which is
+added to the position. For a P controller it is X = x + c ẋ + b ẍ while a flank drives the table (Eq. 8 of
+[1]_), and X = x_i + η b (m̈ + β ṁ) while the motor crosses the gap (Eq. 16, in units of the table).
+
+References
+----------
+.. [1] doi:10.1007/s00170-021-08515-z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate.caps import axis_limits
+from ph_post.compensate.limits import at_rest_before_and_after, rounding, usage
+from ph_post.compensate.motion import Motion
+from ph_post.compensate.sample import sample
+from ph_post.geometry.bernstein import derivative, evaluate
+from ph_post.geometry.track import Track
+from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Machine, Plan, Servo, frozen
+
+EDGE = 0.3
+"""Part of a push that it takes to rise, and to fall."""
+
+FADES = (4.0, 8.0, 16.0, 32.0)
+"""Durations of a fade of the inverse dynamics that are tried, in units of the servo's √b."""
+
+LEAST_FADE = 16
+"""Samples that a fade lasts at least."""
+
+
+def command_of(plan: Plan, track: Track, period: float) -> Command:
+    """Sample a plan with everything that its strategy adds to the path, one row a servo period.
+
+    Inverse dynamics is faded out where the command that includes it would break a limit.
+
+    Parameters
+    ----------
+    plan : Plan
+    track : Track
+        Of the plan's path.
+    period : float
+        Servo period [s].
+    """
+    plain = sample(plan, track, period)
+    if not (plan.inverse_dynamics or plan.crossings or any(plan.bias.values())):
+        return plain
+    rate = Motion.from_phases(plan.phases).acceleration(plain.t)
+    speed, acceleration = path_derivatives(plain, track, rate)
+    return add_offsets(
+        plain, speed, acceleration, plan.machine, plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics
+    )
+
+
+def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array, Array]:
+    """Velocity and acceleration of the axes [m/s, m/s²], shape (n, dim); `rate` (n,) is dV/dt along the path.
+
+    Where the path has no derivatives by arc length, at a cusp where the motion rests, they count as zero.
+    """
+    with np.errstate(all="ignore"):
+        _, tangent, bend = track.arc_derivatives(*track.locate(command.s), 2)
+    tangent, bend = (np.where(np.isfinite(rows), rows, 0.0) for rows in (tangent, bend))
+    feed = command.feed[:, np.newaxis]
+    return tangent * feed, bend * feed**2 + tangent * rate[:, np.newaxis]
+
+
+def add_offsets(
+    command: Command,
+    speed: Array,
+    acceleration: Array,
+    machine: Machine,
+    crossings: Sequence[Crossing],
+    *,
+    bias: Mapping[str, float] | None = None,
+    lead: bool = True,
+) -> Command:
+    """Add lasting offsets, crossings and, with `lead`, inverse dynamics to a command on the path.
+
+    Parameters
+    ----------
+    command : Command
+        On the path.
+    speed, acceleration : Array, shape (n, dim)
+        Of the path's points [m/s, m/s²].
+    machine : Machine
+    crossings : sequence of Crossing
+    bias : mapping of str to float, optional
+        Lasting offset at the beginning by axis [m].
+    lead : bool
+    """
+    fixed, dynamic = np.empty_like(speed), np.empty_like(speed)
+    for number, name in enumerate(command.axes):
+        mine = [crossing for crossing in crossings if crossing.axis == name]
+        fixed[:, number], dynamic[:, number] = _one_axis(
+            command.t, speed[:, number], acceleration[:, number], machine.axes[name], mine,
+            (bias or {}).get(name, 0.0), lead=lead, period=command.period,
+        )  # fmt: skip
+    offset = fixed
+    if lead:
+        offset = fixed + _faded(command, machine, fixed, dynamic)
+    return msgspec.structs.replace(command, position=frozen(command.position + offset), offset=frozen(offset))
+
+
+def _one_axis(
+    t: Array,
+    speed: Array,
+    acceleration: Array,
+    axis: Axis,
+    crossings: Sequence[Crossing],
+    bias: float,
+    *,
+    lead: bool,
+    period: float,
+) -> tuple[Array, Array]:
+    """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each."""
+    motor = sum((travelled(crossing, t) for crossing in crossings), np.zeros((3, t.size)))
+    fixed = sum((pushed(crossing, t) for crossing in crossings), np.zeros(t.size))
+    servo, gap = axis.servo, axis.gap
+    if axis.feedback == "load":
+        motor_inertia = (gap.inertia_fraction or 0.0) * servo.b
+        crossing_output = motor_inertia * (motor[2] + (gap.beta or 0.0) * motor[1])
+        fixed = fixed + error_for(servo, crossing_output, period)
+        output = servo.b * acceleration + servo.c * speed
+    else:
+        fixed = fixed + bias + motor[0]
+        output = servo.b * (acceleration + motor[2]) + servo.c * (speed + motor[1])
+    return fixed, error_for(servo, output, period) if lead else np.zeros(t.size)
+
+
+@lru_cache(maxsize=64)
+def smoothstep(order: int) -> tuple[Array, Array, Array]:
+    """Bernstein coefficients of a step from 0 to 1 with that many vanishing derivatives, and of two of those.
+
+    Examples
+    --------
+    >>> smoothstep(1)[0].tolist()
+    [0.0, 0.0, 1.0, 1.0]
+    """
+    step = np.array([0.0] * (order + 1) + [1.0] * (order + 1))
+    return frozen(step), frozen(derivative(step)), frozen(derivative(step, 2))
+
+
+def travelled(crossing: Crossing, t: Array) -> Array:
+    """Travel [m], speed [m/s] and acceleration [m/s²] of the motor at `t` [s], shape (3, n)."""
+    u = np.clip((t - crossing.start) / crossing.duration, 0.0, 1.0)
+    inside = (u > 0.0) & (u < 1.0)
+    place, speed, acceleration = smoothstep(crossing.order)
+    rows = np.zeros((3, t.size))
+    rows[0] = u == 1.0
+    rows[0, inside] = evaluate(place, u[inside])
+    rows[1, inside] = evaluate(speed, u[inside]) / crossing.duration
+    rows[2, inside] = evaluate(acceleration, u[inside]) / crossing.duration**2
+    return np.asarray(crossing.travel * rows)
+
+
+def pushed(crossing: Crossing, t: Array) -> Array:
+    """Push at `t` [m]: up, held, and down again."""
+    if crossing.push == 0.0 or crossing.push_duration == 0.0:
+        return np.zeros(t.size)
+    u = np.clip((t - crossing.start - crossing.duration) / crossing.push_duration, 0.0, 1.0)
+    edge = np.clip(np.minimum(u, 1.0 - u) / EDGE, 0.0, 1.0)
+    return np.asarray(crossing.push * evaluate(smoothstep(crossing.order)[0], edge))
+
+
+def error_for(servo: Servo, output: Array, period: float) -> Array:
+    """Position error that makes the controller give `output` [m], both sampled.
+
+    Solves (k_d/k_p) ė + e + (k_i/k_p) ∫e = u for e, with u linear between samples; for a P controller e = u.
+    """
+    if servo.ki_over_kp == 0.0 and servo.kd_over_kp == 0.0:
+        return output
+    from scipy.signal import cont2discrete, lfilter
+
+    numerator, denominator = [1.0, 0.0], [servo.kd_over_kp, 1.0, servo.ki_over_kp]
+    if servo.ki_over_kp == 0.0:
+        numerator, denominator = [1.0], [servo.kd_over_kp, 1.0]
+    elif servo.kd_over_kp == 0.0:
+        denominator = [1.0, servo.ki_over_kp]
+    system: Any = (numerator, denominator)
+    b, a, _ = cont2discrete(system, period, method="foh")
+    # What the integrator holds in steady motion before the first sample has long been gathered.
+    start = output - output[0] if servo.ki_over_kp else output
+    return np.asarray(lfilter(np.squeeze(b), a, start))
+
+
+def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> Array:
+    """Fade the inverse dynamics out around samples on which the command with it breaks a limit.
+
+    All axes fade together: where one follows without lag and another does not, the path is lost.
+    """
+    weight = np.ones(command.t.size)
+    broken = _broken(command, machine, fixed + dynamic)
+    if not broken.any():
+        return dynamic
+    unit = max(np.sqrt(machine.axes[name].servo.b) for name in command.axes)
+    out = np.zeros(command.t.size, dtype=np.bool_)
+    for fade in FADES:
+        samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
+        for _ in range(len(FADES)):
+            out |= _widened(broken, samples // 4)
+            weight = _weight(out, samples)
+            broken = _broken(command, machine, fixed + weight[:, np.newaxis] * dynamic)
+            if not broken.any():
+                return np.asarray(weight[:, np.newaxis] * dynamic)
+    return np.zeros_like(dynamic)
+
+
+def _broken(command: Command, machine: Machine, offset: Array) -> BoolArray:
+    """Which samples take part in a difference that breaks a limit."""
+    position = command.position + offset
+    before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
+    padded = at_rest_before_and_after(position, before, after)
+    limits = axis_limits(command.axes, machine, command.period)
+    speed = float(np.abs(command.feed).max())
+    noise = rounding(float(np.abs(position).max()), float(command.s.max()), float(command.t[-1]), speed)
+    found = np.zeros(len(padded), dtype=np.bool_)
+    for order in (1, 2, 3):
+        rows = np.flatnonzero((usage(padded, limits, order, noise) > 1.0).any(axis=1))
+        for shift in range(order + 1):
+            found[rows + shift] = True
+    first = 3 if before else 0
+    return np.asarray(found[first : first + len(position)])
+
+
+def _widened(marked: BoolArray, samples: int) -> BoolArray:
+    """Mark that many neighbours on either side too."""
+    counts = np.cumsum(np.concatenate([[0], marked]))
+    rows = np.arange(marked.size)
+    low, high = np.maximum(rows - samples, 0), np.minimum(rows + samples + 1, marked.size)
+    return np.asarray(counts[high] > counts[low])
+
+
+def _weight(out: BoolArray, samples: int) -> Array:
+    """0 on the samples marked, 1 that many samples away from them, smooth in between."""
+    rows = np.arange(out.size)
+    marked = np.flatnonzero(out)
+    right = np.searchsorted(marked, rows)
+    before = np.where(right > 0, rows - marked[np.maximum(right - 1, 0)], out.size)
+    after = np.where(right < marked.size, marked[np.minimum(right, marked.size - 1)] - rows, out.size)
+    distance = np.minimum(np.minimum(before, after) / samples, 1.0)
+    return evaluate(smoothstep(3)[0], distance)
