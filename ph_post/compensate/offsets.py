@@ -12,7 +12,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -37,6 +37,19 @@ LEAST_FADE = 16
 """Samples that a fade lasts at least."""
 
 
+class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What to add to a path.
+
+    `bias` [m] is the lasting offset at the beginning by axis; `lead` adds inverse dynamics, with `fade` only
+    where the command keeps the limits.
+    """
+
+    crossings: tuple[Crossing, ...] = ()
+    bias: Mapping[str, float] = {}
+    lead: bool = True
+    fade: bool = True
+
+
 def command_of(plan: Plan, track: Track, period: float) -> Command:
     """Sample a plan with everything that its strategy adds to the path, one row a servo period.
 
@@ -55,9 +68,8 @@ def command_of(plan: Plan, track: Track, period: float) -> Command:
         return plain
     rate = Motion.from_phases(plan.phases).acceleration(plain.t)
     speed, acceleration = path_derivatives(plain, track, rate)
-    return add_offsets(
-        plain, speed, acceleration, plan.machine, plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics
-    )
+    offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics)
+    return add_offsets(plain, speed, acceleration, plan.machine, offsets)
 
 
 def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array, Array]:
@@ -73,16 +85,9 @@ def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array
 
 
 def add_offsets(
-    command: Command,
-    speed: Array,
-    acceleration: Array,
-    machine: Machine,
-    crossings: Sequence[Crossing],
-    *,
-    bias: Mapping[str, float] | None = None,
-    lead: bool = True,
+    command: Command, speed: Array, acceleration: Array, machine: Machine, offsets: Offsets
 ) -> Command:
-    """Add lasting offsets, crossings and, with `lead`, inverse dynamics to a command on the path.
+    """Add lasting offsets, crossings and inverse dynamics to a command on the path.
 
     Parameters
     ----------
@@ -91,48 +96,35 @@ def add_offsets(
     speed, acceleration : Array, shape (n, dim)
         Of the path's points [m/s, m/s²].
     machine : Machine
-    crossings : sequence of Crossing
-    bias : mapping of str to float, optional
-        Lasting offset at the beginning by axis [m].
-    lead : bool
+    offsets : Offsets
     """
     fixed, dynamic = np.empty_like(speed), np.empty_like(speed)
     for number, name in enumerate(command.axes):
-        mine = [crossing for crossing in crossings if crossing.axis == name]
         fixed[:, number], dynamic[:, number] = _one_axis(
-            command.t, speed[:, number], acceleration[:, number], machine.axes[name], mine,
-            (bias or {}).get(name, 0.0), lead=lead, period=command.period,
-        )  # fmt: skip
-    offset = fixed
-    if lead:
-        offset = fixed + _faded(command, machine, fixed, dynamic)
-    return msgspec.structs.replace(command, position=frozen(command.position + offset), offset=frozen(offset))
+            command, speed[:, number], acceleration[:, number], machine.axes[name], offsets
+        )
+    if offsets.lead:
+        fixed += _faded(command, machine, fixed, dynamic) if offsets.fade else dynamic
+    return msgspec.structs.replace(command, position=frozen(command.position + fixed), offset=frozen(fixed))
 
 
 def _one_axis(
-    t: Array,
-    speed: Array,
-    acceleration: Array,
-    axis: Axis,
-    crossings: Sequence[Crossing],
-    bias: float,
-    *,
-    lead: bool,
-    period: float,
+    command: Command, speed: Array, acceleration: Array, axis: Axis, offsets: Offsets
 ) -> tuple[Array, Array]:
     """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each."""
-    motor = sum((travelled(crossing, t) for crossing in crossings), np.zeros((3, t.size)))
-    fixed = sum((pushed(crossing, t) for crossing in crossings), np.zeros(t.size))
-    servo, gap = axis.servo, axis.gap
+    t, servo, gap = command.t, axis.servo, axis.gap
+    mine = [crossing for crossing in offsets.crossings if crossing.axis == axis.name]
+    motor = sum((travelled(crossing, t) for crossing in mine), np.zeros((3, t.size)))
+    fixed = sum((pushed(crossing, t) for crossing in mine), np.zeros(t.size))
     if axis.feedback == "load":
         motor_inertia = (gap.inertia_fraction or 0.0) * servo.b
-        crossing_output = motor_inertia * (motor[2] + (gap.beta or 0.0) * motor[1])
-        fixed = fixed + error_for(servo, crossing_output, period)
+        crossing = motor_inertia * (motor[2] + (gap.beta or 0.0) * motor[1])
+        fixed = fixed + error_for(servo, crossing, command.period)
         output = servo.b * acceleration + servo.c * speed
     else:
-        fixed = fixed + bias + motor[0]
+        fixed = fixed + offsets.bias.get(axis.name, 0.0) + motor[0]
         output = servo.b * (acceleration + motor[2]) + servo.c * (speed + motor[1])
-    return fixed, error_for(servo, output, period) if lead else np.zeros(t.size)
+    return fixed, error_for(servo, output, command.period) if offsets.lead else np.zeros(t.size)
 
 
 @lru_cache(maxsize=64)

@@ -183,26 +183,45 @@ def _set_force(y: Array, trial: Array, mode: int, modes: Modes, level: int, leng
 
 
 @compiled
-def _longest(y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float, heed: bool) -> int:
-    """Take the longest step h/2^level, from `level` on, that ends no mode, or else the shortest there is.
+def _attempt(y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float) -> int:
+    """Take a step of h/2^level into `trial`, and return the guard that does not hold behind it, or -1."""
+    length = period / (1 << level)
+    if modes.static != 0.0 or y[_OUTER] != 0.0 or y[_OUTER + 1] != 0.0:
+        _set_force(y, trial, mode, modes, level, length)
+    _step(modes.tables, mode, level, y, length, trial)
+    return _broken(modes.guards, modes.noise, mode, trial)
+
+
+@compiled
+def _accept(y: Array, trial: Array) -> None:
+    for i in range(WIDTH):
+        y[i] = trial[i]
+
+
+@compiled
+def _close_in(
+    y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float, number: int
+) -> tuple[int, int]:
+    """Advance to the instant at which a guard breaks within a step of h/2^level, by bisection.
 
     Returns
     -------
-    int
-        The level; `trial` is where the step leads.
+    number : int
+        The guard.
+    units : int
+        How far that was, in h/2^LEVELS.
     """
-    while True:
-        length = period / (1 << level)
-        if modes.static != 0.0 or y[_OUTER] != 0.0 or y[_OUTER + 1] != 0.0:
-            _set_force(y, trial, mode, modes, level, length)
-        _step(modes.tables, mode, level, y, length, trial)
-        if not heed or level == LEVELS:
-            return level
-        if _broken(modes.guards, modes.noise, mode, trial) < 0 and (
-            level >= FINE or not _may_dip(modes, mode, y, trial, length)
-        ):
-            return level
-        level += 1
+    units = 1
+    for finer in range(level + 1, LEVELS + 1):
+        found = _attempt(y, trial, mode, modes, finer, period)
+        if found < 0:
+            _accept(y, trial)
+            units += 1 << (LEVELS - finer)
+        else:
+            number = found
+    _attempt(y, trial, mode, modes, LEVELS, period)
+    _accept(y, trial)
+    return number, units
 
 
 @compiled
@@ -232,6 +251,37 @@ def _note(
         instants, log = more, longer
     instants[count], log[count, 0], log[count, 1] = t, before, after
     return instants, log, count + 1
+
+
+@compiled
+def _go_on(
+    y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, force: Array, heed: bool
+) -> tuple[int, int]:  # fmt: skip
+    """Take the longest step that the rest of a sample has room for, or go as far as the mode lasts.
+
+    Returns
+    -------
+    number : int
+        The guard that ended the mode, -1 where it goes on.
+    units : int
+        How far that was, in h/2^LEVELS.
+    """
+    whole = 1 << LEVELS
+    forced = modes.static != 0.0 or force[0] != 0.0 or force[1] != 0.0
+    level = FORCED if forced else 0
+    while (whole >> level) > left:
+        level += 1
+    while True:
+        if forced:
+            y[_OUTER] = force[0] + (1.0 - left / whole) * (force[1] - force[0])
+            y[_OUTER + 1] = y[_OUTER] + (force[1] - force[0]) / (1 << level)
+        number = _attempt(y, trial, mode, modes, level, period)
+        if heed and number >= 0:
+            return _close_in(y, trial, mode, modes, level, period, number)
+        if not heed or level >= FINE or not _may_dip(modes, mode, y, trial, period / (1 << level)):
+            _accept(y, trial)
+            return -1, whole >> level
+        level += 1
 
 
 @compiled
@@ -268,31 +318,23 @@ def advance(
     for i in range(STATES):
         y[i] = z[i]
     y[_ONE] = 1.0
-    coarsest = FORCED if modes.static != 0.0 or force[0] != 0.0 or force[1] != 0.0 else 0
     whole = 1 << LEVELS
     table[0], motor[0] = y[0], y[2]
     for k in range(command.size - 1):
         y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
-        left, changes, level, heed = whole, 0, coarsest, True
+        left, changes = whole, 0
         while left > 0:
+            heed = changes < MOST_CHANGES
             number = _broken(modes.guards, modes.noise, mode, y) if heed else -1
+            if number < 0:
+                number, units = _go_on(y, trial, mode, modes, left, period, force, heed)
+                left -= units
             if number >= 0:
                 after = _change(y, trial, mode, modes, number)
                 changes += 1
-                heed = changes < MOST_CHANGES
-                said = after if heed else CHATTERS
+                said = after if changes < MOST_CHANGES else CHATTERS
                 instants, log, count = _note(instants, log, count, k + 1.0 - left / whole, mode, said)
-                mode, level = after, coarsest
-                continue
-            while (whole >> level) > left:
-                level += 1
-            if coarsest:
-                y[_OUTER] = force[0] + (1.0 - left / whole) * (force[1] - force[0])
-                y[_OUTER + 1] = y[_OUTER] + (force[1] - force[0]) / (1 << level)
-            level = _longest(y, trial, mode, modes, level, period, heed)
-            for i in range(WIDTH):
-                y[i] = trial[i]
-            left -= whole >> level
+                mode = after
         table[k + 1], motor[k + 1] = y[0], y[2]
     for i in range(STATES):
         z[i] = y[i]

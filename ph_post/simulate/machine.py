@@ -84,6 +84,14 @@ class Trace(NamedTuple):
     speed: float
 
 
+class Changes(NamedTuple):
+    """The first mode of a run, and when (n,) [s] which mode gave way to which (n, 2)."""
+
+    first: int
+    t: Array
+    log: IntArray
+
+
 def _trace(command: Command, number: int) -> Trace:
     """Take one axis out of a command."""
     position = np.ascontiguousarray(command.position[:, number])
@@ -96,7 +104,9 @@ def _trace(command: Command, number: int) -> Trace:
 
 def run_axis(trace: Trace, axis: Axis, scenario: Scenario, period: float) -> tuple[Array, Array, list[Event]]:
     """Run one axis: positions of table and motor [m], shape (n,), and what happened."""
-    return run_plant(trace, plant_of(axis, scenario), first_flank(axis, scenario), axis.name, period)
+    plant = plant_of(axis, scenario)
+    table, motor, changes = run_plant(trace, plant, first_flank(axis, scenario), period)
+    return table, motor, list_events(build_automaton(plant).keys, changes, axis.name)
 
 
 def first_flank(axis: Axis, scenario: Scenario) -> int:
@@ -106,18 +116,15 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
     return 1 if flank == "+" else -1
 
 
-def run_plant(
-    trace: Trace, plant: Plant, flank: int, name: str, period: float
-) -> tuple[Array, Array, list[Event]]:
-    """Run one plant, as :func:`run_axis`."""
+def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
+    """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes."""
     automaton = build_automaton(plant)
     command = _delayed(trace.position, plant.command_delay / period)
     z, first = _start(trace, plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
     modes = prepared(plant, period)
     _, instants, log = kernel.advance(command, period, z, first, modes, np.zeros(2), table, motor)
-    read = _delayed(table, plant.reading_delay / period)
-    return read, motor, list_events(automaton.keys, first, instants * period, log, name)
+    return _delayed(table, plant.reading_delay / period), motor, Changes(first, instants * period, log)
 
 
 @lru_cache(maxsize=512)
@@ -165,9 +172,10 @@ def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tupl
     return z, automaton.keys.index((contact, direction, 0))
 
 
-def list_events(keys: Sequence[Key], first: int, t: Array, log: IntArray, name: str) -> list[Event]:
+def list_events(keys: Sequence[Key], changes: Changes, name: str) -> list[Event]:
     """Put the changes of mode into words; modes that last no time are passed over."""
     events: list[Event] = []
+    first, t, log = changes
     flank = keys[first][0]
     row = 0
     while row < len(log):

@@ -1,0 +1,184 @@
+"""Try a design at one turning point: the motion around it, on every machine that the file leaves possible.
+
+A design is tried alone, at the feed it would be laid into, from steady motion before it to steady motion
+behind it. What a whole program makes of many designs is looked at afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate import profile as profiles
+from ph_post.compensate import shapes
+from ph_post.compensate.caps import axis_limits
+from ph_post.compensate.limits import usage
+from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
+from ph_post.drive.effects import plant_of
+from ph_post.geometry.track import Track
+from ph_post.simulate.contour import Nominal
+from ph_post.simulate.machine import Trace, run_plant
+from ph_post.types import Array, Command, Crossing, FeedProfile, Machine, Scenario, Shape
+
+LEAD: Final = 4.0
+"""Servo time constants 2b/c of steady motion before a profile, the first half of which does not count."""
+
+TAIL: Final = 5.0
+"""Servo time constants of steady motion behind a profile: what it left rings out."""
+
+LEAST: Final = 32
+"""Samples of lead and tail at least."""
+
+CONSTANT: Final = shapes.single([1.0])
+"""No modulation."""
+
+
+class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What may be done at a turning point: a profile, and crossings counted from its middle [s].
+
+    `shape` None is the plain motion. `turn` is the share of the profile's way before the turning point.
+    """
+
+    shape: Shape | None = None
+    t_star: float = 0.0
+    turn: float = 0.5
+    crossings: tuple[Crossing, ...] = ()
+    lead: bool = False
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What a design does: `error` (scenarios,) is the largest contour error [m], `rms` likewise.
+
+    `use` is the largest part of a limit that the command takes, `longer` the time it adds [s], and `slowest`
+    the least speed [m/s].
+    """
+
+    error: Array
+    rms: Array
+    use: float
+    longer: float
+    slowest: float
+
+
+class Place(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where designs are tried.
+
+    `s` [m] is the turning point's, `cruise` [m/s] the feed around it, `before` and `behind` [m] the path that
+    may be run through on either side at that feed. `flanks` has the direction (1, -1) in which each axis was
+    pushed before.
+    """
+
+    s: float
+    cruise: float
+    before: float
+    behind: float
+    flanks: Mapping[str, int]
+
+
+class Trial:
+    """One turning point, and the machines on which designs are tried there.
+
+    Parameters
+    ----------
+    nominal : Nominal
+        The path, ready for the search of nearest places.
+    track : Track
+    place : Place
+    machine : Machine
+    scenarios : sequence of Scenario
+    """
+
+    def __init__(
+        self, nominal: Nominal, track: Track, place: Place, machine: Machine, scenarios: Sequence[Scenario]
+    ) -> None:
+        self.nominal, self.track, self.place = nominal, track, place
+        self.machine, self.scenarios = machine, tuple(scenarios)
+        self.axes, self.period = track.path.axes, machine.servo_period
+        self.limits = axis_limits(self.axes, machine, self.period)
+        self.constant = max(_time_constant(machine, name) for name in self.axes)
+
+    def run(self, design: Design) -> Outcome:
+        """Simulate a design in every scenario."""
+        lead, command, speed = self._command(design)
+        counted = int(0.5 * lead / self.period)
+        path = command.position[0] if command.offset is None else command.position[0] - command.offset[0]
+        traces = [
+            Trace(np.ascontiguousarray(column), float(place), float(pace))
+            for column, place, pace in zip(command.position.T, path, speed[0], strict=True)
+        ]
+        errors = [self._error(traces, command.s, scenario)[counted:] for scenario in self.scenarios]
+        shape = design.shape
+        return Outcome(
+            error=np.array([np.abs(error).max() for error in errors]),
+            rms=np.array([np.sqrt(np.mean(error * error)) for error in errors]),
+            use=self._use(command),
+            longer=0.0 if shape is None else 2.0 * design.t_star * (1.0 - shapes.mean(shape)),
+            slowest=self.place.cruise * (1.0 if shape is None else shapes.lowest(shape)),
+        )
+
+    def _command(self, design: Design) -> tuple[float, Command, Array]:
+        """Duration of the lead [s], the command, and the speed of the path's points (n, dim)."""
+        profile = self._profile(design)
+        place, way = self.place, 2.0 * profile.s_star
+        lead = self._cut(LEAD, place.before - way * profile.turn)
+        tail = self._cut(TAIL, place.behind - way * (1.0 - profile.turn))
+        rows = max(round((lead + 2.0 * profile.t_star + tail) / self.period), LEAST) + 1
+        t: Array = np.arange(rows) * self.period
+        since = np.asarray(t - lead - profile.t_star, dtype=np.float64)
+        s = place.s + profiles.travelled(profile, since)
+        s = np.mod(s, self.track.length) if self.track.closed else np.clip(s, 0.0, self.track.length)
+        zero = np.zeros(rows, dtype=np.int64)
+        plain = Command(
+            axes=self.axes, period=self.period, t=t, segment=zero, xi=s, s=s,
+            position=self.track.derivatives(*self.track.locate(s))[0], feed=profiles.feed(profile, since),
+            window=zero,
+        )  # fmt: skip
+        speed, acceleration = path_derivatives(plain, self.track, profiles.acceleration(profile, since))
+        middle = lead + profile.t_star
+        crossings = [msgspec.structs.replace(one, start=one.start + middle) for one in design.crossings]
+        if not crossings and not design.lead:
+            return lead, plain, speed
+        bias = {name: self._bias(name) for name in self.axes} if crossings else {}
+        offset = Offsets(crossings=tuple(crossings), bias=bias, lead=design.lead, fade=False)
+        return lead, add_offsets(plain, speed, acceleration, self.machine, offset), speed
+
+    def _profile(self, design: Design) -> FeedProfile:
+        """Lay the shape at the cruising feed; without one, a profile of constant feed."""
+        shape = design.shape or CONSTANT
+        t_star = design.t_star or LEAST * self.period
+        way = shapes.half_length(shape, self.place.cruise, t_star)
+        return FeedProfile(
+            window=0, shape=shape, cruise=self.place.cruise, t_star=t_star, s_star=way, ratio=0.0,
+            turn=design.turn,
+        )  # fmt: skip
+
+    def _cut(self, constants: float, room: float) -> float:
+        """Duration of lead or tail [s], as long as wanted where the path has room for it."""
+        wanted = max(constants * self.constant, LEAST * self.period)
+        return max(min(wanted, room / self.place.cruise), 0.0)
+
+    def _bias(self, name: str) -> float:
+        """Lasting offset of an axis before the turning point [m]."""
+        axis = self.machine.axes[name]
+        return 0.0 if axis.feedback == "load" else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
+
+    def _error(self, traces: Sequence[Trace], s: Array, scenario: Scenario) -> Array:
+        """Signed contour error in one scenario, shape (n,) [m]."""
+        executed = np.empty((s.size, len(self.axes)))
+        for number, name in enumerate(self.axes):
+            plant = plant_of(self.machine.axes[name], scenario)
+            flank = self.place.flanks[name]
+            executed[:, number] = run_plant(traces[number], plant, flank, self.period)[0]
+        return self.nominal.nearest(executed, s).error
+
+    def _use(self, command: Command) -> float:
+        """Largest part of a limit that a command takes."""
+        return max(float(usage(command.position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
+
+
+def _time_constant(machine: Machine, name: str) -> float:
+    servo = machine.axes[name].servo
+    return 2.0 * servo.b / servo.c if servo.c else 0.0
