@@ -85,7 +85,7 @@ def find_orbit(servo: Servo, gap: Gap, amplitude: float, omega: float) -> tuple[
     note : str
         Why there is none, or what was left out; empty otherwise.
     """
-    problem = _in_units(servo, gap, amplitude, omega)
+    problem = scaled_problem(servo, gap, amplitude, omega)
     if isinstance(problem, str):
         return None, problem
     try:
@@ -118,7 +118,7 @@ def first_reversal(servo: Servo, gap: Gap, amplitude: float, omega: float) -> Ba
     SolveError
         Where the axis does not reverse in time, or the motor does not cross the gap.
     """
-    problem = _in_units(servo, gap, amplitude, omega)
+    problem = scaled_problem(servo, gap, amplitude, omega)
     if isinstance(problem, str):
         raise SolveError(problem)
     reversal = first_reversal_state(problem)
@@ -130,7 +130,7 @@ def first_reversal(servo: Servo, gap: Gap, amplitude: float, omega: float) -> Ba
     return _interval(problem, reversal, standstill, motor_gain(servo, gap) * amplitude, amplitude, omega)
 
 
-def _in_units(servo: Servo, gap: Gap, amplitude: float, omega: float) -> Problem | str:
+def scaled_problem(servo: Servo, gap: Gap, amplitude: float, omega: float) -> Problem | str:
     """Scale the problem by a and 1/Ω, or say why it has no settled orbit."""
     if not is_computable(servo, gap, amplitude, omega):
         return OUT_OF_RANGE
