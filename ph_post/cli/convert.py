@@ -39,6 +39,11 @@ def _coefficients(
 @click.option("--strategy", default="suppress", show_default=True, help="What is done at each turning point.")
 @options.tolerance
 @options.feed
+@click.option(
+    "--interval-table",
+    metavar="FILE",
+    help="Look backlash intervals up in a table of `ph-post sweep -o FILE.json`, not solving for them.",
+)
 @click.option("--dialect", help="Controller dialect in place of the machine file's.")
 @click.option(
     "--start",
@@ -113,8 +118,9 @@ def command(
     plain = output is None and table is None and not as_json
     with Progress() as stage:
         analysis = load_and_analyse(
-            source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
-        )
+            source, machine, how["tolerance"], stage,
+            feed=how["feed"], dialect=how["dialect"], intervals=how["interval_table"],
+        )  # fmt: skip
         stage("planning the feed")
         plan = make_plan(analysis, _plan_options(how))
         products: dict[str, str | bytes] = {}

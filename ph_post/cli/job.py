@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 
-from ph_post.analysis import Analysis, analyse
+from ph_post.analysis import Analysis, IntervalSource, analyse
+from ph_post.drive.interval import backlash_interval
+from ph_post.drive.intervaltable import IntervalTable, look_up
 from ph_post.errors import InputError
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.writer import make_program
+from ph_post.io.intervalfile import read_intervals
 from ph_post.io.machinefile import read_machine
 from ph_post.io.pathfile import read_path
 from ph_post.io.shipped import or_shipped
-from ph_post.types import Machine, Path, Plan
+from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN
 
 
@@ -53,12 +57,27 @@ def load_and_analyse(
     *,
     feed: float | None = None,
     dialect: str | None = None,
+    intervals: str | None = None,
 ) -> Analysis:
-    """Read, then analyse with windows of ε = `tolerance` [mm]."""
+    """Read, then analyse with windows of ε = `tolerance` [mm].
+
+    `intervals` names a table in which backlash intervals are looked up in place of solving for them.
+    """
     stage("reading")
     path, drives = load(source, machine, feed, dialect)
+    solve = backlash_interval if intervals is None else _look_up_in(read_intervals(intervals))
     stage("locating turning points, windows and backlash intervals")
-    return analyse(path, drives, tolerance * MM)
+    return analyse(path, drives, tolerance * MM, solve)
+
+
+def _look_up_in(table: IntervalTable) -> IntervalSource:
+    """Look up what a table can hold; the gap of a loop that is not closed over the table knows no β and C."""
+
+    def solve(axis: Axis, amplitude: float, omega: float) -> tuple[BacklashInterval | None, str]:
+        source = backlash_interval if axis.feedback != "load" else partial(look_up, table)
+        return source(axis, amplitude, omega)
+
+    return solve
 
 
 def program_of(analysis: Analysis, plan: Plan, how: ProgramOptions | None = None) -> tuple[str, Plan]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -33,8 +34,15 @@ class Refused:
         self.got = got
 
 
-def loads(text: str, name: str) -> Any:
+def loads(text: str, name: str, number: Callable[[str], Any] | None = None) -> Any:
     """Decode JSON with non-integers as Fraction and :class:`Refused` where something cannot be taken.
+
+    Parameters
+    ----------
+    text, name : str
+        The text, and what a refusal calls it.
+    number : callable, optional
+        What makes a value of the text of a non-integer, in place of Fraction.
 
     Raises
     ------
@@ -49,7 +57,7 @@ def loads(text: str, name: str) -> Any:
     try:
         return json.loads(
             text,
-            parse_float=_decimal,
+            parse_float=number or _decimal,
             parse_int=_integer,
             parse_constant=lambda word: Refused("not a number", "a finite number", word),
             object_pairs_hook=_object,

@@ -1,0 +1,223 @@
+"""``ph-post sweep``: the backlash intervals over grids of β and C, worked out off line."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import click
+
+from ph_post.cli import options
+from ph_post.units import MM, MM_PER_MIN
+
+if TYPE_CHECKING:
+    from ph_post.drive.intervaltable import IntervalTable
+    from ph_post.types import Array, Machine
+
+MOST = 2_000_000
+"""Intervals worked out in one run at most: a file of some 100 MB."""
+
+DEFAULT_PATH = "circle"
+"""The shipped path whose circle is taken where none is named: that of the paper's example."""
+
+
+def _grid(_ctx: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
+    """Read ``low:high:count``, ``low:high:count:log`` or ``a,b,c`` as ascending numbers; β alone may be 0."""
+    if text is None:
+        return None
+    try:
+        numbers = sorted(_span(text) if ":" in text else [float(word) for word in text.split(",")])
+    except (ValueError, OverflowError):
+        raise click.BadParameter(
+            f"expected low:high:count, low:high:count:log or a,b,c; got {text!r}"
+        ) from None
+    zero = parameter.name == "beta"
+    for number in numbers:
+        if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
+            raise click.BadParameter(f"expected numbers {'0 or more' if zero else 'above 0'}; got {number:g}")
+    if len(set(numbers)) < len(numbers):
+        raise click.BadParameter(f"expected each number once; got {text!r}")
+    return tuple(numbers)
+
+
+def _span(text: str) -> list[float]:
+    """Numbers of ``low:high:count[:log]``, both ends included."""
+    low_word, high_word, count_word, *rest = text.split(":")
+    low, high, count = float(low_word), float(high_word), int(count_word)
+    if rest not in ([], ["log"]) or not 1 <= count <= MOST or high < low or (count == 1 and high != low):
+        raise ValueError(text)
+    if count == 1:
+        return [low]
+    parts = [k / (count - 1) for k in range(1, count - 1)]
+    if rest:
+        start, end = math.log(low), math.log(high)
+        inner = [math.exp(start + (end - start) * part) for part in parts]
+    else:
+        inner = [low + (high - low) * part for part in parts]
+    return [low, *inner, high]
+
+
+@click.command()
+@click.argument("source", metavar="[IN]", required=False)
+@options.machine
+@click.option(
+    "--beta", callback=_grid, required=True, metavar="GRID",
+    help="Values of β, the motor's own decay rate 1/τ [1/s].",
+)  # fmt: skip
+@click.option(
+    "--gain", callback=_grid, required=True, metavar="GRID",
+    help="Values of C = N/(η r b), the motor's acceleration in the gap by metre of error [rad/(m s²)].",
+)  # fmt: skip
+@click.option(
+    "--axis", "axes", multiple=True, metavar="AXIS",
+    help='Axis to tabulate; may be repeated. [every axis with feedback "load"]',
+)  # fmt: skip
+@click.option("--radius", callback=_grid, metavar="GRID", help="Radii of the circles [mm]; needs --feed.")
+@click.option(
+    "--feed", callback=_grid, metavar="GRID",
+    help="Feeds along the circles [mm/min]; with IN one feed, in place of the path's.",
+)  # fmt: skip
+@click.option("-o", "--output", metavar="OUT", help="Table: .json or .csv; - for CSV on standard output.")
+@options.common
+def command(
+    source: str | None,
+    machine: str,
+    beta: tuple[float, ...],
+    gain: tuple[float, ...],
+    axes: tuple[str, ...],
+    radius: tuple[float, ...] | None,
+    feed: tuple[float, ...] | None,
+    output: str | None,
+    as_json: bool,
+) -> int:
+    """Work out how long backlash holds an axis, over grids of β and C.
+
+    The intervals are those of the orbit an axis settles to on a circle at constant feed, for each β and C
+    with everything else as in the machine file. A controller looks its Δt up in such a table instead of
+    solving for it; `convert --interval-table` does so too, for a motor whose β and C were measured anew.
+
+    The circles are those of the turning points of IN (a path file, or the name of a shipped one), every
+    radius at every feed that occurs; or those of --radius and --feed, between which Δt can be interpolated
+    for any path; or else the circle of the paper's example. In space the amplitude of the axis stands for
+    the radius and its peak speed for the feed.
+
+    A GRID is low:high:count, low:high:count:log (equal ratios) or a list a,b,c. Without -o the table goes to
+    standard output as CSV. In JSON, `tables` holds one entry for each axis and circle with a matrix
+    `duration` [s], a row for each β and null where there is no such orbit, and likewise `lag` [s] of the
+    reversal behind the command's and `position` [mm] of the standstill; `duration` beside it is the first.
+
+    \b
+    Examples:
+      ph-post sweep -m paper --beta 0.5:2:16 --gain 1e5:2e5:21 --json
+      ph-post sweep oval -m mill --beta 1,2,4 --gain 1e7:4e7:13:log -o mill.json
+      ph-post sweep -m mill --beta 2 --gain 2e7,3e7 --radius 1:99:12:log --feed 200:6000:9:log -o mill.json
+    """
+    from ph_post.io.atomic import write_atomically
+    from ph_post.io.intervalfile import interval_content, interval_view
+    from ph_post.io.machinefile import read_machine
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+
+    with Progress() as stage:
+        stage("reading")
+        drives = read_machine(machine)
+        chosen = _chosen_axes(drives, axes, machine)
+        radii, feeds = _circles(source, machine, chosen, radius, feed)
+        _check_size(len(chosen), len(radii), len(feeds), len(beta), len(gain))
+        stage("solving for the backlash intervals")
+        table = _tabulate(drives, chosen, radii, feeds, beta, gain)
+        if output is not None or not as_json:
+            write_atomically({output or "-": interval_content(table, output or "-")})
+    if as_json:
+        print_json(interval_view(table))
+    return 0
+
+
+def _tabulate(
+    drives: Machine,
+    axes: list[str],
+    radii: Array,
+    feeds: Array,
+    beta: tuple[float, ...],
+    gain: tuple[float, ...],
+) -> IntervalTable:
+    import numpy as np
+
+    from ph_post.drive.intervaltable import tabulate
+
+    return tabulate(drives, axes, radii, feeds, np.array(beta), np.array(gain))
+
+
+def _chosen_axes(drives: Machine, wanted: tuple[str, ...], machine: str) -> list[str]:
+    """Return the axes asked for, or all whose interval depends on β and C."""
+    from ph_post.errors import InputError
+
+    closed = [name for name, axis in drives.axes.items() if axis.feedback == "load"]
+    for name in wanted:
+        if name not in drives.axes:
+            raise InputError(machine, f"no axis {name}", expected=" or ".join(drives.axes), got=name)
+        if name not in closed:
+            raise InputError(
+                f"{machine}: axes.{name}", "the interval of this axis depends on neither β nor C",
+                expected='feedback "load"', got=f'"{drives.axes[name].feedback}"',
+            )  # fmt: skip
+    if not closed:
+        raise InputError(
+            machine, "no interval of this machine depends on β or C", expected='an axis with feedback "load"'
+        )
+    return list(dict.fromkeys(wanted)) or closed
+
+
+def _circles(
+    source: str | None,
+    machine: str,
+    axes: list[str],
+    radius: tuple[float, ...] | None,
+    feed: tuple[float, ...] | None,
+) -> tuple[Array, Array]:
+    """Radii [m] and feeds [m/s] of the circles asked for."""
+    import numpy as np
+
+    if radius is not None:
+        if source is not None or feed is None:
+            raise click.UsageError("--radius needs --feed, and no path beside it")
+        return np.array(radius) * MM, np.array(feed) * MM_PER_MIN
+    if feed is not None and (source is None or len(feed) > 1):
+        raise click.UsageError("--feed needs --radius, or a path and then one feed")
+    return _circles_of_path(source, machine, axes, None if feed is None else feed[0])
+
+
+def _circles_of_path(
+    source: str | None, machine: str, axes: list[str], feed: float | None
+) -> tuple[Array, Array]:
+    """Swings at the turning points of a path."""
+    from ph_post.analysis import swings
+    from ph_post.cli.job import load
+    from ph_post.errors import InputError
+    from ph_post.geometry.track import Track
+    from ph_post.io.shipped import shipped
+    from ph_post.turning import find_turning_points
+
+    path, _ = load(str(shipped("paths", DEFAULT_PATH)) if source is None else source, machine, feed)
+    found = swings(path, [p for p in find_turning_points(Track(path)) if p.axis in axes])
+    if not found:
+        raise InputError(path.name, f"no axis of {', '.join(axes)} reverses smoothly on this path")
+    return _distinct([a for a, _ in found]), _distinct([a * omega for a, omega in found])
+
+
+def _distinct(values: list[float]) -> Array:
+    """Values ascending, each once but for rounding."""
+    import numpy as np
+
+    ascending = np.sort(values)
+    distinct: Array = ascending[np.append(True, np.diff(ascending) > 1e-9 * ascending[1:])]
+    return distinct
+
+
+def _check_size(*counts: int) -> None:
+    """Refuse a table that nobody would wait for."""
+    size = math.prod(counts)
+    if size > MOST:
+        raise click.UsageError(
+            f"expected at most {MOST} intervals; got {' x '.join(map(str, counts))} = {size}"
+        )
