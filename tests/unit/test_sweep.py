@@ -146,7 +146,7 @@ def test_a_table_refuses_what_it_was_not_made_for() -> None:
     with pytest.raises(InputError, match=r"another machine .*axes.X.c; expected 0.006; got 0.005"):
         look_up(table, axis(servo=Servo(b=0.0005, c=0.006)), 0.25, 0.52)
     wide = replace(PAPER_GAP, motor_angle=0.2, lost_motion=0.008)
-    with pytest.raises(InputError, match="backlash_motor_rad; expected 0.2; got 0.125664"):
+    with pytest.raises(InputError, match=r"backlash_motor_rad; expected 0.2; got 0.125664"):
         look_up(table, axis(gap=wide), 0.25, 0.52)
     with pytest.raises(InputError, match="does not hold axis Y; expected Y; got X"):
         look_up(table, replace(axis(), name="Y"), 0.25, 0.52)
