@@ -1,7 +1,8 @@
-"""Figures 1 and 2 of the paper, drawn on the shipped quintic."""
+"""The figures of the paper: 1 and 2, drawn on the shipped quintic, here; the others by their sections."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from ph_post.analysis import Analysis
 from ph_post.geometry.frenet import curvature
 from ph_post.osculating import circles_at, deviation
-from ph_post.report.figures import new_figure
+from ph_post.report import section4_figures, section6_figures
+from ph_post.report.figures import new_figure, render
+from ph_post.report.paper import figure_1_analysis, figure_1_windows
 from ph_post.types import Array, TurningPoint, Window
 
 if TYPE_CHECKING:
@@ -17,6 +20,27 @@ if TYPE_CHECKING:
 
 CURVE, CIRCLE = "#c0392b", "#0b62a4"
 SAMPLES = 801
+
+
+def paper_pictures(stage: Callable[[str], None]) -> dict[str, bytes]:
+    """Draw Figures 1, 2 and 5 to 11 (3 and 4 are schemes): pictures by the names of their files."""
+    analysis = figure_1_analysis()
+    drawings: dict[int, Callable[[], Figure]] = {
+        1: lambda: draw_figure_1(analysis),
+        2: lambda: draw_figure_2(analysis, figure_1_windows()),
+        5: section4_figures.draw_figure_5,
+        6: section4_figures.draw_figure_6,
+        7: section4_figures.draw_figure_7,
+        8: section6_figures.draw_figure_8,
+        9: section6_figures.draw_figure_9,
+        10: section6_figures.draw_figure_10,
+        11: section6_figures.draw_figure_11,
+    }
+    pictures = {}
+    for number, draw in drawings.items():
+        stage(f"drawing Figure {number}")
+        pictures[f"figure{number}.png"] = render(draw(), "png")
+    return pictures
 
 
 def draw_figure_1(analysis: Analysis) -> Figure:

@@ -207,10 +207,22 @@ def test_paper_numbers_all_agree(capsys):
     assert len(numbers) >= 14
 
 
-def test_paper_draws_figures_1_and_2(capsys, tmp_path):
+def test_paper_draws_its_figures(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("ph_post.report.section6_figures.RATIOS", np.array([-0.5, 0.0, 1.0]))
+    status, _, _ = run(capsys, "paper", "--figures", str(tmp_path / "figures"))
+    assert status == 0
+    pictures = {path.name: path.read_bytes() for path in (tmp_path / "figures").iterdir()}
+    assert set(pictures) == {f"figure{number}.png" for number in (1, 2, 5, 6, 7, 8, 9, 10, 11)}
+    assert all(picture.startswith(b"\x89PNG") for picture in pictures.values())
+
+
+def test_paper_takes_plot_for_figures(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(
+        "ph_post.report.paper_figures.paper_pictures", lambda _stage: {"figure1.png": b"drawn"}
+    )
     status, _, _ = run(capsys, "paper", "--plot", str(tmp_path))
     assert status == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"figure1.png", "figure2.png"}
+    assert (tmp_path / "figure1.png").read_bytes() == b"drawn"
 
 
 def test_every_command_has_help_with_examples_or_a_sentence(capsys):
