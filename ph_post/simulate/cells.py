@@ -24,7 +24,7 @@ CHECKS: Final = (0.25, 0.5, 0.75)
 MOST_PARTS: Final = 16
 """A cell is cut into at most so many at once: far from convergence the estimate is worth little."""
 
-NEIGHBOURS: Final = 6
+NEIGHBOURS: Final = 12
 """Cells either side in the window that a search leaves behind."""
 
 TURN: Final = 0.2
