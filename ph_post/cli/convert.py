@@ -8,23 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.units import MM, MM_PER_MIN, MS
+from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
-    from ph_post.compensate.options import PlanOptions
     from ph_post.gcode.options import ProgramOptions
-
-
-def _coefficients(
-    _ctx: click.Context, _parameter: click.Parameter, text: str | None
-) -> tuple[float, ...] | None:
-    """Read ``1,1,0.2,1,1``."""
-    if text is None:
-        return None
-    try:
-        return tuple(float(word) for word in text.split(","))
-    except ValueError as error:
-        raise click.BadParameter(f"expected numbers separated by commas; got {text!r}") from error
 
 
 @click.command()
@@ -36,9 +23,8 @@ def _coefficients(
 @click.option(
     "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
 )
-@click.option("--strategy", default="suppress", show_default=True, help="What is done at each turning point.")
-@options.tolerance
-@options.feed
+@options.strategy("suppress")
+@options.planning
 @click.option(
     "--interval-table",
     metavar="FILE",
@@ -46,40 +32,11 @@ def _coefficients(
 )
 @click.option("--dialect", help="Controller dialect in place of the machine file's.")
 @click.option(
-    "--start",
-    type=click.Choice(["rest", "moving"]),
-    default="rest",
-    show_default=True,
-    help="Begin and end at rest, or hold the feed from end to end.",
-)
-@click.option(
     "--feed-mode",
     type=click.Choice(["per-minute", "inverse-time"]),
     default="per-minute",
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93).",
-)
-@click.option(
-    "--ratio", type=float, help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25]"
-)
-@click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]")
-@click.option("--t-star", type=options.positive, metavar="S", help="Half duration of the feed profile.")
-@click.option(
-    "--coefficients", callback=_coefficients, metavar="V0,V1,...", help="V_k / V_c of Eq. (26), all of them."
-)
-@click.option(
-    "--allow-retrograde", is_flag=True, help="Let the feed become negative: the tool moves back for a while."
-)
-@click.option(
-    "--min-feed", type=options.positive, metavar="MM/MIN", help="No slower than this while cutting."
-)
-@click.option(
-    "--max-slowdown",
-    type=click.FloatRange(min=0.0),
-    default=0.1,
-    show_default=True,
-    metavar="FRACTION",
-    help="Soften the dips until the cycle time grows by no more than this; not where --ratio is given.",
 )
 @click.option(
     "--chord-tolerance", type=options.positive, metavar="MM", help="How far a G1 chord may leave the path."
@@ -105,7 +62,7 @@ def command(
       ph-post convert part.json -m router.toml --ratio 0.3 --table part.csv -o part.ngc
       ph-post convert circle -m paper --start moving --table - > circle.csv
     """
-    from ph_post.cli.job import load_and_analyse, program_of
+    from ph_post.cli.job import load_and_analyse, plan_options, program_of
     from ph_post.compensate.plan import make_plan
     from ph_post.compensate.sample import sample
     from ph_post.io.atomic import write_atomically
@@ -122,7 +79,7 @@ def command(
             feed=how["feed"], dialect=how["dialect"], intervals=how["interval_table"],
         )  # fmt: skip
         stage("planning the feed")
-        plan = make_plan(analysis, _plan_options(how))
+        plan = make_plan(analysis, plan_options(how))
         products: dict[str, str | bytes] = {}
         if table is not None:
             stage("sampling the interpolator table")
@@ -135,20 +92,6 @@ def command(
         print_json(plan_view(analysis, plan))
     print_plan(analysis, plan, products)
     return 0
-
-
-def _plan_options(how: dict[str, Any]) -> PlanOptions:
-    """Gather what concerns the feed, in SI."""
-    from ph_post.compensate.options import PlanOptions
-
-    chosen = {name: how[name] for name in ("strategy", "start", "ratio", "degree", "t_star", "coefficients")}
-    min_feed = None if how["min_feed"] is None else how["min_feed"] * MM_PER_MIN
-    return PlanOptions(
-        **chosen,
-        allow_retrograde=how["allow_retrograde"],
-        min_feed=min_feed,
-        max_slowdown=how["max_slowdown"],
-    )
 
 
 def _program_options(how: dict[str, Any]) -> ProgramOptions:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any, Final
 
 import msgspec
 
 from ph_post.analysis import Analysis, IntervalSource, analyse
+from ph_post.compensate.options import PlanOptions
 from ph_post.drive.interval import backlash_interval
 from ph_post.drive.intervaltable import IntervalTable, look_up
 from ph_post.errors import InputError
@@ -20,6 +22,9 @@ from ph_post.io.pathfile import read_path
 from ph_post.io.shipped import or_shipped
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN
+
+BASELINES: Final = frozenset(("none", "linear", "step"))
+"""Strategies that stand for what machines do today, and so do without inverse dynamics."""
 
 
 def load(
@@ -78,6 +83,19 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
         return source(axis, amplitude, omega)
 
     return solve
+
+
+def plan_options(how: Mapping[str, Any]) -> PlanOptions:
+    """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI."""
+    chosen = ("strategy", "start", "ratio", "degree", "t_star", "coefficients")
+    return PlanOptions(
+        **{name: how[name] for name in chosen},
+        allow_retrograde=how["allow_retrograde"],
+        min_feed=None if how["min_feed"] is None else how["min_feed"] * MM_PER_MIN,
+        max_slowdown=how["max_slowdown"],
+        inverse_dynamics=how["strategy"] not in BASELINES and not how["no_inverse_dynamics"],
+        feed_only=how["feed_only"],
+    )
 
 
 def program_of(analysis: Analysis, plan: Plan, how: ProgramOptions | None = None) -> tuple[str, Plan]:

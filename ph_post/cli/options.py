@@ -56,3 +56,64 @@ feed = click.option(
 def common(function: F) -> F:
     """Add the options that every command has."""
     return json_output(debug(function))
+
+
+def _coefficients(
+    _ctx: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[float, ...] | None:
+    """Read ``1,1,0.2,1,1``."""
+    if text is None:
+        return None
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"expected numbers separated by commas; got {text!r}") from error
+
+
+def strategy(default: str) -> Callable[[F], F]:
+    """Return the option that names the strategy."""
+    return click.option(
+        "--strategy", default=default, show_default=True, help="What is done at each turning point."
+    )
+
+
+_PLANNING = (
+    tolerance,
+    feed,
+    click.option(
+        "--start", type=click.Choice(["rest", "moving"]), default="rest", show_default=True,
+        help="Begin and end at rest, or hold the feed from end to end.",
+    ),
+    click.option(
+        "--ratio", type=float,
+        help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25]",
+    ),
+    click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),
+    click.option("--t-star", type=positive, metavar="S", help="Half duration of the feed profile."),
+    click.option(
+        "--coefficients", callback=_coefficients, metavar="V0,V1,...",
+        help="V_k / V_c of Eq. (26), all of them.",
+    ),
+    click.option(
+        "--allow-retrograde", is_flag=True,
+        help="Let the feed become negative: the tool moves back for a while.",
+    ),
+    click.option("--min-feed", type=positive, metavar="MM/MIN", help="No slower than this while cutting."),
+    click.option(
+        "--max-slowdown", type=click.FloatRange(min=0.0), default=0.1, show_default=True, metavar="FRACTION",
+        help="Soften the dips until the cycle time grows by no more than this; not where --ratio is given.",
+    ),
+    click.option(
+        "--feed-only", is_flag=True, help="Leave the path as it is: nothing is added to its positions."
+    ),
+    click.option(
+        "--no-inverse-dynamics", is_flag=True, help="Do not lead the path by what the servos lag behind it."
+    ),
+)  # fmt: skip
+
+
+def planning(function: F) -> F:
+    """Add the options that say how the motion along a path is planned, but for the strategy."""
+    for option in reversed(_PLANNING):
+        function = option(function)
+    return function

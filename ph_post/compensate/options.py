@@ -30,6 +30,10 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
         Lowest feed in a profile [m/s].
     max_slowdown : float
         How much the cycle time may grow, relative; not for a `ratio` or `coefficients` of the user's own.
+    inverse_dynamics : bool
+        Whether the command leads the path by what the servo lags behind.
+    feed_only : bool
+        Whether the path is left as it is: no inverse dynamics, no crossings.
     """
 
     strategy: str = "suppress"
@@ -41,6 +45,8 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     allow_retrograde: bool = False
     min_feed: float | None = None
     max_slowdown: float = 0.1
+    inverse_dynamics: bool = False
+    feed_only: bool = False
 
     @property
     def chosen_by_user(self) -> bool:

@@ -78,4 +78,5 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
         path=analysis.path, machine=machine, strategy=strategy.name, turning_points=analysis.turning_points,
         windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
         nominal=before.motion.phases(), phases=fitted.settled.motion.phases(), warnings=tuple(warnings),
+        inverse_dynamics=options.inverse_dynamics and not options.feed_only,
     )  # fmt: skip
