@@ -86,7 +86,7 @@ _PLANNING = (
     ),
     click.option(
         "--ratio", type=float,
-        help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25]",
+        help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25; retrograde -0.3]",
     ),
     click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),
     click.option("--t-star", type=positive, metavar="S", help="Half duration of the feed profile."),

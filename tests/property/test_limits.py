@@ -1,18 +1,27 @@
-"""No sample of any plan breaks a limit: a thousand random paths on as many random machines."""
+"""No sample of any plan breaks a limit: random paths on as many random machines, with dips and with holds."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 from support.motions import KINDS, assert_continuous, look, make_machine, make_path, random_curves, worst_use
 
+from ph_post.compensate import profile, shapes
 from ph_post.compensate.limits import check_command, rounding
 from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
 from ph_post.compensate.sample import sample
-from ph_post.types import Machine, Path
+from ph_post.compensate.strategies import registry
+from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.geometry.track import Track
+from ph_post.types import Machine, Path, Plan
 
 PAIRS = 1000
 BATCHES = 10
+
+PAIRS_WITH_HOLDS = 600
+BATCHES_WITH_HOLDS = 4
 
 
 def random_pair(rng: np.random.Generator, kind: str) -> tuple[Path, Machine]:
@@ -41,6 +50,21 @@ def random_options(rng: np.random.Generator) -> PlanOptions:
     )
 
 
+def assert_limits_are_kept(plan: Plan, machine: Machine, number: int) -> None:
+    track = Track(plan.path)
+    command = sample(plan, track, machine.servo_period)
+    assert check_command(command, machine) == (), number
+    # The same without the library's own check, and by how little rounding may excuse.
+    limits = machine.axes["X"].limits
+    extent = float(np.abs(command.position).max())
+    noise = rounding(extent, track.length, cycle_time(plan.phases), float(np.abs(command.feed).max()))
+    allowed = noise * (2.0 / machine.servo_period) ** np.arange(1, 4)
+    allowed /= [limits.velocity, limits.acceleration, limits.jerk]
+    assert np.all(np.array(worst_use(command, machine)) <= 1.0 + allowed), number
+    assert abs(command.s[-1] - track.length) <= plan.phases[-1].speed.max() * machine.servo_period
+    assert_continuous(plan, track.length)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("batch", range(BATCHES))
 def test_no_sample_breaks_a_limit(batch: int) -> None:
@@ -48,22 +72,60 @@ def test_no_sample_breaks_a_limit(batch: int) -> None:
     for number in range(batch, PAIRS, BATCHES):
         rng = np.random.default_rng([2022, number])
         path, machine = random_pair(rng, KINDS[number // BATCHES % len(KINDS)])
-        analysis = look(path, machine)
-        plan = make_plan(analysis, random_options(rng))
-        command = sample(plan, analysis.track, machine.servo_period)
-        assert check_command(command, machine) == (), number
-        # The same without the library's own check, and by how little rounding may excuse.
-        limits = machine.axes["X"].limits
-        extent = float(np.abs(command.position).max())
-        noise = rounding(
-            extent, analysis.track.length, cycle_time(plan.phases), float(np.abs(command.feed).max())
-        )
-        allowed = noise * (2.0 / machine.servo_period) ** np.arange(1, 4)
-        allowed /= [limits.velocity, limits.acceleration, limits.jerk]
-        assert np.all(np.array(worst_use(command, machine)) <= 1.0 + allowed), number
-        assert (
-            abs(command.s[-1] - analysis.track.length) <= plan.phases[-1].speed.max() * machine.servo_period
-        )
-        assert_continuous(plan, analysis.track.length)
-        profiles += sum(profile is not None for profile in plan.profiles)
+        plan = make_plan(look(path, machine), random_options(rng))
+        assert_limits_are_kept(plan, machine, number)
+        profiles += sum(found is not None for found in plan.profiles)
     assert profiles > 30
+
+
+class RandomHolds:
+    """Wants in every window another stop, or a slow stretch, its ramps and its place by chance."""
+
+    name = "holds"
+    summary = "for the test"
+    feedbacks = frozenset({"load", "motor", "none"})
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+
+    def profiles(self, task: Task) -> Proposal:
+        return Proposal(wishes=tuple(self._wish() for _ in task.windows))
+
+    def _wish(self) -> Wish:
+        rng = self.rng
+        down, up = rng.uniform(0.1, 1.0, 2)
+        hold = rng.choice([0.0, 10.0 ** rng.uniform(-4.0, 0.0)])
+        floor = 0.0 if rng.random() < 0.7 else float(rng.uniform(-0.1, 0.9))
+        shape = profile.plateau(down, hold, up, floor, order=int(rng.integers(1, 6)))
+        middle = (down + 0.5 * hold) / (down + hold + up)
+        turn = 0.5 if rng.random() < 0.3 else shapes.share_of_way(shape, middle)
+        t_star = math.inf if rng.random() < 0.3 else 10.0 ** rng.uniform(-2.5, 0.0)
+        return Wish(shape=shape, t_star=t_star, turn=turn, may_leave=bool(rng.random() < 0.5))
+
+
+class Entry:
+    def __init__(self, strategy: RandomHolds) -> None:
+        self.strategy = strategy
+
+    def load(self) -> RandomHolds:
+        return self.strategy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", range(BATCHES_WITH_HOLDS))
+def test_no_sample_breaks_a_limit_where_the_path_stands_still(
+    monkeypatch: pytest.MonkeyPatch, batch: int
+) -> None:
+    stops = 0
+    for number in range(batch, PAIRS_WITH_HOLDS, BATCHES_WITH_HOLDS):
+        rng = np.random.default_rng([2023, number])
+        path, machine = random_pair(rng, KINDS[number // BATCHES_WITH_HOLDS % len(KINDS)])
+        monkeypatch.setattr(registry, "_registered", lambda rng=rng: {"holds": Entry(RandomHolds(rng))})
+        strategy = "dwell" if rng.random() < 0.4 else "holds"
+        start = "moving" if rng.random() < 0.5 else "rest"
+        slowest = 0.1 if rng.random() < 0.3 else 1e3
+        options = PlanOptions(strategy=strategy, start=start, max_slowdown=slowest)
+        plan = make_plan(look(path, machine), options)
+        assert_limits_are_kept(plan, machine, number)
+        stops += sum(phase.window >= 0 and not np.any(phase.speed) for phase in plan.phases)
+    assert stops > 20

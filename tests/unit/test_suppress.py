@@ -207,7 +207,10 @@ def test_retrograde_only_where_allowed() -> None:
         (PlanOptions(coefficients=(1, 1, 0, 1, 1), ratio=0.3), "given twice"),
         (PlanOptions(coefficients=(1, 1, 0, 1, 1), degree=6), "of another degree; expected 4; got 6"),
         (PlanOptions(ratio=-2.0, allow_retrograde=True), "would not get through"),
-        (PlanOptions(strategy="dance"), "no such strategy; expected none or suppress"),
+        (
+            PlanOptions(strategy="dance"),
+            "no such strategy; expected dwell or linear or none or retrograde or suppress",
+        ),
     ],
 )
 def test_options_that_contradict_each_other(options: PlanOptions, words: str) -> None:
@@ -299,8 +302,13 @@ class Entry:
 
 
 def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+<<<<<<< HEAD
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry(Halve())])
     assert registry.strategy_names() == ("halve", "none", "suppress")
+=======
+    monkeypatch.setattr(registry, "entry_points", lambda group: [Entry(Halve())])
+    assert registry.strategy_names() == ("dwell", "halve", "linear", "none", "retrograde", "suppress")
+>>>>>>> 9c95958 (Add strategies that stop, move back, or dip in straight lines)
     analysis = ring(jerk=1e4)
     plan = make_plan(analysis, PlanOptions(strategy="halve", start="moving", max_slowdown=1.0))
     assert plan.strategy == "halve"

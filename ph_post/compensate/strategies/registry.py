@@ -10,7 +10,10 @@ from ph_post.registry import Registry
 GROUP = "ph_post.strategies"
 
 BUILT_IN = {
+    "dwell": "ph_post.compensate.strategies.dwell:STRATEGY",
+    "linear": "ph_post.compensate.strategies.linear:STRATEGY",
     "none": "ph_post.compensate.strategies.none:STRATEGY",
+    "retrograde": "ph_post.compensate.strategies.retrograde:STRATEGY",
     "suppress": "ph_post.compensate.strategies.suppress:STRATEGY",
 }
 """What a source tree without installed metadata offers."""
