@@ -213,8 +213,8 @@ def acceleration(profile: FeedProfile, t: Array) -> Array:
 def travelled(profile: FeedProfile, t: Array) -> Array:
     """Path length from the turning point [m], ρ_0 Θ(t) of Eq. (29) of [1]_; outside the profile at V_c.
 
-    Time is that of `feed`. Of coefficients that are not symmetric s_star is the way on either side, so that the
-    turning point lies in the middle of the way, not of the time; a `turn` of its own puts it elsewhere.
+    Time is that of `feed`. Of coefficients that are not symmetric s_star is the way on either side, so that
+    the turning point lies in the middle of the way, not of the time; a `turn` of its own puts it elsewhere.
     """
     t = np.asarray(t, dtype=np.float64)
     S = shapes.way(profile.shape, normalised_time(t, profile.t_star))

@@ -126,8 +126,8 @@ class Trial:
         lead = self._cut(LEAD, place.before - way * profile.turn)
         tail = self._cut(TAIL, place.behind - way * (1.0 - profile.turn))
         rows = max(round((lead + 2.0 * profile.t_star + tail) / self.period), LEAST) + 1
-        t: Array = np.arange(rows) * self.period
-        since = np.asarray(t - lead - profile.t_star, dtype=np.float64)
+        t = np.arange(rows, dtype=np.float64) * self.period
+        since: Array = t - (lead + profile.t_star)
         s = place.s + profiles.travelled(profile, since)
         s = np.mod(s, self.track.length) if self.track.closed else np.clip(s, 0.0, self.track.length)
         zero = np.zeros(rows, dtype=np.int64)

@@ -103,5 +103,5 @@ def base_plant(axis: Axis, scenario: Scenario) -> Plant:
         eta=min(eta / scenario.gain, 1.0),
         beta=(gap.beta or 0.0) * scenario.beta,
         gap=gap.lost_motion * scenario.gap,
-        pickup=scenario.pickup or gap.pickup or "standstill",
+        pickup=gap.pickup or scenario.pickup or "standstill",
     )

@@ -8,7 +8,7 @@ import pytest
 from support.motions import MM, circle, look, make_machine, make_path
 
 from ph_post.analysis import Analysis
-from ph_post.compensate import profile
+from ph_post.compensate import profile, shapes
 from ph_post.compensate.limits import check_command
 from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
 from ph_post.compensate.sample import place_and_feed, sample
@@ -47,9 +47,7 @@ def test_defaults_are_a_quarter_of_the_feed_degree_ten_and_four_intervals() -> N
         assert found.cruise == FEED
         assert found.t_star == pytest.approx(4.0 * duration, rel=1e-12)
         # Eq. (27), and inside the window.
-        assert found.s_star == pytest.approx(
-            profile.half_length(found.coefficients, FEED, found.t_star), rel=1e-12
-        )
+        assert found.s_star == pytest.approx(shapes.half_length(found.shape, FEED, found.t_star), rel=1e-12)
         assert found.s_star < analysis.windows[found.window].half_length
     # Each dip takes (n + 1) / (n + f) times as long as constant feed does.
     f = profile.middle_factor(0.25, 10)
@@ -285,10 +283,8 @@ class Halve:
     feedbacks = frozenset({"load"})
 
     def profiles(self, task: Task) -> Proposal:
-        half = profile.coefficients_from_ratio(0.5, 4)
-        return Proposal(
-            wishes=tuple(Wish(coefficients=half) for _ in task.windows), warnings=("mind the gap",)
-        )
+        half = profile.dip(0.5, 4)
+        return Proposal(wishes=tuple(Wish(shape=half) for _ in task.windows), warnings=("mind the gap",))
 
 
 class Entry:
@@ -302,13 +298,8 @@ class Entry:
 
 
 def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
-<<<<<<< HEAD
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry(Halve())])
-    assert registry.strategy_names() == ("halve", "none", "suppress")
-=======
-    monkeypatch.setattr(registry, "entry_points", lambda group: [Entry(Halve())])
     assert registry.strategy_names() == ("dwell", "halve", "linear", "none", "retrograde", "suppress")
->>>>>>> 9c95958 (Add strategies that stop, move back, or dip in straight lines)
     analysis = ring(jerk=1e4)
     plan = make_plan(analysis, PlanOptions(strategy="halve", start="moving", max_slowdown=1.0))
     assert plan.strategy == "halve"
