@@ -238,7 +238,8 @@ class FeedProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `cruise` V_c [m/s]; `s_star` [m], half the way it takes, from Eq. (27); `turn` the share of that way that
     lies before the turning point, the middle in Eq. (29). `ratio` is V(½)/V_c as emitted, of several pieces
-    the lowest V/V_c. `notes` say where it was softened, shortened or left out.
+    the lowest V/V_c. `strategy` names what was chosen where a strategy chooses among others; `notes` say
+    where it was softened, shortened or left out.
     """
 
     window: int
@@ -248,6 +249,7 @@ class FeedProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     s_star: float
     ratio: float
     turn: float = 0.5
+    strategy: str = ""
     notes: tuple[str, ...] = ()
 
     @property

@@ -7,10 +7,12 @@ import numpy as np
 
 from ph_post.compensate import words
 from ph_post.compensate.course import FLAT, Course, Settled
+from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, soften, told_ratio
-from ph_post.compensate.sites import FeedAlong, Site, find_site
+from ph_post.compensate.sites import Site, find_site
 from ph_post.compensate.strategies.base import Wish
+from ph_post.compensate.surroundings import half_distances
 from ph_post.types import Array, BoolArray, FeedProfile, Window
 from ph_post.units import MM_PER_MIN, MS
 
@@ -43,6 +45,8 @@ class Fitter:
     wishes : tuple of Wish
         One a window.
     options : PlanOptions
+    feed : FeedAlong
+        Of the plain plan.
     """
 
     def __init__(
@@ -52,9 +56,10 @@ class Fitter:
         windows: tuple[Window, ...],
         wishes: tuple[Wish, ...],
         options: PlanOptions,
+        feed: FeedAlong,
     ) -> None:
         self.course, self.before, self.windows, self.wishes = course, before, windows, wishes
-        self.options = options
+        self.options, self.feed = options, feed
         self._said: list[tuple[tuple[int, ...], str]] = []
         self._causes: dict[int, set[str]] = {}
 
@@ -80,15 +85,14 @@ class Fitter:
     def _find_sites(self) -> tuple[Site, ...]:
         """Place every profile that is wanted, and say why others are not."""
         track, looped = self.course.track, self.course.looped
-        feed = FeedAlong(self.before.motion, self.course.limits.period, track.length, looped)
         wanted = [k for k, wish in enumerate(self.wishes) if wish.shape is not None]
         for k, wish in enumerate(self.wishes):
             if wish.shape is None and wish.note:
                 self._say(k, f"left alone: {wish.note}")
-        rooms = _rooms(np.array([self.windows[k].s for k in wanted]), track.length, looped)
+        rooms = half_distances([self.windows[k].s for k in wanted], track.length, looped)
         sites = []
-        for k, room in zip(wanted, rooms.tolist(), strict=True):
-            found = find_site(k, self.windows[k], self.wishes[k], feed, room)
+        for k, room in zip(wanted, rooms, strict=True):
+            found = find_site(k, self.windows[k], self.wishes[k], self.feed, room)
             if isinstance(found, str):
                 self._say(k, f"left alone: {found}")
             else:
@@ -185,14 +189,3 @@ def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
         t_star=half_duration(shape, site.cruise, site.half), s_star=site.half,
         ratio=told_ratio(shape), notes=tuple(notes),
     )  # fmt: skip
-
-
-def _rooms(s: Array, length: float, looped: bool) -> Array:
-    """Half the distance from every place to the nearest other one; `s` ascends."""
-    if s.size == 0 or (s.size == 1 and not looped):
-        return np.full(s.size, np.inf)
-    gap = np.diff(np.concatenate([[s[-1] - length], s, [s[0] + length]]))
-    if not looped:
-        gap[[0, -1]] = np.inf
-    rooms: Array = 0.5 * np.minimum(gap[:-1], gap[1:])
-    return rooms

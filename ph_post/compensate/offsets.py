@@ -119,11 +119,12 @@ def _one_axis(
     if axis.feedback == "load":
         motor_inertia = (gap.inertia_fraction or 0.0) * servo.b
         crossing = motor_inertia * (motor[2] + (gap.beta or 0.0) * motor[1])
-        fixed = fixed + error_for(servo, crossing, command.period)
-        output = servo.b * acceleration + servo.c * speed
     else:
+        # What leads a crossing stays where the path's own lead fades, or it would arrive late.
+        crossing = offsets.lead * (servo.b * motor[2] + servo.c * motor[1])
         fixed = fixed + offsets.bias.get(axis.name, 0.0) + motor[0]
-        output = servo.b * (acceleration + motor[2]) + servo.c * (speed + motor[1])
+    fixed = fixed + error_for(servo, crossing, command.period)
+    output = servo.b * acceleration + servo.c * speed
     return fixed, error_for(servo, output, command.period) if offsets.lead else np.zeros(t.size)
 
 

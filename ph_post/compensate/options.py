@@ -34,6 +34,8 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
         Whether the command leads the path by what the servo lags behind.
     feed_only : bool
         Whether the path is left as it is: no inverse dynamics, no crossings.
+    carrier : {"table", "program"}
+        What the plan is written as; a part program cannot carry what is added to single samples.
     """
 
     strategy: str = "suppress"
@@ -47,6 +49,7 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     max_slowdown: float = 0.1
     inverse_dynamics: bool = False
     feed_only: bool = False
+    carrier: Literal["table", "program"] = "table"
 
     @property
     def chosen_by_user(self) -> bool:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 from ph_post.analysis import Analysis
 from ph_post.compensate import words
 from ph_post.compensate.caps import find_stops
 from ph_post.compensate.course import Course
+from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.fit import Fitter
+from ph_post.compensate.layout import Job, lay_out
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.strategies.base import Task
+from ph_post.compensate.prove import prove
+from ph_post.compensate.strategies.base import Proposal, Task, Wish
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.errors import InputError
-from ph_post.types import Phase, Plan
+from ph_post.types import Machine, Phase, Plan
 
 __all__ = ["PlanOptions", "cycle_time", "make_plan"]
 
@@ -54,29 +58,61 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
     if machine is None:
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
-    task = Task(
-        path=analysis.path, machine=machine, options=options, turning_points=analysis.turning_points,
-        windows=analysis.windows, intervals=analysis.intervals, notes=analysis.notes,
-    )  # fmt: skip
-    proposal = strategy.profiles(task)
-    moving = options.start == "moving"
-    corners, infinite, rapids = find_stops(analysis.track)
-    cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
-    course = Course(analysis.track, machine, np.concatenate([corners, infinite, rapids, cusps]), moving)
-    before = course.settle()
-    fitted = Fitter(course, before, analysis.windows, proposal.wishes, options).fit()
-    # From rest, nobody expects a corner to be run through; infinite curvature does not show in the drawing.
-    none = np.zeros(0)
-    warnings = [
-        *words.stops(*((corners, cusps, infinite, rapids) if moving else (none, none, infinite, none))),
-        *words.slow_stretches(course.caps),
-        *words.slowed(course.caps, fitted.settled.factor),
-        *proposal.warnings,
-        *fitted.warnings,
-    ]
-    return Plan(
-        path=analysis.path, machine=machine, strategy=strategy.name, turning_points=analysis.turning_points,
-        windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
-        nominal=before.motion.phases(), phases=fitted.settled.motion.phases(), warnings=tuple(warnings),
-        inverse_dynamics=options.inverse_dynamics and not options.feed_only,
-    )  # fmt: skip
+    draft = Draft(analysis, machine, options)
+    proposal = strategy.profiles(draft.task)
+    plan = draft.plan(strategy.name, proposal)
+    return prove(plan, proposal, draft) if proposal.proven else plan
+
+
+class Draft:
+    """What all plans of one job have in common: the course along the path, and the plain plan on it."""
+
+    def __init__(self, analysis: Analysis, machine: Machine, options: PlanOptions) -> None:
+        self.analysis, self.machine, self.options = analysis, machine, options
+        self.moving = options.start == "moving"
+        corners, infinite, rapids = find_stops(analysis.track)
+        cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
+        stops = np.concatenate([corners, infinite, rapids, cusps])
+        self.course = Course(analysis.track, machine, stops, self.moving)
+        self.before = self.course.settle()
+        # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
+        none = np.zeros(0)
+        told = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
+        self.stops = words.stops(*told)
+        self.feed = FeedAlong(
+            self.before.motion, self.course.limits.period, analysis.track.length, self.course.looped
+        )
+        self.task = Task(
+            analysis=analysis, machine=machine, options=options, feed=self.feed, looped=self.course.looped,
+            duration=self.before.motion.end,
+        )  # fmt: skip
+
+    def plain(self) -> Plan:
+        """Return the plain program, nothing added."""
+        wishes = tuple(Wish(shape=None) for _ in self.analysis.windows)
+        return msgspec.structs.replace(self.plan("none", Proposal(wishes=wishes)), inverse_dynamics=False)
+
+    def plan(self, name: str, proposal: Proposal) -> Plan:
+        """Fit what a strategy proposes to the path and the limits."""
+        analysis, options = self.analysis, self.options
+        fitted = Fitter(self.course, self.before, analysis.windows, proposal.wishes, options, self.feed).fit()
+        warnings = [
+            *self.stops,
+            *words.slow_stretches(self.course.caps),
+            *words.slowed(self.course.caps, fitted.settled.factor),
+            *proposal.warnings,
+            *fitted.warnings,
+        ]
+        lead = options.inverse_dynamics and not options.feed_only
+        job = Job(
+            track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
+            windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
+            phases=fitted.settled.motion.phases(), moving=self.moving, lead=lead,
+        )  # fmt: skip
+        layout = lay_out(job)
+        return Plan(
+            path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,
+            windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
+            nominal=self.before.motion.phases(), phases=layout.phases, crossings=layout.crossings,
+            bias=layout.bias, inverse_dynamics=lead, warnings=tuple(warnings),
+        )  # fmt: skip

@@ -7,10 +7,9 @@ that the plain plan has on it, so that a plateau of that feed can be had there w
 from __future__ import annotations
 
 import msgspec
-import numpy as np
 
 from ph_post.compensate import shapes
-from ph_post.compensate.motion import Motion
+from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.strategies.base import Wish
 from ph_post.types import Phase, Shape, Window
 from ph_post.units import MM, MS
@@ -67,52 +66,6 @@ class Stretch(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             found.append(Phase(start=t, duration=part, s=s, speed=speed, window=window))
             t, s = t + part, s + part * float(speed.mean())
         return found
-
-
-class FeedAlong:
-    """Feed of the plain plan as function of arc length, read off samples of its motion.
-
-    Parameters
-    ----------
-    motion : Motion
-    period : float
-        Sampling period [s].
-    length : float
-        Length of the path [m].
-    looped : bool
-        Whether the motion runs through the seam of a closed path, so that the feed repeats.
-    """
-
-    def __init__(self, motion: Motion, period: float, length: float, looped: bool) -> None:
-        edges = np.concatenate([motion.start, [motion.end]])
-        t = np.unique(np.concatenate([np.arange(0.0, motion.end, period), edges]))
-        s, feed = motion.place_and_feed(t)
-        if looped:
-            s, feed = np.concatenate([s - length, s, s + length]), np.tile(feed, 3)
-        self.s, self.feed = np.maximum.accumulate(s), feed
-        self.first, self.last = float(self.s[0]), float(self.s[-1])
-
-    def at(self, s: float) -> float:
-        """Feed at `s` [m/s]."""
-        return float(np.interp(s, self.s, self.feed))
-
-    def lowest(self, s: float, half: float) -> float:
-        """Lowest feed on [s - half, s + half] [m/s]."""
-        i, j = np.searchsorted(self.s, [s - half, s + half])
-        inside = self.feed[i:j]
-        ends = min(self.at(s - half), self.at(s + half))
-        return min(ends, float(inside.min())) if inside.size else ends
-
-    def steady_half(self, s: float, half: float, least: float) -> float:
-        """Largest part of `half` for which the feed is at least `least` on [s - half, s + half]."""
-        i, centre, j = np.searchsorted(self.s, [s - half, s, s + half])
-        before = np.flatnonzero(self.feed[i:centre] < least)
-        after = np.flatnonzero(self.feed[centre:j] < least)
-        if before.size:
-            half = min(half, s - float(self.s[i + before[-1] + 1]))
-        if after.size:
-            half = min(half, float(self.s[centre + after[0] - 1]) - s)
-        return max(half, 0.0)
 
 
 def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: float) -> Site | str:

@@ -6,7 +6,7 @@ behind it. What a whole program makes of many designs is looked at afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -17,6 +17,7 @@ from ph_post.compensate import shapes
 from ph_post.compensate.caps import axis_limits
 from ph_post.compensate.limits import usage
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
+from ph_post.compensate.surroundings import Surroundings
 from ph_post.drive.effects import plant_of
 from ph_post.geometry.track import Track
 from ph_post.simulate.contour import Nominal
@@ -63,21 +64,6 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     slowest: float
 
 
-class Place(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where designs are tried.
-
-    `s` [m] is the turning point's, `cruise` [m/s] the feed around it, `before` and `behind` [m] the path that
-    may be run through on either side at that feed. `flanks` has the direction (1, -1) in which each axis was
-    pushed before.
-    """
-
-    s: float
-    cruise: float
-    before: float
-    behind: float
-    flanks: Mapping[str, int]
-
-
 class Trial:
     """One turning point, and the machines on which designs are tried there.
 
@@ -86,19 +72,29 @@ class Trial:
     nominal : Nominal
         The path, ready for the search of nearest places.
     track : Track
-    place : Place
+    place : Surroundings
     machine : Machine
     scenarios : sequence of Scenario
     """
 
     def __init__(
-        self, nominal: Nominal, track: Track, place: Place, machine: Machine, scenarios: Sequence[Scenario]
+        self,
+        nominal: Nominal,
+        track: Track,
+        place: Surroundings,
+        machine: Machine,
+        scenarios: Sequence[Scenario],
     ) -> None:
         self.nominal, self.track, self.place = nominal, track, place
         self.machine, self.scenarios = machine, tuple(scenarios)
         self.axes, self.period = track.path.axes, machine.servo_period
         self.limits = axis_limits(self.axes, machine, self.period)
         self.constant = max(_time_constant(machine, name) for name in self.axes)
+
+    @property
+    def rows(self) -> int:
+        """Samples of a plain motion: a measure of the work."""
+        return int((LEAD + TAIL) * self.constant / self.period) + 2 * LEAST
 
     def run(self, design: Design) -> Outcome:
         """Simulate a design in every scenario."""

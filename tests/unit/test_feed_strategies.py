@@ -20,7 +20,6 @@ from ph_post.compensate.limits import check_command
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import cycle_time, make_plan
 from ph_post.compensate.sample import place_and_feed, sample
-from ph_post.compensate.strategies import registry
 from ph_post.compensate.strategies.base import Proposal, Task, Wish
 from ph_post.errors import InputError
 from ph_post.gcode.registry import find_dialect
@@ -249,9 +248,8 @@ class Wanted:
 
 def with_wish(monkeypatch: pytest.MonkeyPatch, shape: Shape, turn: float, start: str = "rest") -> Plan:
     strategy = Wanted(shape, turn, 0.15)
-    monkeypatch.setattr(
-        registry, "_registered", lambda: {"wanted": type("E", (), {"load": lambda _: strategy})()}
-    )
+    entry = type("Entry", (), {"name": "wanted", "load": lambda _: strategy})()
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [entry])
     return planned(ring(), "wanted", start=start)
 
 

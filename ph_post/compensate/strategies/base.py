@@ -15,24 +15,49 @@ from typing import Protocol, runtime_checkable
 
 import msgspec
 
+from ph_post.analysis import Analysis
+from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.options import PlanOptions
-from ph_post.types import BacklashInterval, Feedback, Machine, Path, Shape, TurningPoint, Window
+from ph_post.types import BacklashInterval, Crossing, Feedback, Machine, Path, Shape, TurningPoint, Window
 
 
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What a strategy is asked about.
-
-    `intervals` and `notes` hold one entry a turning point: the backlash interval at the programmed feed, None
-    where there is none, and a word about it.
+    """What a strategy is asked about. `feed` is the feed of the plain plan along the path, `looped`
+    whether that runs through the seam, `duration` [s] how long it takes.
     """
 
-    path: Path
+    analysis: Analysis
+    feed: FeedAlong
+    looped: bool
+    duration: float
+
     machine: Machine
     options: PlanOptions
-    turning_points: tuple[TurningPoint, ...]
-    windows: tuple[Window, ...]
-    intervals: tuple[BacklashInterval | None, ...]
-    notes: tuple[str, ...]
+
+    @property
+    def path(self) -> Path:
+        """The path."""
+        return self.analysis.path
+
+    @property
+    def turning_points(self) -> tuple[TurningPoint, ...]:
+        """Every reversal of an axis."""
+        return self.analysis.turning_points
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Where the osculating circle stands for the path."""
+        return self.analysis.windows
+
+    @property
+    def intervals(self) -> tuple[BacklashInterval | None, ...]:
+        """Backlash interval of every turning point at the programmed feed, None where there is none."""
+        return self.analysis.intervals
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One word about every turning point."""
+        return self.analysis.notes
 
 
 class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -45,8 +70,11 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     measured both ways, and the turning point is not passed in the middle of the time then. Where it is to be
     passed at another instant τ, a hold for one, `shapes.share_of_way` tells the share. It stays where
     the profile is softened, while the instant moves a little.
+    `crossings` are those of the gap, their start counted from the middle of the profile's time; where there
+    is none, a lasting offset is changed all the same, around the turning point.
     `may_leave` lets it leave the window in which the osculating circle stands for the path. `note` says why
-    the window is left alone, or whatever else the user should know.
+    the window is left alone, or whatever else the user should know. `strategy` names what was chosen where a
+    strategy chooses among others.
     """
 
     shape: Shape | None
@@ -54,13 +82,19 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     least: float = 0.0
     turn: float = 0.5
     may_leave: bool = False
+    crossings: tuple[Crossing, ...] = ()
+    strategy: str = ""
     note: str = ""
 
 
 class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A strategy's answer: one wish a window, and warnings about the job as a whole."""
+    """A strategy's answer: one wish a window, and warnings about the job as a whole.
+
+    `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
+    """
 
     wishes: tuple[Wish, ...]
+    proven: bool = False
     warnings: tuple[str, ...] = ()
 
 

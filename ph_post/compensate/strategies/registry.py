@@ -10,11 +10,14 @@ from ph_post.registry import Registry
 GROUP = "ph_post.strategies"
 
 BUILT_IN = {
+    "auto": "ph_post.compensate.strategies.auto:STRATEGY",
     "dwell": "ph_post.compensate.strategies.dwell:STRATEGY",
     "linear": "ph_post.compensate.strategies.linear:STRATEGY",
     "none": "ph_post.compensate.strategies.none:STRATEGY",
     "retrograde": "ph_post.compensate.strategies.retrograde:STRATEGY",
+    "step": "ph_post.compensate.strategies.step:STRATEGY",
     "suppress": "ph_post.compensate.strategies.suppress:STRATEGY",
+    "takeup": "ph_post.compensate.strategies.takeup:STRATEGY",
 }
 """What a source tree without installed metadata offers."""
 

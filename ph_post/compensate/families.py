@@ -1,0 +1,253 @@
+"""Families of designs: what can be done at a turning point, as functions of a few numbers of order one.
+
+Times are told in units of the time that the design may add, travels in units of the gap, so that a point that
+is good at one turning point is a good start at another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate import profile, shapes
+from ph_post.compensate.offsets import smoothstep
+from ph_post.compensate.surroundings import Surroundings
+from ph_post.compensate.trial import Design
+from ph_post.geometry.bernstein import derivative, evaluate
+from ph_post.types import Array, Axis, Crossing
+
+ORDER: Final = 3
+"""Derivatives of feed and travel that vanish at junctions."""
+
+PART: Final = 0.6
+"""Part of an axis' limits that a crossing alone may take; the rest is the path's."""
+
+SHORTEST: Final = 16
+"""Samples that a crossing lasts at least."""
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A turning point as the families see it.
+
+    `budget` [s] is the time that a design may add, `reversing` the axes that turn back here and have a gap,
+    each with the direction it goes on in; `shortest` [s] by axis what a crossing takes at least. `lead` is
+    whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed.
+    """
+
+    place: Surroundings
+    budget: float
+    reversing: tuple[tuple[Axis, int], ...]
+    shortest: dict[str, float]
+    lead: bool
+    crosses: bool = True
+
+
+class Family(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One family: `make` builds a design from `low` <= x <= `high`; `seeds` are good starts."""
+
+    name: str
+    low: Array
+    high: Array
+    seeds: tuple[Array, ...]
+    make: Callable[[Array, Case], Design]
+
+
+def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
+    """Shortest duration [s] in which the gap can be crossed within a part of the axis' limits.
+
+    Behind the loop the command travels; with inverse dynamics it takes c and b times the next two derivatives
+    more. Inside it the command is the motor's output, η b (m̈ + β ṁ).
+    """
+    gap, servo, limits = axis.gap, axis.servo, axis.limits
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    inside = axis.feedback == "load"
+    inertia = (gap.inertia_fraction or 0.0) * servo.b
+
+    def fits(duration: float) -> bool:
+        rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks())]
+        for order, bound in enumerate(bounds, start=1):
+            if inside:
+                taken = inertia * (rate[order + 2] + (gap.beta or 0.0) * rate[order + 1])
+            else:
+                taken = rate[order] + lead * (servo.c * rate[order + 1] + servo.b * rate[order + 2])
+            if taken > PART * bound:
+                return False
+        return True
+
+    duration = SHORTEST * period
+    while not fits(duration):
+        duration *= 1.05
+    return duration
+
+
+@lru_cache(maxsize=1)
+def peaks() -> tuple[float, ...]:
+    """Return the largest size of the step of :data:`ORDER` and of its derivatives up to the fifth."""
+    step, u = smoothstep(ORDER)[0], np.linspace(0.0, 1.0, 1001)
+    rows = [step, *(derivative(step, order) for order in range(1, 6))]
+    return tuple(float(np.abs(evaluate(row, u)).max()) for row in rows)
+
+
+def _stop(down: float, hold: float, up: float, floor: float, lead: bool) -> Design:
+    """Ramp down, hold with the turning point in its middle, ramp up [s]."""
+    total = down + hold + up
+    shape = profile.plateau(down, hold, up, floor, ORDER)
+    turn = shapes.share_of_way(shape, (down + 0.5 * hold) / total)
+    return Design(shape=shape, t_star=0.5 * total, turn=turn, lead=lead)
+
+
+def _ramps(share: float, skew: float, case: Case, floor: float) -> tuple[float, float, float]:
+    """Durations of ramp down, hold and ramp up that add the budget, of which the ramps have a share."""
+    slow = 1.0 - floor
+    ramps = 2.0 * share * case.budget / slow
+    return ramps * (1.0 - 0.5 * skew), (1.0 - share) * case.budget / slow, ramps * 0.5 * skew
+
+
+def make_plateau(x: Array, case: Case) -> Design:
+    """Slow down, hold a feed, speed up: x = (share of the ramps, skew, floor, part of the budget)."""
+    part = msgspec.structs.replace(case, budget=case.budget * float(x[3]))
+    down, hold, up = _ramps(float(x[0]), float(x[1]), part, float(x[2]))
+    return _with_offsets(_stop(down, hold, up, float(x[2]), case.lead), case)
+
+
+def _with_offsets(design: Design, case: Case) -> Design:
+    """Add the crossings that lasting offsets need in any case."""
+    if not case.crosses:
+        return design
+    needed = tuple(
+        whole_crossing(axis, direction, 0.0, case.shortest[axis.name])
+        for axis, direction in case.reversing
+        if axis.feedback != "load"
+    )
+    return msgspec.structs.replace(design, crossings=needed)
+
+
+def make_crossing(x: Array, case: Case) -> Design:
+    """Stop and cross: x = (share of the ramps, skew, start, T_1, a_1, T_2, a_2, push, push's duration).
+
+    The motor crosses a_1 of the gap in T_1, a_2 in T_2 which overlaps it, and is then pushed on. With nothing
+    but a push it coasts to the flank, wherever that is. A motor behind its loop travels the whole gap, once.
+    """
+    share, skew, start, t1, a1, t2, a2, push, pd = (float(value) for value in x)
+    down, hold, up = _ramps(share, skew, case, 0.0)
+    design = _stop(down, hold, up, 0.0, case.lead)
+    begin = -design.t_star + down
+    crossings: list[Crossing] = []
+    for axis, direction in case.reversing:
+        gap = axis.gap.lost_motion * direction
+        if axis.feedback != "load":
+            crossings.append(whole_crossing(axis, direction, begin + 0.5 * hold, case.shortest[axis.name]))
+            continue
+        unit = _push_unit(axis, case.budget) * direction
+        first = Crossing(
+            axis=axis.name,
+            start=begin + start * hold,
+            duration=t1 * case.budget,
+            travel=a1 * gap,
+            order=ORDER,
+        )
+        second = Crossing(
+            axis=axis.name, start=first.start + OVERLAP * first.duration, duration=t2 * case.budget,
+            travel=a2 * gap, order=ORDER, push=push * unit, push_duration=pd * case.budget,
+        )  # fmt: skip
+        crossings += [first, second]
+    return msgspec.structs.replace(design, crossings=tuple(crossings))
+
+
+OVERLAP: Final = 0.8
+"""Part of the first crossing after which the second begins."""
+
+
+def _push_unit(axis: Axis, budget: float) -> float:
+    """Return the push [m] that carries the motor over the gap in half the budget."""
+    inertia = (axis.gap.inertia_fraction or 0.0) * axis.servo.b
+    return 8.0 * inertia * axis.gap.lost_motion / budget**2
+
+
+def whole_crossing(axis: Axis, direction: int, middle: float, duration: float) -> Crossing:
+    """Cross the whole gap once around an instant [s]."""
+    return Crossing(
+        axis=axis.name, start=middle - 0.5 * duration, duration=duration,
+        travel=axis.gap.lost_motion * direction, order=ORDER,
+    )  # fmt: skip
+
+
+def make_offset(x: Array, case: Case) -> Design:
+    """Slow down and shift the offset: x = (share of the ramps, floor, part of the budget, T, shift)."""
+    part = msgspec.structs.replace(case, budget=case.budget * float(x[2]))
+    down, hold, up = _ramps(float(x[0]), 1.0, part, float(x[1]))
+    design = _stop(down, hold, up, float(x[1]), case.lead)
+    crossings = []
+    for axis, direction in case.reversing:
+        duration = float(x[3]) * case.shortest[axis.name]
+        crossings.append(whole_crossing(axis, direction, float(x[4]) * duration, duration))
+    return msgspec.structs.replace(design, crossings=tuple(crossings))
+
+
+def make_dip(x: Array, case: Case) -> Design:
+    """Eq. (26) of the paper: x = (t* in budgets, V_2 ... V_{n-2})."""
+    coefficients = np.ones(x.size + 3)
+    coefficients[2:-2] = x[1:]
+    shape = shapes.single(coefficients)
+    return _with_offsets(Design(shape=shape, t_star=float(x[0]) * case.budget, lead=case.lead), case)
+
+
+def _family(
+    name: str,
+    make: Callable[[Array, Case], Design],
+    bounds: Sequence[Sequence[float]],
+    *seeds: Sequence[float],
+) -> Family:
+    low, high = np.array(bounds, dtype=np.float64).T
+    return Family(name=name, make=make, low=low, high=high, seeds=tuple(np.array(seed) for seed in seeds))
+
+
+CROSSING: Final = _family(
+    "takeup", make_crossing,
+    [
+        (0.1, 0.9), (0.4, 1.6), (-0.6, 1.0),
+        (0.05, 1.5), (0.0, 1.2), (0.05, 1.5), (0.0, 0.8), (0.0, 8.0), (0.05, 1.2),
+    ],
+    [0.5, 1.5, -0.1, 0.16, 0.73, 0.16, 0.09, 1.0, 0.26],
+    [0.5, 1.0, -0.05, 0.5, 0.8, 0.7, 0.2, 0.3, 0.5],
+    [0.4, 1.0, 0.0, 0.6, 0.995, 0.4, 0.01, 0.0, 0.3],
+    [0.3, 1.0, 0.0, 0.3, 0.5, 0.3, 0.3, 2.0, 0.5],
+    [0.4, 1.0, -0.2, 0.05, 0.0, 0.05, 0.0, 1.9, 0.35],
+    [0.45, 1.2, -0.3, 0.05, 0.0, 0.05, 0.0, 2.5, 0.3],
+)  # fmt: skip
+
+OFFSET: Final = _family(
+    "takeup", make_offset,
+    [(0.1, 0.98), (0.0, 0.95), (0.02, 1.0), (1.0, 3.0), (-0.5, 0.5)],
+    [0.5, 0.0, 1.0, 1.0, 0.0],
+    [0.5, 0.2, 0.6, 1.0, 0.0],
+    [0.7, 0.0, 0.5, 1.0, 0.0],
+    [0.9, 0.05, 1.0, 1.0, 0.0],
+)  # fmt: skip
+
+PLATEAU: Final = _family(
+    "dwell", make_plateau,
+    [(0.1, 0.98), (0.4, 1.6), (0.0, 0.95), (0.05, 1.0)],
+    [0.5, 1.0, 0.0, 1.0],
+    [0.6, 1.0, 0.25, 1.0],
+    [0.8, 1.2, 0.5, 0.5],
+)  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def dips(degree: int, lowest: float) -> Family:
+    """Return Eq. (26) of a degree with V_2 ... V_{n-2} free; V(½)/V_c of the seeds is at least `lowest`."""
+    free = degree - 3
+    seeds = []
+    for ratio in (1.4, 0.75, 0.5, 0.25, 0.1, 0.0, -0.15, -0.3):
+        for t_star in (0.6, 1.0, 1.7, 3.0):
+            if ratio < lowest:
+                continue
+            middle = profile.coefficients_from_ratio(ratio, degree)[2:-2]
+            seeds.append([t_star, *middle])
+    bounds = [(0.1, 8.0)] + [(-8.0, 4.0)] * free
+    return _family("suppress" if lowest >= 0.0 else "retrograde", make_dip, bounds, *seeds)

@@ -1,0 +1,214 @@
+"""Lay crossings of the gap into a planned motion: where profiles stand, at stops, and before the start.
+
+An axis whose loop is not closed over the table carries half its gap as a lasting offset, towards the side it
+moves to. So every reversal of it has to be crossed, or the offset would be the wrong one from there on; and
+before the first motion it must be on the right side, whichever flank the axis stood on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate.families import shortest_crossing, whole_crossing
+from ph_post.compensate.motion import Motion
+from ph_post.compensate.strategies.base import Wish
+from ph_post.compensate.surroundings import came_from
+from ph_post.geometry.track import Track
+from ph_post.types import Axis, Crossing, FeedProfile, Machine, Phase, TurningPoint, Window, frozen
+
+SAME_PLACE = 1e-9
+"""Places along the path less than this [m] apart are one."""
+
+BISECTIONS = 80
+
+STILL = frozen([0.0])
+
+
+class Layout(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Phases with holds where crossings need them, crossings in the order of time, and the bias by axis."""
+
+    phases: tuple[Phase, ...]
+    crossings: tuple[Crossing, ...]
+    bias: Mapping[str, float]
+
+
+class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What is to be laid out: a motion with its profiles, and what was wished for."""
+
+    track: Track
+    machine: Machine
+    turning_points: tuple[TurningPoint, ...]
+    windows: tuple[Window, ...]
+    wishes: tuple[Wish, ...]
+    profiles: tuple[FeedProfile | None, ...]
+    phases: tuple[Phase, ...]
+    moving: bool
+    lead: bool
+
+    @property
+    def length(self) -> float:
+        """Arc length of the path [m]."""
+        return self.track.length
+
+
+def lay_out(job: Job) -> Layout:
+    """Place every crossing in time, and insert holds where the motion rests for one."""
+    motion = Motion.from_phases(job.phases)
+    shifted = sorted({one.axis for wish in job.wishes for one in wish.crossings if _is_open(job, one.axis)})
+    crossings, crossed = _at_windows(job, motion)
+    holds: dict[int, float] = {}
+    at_stops: list[tuple[int, Crossing]] = []
+    for point in job.turning_points:
+        if point.axis not in shifted or point.index in crossed or _at_an_end(job, point):
+            continue
+        axis = job.machine.axes[point.axis]
+        duration = shortest_crossing(axis, job.lead, job.machine.servo_period)
+        stop = _rest_at(job.phases, point.s)
+        if stop is None:
+            middle = _time_at(motion, point.s)
+            crossings.append(whole_crossing(axis, -came_from(point), middle, duration))
+        else:
+            holds[stop] = max(holds.get(stop, 0.0), duration)
+            at_stops.append((stop, whole_crossing(axis, -came_from(point), 0.5 * duration, duration)))
+    bias, approach = _beginning(job, shifted)
+    if approach:
+        holds[0] = max(one.end for one in approach)
+    delayed = [_delayed(one, _delay(job.phases, holds, one.start)) for one in crossings]
+    delayed += [_delayed(one, job.phases[k].start + _delay_before(holds, k)) for k, one in at_stops]
+    delayed += approach
+    return Layout(
+        phases=_with_holds(job.phases, holds),
+        crossings=tuple(sorted(delayed, key=lambda one: (one.start, one.axis))),
+        bias=bias,
+    )
+
+
+def _is_open(job: Job, name: str) -> bool:
+    return job.machine.axes[name].feedback != "load"
+
+
+def _at_windows(job: Job, motion: Motion) -> tuple[list[Crossing], set[int]]:
+    """Crossings of the windows, and the turning points that they serve."""
+    found: list[Crossing] = []
+    served: set[int] = set()
+    for number, wish in enumerate(job.wishes):
+        if not wish.crossings:
+            continue
+        profile, window = job.profiles[number], job.windows[number]
+        middle = _middle(motion, number)
+        if profile is None or middle is None:
+            # Without its profile a crossing inside the loop would do harm; a lasting offset is still needed.
+            chosen = [one for one in wish.crossings if _is_open(job, one.axis)]
+            at = _time_at(motion, window.s)
+            found += [msgspec.structs.replace(one, start=at + one.start, window=number) for one in chosen]
+        else:
+            chosen = list(wish.crossings)
+            found += [msgspec.structs.replace(one, start=middle + one.start, window=number) for one in chosen]
+        names = {one.axis for one in chosen}
+        served |= {k for k in window.members if job.turning_points[k].axis in names}
+    return found, served
+
+
+def _middle(motion: Motion, window: int) -> float | None:
+    """Middle of a window's profile in time [s]; None where it is cut in two by the seam of the path."""
+    rows = np.flatnonzero(motion.window == window)
+    if rows.size == 0 or np.any(np.diff(rows) != 1):
+        return None
+    return 0.5 * float(motion.start[rows[0]] + motion.start[rows[-1]] + motion.duration[rows[-1]])
+
+
+def _at_an_end(job: Job, point: TurningPoint) -> bool:
+    return point.s <= SAME_PLACE or point.s >= job.length - SAME_PLACE
+
+
+def _rest_at(phases: Sequence[Phase], s: float) -> int | None:
+    """Index of the phase that starts from rest at `s`, None where the motion runs through."""
+    for number, phase in enumerate(phases):
+        if number and abs(phase.s - s) <= SAME_PLACE and phase.speed[0] == 0.0:
+            return number
+    return None
+
+
+def _time_at(motion: Motion, s: float) -> float:
+    """First instant at which the motion is at `s` [s]."""
+    low, high = 0.0, motion.end
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        if motion.place_and_feed(np.array([middle]))[0][0] < s:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _beginning(job: Job, shifted: Sequence[str]) -> tuple[dict[str, float], list[Crossing]]:
+    """Offsets of the first row, and what brings the axes to the flank that their first motion needs."""
+    bias: dict[str, float] = {}
+    approach: list[Crossing] = []
+    for name in shifted:
+        axis, direction = job.machine.axes[name], _first_direction(job, name)
+        half = 0.5 * axis.gap.lost_motion
+        bias[name] = direction * half
+        flank = {"+": 1, "-": -1}.get(axis.gap.initial_flank, 0)
+        if direction == 0 or job.moving or flank == direction:
+            continue
+        duration = shortest_crossing(axis, job.lead, job.machine.servo_period)
+        if flank:
+            bias[name] = flank * half
+            approach.append(whole_crossing(axis, direction, 0.5 * duration, duration))
+            continue
+        # From either flank: back until the other is surely touched, then forth.
+        bias[name] = 0.0
+        back = half * (1.0 + axis.uncertainty.backlash)
+        first = whole_crossing(axis, -direction, 0.5 * duration, duration)
+        first = msgspec.structs.replace(first, travel=-direction * back)
+        second = msgspec.structs.replace(first, start=duration, travel=direction * (back + half))
+        second = msgspec.structs.replace(second, duration=duration * (1.0 + axis.uncertainty.backlash))
+        approach += [first, second]
+    return bias, approach
+
+
+def _first_direction(job: Job, name: str) -> int:
+    """Direction of the first motion of an axis; 0 where it does not move at all."""
+    for point in job.turning_points:
+        if point.axis == name:
+            return -came_from(point) if point.s <= SAME_PLACE else came_from(point)
+    number = job.track.path.axes.index(name)
+    s = np.linspace(0.0, job.length, 129)
+    place = job.track.derivatives(*job.track.locate(s))[0][:, number]
+    return int(np.sign(place[np.argmax(np.abs(place - place[0]))] - place[0]))
+
+
+def _with_holds(phases: Sequence[Phase], holds: Mapping[int, float]) -> tuple[Phase, ...]:
+    """Insert a rest before some phases, and let the others follow."""
+    found: list[Phase] = []
+    delay = 0.0
+    for number, phase in enumerate(phases):
+        if number in holds:
+            start = phase.start + delay
+            found.append(Phase(start=start, duration=holds[number], s=phase.s, speed=STILL))
+            delay += holds[number]
+        found.append(msgspec.structs.replace(phase, start=phase.start + delay) if delay else phase)
+    return tuple(found)
+
+
+def _delay(phases: Sequence[Phase], holds: Mapping[int, float], t: float) -> float:
+    """By how much holds delay what happens at `t` [s]."""
+    return sum(duration for number, duration in holds.items() if phases[number].start <= t)
+
+
+def _delay_before(holds: Mapping[int, float], number: int) -> float:
+    return sum(duration for other, duration in holds.items() if other < number)
+
+
+def _delayed(crossing: Crossing, delay: float) -> Crossing:
+    return msgspec.structs.replace(crossing, start=crossing.start + delay)
+
+
+def reversing(machine: Machine, points: Sequence[TurningPoint]) -> tuple[tuple[Axis, int], ...]:
+    """Axes with a gap among those that turn back, each with the direction it goes on in."""
+    drives = ((machine.axes[point.axis], -came_from(point)) for point in points)
+    return tuple((axis, direction) for axis, direction in drives if axis.gap.lost_motion > 0.0)

@@ -1,0 +1,118 @@
+"""Prove a plan against the plain program, by simulation of everything the machine file leaves possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.compensate.limits import check_command
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.strategies.base import Proposal, Wish
+from ph_post.simulate.assess import scenarios
+from ph_post.simulate.contour import Nominal, first_counted
+from ph_post.simulate.machine import simulate_many
+from ph_post.types import Array, Command, Machine, Plan, Scenario
+
+if TYPE_CHECKING:
+    from ph_post.compensate.plan import Draft
+
+ROUNDS: Final = 12
+"""Times that something is given up before everything is."""
+
+SAME: Final = 1e-9
+"""Errors [m] that differ by less are the same."""
+
+GIVEN_UP: Final = "nothing that was tried is better than the plain motion in every case"
+
+
+def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
+    """Give up whatever makes an error larger than the plain program's, in any scenario, or breaks a limit.
+
+    The largest error of the whole run counts, for every pick-up rule with every size of the gap the largest of
+    its scenarios. What was done last before it is given up; in the end that may be everything.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of `proposal`.
+    proposal : Proposal
+    draft : Draft
+
+    Returns
+    -------
+    Plan
+        Proven, and perhaps poorer.
+    """
+    judge = _Judge(draft)
+    for _ in range(ROUNDS):
+        blamed = judge.blame(plan)
+        if blamed is None:
+            return plan
+        wishes = tuple(
+            _without(wish, draft.machine) if number in blamed else wish
+            for number, wish in enumerate(proposal.wishes)
+        )
+        if all(one is other for one, other in zip(wishes, proposal.wishes, strict=True)):
+            break
+        proposal = replace(proposal, wishes=wishes)
+        plan = draft.plan(plan.strategy, proposal)
+    plain = tuple(Wish(shape=None, note=GIVEN_UP) for _ in proposal.wishes)
+    return replace(draft.plan(plan.strategy, replace(proposal, wishes=plain)), inverse_dynamics=False)
+
+
+def _without(wish: Wish, machine: Machine) -> Wish:
+    """Leave the feed alone; a lasting offset still has to be changed."""
+    lasting = tuple(one for one in wish.crossings if machine.axes[one.axis].feedback != "load")
+    if wish.shape is None and lasting == wish.crossings:
+        return wish
+    return Wish(shape=None, crossings=lasting, note=GIVEN_UP)
+
+
+def _case(scenario: Scenario) -> object:
+    """What must not become worse by itself: every pick-up rule with every size of the gap."""
+    return scenario.pickup, scenario.gap
+
+
+class _Judge:
+    """The plain program in every scenario, and how others compare."""
+
+    def __init__(self, draft: Draft) -> None:
+        self.draft = draft
+        self.track = draft.analysis.track
+        self.period = draft.machine.servo_period
+        self.nominal = Nominal(self.track)
+        plain = command_of(draft.plain(), self.track, self.period)
+        self.scenarios = scenarios(draft.machine, plain.axes)
+        self.plain: dict[object, float] = {}
+        for scenario, error in zip(self.scenarios, self._errors(plain, self.scenarios), strict=True):
+            key = _case(scenario)
+            self.plain[key] = max(self.plain.get(key, 0.0), float(np.abs(error).max(initial=0.0)))
+
+    def _errors(self, command: Command, tried: Sequence[Scenario]) -> list[Array]:
+        """Signed contour error in every scenario, of the rows that count."""
+        first = first_counted(command, self.draft.machine)
+        runs = simulate_many(command, self.draft.machine, tried)
+        return [self.nominal.nearest(run.executed, command.s).error[first:] for run in runs]
+
+    def blame(self, plan: Plan) -> set[int] | None:
+        """Return the windows to give up; None where the plan is never worse and keeps the limits."""
+        command = command_of(plan, self.track, self.period)
+        instants = [violation.t for violation in check_command(command, self.draft.machine)]
+        first = first_counted(command, self.draft.machine)
+        for scenario, error in zip(self.scenarios, self._errors(command, self.scenarios), strict=True):
+            if error.size and np.abs(error).max() > self.plain[_case(scenario)] + SAME:
+                instants.append(float(command.t[first + int(np.argmax(np.abs(error)))]))
+        if not instants:
+            return None
+        return {self._last_before(plan, t) for t in instants} - {-1}
+
+    @staticmethod
+    def _last_before(plan: Plan, t: float) -> int:
+        """Window of what was done last before an instant, or first of all; -1 where nothing was."""
+        begins = [(phase.start, phase.window) for phase in plan.phases if phase.window >= 0]
+        begins += [(one.start, one.window) for one in plan.crossings if one.window >= 0]
+        before = [entry for entry in begins if entry[0] <= t]
+        return max(before)[1] if before else min(begins, default=(0.0, -1))[1]

@@ -1,0 +1,49 @@
+"""The best of all at every turning point, by simulation of every machine that the file leaves possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ph_post.compensate.choose import choose
+from ph_post.compensate.families import PLATEAU, Case, Family, dips
+from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.strategies.feed import refuse_options
+from ph_post.compensate.strategies.takeup import crossing_families
+from ph_post.types import Feedback
+
+DEGREES = (4, 6, 10)
+"""Degrees of Eq. (26) that are searched where only the feed may be modulated."""
+
+SIMPLE = 4
+"""The degree that is searched beside other families."""
+
+BACKWARDS = -1.0
+"""Lowest V(1/2)/V_c of the starts where the tool may move back."""
+
+
+class Automatic:
+    """Search all families, and prove the choice against the plain program."""
+
+    name = "auto"
+    summary = "the best of all at every turning point, in simulation and within the limits"
+    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+
+    def profiles(self, task: Task) -> Proposal:
+        """Search for the best design at every turning point."""
+        refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
+        offsets = not task.options.feed_only and task.options.carrier == "table"
+        lead = task.options.inverse_dynamics and offsets
+        return choose(task, _families if offsets else _feed_families, offsets=offsets, lead=lead)
+
+
+def _families(task: Task, case: Case) -> Sequence[Family]:
+    lowest = BACKWARDS if task.options.allow_retrograde else 0.0
+    return (*crossing_families(task, case), PLATEAU, dips(SIMPLE, lowest))
+
+
+def _feed_families(task: Task, _case: Case) -> Sequence[Family]:
+    lowest = BACKWARDS if task.options.allow_retrograde else 0.0
+    return (PLATEAU, *(dips(degree, lowest) for degree in DEGREES))
+
+
+STRATEGY = Automatic()

@@ -1,0 +1,59 @@
+"""Take the gap up: the reversing axis is commanded through it while the path slows down or stops.
+
+With a scale on the table the motor is driven across the gap by a short command that the table does not follow,
+and met by the path on the other flank. Without one the command is shifted by the gap, and stays shifted until
+the next reversal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ph_post.compensate.choose import choose
+from ph_post.compensate.families import CROSSING, OFFSET, Case, Family
+from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.strategies.feed import refuse_options
+from ph_post.errors import InputError
+from ph_post.types import Feedback
+
+
+class TakeUp:
+    """Stop or slow down, and command the reversing axis through its gap."""
+
+    name = "takeup"
+    summary = "the reversing axis is commanded through its gap while the path slows down or stops"
+    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+
+    def profiles(self, task: Task) -> Proposal:
+        """Search for the crossing that is best in simulation at every turning point."""
+        refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
+        refuse_offsets(task, self.name)
+        return choose(task, crossing_families, offsets=True, lead=task.options.inverse_dynamics)
+
+
+def refuse_offsets(task: Task, name: str) -> None:
+    """Refuse a strategy that adds to the path where nothing may be, or can be.
+
+    Raises
+    ------
+    InputError
+        With --feed-only, and for a part program.
+    """
+    if task.options.feed_only:
+        raise InputError("--feed-only", f"strategy {name} modifies the path", expected="it left out")
+    if task.options.carrier == "program":
+        raise InputError(
+            "--strategy", f"strategy {name} modifies single samples of the path",
+            expected="--table, as a part program cannot carry that",
+        )  # fmt: skip
+
+
+def crossing_families(task: Task, case: Case) -> Sequence[Family]:
+    """Families that cross the gap: those that stop only where no least feed forbids it."""
+    inside = any(axis.feedback == "load" for axis, _ in case.reversing)
+    if not inside:
+        return (OFFSET,)
+    return () if task.options.min_feed else (CROSSING,)
+
+
+STRATEGY = TakeUp()
