@@ -120,7 +120,18 @@ class RigidLoop(TableLoop):
             return [rest]
         up, down = same((contact, 1, side)), same((contact, -1, side))
         leaves = Guard(contact * rows.u, PLACE_NOISE, same((0, 0, side)), self._opened(contact))
-        return [leaves] * self.open + self.breakaway(rows.u, up, down)
+        moves = self.breakaway(rows.u, up, down)
+        if not self.open:
+            return moves
+        # A table that its load moves by itself follows the motor back, as long as the motor gives way slower.
+        back = moves[1 if contact > 0 else 0]
+        return [back, leaves, *moves] if self._falls(contact) else [leaves, *moves]
+
+    def _falls(self, contact: int) -> bool:
+        """Whether the load alone moves the table from rest against the motor on that flank."""
+        plant = self.plant
+        held = plant.coulomb_minus if contact > 0 else plant.coulomb_plus
+        return contact * plant.load > held + plant.static
 
     def _opened(self, contact: int) -> Array:
         """Put the motor exactly at the flank it leaves."""
