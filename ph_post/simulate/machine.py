@@ -156,6 +156,8 @@ def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tupl
     """
     direction = int(np.sign(trace.speed))
     flank = direction or flank
+    if not any(key[0] == flank for key in automaton.keys):
+        flank = automaton.keys[0][0]  # the load keeps a play on that one
     half = 0.5 * plant.gap
     z = np.zeros(STATES)
     if plant.feedback == "load":
@@ -168,8 +170,7 @@ def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tupl
         z[1] = trace.speed if plant.windup_frequency else 0.0
     if plant.ki:
         z[4] = (plant.c * trace.speed + plant.load) / plant.ki
-    contact = flank if any(key[0] == flank for key in automaton.keys) else automaton.keys[0][0]
-    return z, automaton.keys.index((contact, direction, 0))
+    return z, automaton.keys.index((flank, direction, 0))
 
 
 def list_events(keys: Sequence[Key], changes: Changes, name: str) -> list[Event]:
