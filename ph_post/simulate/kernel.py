@@ -150,20 +150,37 @@ def _broken(guards: Array, noise: Array, mode: int, y: Array) -> int:
 
 
 @compiled
-def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
-    """Whether a guard that holds at both ends falls at first and rises at last, far enough to break between.
+def _least(before: float, after: float, falls: float, rises: float) -> float:
+    """Return the least value on [0, 1] of the cubic with these values and slopes at 0 and 1."""
+    third = 2.0 * (before - after) + falls + rises
+    second = 3.0 * (after - before) - 2.0 * falls - rises
+    root = second * second - 3.0 * third * falls
+    least = min(before, after)
+    if root <= 0.0:
+        return least
+    # Where the slope is zero and grows, in the form that does not cancel.
+    root = math.sqrt(root)
+    if second > 0.0:
+        place = -falls / (second + root)
+    elif third != 0.0:
+        place = (root - second) / (3.0 * third)
+    else:
+        return least
+    if place <= 0.0 or place >= 1.0:
+        return least
+    return min(least, before + place * (falls + place * (second + place * third)))
 
-    A parabola with those slopes is the yardstick.
-    """
+
+@compiled
+def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
+    """Whether a guard that holds at both ends breaks between them, going by the cubic through both."""
     for number in range(modes.guards.shape[1]):
-        falls = _value(modes.slopes, mode, number, y)
-        if falls >= 0.0:
+        falls = length * _value(modes.slopes, mode, number, y)
+        rises = length * _value(modes.slopes, mode, number, after)
+        if falls >= 0.0 and rises <= 0.0:
             continue
-        rises = _value(modes.slopes, mode, number, after)
-        if rises <= 0.0:
-            continue
-        depth = 0.5 * falls * falls * length / (rises - falls)
-        if _value(modes.guards, mode, number, y) - depth < -modes.noise[mode, number]:
+        before, last = _value(modes.guards, mode, number, y), _value(modes.guards, mode, number, after)
+        if _least(before, last, falls, rises) < -modes.noise[mode, number]:
             return True
     return False
 
