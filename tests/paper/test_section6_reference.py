@@ -2,9 +2,9 @@
 
 What reproduces the numbers: the lead-in starts at Θ = -π/2 on the command and with its velocity (V_c along x,
 0 along y), both motors on the flank "+"; the error is that from the circle of Eq. (30) on t in [-t*, t*],
-with t = 0 where the command passes the turning point. The initial flanks and speeds do not matter to four digits:
-the lead-in is 2.6 s or more, 13 time constants 2b/c. The command is linear between samples of 4 ms, which is
-1.4e-7 m.
+with t = 0 where the command passes the turning point. The initial flanks and speeds do not matter to four
+digits: the lead-in is 2.6 s or more, 13 time constants 2b/c. The command is linear between samples of 4 ms,
+which is 1.4e-7 m.
 """
 
 from __future__ import annotations
