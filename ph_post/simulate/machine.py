@@ -60,7 +60,7 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     with patience():
         for number, name in enumerate(command.axes):
             axis = machine.axes[name]
-            table, side, found = run_axis(_trace(command, number), axis, scenario, command.period)
+            table, side, found = run_axis(trace_of(command, number), axis, scenario, command.period)
             executed[:, number], motor[:, number] = table, side
             events += found
     return Run(
@@ -92,7 +92,7 @@ class Changes(NamedTuple):
     log: IntArray
 
 
-def _trace(command: Command, number: int) -> Trace:
+def trace_of(command: Command, number: int) -> Trace:
     """Take one axis out of a command."""
     position = np.ascontiguousarray(command.position[:, number])
     path = position[:5] if command.offset is None else position[:5] - command.offset[:5, number]

@@ -1,0 +1,194 @@
+"""How far a command leaves the path, on all the machines that a machine file leaves possible."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final
+
+import msgspec
+from msgspec.structs import replace
+
+from ph_post.drive.effects import plant_of
+from ph_post.simulate.contour import (
+    ContourError,
+    Nearest,
+    Nominal,
+    TurningError,
+    contour_error,
+    first_counted,
+    gap_error,
+    turning_errors,
+)
+from ph_post.simulate.machine import first_flank, simulate, trace_of
+from ph_post.types import Axis, Command, Machine, Pickup, Run, Scenario, TurningPoint
+
+PICKUPS: Final[tuple[Pickup, ...]] = ("standstill", "momentum", "contact")
+"""Every pick-up rule; all are tried where the file names none."""
+
+
+class Assessment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What a command does on a machine, and on the others that its file leaves possible.
+
+    `errors` holds one entry a scenario; None, there as elsewhere, where the motion is over before it counts.
+    `error` is the largest at the file's values: the worse initial flank, and where the file leaves the
+    pick-up rule open the worst of them. `error_worst` is the largest of all, in the scenario `worst`. Of
+    several runs the one with the largest maximum counts, with its own root mean square.
+
+    `run`, `nearest` and `turning` are those of `error`; `first` is the first row that counts. `error_gap` and
+    `turning_gap` are what the gap adds to the same run without one.
+    """
+
+    scenarios: tuple[Scenario, ...]
+    errors: tuple[ContourError | None, ...]
+    error: ContourError | None
+    error_worst: ContourError | None
+    error_gap: ContourError | None
+    worst: Scenario
+    run: Run
+    nearest: Nearest
+    first: int
+    turning: tuple[TurningError | None, ...]
+    turning_gap: tuple[TurningError | None, ...]
+
+
+def assess(
+    command: Command,
+    machine: Machine,
+    nominal: Nominal,
+    turning_points: Sequence[TurningPoint] = (),
+    tried: Sequence[Scenario] = (),
+) -> Assessment:
+    """Simulate a command in every scenario, and measure how far the table is from the path.
+
+    Parameters
+    ----------
+    command : Command
+    machine : Machine
+    nominal : Nominal
+        The path.
+    turning_points : sequence of TurningPoint, optional
+        Around which the error is told.
+    tried : sequence of Scenario, optional
+        In place of those of :func:`scenarios`.
+    """
+    tried = tuple(tried) or scenarios(machine, command.axes, at_rest(command))
+    first = first_counted(command, machine)
+    errors = contour_errors(command, machine, nominal, tried)
+    decides = _largest(errors, [k for k, one in enumerate(tried) if _is_nominal(one)] or range(1))
+    worst = _largest(errors, range(len(tried)))
+    run, nearest = _measured(command, machine, nominal, tried[decides])
+    _, without = _measured(command, machine, nominal, replace(tried[decides], gap=0.0))
+    signed, bare, s = nearest.error[first:], without.error[first:], command.s[first:]
+    loop = nominal.length if nominal.closed and command.feed[0] != 0.0 else None
+    return Assessment(
+        scenarios=tried, errors=errors, error=errors[decides], error_worst=errors[worst], worst=tried[worst],
+        error_gap=gap_error(signed, bare), run=run, nearest=nearest, first=first,
+        turning=turning_errors(signed, s, turning_points, loop),
+        turning_gap=turning_errors(signed - bare, s, turning_points, loop),
+    )  # fmt: skip
+
+
+def contour_errors(
+    command: Command, machine: Machine, nominal: Nominal, tried: Iterable[Scenario]
+) -> tuple[ContourError | None, ...]:
+    """Contour error in each scenario, side by side; no run is kept."""
+    first = first_counted(command, machine)
+
+    def measure(scenario: Scenario) -> ContourError | None:
+        return contour_error(_measured(command, machine, nominal, scenario)[1].error[first:])
+
+    # The first alone, so that the engine is compiled once, and that is said once.
+    first_of_all, *others = tried
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        return (measure(first_of_all), *pool.map(measure, others))
+
+
+def at_rest(command: Command) -> tuple[str, ...]:
+    """Name the axes that rest at the first row, where only the file can tell the flank."""
+    return tuple(name for number, name in enumerate(command.axes) if trace_of(command, number).speed == 0.0)
+
+
+def scenarios(
+    machine: Machine, axes: Sequence[str], resting: Collection[str] | None = None
+) -> tuple[Scenario, ...]:
+    """List the machines that a file leaves possible, those at the file's values first.
+
+    Tried are, all axes alike: both initial flanks where an axis that rests at the beginning does not say its
+    own, and every pick-up rule where an axis with a scale on the table names none; with each of these the gap
+    larger and smaller by its uncertainty; with each rule β and C, likewise, on the first flank alone, as they
+    change the way through the gap and not where it is entered. Of axes with different uncertainties the
+    largest counts. What makes no difference to any axis is left out: at most 30 are left, 10 where the rule
+    is known, 6 where no axis has a scale on the table.
+
+    Parameters
+    ----------
+    machine : Machine
+    axes : sequence of str
+        Those that the command moves.
+    resting : collection of str, optional
+        Those that rest at the beginning; all by default.
+
+    Examples
+    --------
+    >>> from ph_post.io.machinefile import read_machine
+    >>> [len(scenarios(read_machine(name), ("X", "Y"))) for name in ("mill", "paper", "router")]
+    [30, 10, 6]
+    """
+    drives = [machine.axes[name] for name in axes]
+    resting = axes if resting is None else resting
+    open_flank = any(axis.gap.initial_flank == "unknown" and axis.name in resting for axis in drives)
+    open_rule = any(axis.feedback == "load" and axis.gap.pickup is None for axis in drives)
+    flanks: tuple[Any, ...] = ("+", "-") if open_flank else (None,)
+    rules: tuple[Any, ...] = PICKUPS if open_rule else (None,)
+    nominal = [Scenario(pickup=rule, flank=flank) for rule in rules for flank in flanks]
+    found = list(nominal)
+    for name, uncertain in (("backlash", "gap"), ("beta", "beta"), ("gain", "gain")):
+        spread = max(getattr(axis.uncertainty, name) for axis in drives)
+        bases = nominal if uncertain == "gap" else nominal[:: len(flanks)]
+        for factor in (1.0 + spread, max(1.0 - spread, 0.0)):
+            found += [replace(one, **{uncertain: factor}) for one in bases]
+    return _distinct(found, drives, resting)
+
+
+def _distinct(
+    found: Iterable[Scenario], drives: Sequence[Axis], resting: Collection[str]
+) -> tuple[Scenario, ...]:
+    kept: list[Scenario] = []
+    seen: list[object] = []
+    for scenario in found:
+        looks = [_looks(axis, scenario, axis.name in resting) for axis in drives]
+        if looks not in seen:
+            seen.append(looks)
+            kept.append(scenario)
+    return tuple(kept)
+
+
+def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
+    """All that a scenario changes about an axis."""
+    plant = plant_of(axis, scenario)
+    if axis.feedback != "load":
+        plant = replace(plant, eta=0.5, beta=0.0, pickup="standstill")
+    return plant, first_flank(axis, scenario) if rests and plant.gap else 0
+
+
+def _is_nominal(scenario: Scenario) -> bool:
+    return scenario.gap == scenario.beta == scenario.gain == 1.0
+
+
+def _largest(errors: Sequence[ContourError | None], among: Iterable[int]) -> int:
+    """Index of the error with the largest maximum, the first of equals."""
+
+    def size(number: int) -> float:
+        error = errors[number]
+        return -1.0 if error is None else error.max
+
+    return max(among, key=size)
+
+
+def _measured(
+    command: Command, machine: Machine, nominal: Nominal, scenario: Scenario
+) -> tuple[Run, Nearest]:
+    run = simulate(command, machine, scenario)
+    return run, nominal.nearest(run.executed, command.s)
