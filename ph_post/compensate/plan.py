@@ -12,7 +12,7 @@ from ph_post.compensate.caps import find_stops
 from ph_post.compensate.course import Course
 from ph_post.compensate.fit import Fitter
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.strategies.base import Task
+from ph_post.compensate.strategies.base import Task, require_loop
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.errors import InputError
 from ph_post.types import Phase, Plan
@@ -54,6 +54,7 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
     if machine is None:
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
+    require_loop(strategy, analysis.path.axes, machine)
     task = Task(
         path=analysis.path, machine=machine, options=options, turning_points=analysis.turning_points,
         windows=analysis.windows, intervals=analysis.intervals, notes=analysis.notes,
