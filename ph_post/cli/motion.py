@@ -23,7 +23,7 @@ from ph_post.io.machinefile import read_machine
 from ph_post.io.table import FORMATS, read_table, require_path
 from ph_post.report import assessments
 from ph_post.simulate.assess import Assessment, assess, scenarios
-from ph_post.simulate.contour import Nominal
+from ph_post.simulate.contour import Nominal, settling_time
 from ph_post.simulate.machine import simulate
 from ph_post.types import Command, Flank, Machine, Pickup, Run, TurningPoint
 
@@ -121,14 +121,20 @@ def _caveats(command: Command, machine: Machine) -> Iterator[str]:
     yield from (f"the command {limit_words(broken)}" for broken in worst.values())
 
 
-def run_motion(motion: Motion) -> tuple[Run, Assessment | None]:
-    """Simulate a motion: the run that is told, and how far it leaves the path where that is known."""
+def run_motion(motion: Motion) -> tuple[Motion, Run, Assessment | None]:
+    """Simulate a motion: the run that is told, and how far it leaves the path where that is known.
+
+    The motion gets a warning where it is over before its error counts.
+    """
+    command, machine = motion.command, motion.machine
     if motion.analysis is None:
-        first = scenarios(motion.machine, motion.command.axes)[0]
-        return simulate(motion.command, motion.machine, first), None
-    nominal = Nominal(motion.analysis.track)
-    found = assess(motion.command, motion.machine, nominal, motion.turning_points)
-    return found.run, found
+        return motion, simulate(command, machine, scenarios(machine, command.axes)[0]), None
+    found = assess(command, machine, Nominal(motion.analysis.track), motion.turning_points)
+    if found.error is None:
+        seconds = settling_time(machine, command.axes)
+        warning = f"the motion is over before its contour error counts, {seconds:.3g} s after its start"
+        motion = replace(motion, warnings=(*motion.warnings, warning))
+    return motion, found.run, found
 
 
 def log_of(motion: Motion, run: Run) -> bytes:

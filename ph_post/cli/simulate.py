@@ -72,7 +72,7 @@ def command(
     with Progress() as stage:
         motion = motion_of(source, machine, path_file, how, stage).on(pickup, flank)
         stage("simulating")
-        run, assessment = run_motion(motion)
+        motion, run, assessment = run_motion(motion)
         if log is not None:
             products[log] = log_of(motion, run)
         if plot is not None:

@@ -158,13 +158,13 @@ def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
         axes.bar_label(bars, fmt=" %.3g", fontsize="small")
     axes.set_yticks(rows, [_label(one) for one in shown])
     axes.invert_yaxis()
-    axes.set_xscale("log")
     sizes = [
         size for one in shown for size in (_size(one, worst=False), _size(one, worst=True)) if size > 0.0
     ]
     if sizes:
+        axes.set_xscale("log")
         axes.set_xlim(10.0 ** math.floor(math.log10(0.8 * min(sizes))), 2.0 * max(sizes))
-    axes.xaxis.set_minor_formatter("")
+        axes.xaxis.set_minor_formatter("")
     axes.set(xlabel="largest contour error [mm]")
     _legend(axes)
 

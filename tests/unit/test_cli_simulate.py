@@ -153,6 +153,21 @@ def test_broken_limits_are_named(capsys, tmp_path, table):
     assert float(acceleration.split(": ")[1].split()[0]) == pytest.approx(1e6, rel=1e-3)
 
 
+SHORT = """{"format": "ph-post-path", "version": 1, "name": "short", "source": "a test", "units": "mm",
+"axes": ["X", "Y"], "feed": 1200, "closed": false,
+"segments": [{"type": "line", "points": [[0, 0], [0.01, 0]]}]}"""
+
+
+def test_a_motion_too_short_to_count_has_no_error(capsys, tmp_path):
+    short = written(tmp_path, "short.json", SHORT)
+    picture = str(tmp_path / "short.png")
+    view = simulated(capsys, short, "-m", "mill", "--plot", picture)
+    assert [view[name] for name in ("error", "error_gap", "error_worst")] == [None] * 3
+    # Five times 2b/c of Y, the slower axis: 5 * 2 * 0.000225 / 0.030 s.
+    assert view["warnings"] == ["the motion is over before its contour error counts, 0.075 s after its start"]
+    assert run(capsys, "compare", short, "-m", "mill", "--plot", picture)[0] == 0
+
+
 def refused(capsys, *arguments):
     status, out, err = run(capsys, "simulate", *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
