@@ -158,7 +158,8 @@ def print_run(motion: Motion, run: Run, assessment: Assessment | None) -> None:
     if assessment is not None:
         click.echo(assessments.error_table(assessment))
         if motion.turning_points:
-            click.echo("around the turning points (+ is left of the direction of travel):")
+            side = " (+ is left of the direction of travel)" if len(run.axes) == 2 else ""
+            click.echo(f"around the turning points{side}:")
             click.echo(assessments.turning_table(assessment, motion.turning_points))
     for line in assessments.event_words(run.events):
         click.echo(line)

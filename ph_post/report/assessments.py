@@ -50,7 +50,7 @@ def simulation_view(run: Run, assessment: Assessment | None, points: Sequence[Tu
 
 
 def _turning_view(assessment: Assessment, number: int, point: TurningPoint) -> View:
-    """Return the contour error around a turning point; `extreme` is the largest, positive to the left."""
+    """Return the error around a turning point; `extreme` is the largest, in a plane positive to the left."""
     error, gap = assessment.turning[number], assessment.turning_gap[number]
     return {
         "index": point.index, "axis": point.axis, "sense": point.sense, "s": point.s / MM,

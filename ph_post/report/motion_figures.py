@@ -70,8 +70,13 @@ def _draw_error(axes: Axes, run: Run, assessment: Assessment) -> None:
     axes.plot(run.t[:counted], error[:counted], ":", color=BEFORE, linewidth=1.0)
     axes.plot(run.t[counted:], error[counted:], color=AFTER, linewidth=1.0)
     axes.axhline(0.0, color=BEFORE, linewidth=0.6)
-    axes.set(xlabel="t [s]", ylabel="contour error [mm], + left of the path")
+    axes.set(xlabel="t [s]", ylabel=_error_label(run))
     _legend(axes)
+
+
+def _error_label(run: Run) -> str:
+    """Name the error's axis; in space an error has no side."""
+    return "contour error [mm]" + (", + left of the path" if len(run.axes) == 2 else "")
 
 
 def _draw_following(axes: Axes, run: Run) -> None:
@@ -135,7 +140,9 @@ def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
     for number, one in enumerate(contenders):
         if one.ok and one.assessment is not None:
             _draw_along(right, one.name, one.assessment, COLOURS[number % len(COLOURS)])
-    right.set(xlabel="along the path [mm]", ylabel="contour error [mm], + left of the path")
+        if one.assessment is not None:
+            right.set(ylabel=_error_label(one.assessment.run))
+    right.set(xlabel="along the path [mm]")
     _legend(right, columns=4)
     figure.suptitle(name)
     return figure

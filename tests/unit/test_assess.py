@@ -132,3 +132,21 @@ def test_before_is_the_plain_program():
     alone = assess(command, plain.machine, Nominal(analysis.track))
     assert before.error == alone.error
     assert after.error.rms < before.error.rms
+
+
+def test_in_space_an_error_has_a_size_and_no_side():
+    analysis, plan, command = job("spatial", "mill", strategy="none")
+    case = [Scenario(pickup="standstill", flank="+")]
+    found = assess(command, plan.machine, Nominal(analysis.track), analysis.turning_points, case)
+    bare = assess(command, machine("mill", lost_motion=0.0), Nominal(analysis.track), (), case)
+    s = np.linspace(0.0, analysis.track.length, 400_001)
+    points = analysis.track.derivatives(*analysis.track.locate(s))[0]
+    tree = cKDTree(points)
+    away = [one.run.executed - points[tree.query(one.run.executed)[1]] for one in (found, bare)]
+    size = np.linalg.norm(away[0], axis=1)[found.first :]
+    # 70 mm in 400000 points: 0.09 µm along the path to the next one.
+    assert found.error.max == pytest.approx(size.max(), abs=1e-9)
+    assert all(one.extreme >= 0 for one in found.turning)
+    added = np.linalg.norm(away[0] - away[1], axis=1)[found.first :]
+    assert found.error_gap.max == pytest.approx(added.max(), abs=3e-7)
+    assert found.error_gap.max < 2e-5
