@@ -11,7 +11,9 @@ from ph_post.cli import options
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
+    from ph_post.analysis import Analysis
     from ph_post.gcode.options import ProgramOptions
+    from ph_post.types import Plan
 
 
 @click.command()
@@ -46,6 +48,9 @@ if TYPE_CHECKING:
 )
 @click.option("--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left.")
 @click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
+@click.option(
+    "--no-simulation", is_flag=True, help="Leave `error` null in the --json object, and save its time."
+)
 @options.common
 def command(
     source: str, machine: str, output: str | None, table: str | None, as_json: bool, **how: Any
@@ -56,6 +61,10 @@ def command(
     program goes to standard output. Files are written whole or not at all; what was reduced, shortened or
     left alone is said on standard error.
 
+    A table leads the path by what the servos lag behind it (not with the strategies none, linear and step),
+    which no program can carry. With --json the motion is simulated too, before and after: that of the table,
+    or of the program where -o stands alone.
+
     \b
     Examples:
       ph-post convert oval -m mill -o oval.ngc
@@ -63,8 +72,8 @@ def command(
       ph-post convert circle -m paper --start moving --table - > circle.csv
     """
     from ph_post.cli.job import load_and_analyse, plan_options, program_of
+    from ph_post.compensate.offsets import command_of
     from ph_post.compensate.plan import make_plan
-    from ph_post.compensate.sample import sample
     from ph_post.io.atomic import write_atomically
     from ph_post.io.table import table_content
     from ph_post.report.progress import Progress
@@ -79,19 +88,46 @@ def command(
             feed=how["feed"], dialect=how["dialect"], intervals=how["interval_table"],
         )  # fmt: skip
         stage("planning the feed")
-        plan = make_plan(analysis, plan_options(how))
+        plan = make_plan(
+            analysis, plan_options(how, leading=table is not None or (as_json and output is None))
+        )
         products: dict[str, str | bytes] = {}
         if table is not None:
             stage("sampling the interpolator table")
-            products[table] = table_content(sample(plan, analysis.track, plan.machine.servo_period), table)
+            rows = command_of(plan, analysis.track, plan.machine.servo_period)
+            products[table] = table_content(rows, table)
         if output is not None or plain:
             stage("writing the program")
             products[output or "-"], plan = program_of(analysis, plan, _program_options(how))
+            plan = _with_caveat(plan)
+        error = None
+        if as_json and not how["no_simulation"]:
+            stage("simulating")
+            error = _errors(analysis, plan)
         write_atomically(products)
     if as_json:
-        print_json(plan_view(analysis, plan))
+        print_json(plan_view(analysis, plan, error))
     print_plan(analysis, plan, products)
     return 0
+
+
+def _errors(analysis: Analysis, plan: Plan) -> dict[str, Any]:
+    """Contour errors of the motion without and with the strategy [mm]."""
+    from ph_post.compensate.comparison import before_and_after
+    from ph_post.report.assessments import error_view
+
+    before, after = before_and_after(analysis, plan)
+    return {"before": error_view(before.error), "after": error_view(after.error)}
+
+
+def _with_caveat(plan: Plan) -> Plan:
+    """Warn where the table beside a program holds what the program cannot."""
+    from msgspec.structs import replace
+
+    if not plan.inverse_dynamics:
+        return plan
+    warning = "the program follows the path itself: it cannot carry the inverse dynamics that is in the table"
+    return replace(plan, warnings=(*plan.warnings, warning))
 
 
 def _program_options(how: dict[str, Any]) -> ProgramOptions:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -45,13 +45,18 @@ def load(
     drives = read_machine(machine)
     if dialect is not None:
         drives = msgspec.structs.replace(drives, dialect=dialect)
-    for axis in path.axes:
+    require_drives(path.axes, "path", drives, machine)
+    return path, drives
+
+
+def require_drives(axes: Sequence[str], what: str, drives: Machine, machine: str) -> None:
+    """Refuse a machine that lacks an axis which `what` moves."""
+    for axis in axes:
         if axis not in drives.axes:
             raise InputError(
-                machine, f"the path moves axis {axis}, which has no drive", expected=f"[axes.{axis}]",
+                machine, f"the {what} moves axis {axis}, which has no drive", expected=f"[axes.{axis}]",
                 got=", ".join(f"[axes.{name}]" for name in drives.axes),
             )  # fmt: skip
-    return path, drives
 
 
 def load_and_analyse(
@@ -85,15 +90,19 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
     return solve
 
 
-def plan_options(how: Mapping[str, Any]) -> PlanOptions:
-    """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI."""
+def plan_options(how: Mapping[str, Any], *, leading: bool = True) -> PlanOptions:
+    """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI.
+
+    `leading` says whether what is written can lead the path by what the servos lag behind it.
+    """
+    lead = leading and how["strategy"] not in BASELINES and not how["no_inverse_dynamics"]
     chosen = ("strategy", "start", "ratio", "degree", "t_star", "coefficients")
     return PlanOptions(
         **{name: how[name] for name in chosen},
         allow_retrograde=how["allow_retrograde"],
         min_feed=None if how["min_feed"] is None else how["min_feed"] * MM_PER_MIN,
         max_slowdown=how["max_slowdown"],
-        inverse_dynamics=how["strategy"] not in BASELINES and not how["no_inverse_dynamics"],
+        inverse_dynamics=lead,
         feed_only=how["feed_only"],
     )
 

@@ -187,5 +187,5 @@ def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
     return FeedProfile(
         window=site.window, shape=shape, cruise=site.cruise, turn=site.wish.turn,
         t_star=half_duration(shape, site.cruise, site.half), s_star=site.half,
-        ratio=told_ratio(shape), notes=tuple(notes),
+        ratio=told_ratio(shape), strategy=site.wish.strategy, notes=tuple(notes),
     )  # fmt: skip

@@ -16,7 +16,7 @@ from ph_post.compensate.fit import Fitter
 from ph_post.compensate.layout import Job, lay_out
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loop
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.errors import InputError
 from ph_post.types import Machine, Phase, Plan
@@ -58,6 +58,7 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
     if machine is None:
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
+    require_loop(strategy, analysis.path.axes, machine)
     draft = Draft(analysis, machine, options)
     proposal = strategy.profiles(draft.task)
     plan = draft.plan(strategy.name, proposal)

@@ -31,8 +31,8 @@ GIVEN_UP: Final = "nothing that was tried is better than the plain motion in eve
 def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     """Give up whatever makes an error larger than the plain program's, in any scenario, or breaks a limit.
 
-    The largest error of the whole run counts, for every pick-up rule with every size of the gap the largest of
-    its scenarios. What was done last before it is given up; in the end that may be everything.
+    The largest error of the whole run counts; for every pick-up rule with every size of the gap that is the
+    largest of its scenarios. What was done last before it is given up, in the end perhaps everything.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _without(wish: Wish, machine: Machine) -> Wish:
 
 
 def _case(scenario: Scenario) -> object:
-    """What must not become worse by itself: every pick-up rule with every size of the gap."""
+    """Tell what must not become worse by itself: every pick-up rule with every size of the gap."""
     return scenario.pickup, scenario.gap
 
 

@@ -25,10 +25,10 @@ SIDEWAYS = 1e-9
 class Surroundings(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The surroundings of a window.
 
-    `s` [m] is the turning point's, `cruise` [m/s] the feed of the plain plan there. `room` [m] is half the way
-    to the next window, as far as the feed is steady: what a profile may take on either side. `before` and
-    `behind` [m] are the path that is run at about that feed. `flanks` has the direction (1, -1) in which each
-    axis moved before.
+    `s` [m] is the turning point's, `cruise` [m/s] the feed of the plain plan there. `room` [m] is half the
+    way to the next window, as far as the feed is steady: what a profile may take on either side. `before`
+    and `behind` [m] are the path that is run at about that feed. `flanks` has the direction (1, -1) in which
+    each axis moved before.
     """
 
     s: float
@@ -51,16 +51,12 @@ def find_surroundings(analysis: Analysis, feed: FeedAlong, looped: bool) -> tupl
         if min(*sides, room) <= 0.0:
             found.append(None)
             continue
-        found.append(
-            Surroundings(
-                s=window.s,
-                cruise=cruise,
-                room=min(*sides, room),
-                before=sides[0],
-                behind=sides[1],
-                flanks={name: _flank(analysis, window, k) for k, name in enumerate(analysis.path.axes)},
-            )  # fmt: skip
-        )
+        flanks = {name: _flank(analysis, window, k) for k, name in enumerate(analysis.path.axes)}
+        around = Surroundings(
+            s=window.s, cruise=cruise, room=min(*sides, room), before=sides[0], behind=sides[1],
+            flanks=flanks,
+        )  # fmt: skip
+        found.append(around)
     return tuple(found)
 
 

@@ -6,6 +6,7 @@ import io
 import os
 import pathlib
 import zipfile
+from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.errors import InputError
+from ph_post.geometry.track import Track
 from ph_post.io.atomic import Content, write_atomically
 from ph_post.io.check import one_of
-from ph_post.types import Array, Command, IntArray
+from ph_post.types import Array, Command, IntArray, frozen
 from ph_post.units import MM, MM_PER_MIN
 
 DECIMALS: Final = 12
@@ -26,6 +28,15 @@ CHUNK: Final = 65536
 
 FORMATS: Final = (".csv", ".npz", ".parquet")
 """Endings of table files; standard output is CSV."""
+
+UNEVEN: Final = 1e-3
+"""Part of the period by which rows may come early or late: others may write fewer decimals."""
+
+ROOM: Final = 1e-3
+"""Part of a unit of xi, and of a mm of s, that others may have rounded away."""
+
+MOST_WRONG: Final = 0.01
+"""Part of the rows that may stand at a joint, or be written otherwise."""
 
 _AXES: Final = ("X", "Y", "Z")
 _WHOLE: Final = ("segment", "window")
@@ -56,7 +67,7 @@ def table_content(command: Command, target: str) -> Content:
             return _npz(columns)
         case ".parquet":
             return _parquet(columns, target)
-    return _csv(columns)
+    return csv_rows(columns)
 
 
 def table_columns(command: Command) -> dict[str, NDArray[Any]]:
@@ -92,6 +103,46 @@ def read_table(source: str | os.PathLike[str]) -> Command:
     return _command(columns, name)
 
 
+def require_path(command: Command, track: Track, name: str) -> Command:
+    """Check that a table belongs to a path, and tell what was added to its points.
+
+    Parameters
+    ----------
+    command : Command
+        As :func:`read_table` returns it.
+    track : Track
+        Of the path.
+    name : str
+        Of the table, for the refusal.
+
+    Raises
+    ------
+    InputError
+        Where the table moves other axes, or its rows stand on other places than their arc length says.
+    """
+    if command.axes != track.path.axes:
+        raise InputError(
+            name, "the table moves other axes than the path",
+            expected=", ".join(track.path.axes), got=", ".join(command.axes),
+        )  # fmt: skip
+    if command.s.min() < -MM * ROOM or command.s.max() > track.length + MM * ROOM:
+        raise InputError(
+            f"{name}: s", "the table is that of another path", expected=f"0 to {track.length / MM:.6f} mm",
+            got=f"{command.s.min() / MM:.6f} to {command.s.max() / MM:.6f} mm",
+        )  # fmt: skip
+    piece, u = track.locate(np.clip(command.s, 0.0, track.length))
+    segment, xi = track.to_xi(piece, u)
+    # At a joint either segment may be named.
+    wrong = (segment != command.segment) | (np.abs(xi - command.xi) > ROOM * np.maximum(1.0, np.abs(xi)))
+    if wrong.mean() > MOST_WRONG:
+        raise InputError(
+            name, "the table is that of another path", expected="segment and xi of the path at s",
+            got=f"others in {int(wrong.sum())} of {wrong.size} rows",
+        )  # fmt: skip
+    offset = command.position - track.derivatives(piece, u)[0]
+    return msgspec.structs.replace(command, offset=frozen(offset))
+
+
 def _ending(target: str) -> str:
     ending = pathlib.PurePath(target).suffix.lower()
     if target == "-":
@@ -106,7 +157,8 @@ def _shop(values: Array, unit: float) -> Array:
     return np.round(values / unit, DECIMALS) + 0.0
 
 
-def _csv(columns: dict[str, NDArray[Any]]) -> bytes:
+def csv_rows(columns: Mapping[str, NDArray[Any]]) -> bytes:
+    """Write columns as a line of names and a line a row, shortest decimals that read back as the same."""
     # msgspec writes the shortest decimals that read back as the same double, several times faster than repr
     encode = msgspec.json.encode
     lines = [",".join(columns).encode()]
@@ -163,14 +215,15 @@ _READERS: Final = {".csv": _read_csv, ".npz": _read_npz, ".parquet": _read_parqu
 
 def _command(columns: dict[str, NDArray[Any]], name: str) -> Command:
     axes = tuple(column for column in columns if column in _AXES)
-    needed = ("t", "segment", "xi", "s", *axes, "feed", "window")
-    if tuple(columns) != needed or len(axes) < 2:
+    needed = ("t", "segment", "xi", "s", *(axes if len(axes) > 1 else ("X", "Y")), "feed", "window")
+    if tuple(columns) != needed:
         raise InputError(name, "wrong columns", expected=", ".join(needed), got=", ".join(columns))
+    _check_rows(columns, name)
     t: Array = columns["t"]
     whole: dict[str, IntArray] = {key: columns[key].astype(np.int64) for key in _WHOLE}
     return Command(
         axes=axes,
-        period=float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else 0.0,
+        period=float(t[-1] - t[0]) / (len(t) - 1),
         t=t,
         segment=whole["segment"],
         xi=columns["xi"],
@@ -179,3 +232,24 @@ def _command(columns: dict[str, NDArray[Any]], name: str) -> Command:
         feed=columns["feed"] * MM_PER_MIN,
         window=whole["window"],
     )
+
+
+def _check_rows(columns: dict[str, NDArray[Any]], name: str) -> None:
+    """Refuse what is no motion: less than two rows, numbers that are none, another period in between."""
+    rows = len(columns["t"])
+    if rows < 2:
+        raise InputError(name, "no motion", expected="at least two rows", got=str(rows))
+    for key, column in columns.items():
+        bad = np.flatnonzero(~np.isfinite(np.asarray(column, dtype=np.float64)))
+        if bad.size:
+            got = f"{column[bad[0]]} in row {bad[0] + 1}"
+            raise InputError(f"{name}: {key}", "not a finite number", expected="a number", got=got)
+    steps = np.diff(columns["t"])
+    period = float(steps.mean())
+    uneven = np.flatnonzero(~(np.abs(steps - period) <= UNEVEN * period))
+    if uneven.size:
+        place = int(uneven[0])
+        raise InputError(
+            f"{name}: t", "rows must follow each other at a constant period",
+            expected=f"{period:.9g} s after row {place + 1}", got=f"{steps[place]:.9g} s",
+        )  # fmt: skip

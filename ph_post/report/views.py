@@ -95,8 +95,8 @@ def profile_view(profile: FeedProfile | None) -> View | None:
     }
 
 
-def plan_view(analysis: Analysis, plan: Plan) -> View:
-    """Return what ``convert --json`` prints: windows, cycle time, error (null until there is a simulator)."""
+def plan_view(analysis: Analysis, plan: Plan, error: View | None = None) -> View:
+    """Return what ``convert --json`` prints: windows, cycle time, and the error where it was simulated."""
     views = turning_point_views(analysis)
     own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
     for view in views:
@@ -107,7 +107,7 @@ def plan_view(analysis: Analysis, plan: Plan) -> View:
     return {
         "windows": views,
         "cycle_time": {"before": cycle_time(plan.nominal), "after": cycle_time(plan.phases)},
-        "error": None,
+        "error": error,
         "strategy": plan.strategy,
         "warnings": list(plan.warnings),
     }

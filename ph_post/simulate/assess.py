@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
 
 from ph_post.drive.effects import plant_of
@@ -18,11 +19,10 @@ from ph_post.simulate.contour import (
     TurningError,
     contour_error,
     first_counted,
-    gap_error,
     turning_errors,
 )
 from ph_post.simulate.machine import first_flank, simulate, trace_of
-from ph_post.types import Axis, Command, Machine, Pickup, Run, Scenario, TurningPoint
+from ph_post.types import Array, Axis, Command, Machine, Pickup, Run, Scenario, TurningPoint
 
 PICKUPS: Final[tuple[Pickup, ...]] = ("standstill", "momentum", "contact")
 """Every pick-up rule; all are tried where the file names none."""
@@ -37,7 +37,8 @@ class Assessment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     several runs the one with the largest maximum counts, with its own root mean square.
 
     `run`, `nearest` and `turning` are those of `error`; `first` is the first row that counts. `error_gap` and
-    `turning_gap` are what the gap adds to the same run without one.
+    `turning_gap` are what the gap adds to the same run without one. In space, where an error has no side, all
+    errors are positive.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -79,14 +80,15 @@ def assess(
     decides = _largest(errors, [k for k, one in enumerate(tried) if _is_nominal(one)] or range(1))
     worst = _largest(errors, range(len(tried)))
     run, nearest = _measured(command, machine, nominal, tried[decides])
-    _, without = _measured(command, machine, nominal, replace(tried[decides], gap=0.0))
-    signed, bare, s = nearest.error[first:], without.error[first:], command.s[first:]
+    without = _measured(command, machine, nominal, replace(tried[decides], gap=0.0))
+    added = _added(nominal, (run, nearest), without)[first:]
+    signed, s = nearest.error[first:], command.s[first:]
     loop = nominal.length if nominal.closed and command.feed[0] != 0.0 else None
     return Assessment(
         scenarios=tried, errors=errors, error=errors[decides], error_worst=errors[worst], worst=tried[worst],
-        error_gap=gap_error(signed, bare), run=run, nearest=nearest, first=first,
+        error_gap=contour_error(added), run=run, nearest=nearest, first=first,
         turning=turning_errors(signed, s, turning_points, loop),
-        turning_gap=turning_errors(signed - bare, s, turning_points, loop),
+        turning_gap=turning_errors(added, s, turning_points, loop),
     )  # fmt: skip
 
 
@@ -191,4 +193,15 @@ def _measured(
     command: Command, machine: Machine, nominal: Nominal, scenario: Scenario
 ) -> tuple[Run, Nearest]:
     run = simulate(command, machine, scenario)
-    return run, nominal.nearest(run.executed, command.s)
+    nearest = nominal.nearest(run.executed, command.s)
+    if nominal.dimension > 2:
+        nearest = replace(nearest, error=np.abs(nearest.error))
+    return run, nearest
+
+
+def _added(nominal: Nominal, run: tuple[Run, Nearest], without: tuple[Run, Nearest]) -> Array:
+    """Contour error (n,) that a run has more than another [m]; in space the length of their difference."""
+    if nominal.dimension == 2:
+        return np.asarray(run[1].error - without[1].error)
+    here, there = (one.executed - nominal.places(nearest.s) for one, nearest in (run, without))
+    return np.asarray(np.linalg.norm(here - there, axis=1))

@@ -61,6 +61,8 @@ class Nominal:
 
     Attributes
     ----------
+    dimension : int
+        2 or 3.
     length : float
         Arc length [m].
     closed : bool
@@ -81,7 +83,8 @@ class Nominal:
     def __init__(self, track: Track, tolerance: float = TOLERANCE) -> None:
         self.length = track.length
         self.closed = track.closed
-        self._dimension = track.dimension
+        self.dimension = track.dimension
+        self._track = track
         begins = track.derivatives(np.arange(len(track.pieces)), np.zeros(len(track.pieces)))
         tolerance = max(tolerance, 16.0 * EPS * (self.length + float(np.abs(begins).max())))
         stretches, self.deviation = cut_path(track, tolerance)
@@ -127,8 +130,13 @@ class Nominal:
         error, s = find_nearest(_read_only(position), _read_only(hint), max(first, 0), self._cells)
         return Nearest(error=error, s=s)
 
+    def places(self, s: Array) -> Array:
+        """Points of the path at arc lengths (n,) [m], shape (n, dimension) [m]."""
+        points: Array = self._track.derivatives(*self._track.locate(np.clip(s, 0.0, self.length)))[0]
+        return points
+
     def _require(self, position: Array, hint: Array) -> None:
-        expected = (hint.size, self._dimension)
+        expected = (hint.size, self.dimension)
         if position.shape != expected:
             raise InputError("", "wrong shape of positions", expected=f"{expected}", got=f"{position.shape}")
         if not (np.isfinite(position).all() and np.isfinite(hint).all()):

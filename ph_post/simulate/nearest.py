@@ -40,7 +40,7 @@ DEPTH = 64
 """Of the stack: one more than the tree's levels."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_nearest(position: Array, hint: Array, first: int, cells: Cells) -> tuple[Array, Array]:
     """Signed distance [m] and arc length [m] of the nearest place, row by row.
 

@@ -96,11 +96,55 @@ def test_convert_json_has_the_contracts_keys(capsys):
     assert status == 0
     view = strict_json(out)
     assert {"windows", "cycle_time", "error"} <= view.keys()
-    assert view["error"] is None
+    assert all(view["error"][when].keys() == {"max", "rms"} for when in ("before", "after"))
+    assert 0 < view["error"]["after"]["max"] < view["error"]["before"]["max"]
     assert view["cycle_time"]["after"] > view["cycle_time"]["before"] > 0
     dips = [window for window in view["windows"] if window["profile"] is not None]
     assert len(dips) >= 3
     assert all(window["strategy"] == "suppress" and 0 <= window["profile"]["ratio"] < 1 for window in dips)
+
+
+def test_convert_simulates_only_where_that_is_asked_for(capsys):
+    _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", "--json", "--no-simulation")
+    assert strict_json(out)["error"] is None
+
+
+def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):
+    program, table = str(tmp_path / "oval.ngc"), str(tmp_path / "oval.csv")
+    both = ("-o", program, "--table", table)
+    for more, said in (((), True), (("--no-inverse-dynamics",), False), (("--feed-only",), False)):
+        status, _, err = run(capsys, "convert", OVAL, "-m", "mill", *both, *more)
+        assert status == 0
+        assert ("cannot carry the inverse dynamics" in err) is said
+    _, _, err = run(capsys, "convert", OVAL, "-m", "mill", "-o", program)
+    assert "inverse dynamics" not in err
+
+
+@pytest.mark.parametrize("strategy", ["none", "linear", "suppress", "dwell"])
+@pytest.mark.parametrize("machine", ["mill", "router", "stepper"])
+def test_tables_keep_the_limits_with_all_that_is_added(capsys, tmp_path, strategy, machine):
+    from ph_post.compensate.limits import check_command
+    from ph_post.io.machinefile import read_machine
+    from ph_post.io.table import read_table
+
+    table = tmp_path / "oval.npz"
+    status, _, _ = run(capsys, "convert", OVAL, "-m", machine, "--strategy", strategy, "--table", str(table))
+    assert status == 0
+    assert check_command(read_table(table), read_machine(machine)) == ()
+
+
+def test_tables_lead_the_path_but_for_the_baselines(capsys, tmp_path):
+    # In steady motion along a line at V a lead is c V: at most 0.030 s of 20 mm/s here.
+    for strategy, leads in (("none", False), ("linear", False), ("suppress", True)):
+        rows = []
+        for more in ((), ("--feed-only",)):
+            table = tmp_path / "oval.csv"
+            arguments = ("convert", OVAL, "-m", "mill", "--strategy", strategy, "--table", str(table), *more)
+            assert run(capsys, *arguments)[0] == 0
+            rows.append(np.genfromtxt(table, delimiter=",", names=True))
+        added = np.abs(rows[0]["Y"] - rows[1]["Y"]).max()
+        assert bool(added > 0.2) is leads
+        assert added < 0.030 * 20 * 1.1
 
 
 def test_convert_to_standard_output_is_the_program_alone(capsys):

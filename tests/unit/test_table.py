@@ -106,7 +106,7 @@ def test_parquet_without_its_library_says_how_to_get_it(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.csv", b"t,s\n0,1\n", "wrong columns; expected t, segment, xi, s, feed, window; got t, s"),
+        ("a.csv", b"t,s\n0,1\n", "wrong columns; expected t, segment, xi, s, X, Y, feed, window; got t, s"),
         ("a.csv", b"t,segment\n0,1,2\n", "not an interpolator table; got 3 columns under 2 names"),
         ("a.csv", b"t,segment\n0,one\n", "not an interpolator table; got could not convert"),
         ("a.npz", b"no archive", "not an interpolator table; got"),

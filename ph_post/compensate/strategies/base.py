@@ -11,6 +11,7 @@ entry point of the group ``ph_post.strategies``.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 import msgspec
@@ -18,11 +19,14 @@ import msgspec
 from ph_post.analysis import Analysis
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.options import PlanOptions
+from ph_post.errors import InputError
 from ph_post.types import BacklashInterval, Crossing, Feedback, Machine, Path, Shape, TurningPoint, Window
 
 
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What a strategy is asked about. `feed` is the feed of the plain plan along the path, `looped`
+    """What a strategy is asked about.
+
+    `feed` is the feed of the plain plan along the path, `looped`
     whether that runs through the seam, `duration` [s] how long it takes.
     """
 
@@ -103,7 +107,8 @@ class Strategy(Protocol):
     """The contract.
 
     1. `name` is what the user types; `summary` one line about it.
-    2. `feedbacks` are the feedback loops whose backlash it can shrink.
+    2. `feedbacks` are the feedback loops whose backlash it can shrink. On a path none of whose axes has one
+       of them it is refused, see :func:`require_loop`.
     3. `profiles` returns exactly one wish a window, in their order. It raises InputError for options that
        contradict each other, and is otherwise a pure function of the task.
     """
@@ -122,3 +127,19 @@ class Strategy(Protocol):
 
     def profiles(self, task: Task) -> Proposal:
         """Say which profile is wanted in every window."""
+
+
+def require_loop(strategy: Strategy, axes: Iterable[str], machine: Machine) -> None:
+    """Refuse a strategy that fits the feedback loop of none of the axes.
+
+    Raises
+    ------
+    InputError
+    """
+    loops = {name: machine.axes[name].feedback for name in axes}
+    if not strategy.feedbacks.intersection(loops.values()):
+        raise InputError(
+            "--strategy", f"{strategy.name} cannot shrink the backlash of these loops",
+            expected=f"feedback {' or '.join(sorted(strategy.feedbacks))}",
+            got=", ".join(f"{axis}: {loop}" for axis, loop in loops.items()),
+        )  # fmt: skip

@@ -1,8 +1,8 @@
 """Take the gap up: the reversing axis is commanded through it while the path slows down or stops.
 
-With a scale on the table the motor is driven across the gap by a short command that the table does not follow,
-and met by the path on the other flank. Without one the command is shifted by the gap, and stays shifted until
-the next reversal.
+With a scale on the table the motor is driven across the gap by a short command that the table does not
+follow, and met by the path on the other flank. Without one the command is shifted by the gap, and stays
+shifted until the next reversal.
 """
 
 from __future__ import annotations

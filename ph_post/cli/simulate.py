@@ -1,0 +1,92 @@
+"""``ph-post simulate``: what the axes make of a command."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from ph_post.cli import options
+
+
+@click.command()
+@click.argument("source", metavar="IN")
+@options.machine
+@click.option("--path", "path_file", metavar="PATHFILE", help="The path that a table was made for.")
+@options.strategy("none")
+@options.planning
+@click.option(
+    "--pickup", type=click.Choice(["standstill", "momentum", "contact"]),
+    help="This pick-up rule, whatever the machine file says.",
+)  # fmt: skip
+@click.option(
+    "--flank", type=click.Choice(["+", "-"]),
+    help="All axes stand on this flank at first, whatever the machine file says.",
+)  # fmt: skip
+@click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
+@click.option("--plot", metavar="FILE", help="Picture of the contour error: .png, .svg or .pdf.")
+@options.common
+def command(
+    source: str,
+    machine: str,
+    path_file: str | None,
+    pickup: Any,
+    flank: Any,
+    log: str | None,
+    plot: str | None,
+    as_json: bool,
+    **how: Any,
+) -> int:
+    """Run a path or an interpolator table on the machine, and show how far the table leaves the path.
+
+    IN is a path file (.json), the name of a shipped one, or - for standard input, and is planned first as
+    `convert --table` would; or it is an interpolator table (.csv, .npz, .parquet). Of a table the contour
+    error is told where --path names the path it was made for.
+
+    What the machine file leaves open is tried: the flank on which an axis stands at first, the pick-up rule,
+    and gap, beta and gain off by their uncertainties. `error` is the worse of the first two at the file's
+    values, `error_worst` the worst of all; log, picture and events are those of `error`. Errors count from
+    five servo time constants after the start.
+
+    \b
+    Examples:
+      ph-post simulate oval -m mill
+      ph-post simulate oval -m mill --strategy suppress --plot oval.png --log oval_log.csv
+      ph-post simulate part.csv --path part.json -m mill.toml --json
+    """
+    from ph_post.cli.motion import is_table, log_of, motion_of, print_run, run_motion
+    from ph_post.io.atomic import Content, write_atomically
+    from ph_post.report.assessments import simulation_view
+    from ph_post.report.figures import picture_format, render
+    from ph_post.report.motion_figures import draw_run
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+
+    streams = [log == "-", plot == "-", as_json]
+    if sum(streams) > 1:
+        raise click.UsageError("standard output can take one product; got two for it")
+    if path_file is not None and not is_table(source):
+        raise click.UsageError("--path goes with an interpolator table; a path file is its own path")
+    picture = "" if plot is None else picture_format(plot)
+    products: dict[str, Content] = {}
+    with Progress() as stage:
+        motion = motion_of(source, machine, path_file, how, stage).on(pickup, flank)
+        stage("simulating")
+        motion, run, assessment = run_motion(motion)
+        if log is not None:
+            products[log] = log_of(motion, run)
+        if plot is not None:
+            stage("drawing")
+            products[plot] = render(draw_run(motion.name, run, motion.analysis, assessment), picture)
+        write_atomically(products)
+    if as_json:
+        view = simulation_view(run, assessment, motion.turning_points)
+        print_json({**view, "warnings": list(motion.warnings)})
+    elif log != "-":
+        print_run(motion, run, assessment)
+    for warning in motion.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    for name in products:
+        if name != "-":
+            click.echo(f"wrote {name}", err=True)
+    return 0

@@ -1,0 +1,194 @@
+"""Pictures of simulated motion: contour error along time, and the executed path with the error magnified."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ph_post.analysis import Analysis
+from ph_post.compensate.comparison import Contender
+from ph_post.report.figures import AFTER, BEFORE, MARK, WINDOW, new_figure
+from ph_post.simulate.assess import Assessment
+from ph_post.types import Array, Run
+from ph_post.units import MM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SHOWN = 0.05
+"""The largest error is drawn as large as this part of the path's extent."""
+
+GAP = "#1fb5c9"
+COLOURS = ("#8c96a0", "#0b62a4", "#f2a33a", "#c0392b", "#2c8a4b", "#7b4fa3", "#1fb5c9", "#5c4033", "#d96fa8")
+
+
+def draw_run(name: str, run: Run, analysis: Analysis | None, assessment: Assessment | None) -> Figure:
+    """Draw a run: error along time, and magnified along the path; without a path the errors of the axes."""
+    figure = new_figure(11.0, 4.8)
+    if analysis is None or assessment is None:
+        _draw_following(figure.subplots(), run)
+    else:
+        left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+        _draw_error(left, run, assessment)
+        _draw_path(right, run, analysis, assessment)
+    figure.suptitle(name)
+    return figure
+
+
+def gap_intervals(run: Run, axis: str) -> list[tuple[float, float]]:
+    """Stretches of time [s] in which the gap of an axis is open."""
+    found: list[tuple[float, float]] = []
+    since: float | None = None
+    for event in run.events:
+        if event.axis != axis:
+            continue
+        if event.kind == "opens" and since is None:
+            since = event.t
+        elif event.kind in {"picks up", "falls back"} and since is not None:
+            found.append((since, event.t))
+            since = None
+    return found if since is None else [*found, (since, float(run.t[-1]))]
+
+
+def _mark_gaps(axes: Axes, run: Run) -> None:
+    for number, name in enumerate(run.axes):
+        for k, (begin, end) in enumerate(gap_intervals(run, name)):
+            label = f"{name} in its gap" if k == 0 else None
+            axes.axvspan(
+                begin, end, color=(GAP, WINDOW, MARK)[number], alpha=0.35, linewidth=0.0, label=label
+            )
+
+
+def _draw_error(axes: Axes, run: Run, assessment: Assessment) -> None:
+    error = assessment.nearest.error / MM
+    counted = assessment.first
+    _mark_gaps(axes, run)
+    axes.plot(run.t[:counted], error[:counted], ":", color=BEFORE, linewidth=1.0)
+    axes.plot(run.t[counted:], error[counted:], color=AFTER, linewidth=1.0)
+    axes.axhline(0.0, color=BEFORE, linewidth=0.6)
+    axes.set(xlabel="t [s]", ylabel=_error_label(run))
+    _legend(axes)
+
+
+def _error_label(run: Run) -> str:
+    """Name the error's axis; in space an error has no side."""
+    return "contour error [mm]" + (", + left of the path" if len(run.axes) == 2 else "")
+
+
+def _draw_following(axes: Axes, run: Run) -> None:
+    _mark_gaps(axes, run)
+    for number, name in enumerate(run.axes):
+        lag = (run.executed[:, number] - run.commanded[:, number]) / MM
+        axes.plot(run.t, lag, color=(AFTER, MARK, BEFORE)[number], linewidth=1.0, label=name)
+    axes.set(xlabel="t [s]", ylabel="executed - commanded [mm]")
+    _legend(axes)
+
+
+def _draw_path(axes: Axes, run: Run, analysis: Analysis, assessment: Assessment) -> None:
+    """Draw the path, and the executed motion with its distance from the path magnified."""
+    track = analysis.track
+    foot = track.derivatives(*track.locate(np.clip(assessment.nearest.s, 0.0, track.length)))[0]
+    extent = float(np.ptp(foot, axis=0).max())
+    counted = slice(assessment.first, None)
+    largest = 0.0 if assessment.error is None else assessment.error.max
+    factor = magnification(extent, largest)
+    place = (foot + factor * (run.executed - foot))[counted, :2] / MM
+    axes.plot(*(foot[:, :2] / MM).T, color=MARK, linewidth=0.9, label="path")
+    axes.plot(*place.T, color=AFTER, linewidth=1.0, label=f"executed, error x {factor:g}")
+    for k, rows in enumerate(_gap_rows(run, assessment.first)):
+        axes.plot(*place[rows].T, color=GAP, linewidth=1.8, label="a gap is open" if k == 0 else None)
+    axes.set(xlabel=f"{run.axes[0]} [mm]", ylabel=f"{run.axes[1]} [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
+    _legend(axes)
+
+
+def _gap_rows(run: Run, first: int) -> list[slice]:
+    """Rows after the first that counts in which a gap is open."""
+    t = run.t[first:]
+    found = []
+    for name in run.axes:
+        for begin, end in gap_intervals(run, name):
+            rows = slice(*np.searchsorted(t, (begin, end)).tolist())
+            found += [rows] if rows.stop > rows.start else []
+    return found
+
+
+def magnification(extent: float, error: float) -> float:
+    """Round factor 1, 2, 5, 10, … that shows an error on a path of that extent.
+
+    Examples
+    --------
+    >>> magnification(0.5, 0.00055)
+    20.0
+    """
+    if error <= 0.0:
+        return 1.0
+    wanted = SHOWN * extent / error
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted), 1.0)
+
+
+def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
+    """Draw the errors of all strategies as bars, and those that can be run along the path."""
+    figure = new_figure(12.0, 5.0)
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
+    _draw_bars(left, contenders)
+    for number, one in enumerate(contenders):
+        if one.ok and one.assessment is not None:
+            _draw_along(right, one.name, one.assessment, COLOURS[number % len(COLOURS)])
+        if one.assessment is not None:
+            right.set(ylabel=_error_label(one.assessment.run))
+    right.set(xlabel="along the path [mm]")
+    _legend(right, columns=4)
+    figure.suptitle(name)
+    return figure
+
+
+def _draw_along(axes: Axes, name: str, assessment: Assessment, colour: str) -> None:
+    counted = slice(assessment.first, None)
+    s, error = assessment.run.s[counted] / MM, assessment.nearest.error[counted] / MM
+    axes.plot(s, error, color=colour, linewidth=1.0, label=name)
+
+
+def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
+    shown = [one for one in contenders if one.assessment is not None and one.pace is not None]
+    rows: Array = np.arange(len(shown), dtype=np.float64)
+    for offset, colour, label, values in (
+        (-0.2, AFTER, "as the machine file has it", [_size(one, worst=False) for one in shown]),
+        (0.2, WINDOW, "worst case", [_size(one, worst=True) for one in shown]),
+    ):
+        bars = axes.barh(rows + offset, values, 0.38, color=colour, label=label)
+        axes.bar_label(bars, fmt=" %.3g", fontsize="small")
+    axes.set_yticks(rows, [_label(one) for one in shown])
+    axes.invert_yaxis()
+    sizes = [
+        size for one in shown for size in (_size(one, worst=False), _size(one, worst=True)) if size > 0.0
+    ]
+    if sizes:
+        axes.set_xscale("log")
+        axes.set_xlim(10.0 ** math.floor(math.log10(0.8 * min(sizes))), 2.0 * max(sizes))
+        axes.xaxis.set_minor_formatter("")
+    axes.set(xlabel="largest contour error [mm]")
+    _legend(axes)
+
+
+def _label(one: Contender) -> str:
+    time = "" if one.pace is None else f"\n{one.pace.cycle_time:.2f} s"
+    return one.name + time + ("" if one.ok else ", refused")
+
+
+def _size(one: Contender, *, worst: bool) -> float:
+    found = one.assessment
+    error = None if found is None else found.error_worst if worst else found.error
+    return math.nan if error is None else error.max / MM
+
+
+def _legend(axes: Axes, columns: int = 3) -> None:
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(
+            frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize="small"
+        )

@@ -1,0 +1,152 @@
+"""Assessments, against a play operator and a search of the test's own, and printed numbers."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy.spatial import cKDTree
+
+from ph_post.analysis import analyse
+from ph_post.compensate.comparison import before_and_after
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
+from ph_post.io.machinefile import read_machine
+from ph_post.io.pathfile import read_path
+from ph_post.io.shipped import or_shipped
+from ph_post.simulate.assess import PICKUPS, assess, at_rest, scenarios
+from ph_post.simulate.contour import Nominal
+from ph_post.types import Scenario
+
+
+def job(path, machine, **options):
+    analysis = analyse(read_path(or_shipped("paths", path)), read_machine(machine), 5e-6)
+    plan = make_plan(analysis, PlanOptions(**options))
+    return analysis, plan, command_of(plan, analysis.track, plan.machine.servo_period)
+
+
+def play(command, half, flank):
+    """The play operator: the table stands until the motor, without lag, pushes it."""
+    table, executed = command[0] - flank * half, []
+    for motor in command:
+        table = min(max(table, motor - half), motor + half)
+        executed.append(table)
+    return np.array(executed)
+
+
+@pytest.mark.parametrize(("flank", "factor"), [("+", 1.0), ("-", 1.0), ("+", 1.2), ("-", 0.8)])
+def test_a_stepper_is_a_play_operator(flank, factor):
+    analysis, plan, command = job("oval", "stepper", strategy="none")
+    case = Scenario(flank=flank, gap=factor)
+    nominal = Nominal(analysis.track)
+    found = assess(command, plan.machine, nominal, analysis.turning_points, [case])
+    halves = [0.5 * factor * plan.machine.axes[name].gap.lost_motion for name in command.axes]
+    sign = 1 if flank == "+" else -1
+    executed = np.column_stack([play(command.position[:, k], half, sign) for k, half in enumerate(halves)])
+    np.testing.assert_allclose(found.run.executed, executed, atol=1e-12)
+    # 0.6 µm between points make less than 2e-9 m of a distance of 30 µm.
+    s = np.linspace(0.0, analysis.track.length, 400_001)
+    points = analysis.track.derivatives(*analysis.track.locate(s))[0]
+    distance, _ = cKDTree(points).query(executed)
+    assert found.error.max == pytest.approx(distance.max(), abs=2e-9)
+    assert found.error.rms == pytest.approx(np.sqrt(np.mean(distance**2)), abs=2e-9)
+    # Without a gap a stepper is on the path, so that all of the error is the gap's.
+    assert found.error_gap.max == pytest.approx(found.error.max, abs=1e-9)
+
+
+def test_the_worse_flank_and_the_worst_case_decide():
+    _, plan, command = job("oval", "stepper", strategy="none")
+    analysis = analyse(plan.path, plan.machine, 5e-6)
+    nominal = Nominal(analysis.track)
+    found = assess(command, plan.machine, nominal)
+    alone = {
+        (flank, gap): assess(command, plan.machine, nominal, (), [Scenario(flank=flank, gap=gap)]).error.max
+        for flank, gap in product("+-", (1.0, 1.2, 0.8))
+    }
+    assert found.error.max == max(alone["+", 1.0], alone["-", 1.0])
+    assert found.error_worst.max == max(alone.values())
+    assert {(one.flank, one.gap) for one in found.scenarios} == set(alone)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "printed"),
+    [(1.0, 2.19e-3), (0.25, 1.36e-3), (-0.3, 1.05e-3), (-0.4, 2.09e-3), (-0.45, 2.76e-3)],
+)
+def test_the_papers_circle_with_its_rule_at_every_reversal(ratio, printed):
+    # The notes on the paper, honest mode: largest error over the radius, within 3 %.
+    analysis, plan, command = job(
+        "circle", "paper", strategy="suppress", ratio=ratio, t_star=0.5, start="moving", allow_retrograde=True
+    )
+    found = assess(command, plan.machine, Nominal(analysis.track), analysis.turning_points)
+    assert found.error.max / 0.25 == pytest.approx(printed, rel=0.03)
+    assert found.error.max == max(one.max for one in found.turning if one is not None)
+
+
+def machine(name, **gap):
+    found = read_machine(name)
+    axes = {key: replace(axis, gap=replace(axis.gap, **gap)) for key, axis in found.axes.items()}
+    return replace(found, axes=axes)
+
+
+def test_scenarios_try_what_the_file_leaves_open():
+    tried = scenarios(machine("mill"), ("X", "Y"))
+    assert tried[0] == Scenario(pickup="standstill", flank="+")
+    nominal = [one for one in tried if one.gap == one.beta == one.gain == 1.0]
+    assert list(tried[: len(nominal)]) == nominal
+    assert {(one.pickup, one.flank) for one in nominal} == set(product(PICKUPS, "+-"))
+    assert {one.gap for one in tried} == {one.beta for one in tried} == {one.gain for one in tried}
+    assert {one.gap for one in tried} == {1.0, 1.2, 0.8}
+    assert all([one.gap, one.beta, one.gain].count(1.0) >= 2 for one in tried)
+
+
+def test_scenarios_leave_alone_what_the_file_says():
+    known = scenarios(machine("mill", initial_flank="-", pickup="contact"), ("X", "Y"))
+    assert {(one.pickup, one.flank) for one in known} == {(None, None)}
+    assert len(known) == 7
+    moving = scenarios(machine("mill", pickup="contact"), ("X", "Y"), resting=())
+    assert {one.flank for one in moving} == {None}
+    # Outside the loop beta and C change nothing, and without a gap nothing does but they.
+    assert {(one.beta, one.gain) for one in scenarios(machine("router"), ("X", "Y"))} == {(1.0, 1.0)}
+    assert scenarios(machine("router", lost_motion=0.0), ("X", "Y")) == (Scenario(flank="+"),)
+
+
+def test_the_largest_uncertainty_of_the_axes_counts():
+    # router.toml: 0.3 on X and Y, and the default 0.2 on Z.
+    assert {one.gap for one in scenarios(machine("router"), ("X", "Z"))} == {1.0, 1.3, 0.7}
+    assert {one.gap for one in scenarios(machine("router"), ("Z",))} == {1.0, 1.2, 0.8}
+
+
+def test_an_axis_that_moves_at_first_knows_its_flank():
+    _, _, command = job("circle", "paper", strategy="none", start="moving")
+    # The circle starts at (250, 0): X turns there.
+    assert at_rest(command) == ("X",)
+    _, _, command = job("circle", "paper", strategy="none")
+    assert at_rest(command) == ("X", "Y")
+
+
+def test_before_is_the_plain_program():
+    analysis, plan, _ = job("oval", "mill", strategy="suppress", inverse_dynamics=True)
+    _, plain, command = job("oval", "mill", strategy="none")
+    before, after = before_and_after(analysis, plan)
+    alone = assess(command, plain.machine, Nominal(analysis.track))
+    assert before.error == alone.error
+    assert after.error.rms < before.error.rms
+
+
+def test_in_space_an_error_has_a_size_and_no_side():
+    analysis, plan, command = job("spatial", "mill", strategy="none")
+    case = [Scenario(pickup="standstill", flank="+")]
+    found = assess(command, plan.machine, Nominal(analysis.track), analysis.turning_points, case)
+    bare = assess(command, machine("mill", lost_motion=0.0), Nominal(analysis.track), (), case)
+    s = np.linspace(0.0, analysis.track.length, 400_001)
+    points = analysis.track.derivatives(*analysis.track.locate(s))[0]
+    tree = cKDTree(points)
+    away = [one.run.executed - points[tree.query(one.run.executed)[1]] for one in (found, bare)]
+    size = np.linalg.norm(away[0], axis=1)[found.first :]
+    # 70 mm in 400000 points: 0.09 µm along the path to the next one.
+    assert found.error.max == pytest.approx(size.max(), abs=1e-9)
+    assert all(one.extreme >= 0 for one in found.turning)
+    added = np.linalg.norm(away[0] - away[1], axis=1)[found.first :]
+    assert found.error_gap.max == pytest.approx(added.max(), abs=3e-7)
+    assert found.error_gap.max < 2e-5

@@ -1,0 +1,124 @@
+"""``ph-post compare`` as other programs see it."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from ph_post.cli.main import main
+from ph_post.compensate.strategies.none import PlainFeed
+from ph_post.compensate.strategies.registry import strategy_names
+
+ROOT = Path(__file__).resolve().parents[2]
+OVAL = str(ROOT / "paths" / "oval.json")
+KEYS = {
+    "name", "error", "error_worst", "cycle_time", "min_feed", "standstill_time", "retrograde",
+    "peak_acceleration", "ok", "reason",
+}  # fmt: skip
+
+
+def run(capsys, *arguments):
+    status = main(arguments)
+    streams = capsys.readouterr()
+    return status, streams.out, streams.err
+
+
+def compared(capsys, *arguments):
+    status, out, _ = run(capsys, "compare", *arguments, "--json")
+    assert status == 0
+    rows = json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} in JSON"))["strategies"]
+    assert all(row.keys() >= KEYS for row in rows)
+    return rows
+
+
+def test_all_strategies_the_plain_program_first(capsys):
+    rows = compared(capsys, OVAL, "-m", "mill", "--allow-retrograde")
+    assert rows[0]["name"] == "none"
+    assert sorted(row["name"] for row in rows) == sorted(strategy_names())
+    for row in rows:
+        if row["ok"]:
+            assert row["error_worst"]["max"] >= row["error"]["max"] > 0
+            assert row["cycle_time"] >= rows[0]["cycle_time"]
+            assert row["reason"] is None
+
+
+def test_the_papers_circle(capsys):
+    rows = {row["name"]: row for row in compared(capsys, "circle", "-m", "paper", "--start", "moving")}
+    plain = rows["none"]
+    # 2.19e-3 of 250 mm within 3 %; V = 250 π / 6 mm/s, V²/ρ, 12 s.
+    assert plain["error"]["max"] == pytest.approx(2.19e-3 * 250, rel=0.03)
+    assert plain["min_feed"] == pytest.approx(60 * 250 * math.pi / 6, rel=1e-9)
+    assert plain["peak_acceleration"] == pytest.approx((250 * math.pi / 6) ** 2 / 250, rel=1e-5)
+    assert (plain["cycle_time"], plain["standstill_time"]) == (pytest.approx(12.0), 0.0)
+    assert rows["suppress"]["min_feed"] == pytest.approx(0.25 * plain["min_feed"], rel=0.01)
+
+
+def test_a_refusal_is_listed_with_its_reason(capsys):
+    rows = {row["name"]: row for row in compared(capsys, OVAL, "-m", "mill")}
+    refused = rows["retrograde"]
+    assert not refused["ok"]
+    assert "--allow-retrograde" in refused["reason"]
+    assert "\n" not in refused["reason"]
+    assert [refused[key] for key in ("error", "error_worst", "cycle_time", "min_feed")] == [None] * 4
+    _, out, _ = run(capsys, "compare", OVAL, "-m", "mill")
+    assert "refused retrograde: " in out
+
+
+class ForScales(PlainFeed):
+    name = "scales"
+    summary = "for loops over the table alone"
+    feedbacks = frozenset(("load",))
+
+
+class Entry:
+    name, value = "scales", "somewhere:else"
+    dist = None
+
+    def load(self):
+        return ForScales()
+
+
+def test_a_strategy_of_another_loop_is_refused(capsys, monkeypatch):
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry()])
+    for machine, fits in (("mill", True), ("router", False)):
+        row = next(row for row in compared(capsys, OVAL, "-m", machine) if row["name"] == "scales")
+        assert row["ok"] is fits
+        assert fits or "expected feedback load; got X: motor, Y: motor" in row["reason"]
+    status, _, err = run(capsys, "convert", OVAL, "-m", "router", "--strategy", "scales")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "cannot shrink the backlash of these loops" in err
+
+
+def test_broken_limits_are_a_refusal(capsys, monkeypatch):
+    from ph_post.compensate import comparison
+    from ph_post.compensate.limits import Violation
+
+    broken = Violation(axis="X", quantity="jerk", t=1.5, s=0.1, value=25.0, limit=20.0)
+    monkeypatch.setattr(comparison, "check_command", lambda command, machine: (broken,))
+    row = compared(capsys, OVAL, "-m", "mill")[0]
+    assert not row["ok"]
+    assert row["reason"] == "breaks the jerk limit of X at 1.500 s: 25000 mm/s³ where 20000 is allowed"
+    assert row["error"]["max"] > 0
+
+
+def test_the_table_has_a_line_a_strategy(capsys, tmp_path):
+    picture = tmp_path / "oval.png"
+    status, out, err = run(capsys, "compare", OVAL, "-m", "stepper", "--plot", str(picture))
+    assert status == 0
+    assert all(any(line.split()[0] == name for line in out.splitlines()) for name in strategy_names())
+    assert "without standstills" in out
+    assert f"wrote {picture}" in err
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_bad_usage_is_one_line(capsys, tmp_path):
+    for arguments, said in (
+        ((OVAL,), "Missing option"),
+        ((OVAL, "-m", "mill", "--plot", str(tmp_path / "a.txt")), "other formats"),
+        (("spatial", "-m", "paper"), "axis Z, which has no drive"),
+        ((OVAL, "-m", "mill", "--strategy", "none"), "No such option"),
+    ):
+        status, out, err = run(capsys, "compare", *arguments)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert said in err
