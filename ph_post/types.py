@@ -289,7 +289,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `nominal` are the phases without any profile, for comparison. `profiles` holds one entry a window,
     None where nothing is modulated there. `crossings` are the path modifications, in the order of time;
     `bias` [m] is by axis the lasting offset with which the motion begins. `inverse_dynamics` says whether the
-    command leads the path by what the servo lags behind.
+    command leads the path by what the servo lags behind. `flanks` has the side (1, -1) on which each axis was
+    pushed before a motion that runs through the seam of a closed path; empty for others.
     """
 
     path: Path
@@ -304,6 +305,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crossings: tuple[Crossing, ...] = ()
     bias: Mapping[str, float] = {}
     inverse_dynamics: bool = False
+    flanks: Mapping[str, int] = {}
     warnings: tuple[str, ...] = ()
 
 
@@ -312,7 +314,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `t` [s], `segment`, `xi`, `s` [m], `position` [m] shape (n, dimension), `feed` [m/s] signed along the
     path, `window` index or -1. `offset` [m], of the shape of `position`, is what a strategy added to the
-    point of the path; None where that is nothing.
+    point of the path; None where that is nothing. `flanks` are those of the plan.
     """
 
     axes: tuple[str, ...]
@@ -325,6 +327,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     feed: Array
     window: IntArray
     offset: Array | None = None
+    flanks: Mapping[str, int] = {}
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):

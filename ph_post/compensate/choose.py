@@ -86,8 +86,21 @@ class _Chooser:
             reversing(task.machine, [task.turning_points[k] for k in window.members])
             for window in task.windows
         ]
+        self.approach = self._approach()
         pairs = zip(self.places, self.reversing, strict=True)
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
+
+    def _approach(self) -> float:
+        """Time that it takes at most to bring axes behind the loop to their first flank [s]."""
+        if not self.offsets or self.task.options.start == "moving":
+            return 0.0
+        drives = [self.task.machine.axes[name] for name in self.task.path.axes]
+        times = [
+            shortest_crossing(axis, self.lead, self.period) * (2.0 + axis.uncertainty.backlash)
+            for axis in drives
+            if axis.feedback != "load" and axis.gap.lost_motion > 0.0
+        ]
+        return max(times, default=0.0)
 
     def propose(self) -> Proposal:
         """Search window by window."""
@@ -120,7 +133,7 @@ class _Chooser:
 
     def _case(self, place: Surroundings, drives: Drives) -> Case:
         """Share the time allowed out equally."""
-        budget = SPARE * self.task.options.max_slowdown * self.task.duration / self.active
+        budget = (SPARE * self.task.allowed - self.approach) / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
         return Case(
             place=place, budget=max(budget, self.period), reversing=drives, shortest=shortest,

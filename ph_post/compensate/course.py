@@ -77,6 +77,8 @@ class Course:
         Arc lengths at which the motion stops [m].
     moving : bool
         Whether the motion begins and ends at feed; at a rapid segment it rests all the same.
+    planned : Machine, optional
+        With the limits to plan the plain feed for, where they are not those to be kept.
 
     Attributes
     ----------
@@ -86,10 +88,13 @@ class Course:
         How much slower than the caps allow the motion has to be, at their points, as far as is known.
     """
 
-    def __init__(self, track: Track, machine: Machine, stops: Array, moving: bool) -> None:
+    def __init__(
+        self, track: Track, machine: Machine, stops: Array, moving: bool, planned: Machine | None = None
+    ) -> None:
         self.track = track
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
-        self.caps = build_caps(track, _planned(self.limits, track))
+        aimed = axis_limits(track.path.axes, planned or machine, machine.servo_period)
+        self.caps = build_caps(track, _planned(aimed, track))
         self.factor = np.ones(self.caps.s.size)
         segments = track.path.segments
         first, last = moving and not segments[0].rapid, moving and not segments[-1].rapid

@@ -14,10 +14,9 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.offsets import smoothstep
+from ph_post.compensate.offsets import peaks
 from ph_post.compensate.surroundings import Surroundings
 from ph_post.compensate.trial import Design
-from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.types import Array, Axis, Crossing
 
 ORDER: Final = 3
@@ -68,7 +67,7 @@ def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
     inertia = (gap.inertia_fraction or 0.0) * servo.b
 
     def fits(duration: float) -> bool:
-        rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks())]
+        rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks(ORDER))]
         for order, bound in enumerate(bounds, start=1):
             if inside:
                 taken = inertia * (rate[order + 2] + (gap.beta or 0.0) * rate[order + 1])
@@ -82,14 +81,6 @@ def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
     while not fits(duration):
         duration *= 1.05
     return duration
-
-
-@lru_cache(maxsize=1)
-def peaks() -> tuple[float, ...]:
-    """Return the largest size of the step of :data:`ORDER` and of its derivatives up to the fifth."""
-    step, u = smoothstep(ORDER)[0], np.linspace(0.0, 1.0, 1001)
-    rows = [step, *(derivative(step, order) for order in range(1, 6))]
-    return tuple(float(np.abs(evaluate(row, u)).max()) for row in rows)
 
 
 def _stop(down: float, hold: float, up: float, floor: float, lead: bool) -> Design:

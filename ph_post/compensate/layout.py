@@ -15,12 +15,9 @@ import numpy as np
 from ph_post.compensate.families import shortest_crossing, whole_crossing
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.strategies.base import Wish
-from ph_post.compensate.surroundings import came_from
+from ph_post.compensate.surroundings import SAME_PLACE, came_from
 from ph_post.geometry.track import Track
 from ph_post.types import Axis, Crossing, FeedProfile, Machine, Phase, TurningPoint, Window, frozen
-
-SAME_PLACE = 1e-9
-"""Places along the path less than this [m] apart are one."""
 
 BISECTIONS = 80
 
@@ -97,27 +94,39 @@ def _at_windows(job: Job, motion: Motion) -> tuple[list[Crossing], set[int]]:
     for number, wish in enumerate(job.wishes):
         if not wish.crossings:
             continue
-        profile, window = job.profiles[number], job.windows[number]
-        middle = _middle(motion, number)
-        if profile is None or middle is None:
+        window, middle = job.windows[number], _middle(motion, number)
+        chosen = list(wish.crossings)
+        if _at_an_end(job, job.turning_points[window.turning_point]):
+            # What is behind the loop is brought to its flank before the motion begins.
+            chosen = [one for one in chosen if middle is not None and not _is_open(job, one.axis)]
+        elif job.profiles[number] is None or middle is None:
             # Without its profile a crossing inside the loop would do harm; a lasting offset is still needed.
-            chosen = [one for one in wish.crossings if _is_open(job, one.axis)]
-            at = _time_at(motion, window.s)
-            found += [msgspec.structs.replace(one, start=at + one.start, window=number) for one in chosen]
-        else:
-            chosen = list(wish.crossings)
-            found += [msgspec.structs.replace(one, start=middle + one.start, window=number) for one in chosen]
+            chosen = [one for one in chosen if _is_open(job, one.axis)]
+            middle = _time_at(motion, window.s)
+        if not chosen or middle is None:
+            continue
+        early = max(0.0, -min(middle + one.start for one in chosen))
+        found += [
+            msgspec.structs.replace(one, start=early + middle + one.start, window=number) for one in chosen
+        ]
         names = {one.axis for one in chosen}
         served |= {k for k in window.members if job.turning_points[k].axis in names}
     return found, served
 
 
 def _middle(motion: Motion, window: int) -> float | None:
-    """Middle of a window's profile in time [s]; None where it is cut in two by the seam of the path."""
+    """Middle of a window's profile in time [s], None where it has none.
+
+    A profile on the seam of the path ends the motion with its first part and begins it with the second.
+    """
     rows = np.flatnonzero(motion.window == window)
-    if rows.size == 0 or np.any(np.diff(rows) != 1):
+    if rows.size == 0:
         return None
-    return 0.5 * float(motion.start[rows[0]] + motion.start[rows[-1]] + motion.duration[rows[-1]])
+    begins, whole = float(motion.start[rows[0]]), float(motion.duration[rows].sum())
+    jumps = np.flatnonzero(np.diff(rows) != 1)
+    if jumps.size:
+        begins = -float(motion.duration[rows[jumps[0] + 1 :]].sum())
+    return begins + 0.5 * whole
 
 
 def _at_an_end(job: Job, point: TurningPoint) -> bool:

@@ -9,17 +9,24 @@ import numpy as np
 
 from ph_post.analysis import Analysis
 from ph_post.compensate import words
+from ph_post.compensate.broken import find_broken
 from ph_post.compensate.caps import find_stops
-from ph_post.compensate.course import Course
+from ph_post.compensate.course import Course, Settled
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.fit import Fitter
 from ph_post.compensate.layout import Job, lay_out
+from ph_post.compensate.motion import Motion
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
+from ph_post.compensate.ramps import reduced, smooth_ramps
 from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loop
 from ph_post.compensate.strategies.registry import find_strategy
+from ph_post.compensate.surroundings import flanks_before
 from ph_post.errors import InputError
 from ph_post.types import Machine, Phase, Plan
+
+LEAD_SHARE = 0.3
+"""Part of the time allowed that ramps which can be led may take."""
 
 __all__ = ["PlanOptions", "cycle_time", "make_plan"]
 
@@ -66,37 +73,71 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
 
 
 class Draft:
-    """What all plans of one job have in common: the course along the path, and the plain plan on it."""
+    """What all plans of one job have in common: the plain plan along the path, and the ground to build on.
+
+    Where the command is to lead the path, the ground has ramps that can be led, if that costs little time.
+    """
 
     def __init__(self, analysis: Analysis, machine: Machine, options: PlanOptions) -> None:
         self.analysis, self.machine, self.options = analysis, machine, options
         self.moving = options.start == "moving"
+        self.lead = options.inverse_dynamics and not options.feed_only and options.carrier == "table"
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
-        stops = np.concatenate([corners, infinite, rapids, cusps])
-        self.course = Course(analysis.track, machine, stops, self.moving)
-        self.before = self.course.settle()
+        self._stops = np.concatenate([corners, infinite, rapids, cusps])
+        course = self._course()
+        self.before = course.settle()
+        led = self._led() if self.lead else None
+        self.led = led is not None
+        self.course, self.ground = led or (course, self.before)
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
         none = np.zeros(0)
         told = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
         self.stops = words.stops(*told)
-        self.feed = FeedAlong(
-            self.before.motion, self.course.limits.period, analysis.track.length, self.course.looped
-        )
+        period, length = course.limits.period, analysis.track.length
+        self.feed = FeedAlong(self.ground.motion, period, length, course.looped)
         self.task = Task(
-            analysis=analysis, machine=machine, options=options, feed=self.feed, looped=self.course.looped,
-            duration=self.before.motion.end,
+            analysis=analysis, machine=machine, options=options, feed=self.feed, looped=course.looped,
+            duration=self.ground.motion.end, allowed=self._allowed - self.ground.motion.end,
         )  # fmt: skip
 
-    def plain(self) -> Plan:
-        """Return the plain program, nothing added."""
-        wishes = tuple(Wish(shape=None) for _ in self.analysis.windows)
-        return msgspec.structs.replace(self.plan("none", Proposal(wishes=wishes)), inverse_dynamics=False)
+    @property
+    def _allowed(self) -> float:
+        """Longest cycle time [s]."""
+        return (1.0 + self.options.max_slowdown) * self.before.motion.end
+
+    def _course(self, planned: Machine | None = None) -> Course:
+        return Course(self.analysis.track, self.machine, self._stops, self.moving, planned)
+
+    def _led(self) -> tuple[Course, Settled] | None:
+        """Plan with the part of the limits with which ramps can be led; None where that takes too long."""
+        path = self.analysis.path
+        feeds = [path.feed if one.feed is None else one.feed for one in path.segments]
+        slower = reduced(self.machine, max(feeds))
+        if slower is None:
+            return None
+        course = self._course(slower)
+        settled = course.settle()
+        spent = settled.motion.end - self.before.motion.end
+        cheap = spent <= LEAD_SHARE * (self._allowed - self.before.motion.end)
+        return (course, settled) if cheap else None
+
+    def _breaks_limits(self, phases: tuple[Phase, ...]) -> tuple[float, ...]:
+        """Return the instants at which samples of a motion on the path break a limit."""
+        motion = Motion.from_phases(phases)
+        broken = find_broken(self.analysis.track, self.course.limits, motion)
+        return tuple(broken.t0.tolist()) + tuple(broken.t1.tolist())
+
+    def plain(self, why: str = "") -> Plan:
+        """Return the plain program, nothing added, and say why."""
+        wishes = tuple(Wish(shape=None, note=why) for _ in self.analysis.windows)
+        plan = self.plan("none", Proposal(wishes=wishes))
+        return msgspec.structs.replace(plan, phases=plan.nominal, inverse_dynamics=False)
 
     def plan(self, name: str, proposal: Proposal) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
-        fitted = Fitter(self.course, self.before, analysis.windows, proposal.wishes, options, self.feed).fit()
+        fitted = Fitter(self.course, self.ground, analysis.windows, proposal.wishes, options, self.feed).fit()
         warnings = [
             *self.stops,
             *words.slow_stretches(self.course.caps),
@@ -104,16 +145,19 @@ class Draft:
             *proposal.warnings,
             *fitted.warnings,
         ]
-        lead = options.inverse_dynamics and not options.feed_only
+        phases = fitted.settled.motion.phases()
+        if self.led:
+            phases = smooth_ramps(phases, self._breaks_limits)
         job = Job(
             track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
             windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
-            phases=fitted.settled.motion.phases(), moving=self.moving, lead=lead,
+            phases=phases, moving=self.moving, lead=self.lead,
         )  # fmt: skip
         layout = lay_out(job)
         return Plan(
             path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,
             windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
             nominal=self.before.motion.phases(), phases=layout.phases, crossings=layout.crossings,
-            bias=layout.bias, inverse_dynamics=lead, warnings=tuple(warnings),
+            bias=layout.bias, inverse_dynamics=self.lead,
+            flanks=flanks_before(analysis) if self.course.looped else {}, warnings=tuple(warnings),
         )  # fmt: skip

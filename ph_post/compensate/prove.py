@@ -59,8 +59,7 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
             break
         proposal = replace(proposal, wishes=wishes)
         plan = draft.plan(plan.strategy, proposal)
-    plain = tuple(Wish(shape=None, note=GIVEN_UP) for _ in proposal.wishes)
-    return replace(draft.plan(plan.strategy, replace(proposal, wishes=plain)), inverse_dynamics=False)
+    return replace(draft.plain(GIVEN_UP), strategy=plan.strategy)
 
 
 def _without(wish: Wish, machine: Machine) -> Wish:

@@ -41,6 +41,7 @@ def sample(plan: Plan, track: Track, period: float) -> Command:
     return Command(
         axes=plan.path.axes, period=period, t=t, segment=segment, xi=xi, s=s,
         position=track.derivatives(piece, u, 0)[0], feed=feed, window=window,
+        flanks=plan.flanks,
     )  # fmt: skip
 
 

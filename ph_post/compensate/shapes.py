@@ -143,14 +143,15 @@ def distance_coefficients(coefficients: Array) -> Array:
 def split(shape: Shape, share: float, slack: float) -> tuple[Shape, Shape]:
     """Cut a shape where it has covered that `share` of its way, in (0, 1).
 
-    A hold that begins within `slack` of there is cut in its middle. Only for V >= 0 there is one such place.
+    A hold that begins within `slack` of there stays whole, in the second part. Only for V >= 0 there is one
+    such place.
     """
     ways = _ways(shape)
     whole, before = math.fsum(ways), 0.0
     for number, (piece, covered) in enumerate(zip(shape.pieces, ways, strict=True)):
         hold = not np.any(piece.coefficients)
         if hold and abs(before - share * whole) <= slack * whole:
-            return _cut(shape, number, 0.5)
+            return _cut(shape, number, 0.0)
         if before + covered > (share + slack) * whole:
             break
         before += covered

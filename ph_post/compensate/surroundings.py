@@ -18,6 +18,9 @@ STEADY = 0.95
 REACH = 5.0
 """How far one looks on either side, in seconds at the feed of the place."""
 
+SAME_PLACE = 1e-9
+"""Places along the path less than this [m] apart are one."""
+
 SIDEWAYS = 1e-9
 """An axis whose part of the tangent is less than this does not move at a place."""
 
@@ -70,6 +73,16 @@ def half_distances(places: Sequence[float], length: float, looped: bool) -> list
         gap[[0, -1]] = np.inf
     rooms: list[float] = (0.5 * np.minimum(gap[:-1], gap[1:])).tolist()
     return rooms
+
+
+def flanks_before(analysis: Analysis) -> dict[str, int]:
+    """Side on which each axis was pushed before the beginning of a path that is run as a loop."""
+    names = analysis.path.axes
+    seam = {point.axis: point for point in analysis.turning_points if point.s <= SAME_PLACE}
+    return {
+        name: came_from(seam[name]) if name in seam else _heading(analysis.track, 0.0, number)
+        for number, name in enumerate(names)
+    }
 
 
 def _flank(analysis: Analysis, window: Window, number: int) -> int:

@@ -109,7 +109,11 @@ def contour_errors(
 
 def at_rest(command: Command) -> tuple[str, ...]:
     """Name the axes that rest at the first row, where only the file can tell the flank."""
-    return tuple(name for number, name in enumerate(command.axes) if trace_of(command, number).speed == 0.0)
+    return tuple(
+        name
+        for number, name in enumerate(command.axes)
+        if name not in command.flanks and trace_of(command, number).speed == 0.0
+    )
 
 
 def scenarios(

@@ -60,7 +60,9 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     with patience():
         for number, name in enumerate(command.axes):
             axis = machine.axes[name]
-            table, side, found = run_axis(trace_of(command, number), axis, scenario, command.period)
+            trace = trace_of(command, number)
+            flank = command.flanks.get(name) or first_flank(axis, scenario)
+            table, side, found = run_axis(trace, axis, scenario, flank, command.period)
             executed[:, number], motor[:, number] = table, side
             events += found
     return Run(
@@ -102,10 +104,12 @@ def trace_of(command: Command, number: int) -> Trace:
     return Trace(position, float(path[0]), 0.0 if abs(speed) <= AT_REST else speed)
 
 
-def run_axis(trace: Trace, axis: Axis, scenario: Scenario, period: float) -> tuple[Array, Array, list[Event]]:
-    """Run one axis: positions of table and motor [m], shape (n,), and what happened."""
+def run_axis(
+    trace: Trace, axis: Axis, scenario: Scenario, flank: int, period: float
+) -> tuple[Array, Array, list[Event]]:
+    """Run one axis, which stands on `flank` if it rests: table, motor [m], shape (n,), and what happened."""
     plant = plant_of(axis, scenario)
-    table, motor, changes = run_plant(trace, plant, first_flank(axis, scenario), period)
+    table, motor, changes = run_plant(trace, plant, flank, period)
     return table, motor, list_events(build_automaton(plant).keys, changes, axis.name)
 
 

@@ -26,15 +26,15 @@ from ph_post.types import BacklashInterval, Crossing, Feedback, Machine, Path, S
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a strategy is asked about.
 
-    `feed` is the feed of the plain plan along the path, `looped`
-    whether that runs through the seam, `duration` [s] how long it takes.
+    `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
+    `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it.
     """
 
     analysis: Analysis
     feed: FeedAlong
     looped: bool
     duration: float
-
+    allowed: float
     machine: Machine
     options: PlanOptions
 
