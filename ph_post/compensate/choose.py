@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.compensate.families import Case, Family, shortest_crossing, whole_crossing
 from ph_post.compensate.layout import reversing
-from ph_post.compensate.search import Bounds, Found, Search
+from ph_post.compensate.search import FLOOR, Bounds, Found, Search
 from ph_post.compensate.strategies.base import Proposal, Task, Wish
 from ph_post.compensate.surroundings import Surroundings, find_surroundings
 from ph_post.compensate.trial import Trial
@@ -24,10 +24,10 @@ FEWEST, MOST = 40, 500
 """Designs tried at a turning point, at least and at most."""
 
 KEPT: Final = 3
-"""Designs remembered as starts for the next turning point."""
+"""Turning points whose designs are remembered for the next one."""
 
-AS_GOOD: Final = 0.05
-"""Difference of scores by which a remembered design may fall short before a new search is made."""
+AS_GOOD: Final = 1.1
+"""How much worse a remembered design may be here before a new search is made."""
 
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
@@ -80,7 +80,7 @@ class _Chooser:
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
         self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
-        self.known: list[Found] = []
+        self.known: list[list[Found]] = []
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
             reversing(task.machine, [task.turning_points[k] for k in window.members])
@@ -103,15 +103,20 @@ class _Chooser:
         return max(times, default=0.0)
 
     def propose(self) -> Proposal:
-        """Search window by window."""
-        wishes = tuple(map(self._wish, self.places, self.reversing))
-        return Proposal(wishes=wishes, proven=True)
+        """Search window by window, and share the time out where it does most."""
+        found = list(map(self._candidates, self.places, self.reversing))
+        chosen = allocate([own for own in found if own], SPARE * self.task.allowed - self.approach)
+        picks = iter(chosen)
+        wishes = (
+            self._wish(next(picks) if own else None, place, drives)
+            for own, place, drives in zip(found, self.places, self.reversing, strict=True)
+        )
+        return Proposal(wishes=tuple(wishes), proven=True)
 
-    def _wish(self, place: Surroundings | None, drives: Drives) -> Wish:
+    def _wish(self, found: Found | None, place: Surroundings | None, drives: Drives) -> Wish:
         if not drives:
             return Wish(shape=None, note="no axis with a gap reverses here")
         bare = self._bare(drives)
-        found = None if place is None else self._search(self._case(place, drives))
         if found is None:
             why = STANDS if place is None else "nothing that was tried is better in every case"
             return Wish(shape=None, crossings=bare, note="" if bare else why)
@@ -131,8 +136,35 @@ class _Chooser:
             for axis, direction in open_loops
         )
 
+    def _candidates(self, place: Surroundings | None, drives: Drives) -> list[Found]:
+        """Return the candidates of a window, by the time they add."""
+        if place is None or not drives:
+            return []
+        case = self._case(place, drives)
+        families = self.choice(self.task, case)
+        options, machine = self.task.options, self.task.machine
+        trial = Trial(self.nominal, self.track, place, machine, self.scenarios)
+        bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
+        search = Search(trial, case, bounds, self.as_filed)
+        for known in self.known:
+            if all(one.family in families for one in known) and self._serves(search, known):
+                return search.candidates()
+        calls = WORK / (self.active * trial.rows * len(trial.axes) * len(self.scenarios))
+        found = search.explore(families, int(np.clip(calls, FEWEST, MOST)))
+        self.known = [found, *self.known][:KEPT] if found else self.known
+        return found
+
+    @staticmethod
+    def _serves(search: Search, known: Sequence[Found]) -> bool:
+        """Whether what was found elsewhere is as good here."""
+        for one in known:
+            again = search.look(one.family, one.x, one.budget)
+            if not again.allowed or again.merit > AS_GOOD * one.merit + FLOOR:
+                return False
+        return True
+
     def _case(self, place: Surroundings, drives: Drives) -> Case:
-        """Share the time allowed out equally."""
+        """Make the case of a window, with an equal share of the time."""
         budget = (SPARE * self.task.allowed - self.approach) / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
         return Case(
@@ -140,23 +172,33 @@ class _Chooser:
             lead=self.lead, crosses=self.offsets,
         )  # fmt: skip
 
-    def _search(self, case: Case) -> Found | None:
-        """Search a window: first what was best elsewhere, and all else where that is not as good here."""
-        options = self.task.options
-        families = self.choice(self.task, case)
-        trial = Trial(self.nominal, self.track, case.place, self.task.machine, self.scenarios)
-        bounds = Bounds(
-            longer=case.budget, slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde
-        )
-        search = Search(trial, case, bounds, self.as_filed)
-        for other in self.known:
-            if other.family in families:
-                again = search.look(other.family, other.x)
-                if again.allowed and again.score <= other.score + AS_GOOD:
-                    return again
-        known = [(other.family, other.x) for other in self.known]
-        calls = WORK / (self.active * trial.rows * len(trial.axes) * len(self.scenarios))
-        found = search.best(families, int(np.clip(calls, FEWEST, MOST)), known)
-        if found is not None:
-            self.known = [found, *self.known][:KEPT]
-        return found
+
+def allocate(candidates: Sequence[Sequence[Found]], time: float) -> list[Found]:
+    """Pick a candidate for every window so that the worst is as good as the time allows.
+
+    Parameters
+    ----------
+    candidates : sequence of sequence of Found
+        Of every window, by the time they add: each better than those before it.
+    time : float
+        What may be added in all [s].
+
+    Returns
+    -------
+    list of Found
+        The quickest ones that reach the best common merit that the time allows; where a window cannot reach
+        it, its best.
+    """
+
+    def quickest(bound: float) -> list[Found]:
+        return [next((one for one in own if one.merit <= bound), own[-1]) for own in candidates]
+
+    bounds = sorted({one.merit for own in candidates for one in own})
+    low, high = 0, len(bounds) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if sum(one.longer for one in quickest(bounds[middle])) <= time:
+            high = middle
+        else:
+            low = middle + 1
+    return quickest(bounds[low]) if bounds else []

@@ -25,6 +25,8 @@ ORDER: Final = 3
 PART: Final = 0.6
 """Part of an axis' limits that a crossing alone may take; the rest is the path's."""
 
+ONE: Final = np.ones(1)
+
 SHORTEST: Final = 16
 """Samples that a crossing lasts at least."""
 
@@ -46,13 +48,17 @@ class Case(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Family(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One family: `make` builds a design from `low` <= x <= `high`; `seeds` are good starts."""
+    """One family: `make` builds a design from `low` <= x <= `high`.
+
+    `seeds` are good starts, tried for each of the `budgets`, parts of an equal share of the time.
+    """
 
     name: str
     low: Array
     high: Array
     seeds: tuple[Array, ...]
     make: Callable[[Array, Case], Design]
+    budgets: tuple[float, ...] = (1.0,)
 
 
 def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
@@ -109,12 +115,7 @@ def _with_offsets(design: Design, case: Case) -> Design:
     """Add the crossings that lasting offsets need in any case."""
     if not case.crosses:
         return design
-    needed = tuple(
-        whole_crossing(axis, direction, 0.0, case.shortest[axis.name])
-        for axis, direction in case.reversing
-        if axis.feedback != "load"
-    )
-    return msgspec.structs.replace(design, crossings=needed)
+    return msgspec.structs.replace(design, crossings=make_bare(ONE, case).crossings)
 
 
 def make_crossing(x: Array, case: Case) -> Design:
@@ -187,14 +188,31 @@ def make_dip(x: Array, case: Case) -> Design:
     return _with_offsets(Design(shape=shape, t_star=float(x[0]) * case.budget, lead=case.lead), case)
 
 
+def make_bare(x: Array, case: Case) -> Design:
+    """Leave the feed alone and cross the gaps behind the loop: x = (T,)."""
+    crossings = tuple(
+        whole_crossing(axis, direction, 0.0, float(x[0]) * case.shortest[axis.name])
+        for axis, direction in case.reversing
+        if axis.feedback != "load"
+    )
+    return Design(crossings=crossings, lead=case.lead)
+
+
+Maker = Callable[[Array, Case], Design]
+
+
 def _family(
     name: str,
-    make: Callable[[Array, Case], Design],
+    make: Maker,
     bounds: Sequence[Sequence[float]],
     *seeds: Sequence[float],
+    budgets: tuple[float, ...] = (1.0,),
 ) -> Family:
     low, high = np.array(bounds, dtype=np.float64).T
-    return Family(name=name, make=make, low=low, high=high, seeds=tuple(np.array(seed) for seed in seeds))
+    return Family(
+        name=name, make=make, low=low, high=high, seeds=tuple(np.array(seed) for seed in seeds),
+        budgets=budgets,
+    )  # fmt: skip
 
 
 CROSSING: Final = _family(
@@ -214,11 +232,14 @@ CROSSING: Final = _family(
 OFFSET: Final = _family(
     "takeup", make_offset,
     [(0.1, 0.98), (0.0, 0.95), (0.02, 1.0), (1.0, 3.0), (-0.5, 0.5)],
-    [0.5, 0.0, 1.0, 1.0, 0.0],
-    [0.5, 0.2, 0.6, 1.0, 0.0],
-    [0.7, 0.0, 0.5, 1.0, 0.0],
+    [0.4, 0.0, 1.0, 1.0, 0.0],
+    [0.6, 0.0, 1.0, 1.0, 0.0],
     [0.9, 0.05, 1.0, 1.0, 0.0],
+    [0.8, 0.3, 1.0, 1.0, 0.0],
+    budgets=(0.15, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0),
 )  # fmt: skip
+
+BARE: Final = _family("takeup", make_bare, [(1.0, 3.0)], [1.0])
 
 PLATEAU: Final = _family(
     "dwell", make_plateau,

@@ -1,8 +1,9 @@
-"""Find the best design at a turning point by simulating many.
+"""Find good designs at a turning point by simulating many.
 
 The score of a design weighs two things: how much it shrinks the error on the machine as the file has it, up
 to a hundredfold, and how much in the worst of all cases. A design that is worse than the plain motion in any
-case, breaks a limit or takes longer than it may is no candidate.
+case, breaks a limit or takes longer than it may is no candidate. Of the candidates those remain than which
+none is both better and quicker.
 """
 
 from __future__ import annotations
@@ -31,25 +32,40 @@ WEIGHT: Final = 2.0
 FINE: Final = 50.0
 """How steeply the score of what is not allowed rises, so that the search finds back."""
 
+WORST: Final = 0.2
+"""Part of the error in the worst case that counts to a design's merit."""
+
+BETTER: Final = 0.97
+"""How much better a design must be than a quicker one to be a candidate beside it."""
+
 ROOM: Final = 1.0 + 1e-9
 """Rounding allowed where a bound is met exactly."""
 
 
 class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The best design found: its family and place there, what it does, and whether it is allowed."""
+    """A design that was tried: its family and place there, for what budget [s], and what it does.
+
+    `merit` [m] is the error on the machine as the file has it, and a part of that in the worst case.
+    """
 
     family: Family
     x: Array
+    budget: float
     design: Design
     outcome: Outcome
     score: float
+    merit: float
     allowed: bool
+
+    @property
+    def longer(self) -> float:
+        """Time that it adds [s]."""
+        return self.outcome.longer
 
 
 class Bounds(msgspec.Struct, frozen=True, kw_only=True):
-    """What a design may take: longest time added [s], slowest speed and lowest speed [m/s]."""
+    """What a design may do: the slowest speed [m/s], and whether the tool may move back."""
 
-    longer: float
     slowest: float
     retrograde: bool = False
 
@@ -70,46 +86,61 @@ class Search:
         self.trial, self.case, self.bounds, self.nominal = trial, case, bounds, nominal
         self.plain = trial.run(Design())
         self.calls = 0
+        self.tried: list[Found] = []
 
-    def best(
-        self, families: Sequence[Family], calls: int, known: Sequence[tuple[Family, Array]] = ()
-    ) -> Found | None:
-        """Try all seeds of the families, and refine the best ones.
+    def explore(self, families: Sequence[Family], calls: int) -> list[Found]:
+        """Try all seeds of the families for several budgets, and refine the best ones.
 
         Parameters
         ----------
         families : sequence of Family
         calls : int
             Designs that may be tried, seeds included.
-        known : sequence of (Family, Array)
-            What was best at other turning points.
 
         Returns
         -------
-        Found or None
-            None where nothing allowed was found that is better than the plain motion.
+        list of Found
+            The candidates, by the time they add.
         """
-        starts = [self.look(family, x) for family, x in known if family in families]
-        starts += [self.look(family, seed) for family in families for seed in family.seeds]
+        starts = [
+            self.look(family, seed, part * self.case.budget)
+            for family in families
+            for seed in family.seeds
+            for part in family.budgets
+        ]
         starts.sort(key=lambda found: found.score)
-        chosen = _spread(starts)
-        rest = max(calls - self.calls, 0)
-        found = [*starts, *(self._refine(start, rest // len(chosen)) for start in chosen)] if rest else starts
-        allowed = [one for one in found if one.allowed]
-        return min(allowed, key=lambda one: one.score, default=None)
+        chosen = _spread([start for start in starts if start.budget <= self.case.budget])
+        share = max(calls - self.calls, 0) // max(len(chosen), 1)
+        for start in chosen:
+            self._refine(start, share)
+        return self.candidates()
 
-    def look(self, family: Family, x: Array) -> Found:
+    def candidates(self) -> list[Found]:
+        """Return the designs allowed than which none is both better and quicker, by the time they add."""
+        kept: list[Found] = []
+        for found in sorted(self.tried, key=lambda one: (one.longer, one.merit)):
+            if found.allowed and (not kept or found.merit < BETTER * kept[-1].merit):
+                kept.append(found)
+        return kept
+
+    def look(self, family: Family, x: Array, budget: float) -> Found:
         """Try one design."""
         self.calls += 1
         x = np.clip(x, family.low, family.high)
-        design = family.make(x, self.case)
+        case = msgspec.structs.replace(self.case, budget=budget)
+        design = family.make(x, case)
         outcome = self.trial.run(design)
-        excess = self._excess(design, outcome)
-        score = self._gain(outcome) + FINE * excess
-        better = self._gain(outcome) < 0.0
-        return Found(
-            family=family, x=x, design=design, outcome=outcome, score=score, allowed=excess == 0.0 and better
-        )
+        excess, gain = self._excess(design, outcome, budget), self._gain(outcome)
+        found = Found(
+            family=family, x=x, budget=budget, design=design, outcome=outcome, score=gain + FINE * excess,
+            merit=self.merit(outcome), allowed=excess == 0.0 and gain < 0.0,
+        )  # fmt: skip
+        self.tried.append(found)
+        return found
+
+    def merit(self, outcome: Outcome) -> float:
+        """Error on the machine as the file has it, and a part of the worst [m]."""
+        return float(outcome.error[: self.nominal].max() + WORST * outcome.error.max())
 
     def _ratios(self, outcome: Outcome) -> Array:
         return np.asarray((outcome.error + FLOOR) / (self.plain.error + FLOOR))
@@ -120,7 +151,7 @@ class Search:
         as_filed = float(ratios[: self.nominal].max())
         return WEIGHT * math.log(max(as_filed, ENOUGH)) + math.log(float(ratios.max()))
 
-    def _excess(self, design: Design, outcome: Outcome) -> float:
+    def _excess(self, design: Design, outcome: Outcome, budget: float) -> float:
         """By how much a design is not allowed; 0 where it is."""
         ratios = self._ratios(outcome)
         sides = self._sides(design) / self.case.place.room
@@ -132,7 +163,7 @@ class Search:
         parts = (
             float(np.maximum(ratios - ROOM, 0.0).sum()),
             max(0.0, outcome.use - 1.0),
-            max(0.0, outcome.longer / self.bounds.longer - ROOM) if self.bounds.longer > 0.0 else 1.0,
+            max(0.0, outcome.longer / budget - ROOM),
             max(0.0, sides - ROOM),
             slow,
         )
@@ -145,20 +176,16 @@ class Search:
         way = 2.0 * shapes.mean(design.shape) * self.case.place.cruise * design.t_star
         return max(way * max(design.turn, 1.0 - design.turn), 0.0)
 
-    def _refine(self, start: Found, calls: int) -> Found:
+    def _refine(self, start: Found, calls: int) -> None:
         """Improve a design by the simplex method of Nelder and Mead."""
         from scipy.optimize import minimize
 
         family = start.family
         if calls <= family.low.size + 1:
-            return start
-        best = [start]
+            return
 
         def score(x: Array) -> float:
-            found = self.look(family, x)
-            if (not found.allowed, found.score) < (not best[0].allowed, best[0].score):
-                best[0] = found
-            return found.score
+            return self.look(family, x, start.budget).score
 
         span = 0.12 * (family.high - family.low)
         step = np.where(start.x + span <= family.high, span, -span)
@@ -166,7 +193,6 @@ class Search:
         options = {"maxfev": calls, "initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3}
         bounds = list(zip(family.low.tolist(), family.high.tolist(), strict=True))
         minimize(score, start.x, method="Nelder-Mead", bounds=bounds, options=options)  # type: ignore[call-overload]
-        return best[0]
 
 
 def _spread(starts: Sequence[Found], most: int = 3) -> list[Found]:

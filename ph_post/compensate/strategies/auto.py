@@ -37,8 +37,11 @@ class Automatic:
 
 
 def _families(task: Task, case: Case) -> Sequence[Family]:
+    """Crossings first; a stop alone helps only inside a loop."""
     lowest = BACKWARDS if task.options.allow_retrograde else 0.0
-    return (*crossing_families(task, case), PLATEAU, dips(SIMPLE, lowest))
+    crossing = crossing_families(task, case)
+    inside = any(axis.feedback == "load" for axis, _ in case.reversing)
+    return (*crossing, PLATEAU, dips(SIMPLE, lowest)) if inside else crossing
 
 
 def _feed_families(task: Task, _case: Case) -> Sequence[Family]:

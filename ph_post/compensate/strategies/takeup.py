@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
-from ph_post.compensate.families import CROSSING, OFFSET, Case, Family
+from ph_post.compensate.families import BARE, CROSSING, OFFSET, Case, Family
 from ph_post.compensate.strategies.base import Proposal, Task
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
@@ -52,7 +52,7 @@ def crossing_families(task: Task, case: Case) -> Sequence[Family]:
     """Families that cross the gap: those that stop only where no least feed forbids it."""
     inside = any(axis.feedback == "load" for axis, _ in case.reversing)
     if not inside:
-        return (OFFSET,)
+        return (BARE, OFFSET)
     return () if task.options.min_feed else (CROSSING,)
 
 
