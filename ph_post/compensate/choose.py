@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from ph_post.compensate.families import Case, Family, shortest_crossing, whole_crossing
@@ -17,13 +18,16 @@ from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal
 from ph_post.types import Axis, Crossing, Machine, Scenario
 
-WORK: Final = 3.0e7
+WORK: Final = 2.0e7
 """Samples of one axis that may be simulated for a job: some ten seconds."""
 
-FEWEST, MOST = 40, 500
+FEWEST, MOST = 40, 250
 """Designs tried at a turning point, at least and at most."""
 
-KEPT: Final = 3
+ALIKE: Final = 0.1
+"""Difference of the logarithms of two feeds that are alike."""
+
+KEPT: Final = 6
 """Turning points whose designs are remembered for the next one."""
 
 AS_GOOD: Final = 1.1
@@ -72,6 +76,21 @@ def searched(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...
     return tuple(Scenario(pickup=rule, gap=gap) for gap in gaps for rule in rules), len(rules)
 
 
+class Known(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What was found at a turning point."""
+
+    place: Surroundings
+    drives: Drives
+    found: Sequence[Found]
+
+    def likens(self, place: Surroundings, drives: Drives) -> bool:
+        """Whether another turning point is alike: in feed, in room, and in the drives that reverse."""
+        same_feed = abs(np.log(place.cruise / self.place.cruise)) < ALIKE
+        enough = place.room >= min(self.place.room, max(one.side for one in self.found))
+        kinds = [[(axis.feedback, axis.servo, axis.gap) for axis, _ in own] for own in (drives, self.drives)]
+        return bool(same_feed and enough and kinds[0] == kinds[1])
+
+
 class _Chooser:
     """The search over all windows of a job."""
 
@@ -80,7 +99,7 @@ class _Chooser:
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
         self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
-        self.known: list[list[Found]] = []
+        self.known: list[Known] = []
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
             reversing(task.machine, [task.turning_points[k] for k in window.members])
@@ -147,11 +166,15 @@ class _Chooser:
         bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
         search = Search(trial, case, bounds, self.as_filed)
         for known in self.known:
-            if all(one.family in families for one in known) and self._serves(search, known):
+            if known.likens(place, drives) and self._serves(search, known.found):
                 return search.candidates()
-        calls = WORK / (self.active * trial.rows * len(trial.axes) * len(self.scenarios))
-        found = search.explore(families, int(np.clip(calls, FEWEST, MOST)))
-        self.known = [found, *self.known][:KEPT] if found else self.known
+        rows = trial.rows + 2.0 * case.budget / self.period
+        calls = WORK / (self.active * rows * len(trial.axes) * len(self.scenarios))
+        seeds = self.known[0].found if self.known else ()
+        found = search.explore(families, int(np.clip(calls, FEWEST, MOST)), seeds)
+        self.known = (
+            [Known(place=place, drives=drives, found=found), *self.known][:KEPT] if found else self.known
+        )
         return found
 
     @staticmethod

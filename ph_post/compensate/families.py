@@ -20,7 +20,10 @@ from ph_post.compensate.trial import Design
 from ph_post.types import Array, Axis, Crossing
 
 ORDER: Final = 3
-"""Derivatives of feed and travel that vanish at junctions."""
+"""Derivatives of the feed that vanish at junctions."""
+
+TRAVEL: Final = 4
+"""Derivatives of a crossing's travel that do: the command takes two of them more, and three differences."""
 
 PART: Final = 0.6
 """Part of an axis' limits that a crossing alone may take; the rest is the path's."""
@@ -73,7 +76,7 @@ def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
     inertia = (gap.inertia_fraction or 0.0) * servo.b
 
     def fits(duration: float) -> bool:
-        rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks(ORDER))]
+        rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks(TRAVEL))]
         for order, bound in enumerate(bounds, start=1):
             if inside:
                 taken = inertia * (rate[order + 2] + (gap.beta or 0.0) * rate[order + 1])
@@ -144,7 +147,7 @@ def make_crossing(x: Array, case: Case) -> Design:
         )
         second = Crossing(
             axis=axis.name, start=first.start + OVERLAP * first.duration, duration=t2 * case.budget,
-            travel=a2 * gap, order=ORDER, push=push * unit, push_duration=pd * case.budget,
+            travel=a2 * gap, order=TRAVEL, push=push * unit, push_duration=pd * case.budget,
         )  # fmt: skip
         crossings += [first, second]
     return msgspec.structs.replace(design, crossings=tuple(crossings))
@@ -164,7 +167,7 @@ def whole_crossing(axis: Axis, direction: int, middle: float, duration: float) -
     """Cross the whole gap once around an instant [s]."""
     return Crossing(
         axis=axis.name, start=middle - 0.5 * duration, duration=duration,
-        travel=axis.gap.lost_motion * direction, order=ORDER,
+        travel=axis.gap.lost_motion * direction, order=TRAVEL,
     )  # fmt: skip
 
 

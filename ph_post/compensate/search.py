@@ -45,7 +45,8 @@ ROOM: Final = 1.0 + 1e-9
 class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A design that was tried: its family and place there, for what budget [s], and what it does.
 
-    `merit` [m] is the error on the machine as the file has it, and a part of that in the worst case.
+    `side` [m] is the way that the profile takes on its longer side; `merit` [m] the error on the machine as
+    the file has it, and a part of that in the worst case.
     """
 
     family: Family
@@ -53,6 +54,7 @@ class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     budget: float
     design: Design
     outcome: Outcome
+    side: float
     score: float
     merit: float
     allowed: bool
@@ -88,7 +90,7 @@ class Search:
         self.calls = 0
         self.tried: list[Found] = []
 
-    def explore(self, families: Sequence[Family], calls: int) -> list[Found]:
+    def explore(self, families: Sequence[Family], calls: int, known: Sequence[Found] = ()) -> list[Found]:
         """Try all seeds of the families for several budgets, and refine the best ones.
 
         Parameters
@@ -96,6 +98,8 @@ class Search:
         families : sequence of Family
         calls : int
             Designs that may be tried, seeds included.
+        known : sequence of Found, optional
+            What was good at another turning point.
 
         Returns
         -------
@@ -108,6 +112,7 @@ class Search:
             for seed in family.seeds
             for part in family.budgets
         ]
+        starts += [self.look(one.family, one.x, one.budget) for one in known if one.family in families]
         starts.sort(key=lambda found: found.score)
         chosen = _spread([start for start in starts if start.budget <= self.case.budget])
         share = max(calls - self.calls, 0) // max(len(chosen), 1)
@@ -132,8 +137,8 @@ class Search:
         outcome = self.trial.run(design)
         excess, gain = self._excess(design, outcome, budget), self._gain(outcome)
         found = Found(
-            family=family, x=x, budget=budget, design=design, outcome=outcome, score=gain + FINE * excess,
-            merit=self.merit(outcome), allowed=excess == 0.0 and gain < 0.0,
+            family=family, x=x, budget=budget, design=design, outcome=outcome, side=self._side(design),
+            score=gain + FINE * excess,            merit=self.merit(outcome), allowed=excess == 0.0 and gain < 0.0,
         )  # fmt: skip
         self.tried.append(found)
         return found
@@ -154,7 +159,7 @@ class Search:
     def _excess(self, design: Design, outcome: Outcome, budget: float) -> float:
         """By how much a design is not allowed; 0 where it is."""
         ratios = self._ratios(outcome)
-        sides = self._sides(design) / self.case.place.room
+        sides = self._side(design) / self.case.place.room
         slow = 0.0
         if self.bounds.slowest > 0.0:
             slow = max(0.0, self.bounds.slowest - outcome.slowest) / self.bounds.slowest
@@ -162,14 +167,14 @@ class Search:
             slow += max(0.0, -outcome.slowest / self.case.place.cruise - 1e-9)
         parts = (
             float(np.maximum(ratios - ROOM, 0.0).sum()),
-            max(0.0, outcome.use - 1.0),
+            max(0.0, outcome.use - max(1.0, self.plain.use)),
             max(0.0, outcome.longer / budget - ROOM),
             max(0.0, sides - ROOM),
             slow,
         )
         return sum(parts)
 
-    def _sides(self, design: Design) -> float:
+    def _side(self, design: Design) -> float:
         """Way that a profile takes on its longer side [m]."""
         if design.shape is None:
             return 0.0

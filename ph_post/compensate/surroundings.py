@@ -55,8 +55,10 @@ def find_surroundings(analysis: Analysis, feed: FeedAlong, looped: bool) -> tupl
             found.append(None)
             continue
         flanks = {name: _flank(analysis, window, k) for k, name in enumerate(analysis.path.axes)}
+        room = min(*sides, room)
+        cruise = feed.lowest(window.s, room)
         around = Surroundings(
-            s=window.s, cruise=cruise, room=min(*sides, room), before=sides[0], behind=sides[1],
+            s=window.s, cruise=cruise, room=room, before=sides[0], behind=sides[1],
             flanks=flanks,
         )  # fmt: skip
         found.append(around)
