@@ -31,6 +31,9 @@ MOST_CHANGES: Final = 100
 CHATTERS: Final = -1
 """The mode that stands in the log for that."""
 
+BEND: Final = 4.0 / 27.0
+"""Largest value on [0, 1] of the cubic with slope 1 at one end, and else 0 there and at the other."""
+
 STATES: Final = 5
 WIDTH: Final = 10
 _X, _X_DOT, _G, _G_DOT, _ONE, _OUTER = 5, 6, 7, 8, 9, 10
@@ -105,6 +108,7 @@ class Modes(NamedTuple):
     """
 
     tables: Array
+    counts: IntArray
     guards: Array
     slopes: Array
     noise: Array
@@ -117,12 +121,12 @@ class Modes(NamedTuple):
 
 
 @compiled
-def _step(tables: Array, mode: int, level: int, y: Array, length: float, into: Array) -> None:
-    """Advance state and inputs by `length` [s], the step of that level."""
+def _step(table: Array, y: Array, length: float, into: Array) -> None:
+    """Advance state and inputs by `length` [s], of which `table` is D."""
     for i in range(STATES):
         total = y[i]
         for j in range(WIDTH):
-            total += tables[mode, level, i, j] * y[j]
+            total += table[i, j] * y[j]
         into[i] = total
     into[_X] = y[_X] + length * y[_X_DOT]
     into[_X_DOT] = y[_X_DOT]
@@ -132,19 +136,19 @@ def _step(tables: Array, mode: int, level: int, y: Array, length: float, into: A
 
 
 @compiled
-def _value(rows: Array, mode: int, number: int, y: Array) -> float:
-    """Return one row's value at a state."""
+def _value(row: Array, y: Array) -> float:
+    """Return a row's value at a state."""
     total = 0.0
     for j in range(WIDTH):
-        total += rows[mode, number, j] * y[j]
+        total += row[j] * y[j]
     return total
 
 
 @compiled
-def _broken(guards: Array, noise: Array, mode: int, y: Array) -> int:
+def _broken(modes: Modes, mode: int, y: Array) -> int:
     """Return the first guard that does not hold, or -1."""
-    for number in range(guards.shape[1]):
-        if _value(guards, mode, number, y) < -noise[mode, number]:
+    for number in range(modes.counts[mode]):
+        if _value(modes.guards[mode, number], y) < -modes.noise[mode, number]:
             return number
     return -1
 
@@ -174,12 +178,14 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
 @compiled
 def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
     """Whether a guard that holds at both ends breaks between them, going by the cubic through both."""
-    for number in range(modes.guards.shape[1]):
-        falls = length * _value(modes.slopes, mode, number, y)
-        rises = length * _value(modes.slopes, mode, number, after)
-        if falls >= 0.0 and rises <= 0.0:
+    for number in range(modes.counts[mode]):
+        guard, slope = modes.guards[mode, number], modes.slopes[mode, number]
+        before, last = _value(guard, y), _value(guard, after)
+        falls, rises = length * _value(slope, y), length * _value(slope, after)
+        room = min(before, last) + modes.noise[mode, number]
+        # A slope of one at an end bends the cubic by no more than that: most guards are far away.
+        if room >= BEND * (max(-falls, 0.0) + max(rises, 0.0)):
             continue
-        before, last = _value(modes.guards, mode, number, y), _value(modes.guards, mode, number, after)
         if _least(before, last, falls, rises) < -modes.noise[mode, number]:
             return True
     return False
@@ -194,7 +200,7 @@ def _set_force(y: Array, trial: Array, mode: int, modes: Modes, level: int, leng
     direction = modes.directions[mode]
     y[_G] = stribeck(y[modes.moving], direction, modes.static, modes.scale) + y[_OUTER]
     y[_G_DOT] = 0.0
-    _step(modes.tables, mode, level, y, length, trial)
+    _step(modes.tables[mode, level], y, length, trial)
     end = stribeck(trial[modes.moving], direction, modes.static, modes.scale) + y[_OUTER + 1]
     y[_G_DOT] = (end - y[_G]) / length
 
@@ -205,8 +211,8 @@ def _attempt(y: Array, trial: Array, mode: int, modes: Modes, level: int, period
     length = period / (1 << level)
     if modes.static != 0.0 or y[_OUTER] != 0.0 or y[_OUTER + 1] != 0.0:
         _set_force(y, trial, mode, modes, level, length)
-    _step(modes.tables, mode, level, y, length, trial)
-    return _broken(modes.guards, modes.noise, mode, trial)
+    _step(modes.tables[mode, level], y, length, trial)
+    return _broken(modes, mode, trial)
 
 
 @compiled
@@ -302,6 +308,26 @@ def _go_on(
 
 
 @compiled
+def _cruise(
+    y: Array, trial: Array, mode: int, modes: Modes, command: Array, period: float, k: int, table: Array,
+    motor: Array,
+) -> int:  # fmt: skip
+    """Take whole samples from sample k on, as long as no guard breaks or may dip; return where that ends."""
+    step = modes.tables[mode, 0]
+    while k < command.size - 1:
+        y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
+        _step(step, y, period, trial)
+        if _broken(modes, mode, y) >= 0 or _broken(modes, mode, trial) >= 0:
+            break
+        if _may_dip(modes, mode, y, trial, period):
+            break
+        _accept(y, trial)
+        k += 1
+        table[k], motor[k] = y[0], y[2]
+    return k
+
+
+@compiled
 def advance(
     command: Array, period: float, z: Array, mode: int, modes: Modes, force: Array, table: Array, motor: Array
 ) -> tuple[int, Array, IntArray]:  # fmt: skip
@@ -337,12 +363,18 @@ def advance(
     y[_ONE] = 1.0
     whole = 1 << LEVELS
     table[0], motor[0] = y[0], y[2]
-    for k in range(command.size - 1):
+    linear = modes.static == 0.0 and force[0] == 0.0 and force[1] == 0.0
+    k, last = 0, command.size - 1
+    while k < last:
+        if linear:
+            k = _cruise(y, trial, mode, modes, command, period, k, table, motor)
+        if k == last:
+            break
         y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
         left, changes = whole, 0
         while left > 0:
             heed = changes < MOST_CHANGES
-            number = _broken(modes.guards, modes.noise, mode, y) if heed else -1
+            number = _broken(modes, mode, y) if heed else -1
             if number < 0:
                 number, units = _go_on(y, trial, mode, modes, left, period, force, heed)
                 left -= units
@@ -352,7 +384,8 @@ def advance(
                 said = after if changes < MOST_CHANGES else CHATTERS
                 instants, log, count = _note(instants, log, count, k + 1.0 - left / whole, mode, said)
                 mode = after
-        table[k + 1], motor[k + 1] = y[0], y[2]
+        k += 1
+        table[k], motor[k] = y[0], y[2]
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]
