@@ -176,8 +176,8 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
         array.setflags(write=False)
     return Automaton(
         keys=keys, rates=frozen([rates for rates, _ in modes.values()]), counts=counts,
-        guards=frozen(rows), noise=frozen(noise), targets=targets, resets=frozen(resets), moving=NAMES.index(moving),
-        directions=directions,
+        guards=frozen(rows), noise=frozen(noise), targets=targets, resets=frozen(resets),
+        moving=NAMES.index(moving), directions=directions,
     )  # fmt: skip
 
 

@@ -3,6 +3,9 @@
 A step of any length is a sum of steps of h/2^k, whose matrices are made beforehand; so the instant at which a
 guard changes sign is found by bisection with exact states, without exponentials and without an iteration
 that could fail. What is stepped is D = exp(A t) - 1, so that short steps lose nothing.
+
+All of it stands in this one file: what numba keeps on disk it makes anew where a function's own file changes,
+not where a function that it calls does.
 """
 
 from __future__ import annotations
@@ -36,7 +39,9 @@ BEND: Final = 4.0 / 27.0
 
 STATES: Final = 5
 WIDTH: Final = 10
-_X, _X_DOT, _G, _G_DOT, _ONE, _OUTER = 5, 6, 7, 8, 9, 10
+_X, _X_DOT, _G, _G_DOT, _ONE, _F, _F_DOT = 5, 6, 7, 8, 9, 10, 11
+_ALL: Final = 12
+"""Behind state and inputs, F and its rate: the part of g that is given from outside."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -133,6 +138,8 @@ def _step(table: Array, y: Array, length: float, into: Array) -> None:
     into[_G] = y[_G] + length * y[_G_DOT]
     into[_G_DOT] = y[_G_DOT]
     into[_ONE] = 1.0
+    into[_F] = y[_F] + length * y[_F_DOT]
+    into[_F_DOT] = y[_F_DOT]
 
 
 @compiled
@@ -192,32 +199,36 @@ def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> 
 
 
 @compiled
-def _set_force(y: Array, trial: Array, mode: int, modes: Modes, level: int, length: float) -> None:
-    """Let g run linearly over a step, from its value now to that where a step with g held would end.
+def _is_forced(modes: Modes, y: Array) -> bool:
+    """Whether a force acts that is not linear in the state."""
+    return bool(modes.static != 0.0 or y[_F] != 0.0 or y[_F_DOT] != 0.0)
 
-    `y[_OUTER]` and the place behind it hold a further force at both ends of the step.
-    """
-    direction = modes.directions[mode]
-    y[_G] = stribeck(y[modes.moving], direction, modes.static, modes.scale) + y[_OUTER]
+
+@compiled
+def _set_force(
+    y: Array, trial: Array, moving: int, direction: int, static: float, scale: float, step: Array,
+    length: float,
+) -> None:  # fmt: skip
+    """Let g run linearly over a step, from its value now to that where a step with g held would end."""
+    y[_G] = stribeck(y[moving], direction, static, scale) + y[_F]
     y[_G_DOT] = 0.0
-    _step(modes.tables[mode, level], y, length, trial)
-    end = stribeck(trial[modes.moving], direction, modes.static, modes.scale) + y[_OUTER + 1]
+    _step(step, y, length, trial)
+    end = stribeck(trial[moving], direction, static, scale) + trial[_F]
     y[_G_DOT] = (end - y[_G]) / length
 
 
 @compiled
-def _attempt(y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float) -> int:
-    """Take a step of h/2^level into `trial`, and return the guard that does not hold behind it, or -1."""
-    length = period / (1 << level)
-    if modes.static != 0.0 or y[_OUTER] != 0.0 or y[_OUTER + 1] != 0.0:
-        _set_force(y, trial, mode, modes, level, length)
-    _step(modes.tables[mode, level], y, length, trial)
+def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, length: float) -> int:
+    """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
+    if _is_forced(modes, y):
+        _set_force(y, trial, modes.moving, modes.directions[mode], modes.static, modes.scale, step, length)
+    _step(step, y, length, trial)
     return _broken(modes, mode, trial)
 
 
 @compiled
 def _accept(y: Array, trial: Array) -> None:
-    for i in range(WIDTH):
+    for i in range(_ALL):
         y[i] = trial[i]
 
 
@@ -236,13 +247,13 @@ def _close_in(
     """
     units = 1
     for finer in range(level + 1, LEVELS + 1):
-        found = _attempt(y, trial, mode, modes, finer, period)
+        found = _attempt(y, trial, mode, modes, modes.tables[mode, finer], period / (1 << finer))
         if found < 0:
             _accept(y, trial)
             units += 1 << (LEVELS - finer)
         else:
             number = found
-    _attempt(y, trial, mode, modes, LEVELS, period)
+    _attempt(y, trial, mode, modes, modes.tables[mode, LEVELS], period / (1 << LEVELS))
     _accept(y, trial)
     return number, units
 
@@ -278,7 +289,7 @@ def _note(
 
 @compiled
 def _go_on(
-    y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, force: Array, heed: bool
+    y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, heed: bool
 ) -> tuple[int, int]:  # fmt: skip
     """Take the longest step that the rest of a sample has room for, or go as far as the mode lasts.
 
@@ -290,41 +301,62 @@ def _go_on(
         How far that was, in h/2^LEVELS.
     """
     whole = 1 << LEVELS
-    forced = modes.static != 0.0 or force[0] != 0.0 or force[1] != 0.0
-    level = FORCED if forced else 0
+    level = FORCED if _is_forced(modes, y) else 0
     while (whole >> level) > left:
         level += 1
     while True:
-        if forced:
-            y[_OUTER] = force[0] + (1.0 - left / whole) * (force[1] - force[0])
-            y[_OUTER + 1] = y[_OUTER] + (force[1] - force[0]) / (1 << level)
-        number = _attempt(y, trial, mode, modes, level, period)
+        length = period / (1 << level)
+        number = _attempt(y, trial, mode, modes, modes.tables[mode, level], length)
         if heed and number >= 0:
             return _close_in(y, trial, mode, modes, level, period, number)
-        if not heed or level >= FINE or not _may_dip(modes, mode, y, trial, period / (1 << level)):
+        if not heed or level >= FINE or not _may_dip(modes, mode, y, trial, length):
             _accept(y, trial)
             return -1, whole >> level
         level += 1
 
 
 @compiled
+def _begin(y: Array, command: Array, k: int, period: float, force: Array) -> None:
+    """Set the inputs for the sample that begins at k."""
+    y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
+    y[_F], y[_F_DOT] = force[0], (force[1] - force[0]) / period
+
+
+@compiled
 def _cruise(
-    y: Array, trial: Array, mode: int, modes: Modes, command: Array, period: float, k: int, table: Array,
-    motor: Array,
-) -> int:  # fmt: skip
-    """Take whole samples from sample k on, as long as no guard breaks or may dip; return where that ends."""
-    step = modes.tables[mode, 0]
+    y: Array, trial: Array, mode: int, modes: Modes, command: Array, period: float, force: Array, k: int,
+    table: Array, motor: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Go on from sample k in the longest steps, as long as no guard breaks or may dip.
+
+    Returns
+    -------
+    k : int
+        The sample where that ends, begun already; the last one, where it never does.
+    left : int
+        What is left of it, in h/2^LEVELS.
+    """
+    whole = 1 << LEVELS
+    y[_F], y[_F_DOT] = force[0], force[1] - force[0]
+    forced = _is_forced(modes, y)
+    level = FORCED if forced else 0
+    step, parts, length = modes.tables[mode, level], 1 << level, period / (1 << level)
     while k < command.size - 1:
-        y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
-        _step(step, y, period, trial)
-        if _broken(modes, mode, y) >= 0 or _broken(modes, mode, trial) >= 0:
-            break
-        if _may_dip(modes, mode, y, trial, period):
-            break
-        _accept(y, trial)
+        _begin(y, command, k, period, force)
+        for part in range(parts):
+            if forced:
+                _set_force(
+                    y, trial, modes.moving, modes.directions[mode], modes.static, modes.scale, step, length
+                )
+            _step(step, y, length, trial)
+            if _broken(modes, mode, y) >= 0 or _broken(modes, mode, trial) >= 0:
+                return k, whole - part * (whole >> level)
+            if _may_dip(modes, mode, y, trial, length):
+                return k, whole - part * (whole >> level)
+            _accept(y, trial)
         k += 1
         table[k], motor[k] = y[0], y[2]
-    return k
+    return k, 0
 
 
 @compiled
@@ -356,27 +388,21 @@ def advance(
     log : IntArray, shape (changes, 2)
         Mode before and after; CHATTERS where changes are no longer followed.
     """
-    y, trial = np.zeros(_OUTER + 2), np.zeros(_OUTER + 2)
+    y, trial = np.zeros(_ALL), np.zeros(_ALL)
     instants, log, count = np.empty(64), np.empty((64, 2), dtype=np.int64), 0
     for i in range(STATES):
         y[i] = z[i]
     y[_ONE] = 1.0
     whole = 1 << LEVELS
     table[0], motor[0] = y[0], y[2]
-    linear = modes.static == 0.0 and force[0] == 0.0 and force[1] == 0.0
-    k, last = 0, command.size - 1
-    while k < last:
-        if linear:
-            k = _cruise(y, trial, mode, modes, command, period, k, table, motor)
-        if k == last:
-            break
-        y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
-        left, changes = whole, 0
+    k, left = _cruise(y, trial, mode, modes, command, period, force, 0, table, motor)
+    while left > 0:
+        changes = 0
         while left > 0:
             heed = changes < MOST_CHANGES
             number = _broken(modes, mode, y) if heed else -1
             if number < 0:
-                number, units = _go_on(y, trial, mode, modes, left, period, force, heed)
+                number, units = _go_on(y, trial, mode, modes, left, period, heed)
                 left -= units
             if number >= 0:
                 after = _change(y, trial, mode, modes, number)
@@ -384,8 +410,8 @@ def advance(
                 said = after if changes < MOST_CHANGES else CHATTERS
                 instants, log, count = _note(instants, log, count, k + 1.0 - left / whole, mode, said)
                 mode = after
-        k += 1
-        table[k], motor[k] = y[0], y[2]
+        table[k + 1], motor[k + 1] = y[0], y[2]
+        k, left = _cruise(y, trial, mode, modes, command, period, force, k + 1, table, motor)
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]
