@@ -62,13 +62,14 @@ class Guard(NamedTuple):
 class Automaton(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The modes of an axis as arrays.
 
-    `keys` names mode k; `rates` (modes, WIDTH, WIDTH) holds A and B with the inputs' own rates; `guards`,
-    `noise`, `targets` and `resets` (modes, most guards, ...) are filled up with guards that never end a mode.
+    `keys` names mode k; `rates` (modes, WIDTH, WIDTH) holds A and B with the inputs' own rates; of `guards`,
+    `noise`, `targets` and `resets` (modes, most guards, ...) a mode has the first `counts` (modes,).
     `moving` is the index of the state whose sign the targets ask for; `directions` (modes,) that of friction.
     """
 
     keys: tuple[Key, ...]
     rates: Array
+    counts: IntArray
     guards: Array
     noise: Array
     targets: IntArray
@@ -162,7 +163,7 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
     keys = tuple(modes)
     most = max(len(guards) for _, guards in modes.values())
     shape = (len(keys), most)
-    rows, noise = np.zeros((*shape, WIDTH)), np.ones(shape)
+    rows, noise = np.zeros((*shape, WIDTH)), np.zeros(shape)
     targets, resets = np.zeros((*shape, 3), dtype=np.int64), np.zeros((*shape, STATES, WIDTH))
     for mode, (_, guards) in enumerate(modes.values()):
         for number, guard in enumerate(guards):
@@ -170,12 +171,13 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
             targets[mode, number] = [keys.index(target) for target in guard.target]
             resets[mode, number] = guard.reset
     directions = np.array([key[1] for key in keys], dtype=np.int64)
-    for array in (targets, directions):
+    counts = np.array([len(guards) for _, guards in modes.values()], dtype=np.int64)
+    for array in (counts, targets, directions):
         array.setflags(write=False)
     return Automaton(
-        keys=keys, rates=frozen([rates for rates, _ in modes.values()]), guards=frozen(rows),
-        noise=frozen(noise), targets=targets, resets=frozen(resets), moving=NAMES.index(moving),
-        directions=directions,
+        keys=keys, rates=frozen([rates for rates, _ in modes.values()]), counts=counts,
+        guards=frozen(rows), noise=frozen(noise), targets=targets, resets=frozen(resets),
+        moving=NAMES.index(moving), directions=directions,
     )  # fmt: skip
 
 

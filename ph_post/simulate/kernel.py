@@ -3,6 +3,9 @@
 A step of any length is a sum of steps of h/2^k, whose matrices are made beforehand; so the instant at which a
 guard changes sign is found by bisection with exact states, without exponentials and without an iteration
 that could fail. What is stepped is D = exp(A t) - 1, so that short steps lose nothing.
+
+All of it stands in this one file: what numba keeps on disk it makes anew where a function's own file changes,
+not where a function that it calls does.
 """
 
 from __future__ import annotations
@@ -31,9 +34,14 @@ MOST_CHANGES: Final = 100
 CHATTERS: Final = -1
 """The mode that stands in the log for that."""
 
+BEND: Final = 4.0 / 27.0
+"""Largest value on [0, 1] of the cubic with slope 1 at one end, and else 0 there and at the other."""
+
 STATES: Final = 5
 WIDTH: Final = 10
-_X, _X_DOT, _G, _G_DOT, _ONE, _OUTER = 5, 6, 7, 8, 9, 10
+_X, _X_DOT, _G, _G_DOT, _ONE, _F, _F_DOT = 5, 6, 7, 8, 9, 10, 11
+_ALL: Final = 12
+"""Behind state and inputs, F and its rate: the part of g that is given from outside."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -105,6 +113,7 @@ class Modes(NamedTuple):
     """
 
     tables: Array
+    counts: IntArray
     guards: Array
     slopes: Array
     noise: Array
@@ -117,34 +126,36 @@ class Modes(NamedTuple):
 
 
 @compiled
-def _step(tables: Array, mode: int, level: int, y: Array, length: float, into: Array) -> None:
-    """Advance state and inputs by `length` [s], the step of that level."""
+def _step(table: Array, y: Array, length: float, into: Array) -> None:
+    """Advance state and inputs by `length` [s], of which `table` is D."""
     for i in range(STATES):
         total = y[i]
         for j in range(WIDTH):
-            total += tables[mode, level, i, j] * y[j]
+            total += table[i, j] * y[j]
         into[i] = total
     into[_X] = y[_X] + length * y[_X_DOT]
     into[_X_DOT] = y[_X_DOT]
     into[_G] = y[_G] + length * y[_G_DOT]
     into[_G_DOT] = y[_G_DOT]
     into[_ONE] = 1.0
+    into[_F] = y[_F] + length * y[_F_DOT]
+    into[_F_DOT] = y[_F_DOT]
 
 
 @compiled
-def _value(rows: Array, mode: int, number: int, y: Array) -> float:
-    """Return one row's value at a state."""
+def _value(row: Array, y: Array) -> float:
+    """Return a row's value at a state."""
     total = 0.0
     for j in range(WIDTH):
-        total += rows[mode, number, j] * y[j]
+        total += row[j] * y[j]
     return total
 
 
 @compiled
-def _broken(guards: Array, noise: Array, mode: int, y: Array) -> int:
+def _broken(modes: Modes, mode: int, y: Array) -> int:
     """Return the first guard that does not hold, or -1."""
-    for number in range(guards.shape[1]):
-        if _value(guards, mode, number, y) < -noise[mode, number]:
+    for number in range(modes.counts[mode]):
+        if _value(modes.guards[mode, number], y) < -modes.noise[mode, number]:
             return number
     return -1
 
@@ -174,44 +185,50 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
 @compiled
 def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
     """Whether a guard that holds at both ends breaks between them, going by the cubic through both."""
-    for number in range(modes.guards.shape[1]):
-        falls = length * _value(modes.slopes, mode, number, y)
-        rises = length * _value(modes.slopes, mode, number, after)
-        if falls >= 0.0 and rises <= 0.0:
+    for number in range(modes.counts[mode]):
+        guard, slope = modes.guards[mode, number], modes.slopes[mode, number]
+        before, last = _value(guard, y), _value(guard, after)
+        falls, rises = length * _value(slope, y), length * _value(slope, after)
+        room = min(before, last) + modes.noise[mode, number]
+        # A slope of one at an end bends the cubic by no more than that: most guards are far away.
+        if room >= BEND * (max(-falls, 0.0) + max(rises, 0.0)):
             continue
-        before, last = _value(modes.guards, mode, number, y), _value(modes.guards, mode, number, after)
         if _least(before, last, falls, rises) < -modes.noise[mode, number]:
             return True
     return False
 
 
 @compiled
-def _set_force(y: Array, trial: Array, mode: int, modes: Modes, level: int, length: float) -> None:
-    """Let g run linearly over a step, from its value now to that where a step with g held would end.
+def _is_forced(modes: Modes, y: Array) -> bool:
+    """Whether a force acts that is not linear in the state."""
+    return bool(modes.static != 0.0 or y[_F] != 0.0 or y[_F_DOT] != 0.0)
 
-    `y[_OUTER]` and the place behind it hold a further force at both ends of the step.
-    """
-    direction = modes.directions[mode]
-    y[_G] = stribeck(y[modes.moving], direction, modes.static, modes.scale) + y[_OUTER]
+
+@compiled
+def _set_force(
+    y: Array, trial: Array, moving: int, direction: int, static: float, scale: float, step: Array,
+    length: float,
+) -> None:  # fmt: skip
+    """Let g run linearly over a step, from its value now to that where a step with g held would end."""
+    y[_G] = stribeck(y[moving], direction, static, scale) + y[_F]
     y[_G_DOT] = 0.0
-    _step(modes.tables, mode, level, y, length, trial)
-    end = stribeck(trial[modes.moving], direction, modes.static, modes.scale) + y[_OUTER + 1]
+    _step(step, y, length, trial)
+    end = stribeck(trial[moving], direction, static, scale) + trial[_F]
     y[_G_DOT] = (end - y[_G]) / length
 
 
 @compiled
-def _attempt(y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float) -> int:
-    """Take a step of h/2^level into `trial`, and return the guard that does not hold behind it, or -1."""
-    length = period / (1 << level)
-    if modes.static != 0.0 or y[_OUTER] != 0.0 or y[_OUTER + 1] != 0.0:
-        _set_force(y, trial, mode, modes, level, length)
-    _step(modes.tables, mode, level, y, length, trial)
-    return _broken(modes.guards, modes.noise, mode, trial)
+def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, length: float) -> int:
+    """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
+    if _is_forced(modes, y):
+        _set_force(y, trial, modes.moving, modes.directions[mode], modes.static, modes.scale, step, length)
+    _step(step, y, length, trial)
+    return _broken(modes, mode, trial)
 
 
 @compiled
 def _accept(y: Array, trial: Array) -> None:
-    for i in range(WIDTH):
+    for i in range(_ALL):
         y[i] = trial[i]
 
 
@@ -230,13 +247,13 @@ def _close_in(
     """
     units = 1
     for finer in range(level + 1, LEVELS + 1):
-        found = _attempt(y, trial, mode, modes, finer, period)
+        found = _attempt(y, trial, mode, modes, modes.tables[mode, finer], period / (1 << finer))
         if found < 0:
             _accept(y, trial)
             units += 1 << (LEVELS - finer)
         else:
             number = found
-    _attempt(y, trial, mode, modes, LEVELS, period)
+    _attempt(y, trial, mode, modes, modes.tables[mode, LEVELS], period / (1 << LEVELS))
     _accept(y, trial)
     return number, units
 
@@ -272,7 +289,7 @@ def _note(
 
 @compiled
 def _go_on(
-    y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, force: Array, heed: bool
+    y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, heed: bool
 ) -> tuple[int, int]:  # fmt: skip
     """Take the longest step that the rest of a sample has room for, or go as far as the mode lasts.
 
@@ -284,21 +301,62 @@ def _go_on(
         How far that was, in h/2^LEVELS.
     """
     whole = 1 << LEVELS
-    forced = modes.static != 0.0 or force[0] != 0.0 or force[1] != 0.0
-    level = FORCED if forced else 0
+    level = FORCED if _is_forced(modes, y) else 0
     while (whole >> level) > left:
         level += 1
     while True:
-        if forced:
-            y[_OUTER] = force[0] + (1.0 - left / whole) * (force[1] - force[0])
-            y[_OUTER + 1] = y[_OUTER] + (force[1] - force[0]) / (1 << level)
-        number = _attempt(y, trial, mode, modes, level, period)
+        length = period / (1 << level)
+        number = _attempt(y, trial, mode, modes, modes.tables[mode, level], length)
         if heed and number >= 0:
             return _close_in(y, trial, mode, modes, level, period, number)
-        if not heed or level >= FINE or not _may_dip(modes, mode, y, trial, period / (1 << level)):
+        if not heed or level >= FINE or not _may_dip(modes, mode, y, trial, length):
             _accept(y, trial)
             return -1, whole >> level
         level += 1
+
+
+@compiled
+def _begin(y: Array, command: Array, k: int, period: float, force: Array) -> None:
+    """Set the inputs for the sample that begins at k."""
+    y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
+    y[_F], y[_F_DOT] = force[0], (force[1] - force[0]) / period
+
+
+@compiled
+def _cruise(
+    y: Array, trial: Array, mode: int, modes: Modes, command: Array, period: float, force: Array, k: int,
+    table: Array, motor: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """Go on from sample k in the longest steps, as long as no guard breaks or may dip.
+
+    Returns
+    -------
+    k : int
+        The sample where that ends, begun already; the last one, where it never does.
+    left : int
+        What is left of it, in h/2^LEVELS.
+    """
+    whole = 1 << LEVELS
+    y[_F], y[_F_DOT] = force[0], force[1] - force[0]
+    forced = _is_forced(modes, y)
+    level = FORCED if forced else 0
+    step, parts, length = modes.tables[mode, level], 1 << level, period / (1 << level)
+    while k < command.size - 1:
+        _begin(y, command, k, period, force)
+        for part in range(parts):
+            if forced:
+                _set_force(
+                    y, trial, modes.moving, modes.directions[mode], modes.static, modes.scale, step, length
+                )
+            _step(step, y, length, trial)
+            if _broken(modes, mode, y) >= 0 or _broken(modes, mode, trial) >= 0:
+                return k, whole - part * (whole >> level)
+            if _may_dip(modes, mode, y, trial, length):
+                return k, whole - part * (whole >> level)
+            _accept(y, trial)
+        k += 1
+        table[k], motor[k] = y[0], y[2]
+    return k, 0
 
 
 @compiled
@@ -330,21 +388,21 @@ def advance(
     log : IntArray, shape (changes, 2)
         Mode before and after; CHATTERS where changes are no longer followed.
     """
-    y, trial = np.zeros(_OUTER + 2), np.zeros(_OUTER + 2)
+    y, trial = np.zeros(_ALL), np.zeros(_ALL)
     instants, log, count = np.empty(64), np.empty((64, 2), dtype=np.int64), 0
     for i in range(STATES):
         y[i] = z[i]
     y[_ONE] = 1.0
     whole = 1 << LEVELS
     table[0], motor[0] = y[0], y[2]
-    for k in range(command.size - 1):
-        y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
-        left, changes = whole, 0
+    k, left = _cruise(y, trial, mode, modes, command, period, force, 0, table, motor)
+    while left > 0:
+        changes = 0
         while left > 0:
             heed = changes < MOST_CHANGES
-            number = _broken(modes.guards, modes.noise, mode, y) if heed else -1
+            number = _broken(modes, mode, y) if heed else -1
             if number < 0:
-                number, units = _go_on(y, trial, mode, modes, left, period, force, heed)
+                number, units = _go_on(y, trial, mode, modes, left, period, heed)
                 left -= units
             if number >= 0:
                 after = _change(y, trial, mode, modes, number)
@@ -353,6 +411,7 @@ def advance(
                 instants, log, count = _note(instants, log, count, k + 1.0 - left / whole, mode, said)
                 mode = after
         table[k + 1], motor[k + 1] = y[0], y[2]
+        k, left = _cruise(y, trial, mode, modes, command, period, force, k + 1, table, motor)
     for i in range(STATES):
         z[i] = y[i]
     return mode, instants[:count], log[:count]

@@ -136,7 +136,7 @@ def prepared(plant: Plant, period: float) -> kernel.Modes:
     """Return a plant as the engine takes it."""
     automaton = build_automaton(plant)
     return kernel.Modes(
-        tables=kernel.step_tables(automaton.rates, period),
+        tables=kernel.step_tables(automaton.rates, period), counts=automaton.counts,
         guards=automaton.guards, slopes=frozen(np.matmul(automaton.guards, automaton.rates)),
         noise=automaton.noise, targets=automaton.targets, resets=automaton.resets,
         directions=automaton.directions, moving=automaton.moving,
