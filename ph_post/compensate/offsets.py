@@ -178,7 +178,17 @@ def error_for(servo: Servo, output: Array, period: float) -> Array:
     """
     if servo.ki_over_kp == 0.0 and servo.kd_over_kp == 0.0:
         return output
-    from scipy.signal import cont2discrete, lfilter
+    from scipy.signal import lfilter
+
+    # Before the first sample there was steady motion: the integrator holds all of it, or the error does.
+    steady = 0.0 if servo.ki_over_kp else output[0]
+    return np.asarray(lfilter(*_error_filter(servo, period), output - output[0])) + steady
+
+
+@lru_cache(maxsize=64)
+def _error_filter(servo: Servo, period: float) -> tuple[Array, Array]:
+    """Numerator and denominator of the filter that :func:`error_for` applies to samples."""
+    from scipy.signal import cont2discrete
 
     numerator, denominator = [1.0, 0.0], [servo.kd_over_kp, 1.0, servo.ki_over_kp]
     if servo.ki_over_kp == 0.0:
@@ -187,9 +197,7 @@ def error_for(servo: Servo, output: Array, period: float) -> Array:
         denominator = [1.0, servo.ki_over_kp]
     system: Any = (numerator, denominator)
     b, a, _ = cont2discrete(system, period, method="foh")
-    # What the integrator holds in steady motion before the first sample has long been gathered.
-    start = output - output[0] if servo.ki_over_kp else output
-    return np.asarray(lfilter(np.squeeze(b), a, start))
+    return frozen(np.squeeze(b)), frozen(a)
 
 
 def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> Array:
