@@ -81,6 +81,7 @@ class _Chooser:
         self.nominal = Nominal(self.track)
         self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
         self.known: list[Found] = []
+        self.reached = 0
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
             reversing(task.machine, [task.turning_points[k] for k in window.members])
@@ -143,6 +144,8 @@ class _Chooser:
     def _search(self, case: Case) -> Found | None:
         """Search a window: first what was best elsewhere, and all else where that is not as good here."""
         options = self.task.options
+        self.reached += 1
+        self.task.tell(f"searching the best for turning point {self.reached} of {self.active}")
         families = self.choice(self.task, case)
         trial = Trial(self.nominal, self.track, case.place, self.task.machine, self.scenarios)
         bounds = Bounds(
@@ -155,7 +158,7 @@ class _Chooser:
                 if again.allowed and again.score <= other.score + AS_GOOD:
                     return again
         known = [(other.family, other.x) for other in self.known]
-        calls = WORK / (self.active * trial.rows * len(trial.axes) * len(self.scenarios))
+        calls = options.effort * WORK / (self.active * trial.rows * len(trial.axes) * len(self.scenarios))
         found = search.best(families, int(np.clip(calls, FEWEST, MOST)), known)
         if found is not None:
             self.known = [found, *self.known][:KEPT]
