@@ -198,8 +198,7 @@ def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:
     if first.pace is not None:
         longer = f"{100.0 * (pace.cycle_time / first.pace.cycle_time - 1.0):+.1f} %"
     return (
-        one.name, *_error_cells(found.error), _error_cells(found.error_gap)[0],
-        _error_cells(found.error_worst)[0],
+        one.name, *_error_cells(found.error), _error_cells(found.error_worst)[0],
         _gain(None if base is None else base.error, found.error),
         _gain(None if base is None else base.error_worst, found.error_worst),
         f"{pace.cycle_time:.3f}", longer,
