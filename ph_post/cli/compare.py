@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 import click
@@ -13,25 +14,27 @@ from ph_post.cli import options
 @click.argument("source", metavar="IN")
 @options.machine
 @options.planning
+@options.carrier
 @click.option("--plot", metavar="FILE", help="Picture of the errors: .png, .svg or .pdf.")
 @options.common
 def command(source: str, machine: str, plot: str | None, as_json: bool, **how: Any) -> int:
     """Plan and simulate every strategy on a path, the plain program first.
 
-    Every strategy is planned with the options given here, as `convert --table` would, and run on the machines
-    that the machine file leaves possible, as `simulate` does. The gain is how many times smaller than that of
-    the plain program the largest error is. The slowest feed is that while cutting: rapid moves, standstills
-    and the ramps from and to them do not count. A strategy that refuses the job, or whose samples break a
-    limit, is listed with the reason.
+    Every strategy is planned with the options given here, as `convert --table` would (as `convert -o` with
+    --carrier program), and run on the machines that the machine file leaves possible, as `simulate` does. The
+    gain is how many times smaller than that of the plain program the largest error is. The slowest feed is
+    that while cutting: rapid moves, standstills and the ramps from and to them do not count. A strategy that
+    refuses the job, or whose samples break a limit, is listed with the reason.
 
     \b
     Examples:
       ph-post compare oval -m mill
       ph-post compare part.json -m router.toml --allow-retrograde --max-slowdown 0.2 --json
+      ph-post compare part.json -m stepper --carrier program
       ph-post compare circle -m paper --start moving --plot circle.png
     """
-    from ph_post.cli.job import load_and_analyse, plan_options
-    from ph_post.compensate.comparison import compare_strategies
+    from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
+    from ph_post.compensate.comparison import compare_strategies, without_gap
     from ph_post.io.atomic import write_atomically
     from ph_post.report import assessments
     from ph_post.report.figures import picture_format, render
@@ -42,17 +45,25 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     picture = "" if plot is None else picture_format(plot)
     with Progress() as stage:
         analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"])
-        contenders = compare_strategies(analysis, lambda name: plan_options({**how, "strategy": name}), stage)
+        contenders = compare_strategies(
+            analysis, lambda name: plan_options({**how, "strategy": name}, how["carrier"]), stage
+        )
+        floor = without_gap(analysis, contenders[0])
         if plot is not None:
             stage("drawing")
             write_atomically({plot: render(draw_comparison(analysis.path.name, contenders), picture)})
+    assert analysis.machine is not None
+    warnings = effect_warnings(analysis.machine, analysis.path.axes)
     if as_json:
-        print_json(assessments.comparison_view(contenders))
+        view = {"error_without_gap": assessments.error_view(floor), "warnings": warnings}
+        print_json({**assessments.comparison_view(contenders), **view})
         return 0
     click.echo(assessments.comparison_table(contenders))
-    click.echo(assessments.STANDSTILLS)
-    for line in assessments.refusals(contenders):
-        click.echo(f"refused {line}")
+    said = (assessments.floor_words(floor), assessments.EXPLAINED, assessments.refusals(contenders))
+    for line in (*chain(*said), *assessments.choices(contenders)):
+        click.echo(line)
+    for warning in (*warnings, *assessments.warnings_of_choice(contenders)):
+        click.echo(f"warning: {warning}", err=True)
     if plot is not None:
         click.echo(f"wrote {plot}", err=True)
     return 0

@@ -11,7 +11,10 @@ from ph_post.cli import options
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ph_post.analysis import Analysis
+    from ph_post.compensate.options import Carrier
     from ph_post.gcode.options import ProgramOptions
     from ph_post.types import Plan
 
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 @click.option(
     "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
 )
-@options.strategy("suppress")
+@options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
 @click.option(
     "--interval-table",
@@ -49,7 +52,7 @@ if TYPE_CHECKING:
 @click.option("--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left.")
 @click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
 @click.option(
-    "--no-simulation", is_flag=True, help="Leave `error` null in the --json object, and save its time."
+    "--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time."
 )
 @options.common
 def command(
@@ -62,8 +65,12 @@ def command(
     left alone is said on standard error.
 
     A table leads the path by what the servos lag behind it (not with the strategies none, linear and step),
-    which no program can carry. With --json the motion is simulated too, before and after: that of the table,
-    or of the program where -o stands alone.
+    and carries axes through their gaps sample by sample. A program cannot, so that it is planned apart: where
+    -o and --table are both given, they hold two plans.
+
+    With --json the motion is simulated too, before and after. The object tells of the table, and has that of
+    the program under `program` where both are written. Where -o stands alone it tells of the program, and
+    `table_error` is what a table would reach; --no-simulation saves the time for that.
 
     \b
     Examples:
@@ -71,63 +78,135 @@ def command(
       ph-post convert part.json -m router.toml --ratio 0.3 --table part.csv -o part.ngc
       ph-post convert circle -m paper --start moving --table - > circle.csv
     """
-    from ph_post.cli.job import load_and_analyse, plan_options, program_of
-    from ph_post.compensate.offsets import command_of
-    from ph_post.compensate.plan import make_plan
+    from ph_post.cli.job import default_strategy, load_and_analyse
     from ph_post.io.atomic import write_atomically
-    from ph_post.io.table import table_content
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json, print_plan
-    from ph_post.report.views import plan_view
 
     _check_outputs(output, table, as_json)
-    plain = output is None and table is None and not as_json
+    how["strategy"] = how["strategy"] or default_strategy(how)
+    program = output or (None if table is not None or as_json else "-")
+    view = None
     with Progress() as stage:
         analysis = load_and_analyse(
             source, machine, how["tolerance"], stage,
             feed=how["feed"], dialect=how["dialect"], intervals=how["interval_table"],
         )  # fmt: skip
-        stage("planning the feed")
-        plan = make_plan(
-            analysis, plan_options(how, leading=table is not None or (as_json and output is None))
-        )
-        products: dict[str, str | bytes] = {}
-        if table is not None:
-            stage("sampling the interpolator table")
-            rows = command_of(plan, analysis.track, plan.machine.servo_period)
-            products[table] = table_content(rows, table)
-        if output is not None or plain:
-            stage("writing the program")
-            products[output or "-"], plan = program_of(analysis, plan, _program_options(how))
-            plan = _with_caveat(plan)
-        error = None
-        if as_json and not how["no_simulation"]:
-            stage("simulating")
-            error = _errors(analysis, plan)
+        plans = _plans(analysis, how, table is not None or program is None, program is not None, stage)
+        products, plans = _products(analysis, plans, {"table": table, "program": program}, how, stage)
+        if as_json:
+            view, plans = _view(analysis, plans, how, stage)
         write_atomically(products)
-    if as_json:
-        print_json(plan_view(analysis, plan, error))
-    print_plan(analysis, plan, products)
+    if view is not None:
+        print_json(view)
+    for number, (carrier, plan) in enumerate(plans.items(), start=1):
+        last = number == len(plans)
+        print_plan(plan, products if last else (), carrier if len(plans) > 1 else "")
     return 0
 
 
-def _errors(analysis: Analysis, plan: Plan) -> dict[str, Any]:
-    """Contour errors of the motion without and with the strategy [mm]."""
+def _plans(
+    analysis: Analysis, how: dict[str, Any], table: bool, program: bool, stage: Callable[[str], None]
+) -> dict[Carrier, Plan]:
+    """Plan what is asked for, each for what it is written as; where nothing is added they are the same."""
+    from ph_post.cli.job import effect_warnings, plan_options, with_warnings
+    from ph_post.compensate.plan import make_plan
+
+    assert analysis.machine is not None
+    asked: list[Carrier] = [*(("table",) if table else ()), *(("program",) if program else ())]
+    found: dict[Carrier, Plan] = {}
+    for carrier in asked:
+        if found and how["feed_only"]:
+            found[carrier] = found[asked[0]]
+            continue
+        stage(f"planning the {carrier}")
+        found[carrier] = make_plan(analysis, plan_options(how, carrier), stage)
+    said = effect_warnings(analysis.machine, analysis.path.axes)
+    return {**found, asked[0]: with_warnings(found[asked[0]], *said)}
+
+
+def _products(
+    analysis: Analysis,
+    plans: dict[Carrier, Plan],
+    targets: dict[Carrier, str | None],
+    how: dict[str, Any],
+    stage: Callable[[str], None],
+) -> tuple[dict[str, str | bytes], dict[Carrier, Plan]]:
+    """Write plans as what they are for, in memory, and add the writers' warnings to them."""
+    from ph_post.cli.job import program_of, with_warnings
+    from ph_post.compensate.offsets import command_of
+    from ph_post.io.table import table_content
+
+    products: dict[str, str | bytes] = {}
+    if (table := targets["table"]) is not None:
+        stage("sampling the interpolator table")
+        plan = plans["table"]
+        rows = command_of(plan, analysis.track, plan.machine.servo_period)
+        products[table] = table_content(rows, table)
+    if (program := targets["program"]) is not None:
+        stage("writing the program")
+        products[program], plan = program_of(analysis, plans["program"], _program_options(how))
+        plans = {**plans, "program": with_warnings(plan, *_caveats(plan, plans.get("table")))}
+    return products, plans
+
+
+def _caveats(program: Plan, table: Plan | None) -> list[str]:
+    """Say what the table beside a program holds that the program cannot."""
+    if table is None:
+        return []
+    held = ["inverse dynamics"] if table.inverse_dynamics else []
+    held += ["crossings of the gap"] if table.crossings and not program.crossings else []
+    if not held:
+        return []
+    return [f"the program follows the path itself: it cannot carry the {' and '.join(held)} of the table"]
+
+
+def _view(
+    analysis: Analysis, plans: dict[Carrier, Plan], how: dict[str, Any], stage: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[Carrier, Plan]]:
+    """Return the JSON object, and the plans with what the simulation has to say about them."""
+    from ph_post.compensate.offsets import command_of
+    from ph_post.report.views import plan_view
+
+    errors: dict[str, Any] = {}
+    if not how["no_simulation"]:
+        errors, plans = _simulated(analysis, plans, how, stage)
+    views = {
+        carrier: plan_view(
+            analysis, plan, command_of(plan, analysis.track, plan.machine.servo_period), errors.get(carrier)
+        )
+        for carrier, plan in plans.items()
+    }
+    first = next(iter(views))
+    beside = {"program": views["program"] if len(views) > 1 else None, "table_error": errors.get("reached")}
+    return {**views[first], "carrier": first, **beside}, plans
+
+
+def _simulated(
+    analysis: Analysis, plans: dict[Carrier, Plan], how: dict[str, Any], stage: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[Carrier, Plan]]:
+    """Return contour errors by carrier [mm], before and after, and `reached` by a table not asked for."""
+    from ph_post.cli.job import plan_options, with_warnings
     from ph_post.compensate.comparison import before_and_after
-    from ph_post.report.assessments import error_view
+    from ph_post.compensate.plan import make_plan
+    from ph_post.report.assessments import error_view, table_would_reach
 
-    before, after = before_and_after(analysis, plan)
-    return {"before": error_view(before.error), "after": error_view(after.error)}
-
-
-def _with_caveat(plan: Plan) -> Plan:
-    """Warn where the table beside a program holds what the program cannot."""
-    from msgspec.structs import replace
-
-    if not plan.inverse_dynamics:
-        return plan
-    warning = "the program follows the path itself: it cannot carry the inverse dynamics that is in the table"
-    return replace(plan, warnings=(*plan.warnings, warning))
+    judged = list(plans.values())
+    alone = list(plans) == ["program"]
+    if alone:
+        stage("planning the table, to compare")
+        judged.append(make_plan(analysis, plan_options(how, "table"), stage))
+    stage("simulating")
+    before, *after = before_and_after(analysis, *judged)
+    errors: dict[str, Any] = {
+        carrier: {"before": error_view(before.error), "after": error_view(found.error)}
+        for carrier, found in zip(plans, after, strict=False)
+    }
+    if alone:
+        errors["reached"] = error_view(after[1].error)
+        said = table_would_reach(after[0].error, after[1].error)
+        plans = {"program": with_warnings(plans["program"], *said)}
+    return errors, plans
 
 
 def _program_options(how: dict[str, Any]) -> ProgramOptions:

@@ -9,6 +9,9 @@ from ph_post.cli import options
 PATH, MACHINE = "oval", "mill"
 """The shipped path and machine of the demonstration."""
 
+EFFORT = 0.05
+"""Part of the search that `convert` makes: nobody waits for a demonstration."""
+
 
 @click.command()
 @click.option(
@@ -18,13 +21,16 @@ PATH, MACHINE = "oval", "mill"
 def command(out: str, as_json: bool) -> int:
     """Convert a shipped oval for a shipped mill, and show what was done.
 
-    Writes the part program, the interpolator table and a picture into FOLDER and prints a line for every
-    turning point: lag of the reversal, duration of the backlash, window, and how far the feed dips.
+    Writes the part program, the interpolator table and a picture into FOLDER, each planned with the strategy
+    `auto` after a short search, and prints a line for every turning point of the table: lag of the reversal,
+    duration of the backlash, window, how far the feed dips, and how the gap is crossed.
     """
+    from msgspec.structs import replace
+
     from ph_post.cli.job import load_and_analyse, program_of
+    from ph_post.compensate.offsets import command_of
     from ph_post.compensate.options import PlanOptions
     from ph_post.compensate.plan import make_plan
-    from ph_post.compensate.sample import sample
     from ph_post.io.atomic import make_folder, write_atomically
     from ph_post.io.shipped import shipped
     from ph_post.io.table import table_content
@@ -35,21 +41,27 @@ def command(out: str, as_json: bool) -> int:
 
     with Progress() as stage:
         analysis = load_and_analyse(str(shipped("paths", PATH)), MACHINE, options.DEFAULT_TOLERANCE_MM, stage)
-        stage("planning the feed")
-        plan = make_plan(analysis, PlanOptions())
-        program, plan = program_of(analysis, plan)
+        stage("planning the table")
+        quick = PlanOptions(strategy="auto", inverse_dynamics=True, effort=EFFORT)
+        plan = make_plan(analysis, quick, stage)
+        stage("planning the program")
+        for_program = replace(quick, inverse_dynamics=False, carrier="program")
+        program, its_plan = program_of(analysis, make_plan(analysis, for_program, stage))
         stage("sampling and drawing")
         folder = make_folder(out)
-        command_rows = sample(plan, analysis.track, plan.machine.servo_period)
+        rows = command_of(plan, analysis.track, plan.machine.servo_period)
         products: dict[str, str | bytes] = {
             str(folder / f"{PATH}.ngc"): program,
-            str(folder / f"{PATH}.csv"): table_content(command_rows, f"{PATH}.csv"),
+            str(folder / f"{PATH}.csv"): table_content(rows, f"{PATH}.csv"),
             str(folder / f"{PATH}.png"): render(draw_plan(analysis, plan), "png"),
         }
         write_atomically(products)
     if as_json:
-        print_json(plan_view(analysis, plan))
+        rows_of_program = command_of(its_plan, analysis.track, plan.machine.servo_period)
+        beside = plan_view(analysis, its_plan, rows_of_program)
+        print_json({**plan_view(analysis, plan, rows), "carrier": "table", "program": beside})
     else:
         click.echo(dip_table(analysis, plan))
-    print_plan(analysis, plan, products)
+    print_plan(plan, (), "table")
+    print_plan(its_plan, products, "program")
     return 0

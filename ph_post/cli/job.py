@@ -9,7 +9,8 @@ from typing import Any, Final
 import msgspec
 
 from ph_post.analysis import Analysis, IntervalSource, analyse
-from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.options import Carrier, PlanOptions
+from ph_post.drive.effects import not_acting
 from ph_post.drive.interval import backlash_interval
 from ph_post.drive.intervaltable import IntervalTable, look_up
 from ph_post.errors import InputError
@@ -90,12 +91,18 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
     return solve
 
 
-def plan_options(how: Mapping[str, Any], *, leading: bool = True) -> PlanOptions:
+def default_strategy(how: Mapping[str, Any]) -> str:
+    """Name the strategy for those who name none: whoever describes one profile wants that one everywhere."""
+    described = any(how[name] is not None for name in ("ratio", "degree", "t_star", "coefficients"))
+    return "suppress" if described else "auto"
+
+
+def plan_options(how: Mapping[str, Any], carrier: Carrier = "table") -> PlanOptions:
     """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI.
 
-    `leading` says whether what is written can lead the path by what the servos lag behind it.
+    Only a table can lead the path by what the servos lag behind it.
     """
-    lead = leading and how["strategy"] not in BASELINES and not how["no_inverse_dynamics"]
+    lead = carrier == "table" and how["strategy"] not in BASELINES and not how["no_inverse_dynamics"]
     chosen = ("strategy", "start", "ratio", "degree", "t_star", "coefficients")
     return PlanOptions(
         **{name: how[name] for name in chosen},
@@ -104,10 +111,26 @@ def plan_options(how: Mapping[str, Any], *, leading: bool = True) -> PlanOptions
         max_slowdown=how["max_slowdown"],
         inverse_dynamics=lead,
         feed_only=how["feed_only"],
+        carrier=carrier,
+        effort=how["effort"],
     )
+
+
+def effect_warnings(machine: Machine, axes: Sequence[str]) -> list[str]:
+    """Say which effects of a machine file are named there and do not act, each once."""
+    return [
+        f"axis {name}: the effect {effect} of the machine file does not act in the simulation"
+        for name in axes
+        for effect in dict.fromkeys(not_acting(machine.axes[name]))
+    ]
+
+
+def with_warnings(plan: Plan, *more: str) -> Plan:
+    """Add warnings to a plan's own."""
+    return msgspec.structs.replace(plan, warnings=(*plan.warnings, *more))
 
 
 def program_of(analysis: Analysis, plan: Plan, how: ProgramOptions | None = None) -> tuple[str, Plan]:
     """Return the part program of a plan, and the plan with the writer's warnings added to its own."""
     program = make_program(plan, analysis.track, find_dialect(plan.machine.dialect), how)
-    return program.text, msgspec.structs.replace(plan, warnings=(*plan.warnings, *program.warnings))
+    return program.text, with_warnings(plan, *program.warnings)

@@ -11,12 +11,11 @@ import msgspec
 from msgspec.structs import replace
 
 from ph_post.analysis import Analysis
-from ph_post.cli.job import load_and_analyse, plan_options, require_drives
+from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options, require_drives
 from ph_post.compensate.comparison import limit_words
 from ph_post.compensate.limits import Violation, check_command
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.plan import make_plan
-from ph_post.drive.effects import not_acting
 from ph_post.gcode.header import package_version
 from ph_post.io.logfile import log_content
 from ph_post.io.machinefile import read_machine
@@ -80,7 +79,7 @@ def motion_of(
 def _of_path(source: str, machine: str, how: Mapping[str, Any], stage: Stage) -> Motion:
     analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"])
     stage("planning the feed")
-    plan = make_plan(analysis, plan_options(how))
+    plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
     command = command_of(plan, analysis.track, plan.machine.servo_period)
     name = f"{analysis.path.name}, strategy {plan.strategy}"
     return Motion(name=name, command=command, machine=plan.machine, analysis=analysis, warnings=plan.warnings)
@@ -110,9 +109,7 @@ def drives_of(analysis: Analysis) -> Machine:
 
 def _caveats(command: Command, machine: Machine) -> Iterator[str]:
     """Say which effects do not act, and which limits the command breaks, the worst place of each."""
-    for name in command.axes:
-        for effect in not_acting(machine.axes[name]):
-            yield f"axis {name}: the effect {effect} of the machine file does not act in the simulation"
+    yield from effect_warnings(machine, command.axes)
     worst: dict[tuple[str, str], Violation] = {}
     for broken in check_command(command, machine):
         known = worst.get((broken.axis, broken.quantity))

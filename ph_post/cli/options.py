@@ -70,11 +70,30 @@ def _coefficients(
         raise click.BadParameter(f"expected numbers separated by commas; got {text!r}") from error
 
 
-def strategy(default: str) -> Callable[[F], F]:
-    """Return the option that names the strategy."""
+class _StrategyOption(click.Option):
+    """Lists the strategies on the help page, and loads them for no other."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return the option's entry, with every strategy's summary."""
+        from ph_post.compensate.strategies.registry import find_strategy, strategy_names
+
+        known = ";  ".join(f"{name}: {find_strategy(name).summary}" for name in strategy_names())
+        self.help = f"What is done at each turning point. {known}."
+        return super().get_help_record(ctx)
+
+
+def strategy(default: str | None, words: str | bool = True) -> Callable[[F], F]:
+    """Return the option that names the strategy; `words` say what the default is where it depends."""
     return click.option(
-        "--strategy", default=default, show_default=True, help="What is done at each turning point."
-    )
+        "--strategy", cls=_StrategyOption, default=default, show_default=words, metavar="NAME",
+        help="What is done at each turning point.",
+    )  # fmt: skip
+
+
+carrier = click.option(
+    "--carrier", type=click.Choice(["table", "program"]), default="table", show_default=True,
+    help="Plan for an interpolator table, or for a part program, which cannot carry all that a table can.",
+)  # fmt: skip
 
 
 _PLANNING = (
@@ -105,6 +124,10 @@ _PLANNING = (
     ),
     click.option(
         "--feed-only", is_flag=True, help="Leave the path as it is: nothing is added to its positions."
+    ),
+    click.option(
+        "--effort", type=positive, default=1.0, show_default=True, metavar="FACTOR",
+        help="How much `auto` and `takeup` search: 1 for some ten seconds, less where a first look will do.",
     ),
     click.option(
         "--no-inverse-dynamics", is_flag=True, help="Do not lead the path by what the servos lag behind it."

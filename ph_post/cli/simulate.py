@@ -15,6 +15,7 @@ from ph_post.cli import options
 @click.option("--path", "path_file", metavar="PATHFILE", help="The path that a table was made for.")
 @options.strategy("none")
 @options.planning
+@options.carrier
 @click.option(
     "--pickup", type=click.Choice(["standstill", "momentum", "contact"]),
     help="This pick-up rule, whatever the machine file says.",

@@ -100,6 +100,7 @@ class _Chooser:
         self.nominal = Nominal(self.track)
         self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
         self.known: list[Known] = []
+        self.reached = 0
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
             reversing(task.machine, [task.turning_points[k] for k in window.members])
@@ -159,6 +160,8 @@ class _Chooser:
         """Return the candidates of a window, by the time they add."""
         if place is None or not drives:
             return []
+        self.reached += 1
+        self.task.tell(f"searching the best for turning point {self.reached} of {self.active}")
         case = self._case(place, drives)
         families = self.choice(self.task, case)
         options, machine = self.task.options, self.task.machine
@@ -169,7 +172,7 @@ class _Chooser:
             if known.likens(place, drives) and self._serves(search, known.found):
                 return search.candidates()
         rows = trial.rows + 2.0 * case.budget / self.period
-        calls = WORK / (self.active * rows * len(trial.axes) * len(self.scenarios))
+        calls = options.effort * WORK / (self.active * rows * len(trial.axes) * len(self.scenarios))
         seeds = self.known[0].found if self.known else ()
         found = search.explore(families, int(np.clip(calls, FEWEST, MOST)), seeds)
         self.known = (

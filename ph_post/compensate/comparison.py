@@ -14,9 +14,9 @@ from ph_post.compensate.pace import Pace, pace_of
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import strategy_names
 from ph_post.errors import PhPostError
-from ph_post.simulate.assess import Assessment, assess
-from ph_post.simulate.contour import Nominal
-from ph_post.types import Command, Plan
+from ph_post.simulate.assess import Assessment, assess, contour_errors
+from ph_post.simulate.contour import ContourError, Nominal
+from ph_post.types import Command, Plan, Scenario
 from ph_post.units import MM
 
 FIRST, LAST = "none", "auto"
@@ -67,7 +67,7 @@ def compare_strategies(
     found = []
     for name in names or in_order(strategy_names()):
         stage(f"planning and simulating {name}")
-        found.append(_contender(analysis, options_for(name), nominal))
+        found.append(_contender(analysis, options_for(name), nominal, _as_part_of(name, stage)))
     return tuple(found)
 
 
@@ -82,9 +82,15 @@ def in_order(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (name != FIRST, name == LAST, name)))
 
 
-def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal) -> Contender:
+def _as_part_of(name: str, stage: Callable[[str], None]) -> Callable[[str], None]:
+    return lambda text: stage(f"{name}: {text}")
+
+
+def _contender(
+    analysis: Analysis, options: PlanOptions, nominal: Nominal, tell: Callable[[str], None]
+) -> Contender:
     try:
-        plan = make_plan(analysis, options)
+        plan = make_plan(analysis, options, tell)
         command = command_of(plan, analysis.track, plan.machine.servo_period)
         assessment = assess(command, plan.machine, nominal, analysis.turning_points)
     except PhPostError as refusal:
@@ -96,6 +102,14 @@ def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal) -> Co
     )  # fmt: skip
 
 
+def without_gap(analysis: Analysis, contender: Contender) -> ContourError | None:
+    """Contour error of a command on the machine without any backlash; None where there is none."""
+    if contender.command is None or contender.plan is None:
+        return None
+    nominal, gapless = Nominal(analysis.track), Scenario(gap=0.0)
+    return contour_errors(contender.command, contender.plan.machine, nominal, (gapless,))[0]
+
+
 def plain(plan: Plan) -> Plan:
     """Return the plan as it would be without any strategy."""
     return msgspec.structs.replace(
@@ -104,15 +118,14 @@ def plain(plan: Plan) -> Plan:
     )  # fmt: skip
 
 
-def before_and_after(analysis: Analysis, plan: Plan) -> tuple[Assessment, Assessment]:
-    """Simulate the motion without any strategy, and that of a plan."""
+def before_and_after(analysis: Analysis, *plans: Plan) -> tuple[Assessment, ...]:
+    """Simulate the motion without any strategy, and that of each plan of the same job."""
     nominal = Nominal(analysis.track)
-    machine, period = plan.machine, plan.machine.servo_period
-    before, after = (
+    machine, period = plans[0].machine, plans[0].machine.servo_period
+    return tuple(
         assess(command_of(one, analysis.track, period), machine, nominal, analysis.turning_points)
-        for one in (plain(plan), plan)
+        for one in (plain(plans[0]), *plans)
     )
-    return before, after
 
 
 def limit_words(broken: Violation) -> str:

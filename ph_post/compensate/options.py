@@ -6,6 +6,9 @@ from typing import Literal
 
 import msgspec
 
+Carrier = Literal["table", "program"]
+"""What a plan can be written as."""
+
 
 class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     """How to plan the feed.
@@ -36,6 +39,8 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
         Whether the path is left as it is: no inverse dynamics, no crossings.
     carrier : {"table", "program"}
         What the plan is written as; a part program cannot carry what is added to single samples.
+    effort : float
+        How much strategies search that do so, 1 for some ten seconds.
     """
 
     strategy: str = "suppress"
@@ -49,7 +54,8 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     max_slowdown: float = 0.1
     inverse_dynamics: bool = False
     feed_only: bool = False
-    carrier: Literal["table", "program"] = "table"
+    carrier: Carrier = "table"
+    effort: float = 1.0
 
     @property
     def chosen_by_user(self) -> bool:

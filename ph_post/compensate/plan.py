@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ from ph_post.compensate.motion import Motion
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
 from ph_post.compensate.ramps import reduced, smooth_ramps
-from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loop
+from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loop, silent
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.surroundings import flanks_before
 from ph_post.errors import InputError
@@ -36,7 +36,7 @@ def cycle_time(phases: Sequence[Phase]) -> float:
     return phases[-1].start + phases[-1].duration if phases else 0.0
 
 
-def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
+def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], None] = silent) -> Plan:
     """Plan the feed along a path.
 
     First the plain plan: as fast as programmed, slower where an axis would break a limit, at rest in sharp
@@ -48,6 +48,8 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
     analysis : Analysis
         With a machine.
     options : PlanOptions
+    tell : callable, optional
+        Told what a long search is at.
 
     Returns
     -------
@@ -66,10 +68,13 @@ def make_plan(analysis: Analysis, options: PlanOptions) -> Plan:
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
     require_loop(strategy, analysis.path.axes, machine)
-    draft = Draft(analysis, machine, options)
+    draft = Draft(analysis, machine, options, tell)
     proposal = strategy.profiles(draft.task)
     plan = draft.plan(strategy.name, proposal)
-    return prove(plan, proposal, draft) if proposal.proven else plan
+    if not proposal.proven:
+        return plan
+    tell("proving the plan against the plain program")
+    return prove(plan, proposal, draft)
 
 
 class Draft:
@@ -78,7 +83,13 @@ class Draft:
     Where the command is to lead the path, the ground has ramps that can be led, if that costs little time.
     """
 
-    def __init__(self, analysis: Analysis, machine: Machine, options: PlanOptions) -> None:
+    def __init__(
+        self,
+        analysis: Analysis,
+        machine: Machine,
+        options: PlanOptions,
+        tell: Callable[[str], None] = silent,
+    ) -> None:
         self.analysis, self.machine, self.options = analysis, machine, options
         self.moving = options.start == "moving"
         self.lead = options.inverse_dynamics and not options.feed_only and options.carrier == "table"
@@ -98,7 +109,7 @@ class Draft:
         self.feed = FeedAlong(self.ground.motion, period, length, course.looped)
         self.task = Task(
             analysis=analysis, machine=machine, options=options, feed=self.feed, looped=course.looped,
-            duration=self.ground.motion.end, allowed=self._allowed - self.ground.motion.end,
+            duration=self.ground.motion.end, allowed=self._allowed - self.ground.motion.end, tell=tell,
         )  # fmt: skip
 
     @property
@@ -154,6 +165,7 @@ class Draft:
             phases=phases, moving=self.moving, lead=self.lead,
         )  # fmt: skip
         layout = lay_out(job)
+        warnings += words.lasting_offsets(self.machine, layout)
         return Plan(
             path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,
             windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,

@@ -18,6 +18,7 @@ import numpy as np
 from ph_post.compensate import shapes
 from ph_post.compensate.families import Case, Family
 from ph_post.compensate.trial import Design, Outcome, Trial
+from ph_post.simulate.machine import patience
 from ph_post.types import Array
 
 ENOUGH: Final = 0.01
@@ -86,7 +87,8 @@ class Search:
 
     def __init__(self, trial: Trial, case: Case, bounds: Bounds, nominal: int) -> None:
         self.trial, self.case, self.bounds, self.nominal = trial, case, bounds, nominal
-        self.plain = trial.run(Design())
+        with patience():
+            self.plain = trial.run(Design())
         self.calls = 0
         self.tried: list[Found] = []
 

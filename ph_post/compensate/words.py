@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ph_post.compensate.caps import UNBOUNDED, Caps
+from ph_post.compensate.layout import Layout
 from ph_post.compensate.limits import runs
-from ph_post.types import Array
+from ph_post.types import Array, Machine
 from ph_post.units import MM, MM_PER_MIN
 
 _MOST = 12
@@ -60,6 +61,20 @@ def slowed(caps: Caps, factor: Array) -> list[str]:
     return (
         lines if len(found) <= _MOST else [*lines, f"{len(found) - _MOST} more stretches with lowered feed"]
     )
+
+
+def lasting_offsets(machine: Machine, layout: Layout) -> list[str]:
+    """Whether the table has to stay on a flank by itself, which only friction sees to."""
+    shifted = {name for name, offset in layout.bias.items() if offset}
+    shifted |= {one.axis for one in layout.crossings if machine.axes[one.axis].feedback != "load"}
+    if not shifted:
+        return []
+    names = sorted(shifted)
+    who = f"axis {names[0]} counts" if len(names) == 1 else f"axes {', '.join(names)} count"
+    return [
+        f"{who} on friction for the lasting offset, to hold the table on its flank: a cutter that pulls the "
+        "table along, as in climb milling, can pull it across the gap"
+    ]
 
 
 def about_points(said: Iterable[tuple[Sequence[int], str]]) -> list[str]:

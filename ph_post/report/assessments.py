@@ -6,16 +6,20 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from ph_post.compensate.comparison import Contender
-from ph_post.report.tables import NOTHING, format_table
+from ph_post.compensate.comparison import LAST, Contender
+from ph_post.report.tables import NOTHING, chosen_at, chosen_words, format_table
 from ph_post.simulate.assess import Assessment
 from ph_post.simulate.contour import ContourError, TurningError
-from ph_post.types import Event, Run, Scenario, TurningPoint
+from ph_post.types import Event, Plan, Run, Scenario, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
 
 View = dict[str, Any]
 
-STANDSTILLS = "slowest: feed while cutting, without standstills and the ramps from and to them"
+EXPLAINED = (
+    "error, rms: as the machine file has it; worst: of all the machines it leaves possible",
+    "slowest: feed while cutting, without standstills and the ramps from and to them",
+)
+"""What the columns of the comparison mean."""
 
 
 def error_view(error: ContourError | TurningError | None) -> View | None:
@@ -59,6 +63,16 @@ def _turning_view(assessment: Assessment, number: int, point: TurningPoint) -> V
     }  # fmt: skip
 
 
+def table_would_reach(program: ContourError | None, table: ContourError | None) -> list[str]:
+    """Say what an interpolator table would gain, where it would."""
+    if program is None or table is None or table.max >= program.max:
+        return []
+    return [
+        f"error of this program {program.max / MM:.4g} mm; an interpolator table would reach "
+        f"{table.max / MM:.4g} mm"
+    ]
+
+
 def comparison_view(contenders: Sequence[Contender]) -> View:
     """Return what ``compare --json`` prints."""
     return {"strategies": [_contender_view(one) for one in contenders]}
@@ -71,6 +85,7 @@ def _contender_view(one: Contender) -> View:
         "name": one.name,
         "error": None if found is None else error_view(found.error),
         "error_worst": None if found is None else error_view(found.error_worst),
+        "error_gap": None if found is None else error_view(found.error_gap),
         "cycle_time": None if pace is None else pace.cycle_time,
         "min_feed": slowest,
         "standstill_time": None if pace is None else pace.standstill_time,
@@ -78,8 +93,18 @@ def _contender_view(one: Contender) -> View:
         "peak_acceleration": None if pace is None else pace.peak_acceleration / MM,
         "ok": one.ok,
         "reason": one.reason or None,
+        "chosen": [] if one.plan is None else _chosen(one.plan),
         "warnings": [] if one.plan is None else list(one.plan.warnings),
     }
+
+
+def _chosen(plan: Plan) -> list[View]:
+    """Return what a plan does at every turning point."""
+    named = {index: name for name, indices in chosen_at(plan).items() for index in indices}
+    return [
+        {"index": point.index, "axis": point.axis, "strategy": named[point.index]}
+        for point in plan.turning_points
+    ]
 
 
 def scenario_words(scenario: Scenario) -> str:
@@ -138,9 +163,30 @@ def comparison_table(contenders: Sequence[Contender]) -> str:
     return format_table(header, [_contender_cells(one, contenders[0]) for one in contenders])
 
 
+def floor_words(without: ContourError | None) -> list[str]:
+    """Say how much of the plain program's error is there without any gap."""
+    if without is None:
+        return []
+    return [f"without backlash the plain program would be off by {without.max / MM:.5f} mm: servo lag"]
+
+
 def refusals(contenders: Sequence[Contender]) -> list[str]:
     """Say why strategies are out, a line each."""
-    return [f"{one.name}: {one.reason}" for one in contenders if not one.ok]
+    return [f"refused {one.name}: {one.reason}" for one in contenders if not one.ok]
+
+
+def choices(contenders: Sequence[Contender]) -> list[str]:
+    """Say what the strategy that chooses among others chose where."""
+    return [f"{LAST} chose {chosen_words(plan)}" for plan in _choosing(contenders)]
+
+
+def warnings_of_choice(contenders: Sequence[Contender]) -> list[str]:
+    """Return the warnings of the strategy that chooses among others."""
+    return [f"{LAST}: {text}" for plan in _choosing(contenders) for text in plan.warnings]
+
+
+def _choosing(contenders: Sequence[Contender]) -> list[Plan]:
+    return [one.plan for one in contenders if one.name == LAST and one.plan is not None]
 
 
 def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:

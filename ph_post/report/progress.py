@@ -13,7 +13,7 @@ PATIENCE_S = 1.0
 
 
 class Progress:
-    """Names the stage a command is in, once the command has run for longer than a second.
+    """Names the stage a command is in: first when it has run for a second, then at most once a second.
 
     Examples
     --------
@@ -25,35 +25,30 @@ class Progress:
         self._stream = stream or sys.stderr
         self._begin = time.monotonic()
         self._patience = patience
-        self._lock = threading.Lock()
         self._current = ""
         self._told = ""
-        self._done = False
-        self._timer = threading.Timer(patience, self._tell)
-        self._timer.daemon = True
+        self._done = threading.Event()
+        self._teller = threading.Thread(target=self._tell_now_and_then, daemon=True)
 
     def __enter__(self) -> Progress:
-        self._timer.start()
+        self._teller.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._timer.cancel()
-        with self._lock:
-            self._done = True
+        self._done.set()
+        self._teller.join()
 
     def __call__(self, stage: str) -> None:
         """Enter the next stage."""
-        with self._lock:
-            self._current = stage
-        if time.monotonic() - self._begin >= self._patience:
-            self._tell()
+        self._current = stage
 
-    def _tell(self) -> None:
-        with self._lock:
-            if self._current != self._told and not self._done:
-                self._told = self._current
+    def _tell_now_and_then(self) -> None:
+        while not self._done.wait(self._patience):
+            current = self._current
+            if current != self._told:
+                self._told = current
                 seconds = time.monotonic() - self._begin
-                self._stream.write(f"ph-post: {self._current} ({seconds:.0f} s) ...\n")
+                self._stream.write(f"ph-post: {current} ({seconds:.0f} s) ...\n")
                 self._stream.flush()

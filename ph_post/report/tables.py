@@ -11,7 +11,7 @@ import numpy as np
 
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
-from ph_post.report.views import radius, windows_by_point
+from ph_post.report.views import radius, strategy_at, windows_by_point
 from ph_post.turning import Certificate
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
@@ -113,24 +113,52 @@ def print_certificate(certificate: Certificate, stream: TextIO | None = None) ->
         (stream or sys.stdout).write(line + "\n")
 
 
-def print_plan(analysis: Analysis, plan: Plan, products: Iterable[str], stream: TextIO | None = None) -> None:
-    """Say on stderr what was planned, what was reduced or left alone, and what was written where."""
+def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: TextIO | None = None) -> None:
+    """Say on stderr what was planned, what was reduced or left alone, and what was written where.
+
+    `what` tells one plan of a job from another.
+    """
     stream = stream or sys.stderr
     before, after = cycle_time(plan.nominal), cycle_time(plan.phases)
-    count = sum(profile is not None for profile in plan.profiles)
+    chosen = chosen_at(plan)
+    left = chosen.pop("none", [])
+    done = sum(map(len, chosen.values()))
+    kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
+    name = plan.path.name + (f", {what}" if what else "")
     stream.write(
-        f"{analysis.path.name}: {count} of {len(plan.turning_points)} turning points with a feed dip; "
+        f"{name}: {done} of {done + len(left)} turning points compensated{f' ({kinds})' if kinds else ''}; "
         f"cycle time {before:.3f} s before, {after:.3f} s after\n"
     )
     for warning in plan.warnings:
         stream.write(f"warning: {warning}\n")
-    for name in products:
-        if name != "-":
-            stream.write(f"wrote {name}\n")
+    for product in products:
+        if product != "-":
+            stream.write(f"wrote {product}\n")
+
+
+def chosen_at(plan: Plan) -> dict[str, list[int]]:
+    """Sort turning points by what a plan does there; those left alone are last, under "none"."""
+    own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
+    found: dict[str, list[int]] = {}
+    for point in plan.turning_points:
+        name = strategy_at(plan, own[point.index]) if point.index in own else "none"
+        found.setdefault(name, []).append(point.index)
+    return dict(sorted(found.items(), key=lambda item: (item[0] == "none", item[0])))
+
+
+def chosen_words(plan: Plan) -> str:
+    """Say in a line where a plan does what.
+
+    Such as ``takeup at #0, #2; nothing at #1, #3``.
+    """
+    return "; ".join(
+        f"{'nothing' if name == 'none' else name} at {_numbers(indices)}"
+        for name, indices in chosen_at(plan).items()
+    )
 
 
 def dip_table(analysis: Analysis, plan: Plan) -> str:
-    """Return the short table of ``demo``: a turning point a line with lag, Δt, window and feed dip."""
+    """Return the short table of ``demo``: a turning point a line with lag, Δt, window, and what is done."""
     header = (
         "#",
         "axis",
@@ -142,6 +170,8 @@ def dip_table(analysis: Analysis, plan: Plan) -> str:
         "t* ms",
         "feed mm/min",
         "dip to",
+        "gap crossed mm",
+        "strategy",
     )
     own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
     rows = []
@@ -153,9 +183,12 @@ def dip_table(analysis: Analysis, plan: Plan) -> str:
         if profile is not None:
             cruise = profile.cruise / MM_PER_MIN
             dip = (f"{profile.t_star / MS:.1f}", f"{cruise:.0f}", f"{cruise * profile.ratio:.0f}")
+        mine = [one.travel for one in plan.crossings if one.window == number and one.axis == point.axis]
+        crossed = f"{sum(mine) / MM:+.4f}" if mine else NOTHING
+        chosen = "none" if number is None else strategy_at(plan, number)
         lag, duration, _ = _gap_cells(analysis, point)
         place = (str(point.index), point.axis, point.sense, f"{point.position / MM:.3f}")
-        rows.append((*place, lag, duration, window, *dip))
+        rows.append((*place, lag, duration, window, *dip, crossed, chosen))
     return format_table(header, rows)
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.turning import Certificate
-from ph_post.types import FeedProfile, Plan, TurningPoint, Window
+from ph_post.types import Command, Crossing, FeedProfile, Plan, TurningPoint, Window
 from ph_post.units import MM, MM_PER_MIN
 
 View = dict[str, Any]
@@ -95,22 +97,65 @@ def profile_view(profile: FeedProfile | None) -> View | None:
     }
 
 
-def plan_view(analysis: Analysis, plan: Plan, error: View | None = None) -> View:
-    """Return what ``convert --json`` prints: windows, cycle time, and the error where it was simulated."""
+def strategy_at(plan: Plan, number: int) -> str:
+    """Name what a plan does in a window: the plan's strategy, or what that chose there.
+
+    Where only the gap is crossed and the feed is left alone that is `takeup`, of a strategy that chooses.
+    """
+    profile = plan.profiles[number]
+    if profile is not None:
+        return profile.strategy or plan.strategy
+    if not any(one.window == number for one in plan.crossings):
+        return "none"
+    return "takeup" if plan.strategy == "auto" else plan.strategy
+
+
+def crossing_view(one: Crossing) -> View:
+    """Return a commanded crossing of a gap: times [s], travel and push [mm], signed."""
+    return {
+        "axis": one.axis,
+        "start": one.start,
+        "duration": one.duration,
+        "travel": one.travel / MM,
+        "push": one.push / MM,
+        "push_duration": one.push_duration,
+    }
+
+
+def plan_view(analysis: Analysis, plan: Plan, command: Command, error: View | None = None) -> View:
+    """Return what ``convert --json`` prints of a plan: windows, cycle time, what is added to the path.
+
+    `other_crossings` are those outside all windows: before the motion begins, and where it stops. `bias` [mm]
+    are the lasting offsets it begins with, `offsets` [mm] the largest distances from the path of any row of
+    `command`. `error` is null where it was not simulated.
+    """
     views = turning_point_views(analysis)
     own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
     for view in views:
         number = own.get(view["index"])
-        profile = None if number is None else plan.profiles[number]
-        view["strategy"] = plan.strategy if profile is not None else "none"
-        view["profile"] = profile_view(profile)
+        view["strategy"] = "none" if number is None else strategy_at(plan, number)
+        view["profile"] = profile_view(None if number is None else plan.profiles[number])
+        mine = [one for one in plan.crossings if one.window == number and one.axis == view["axis"]]
+        view["crossings"] = [crossing_view(one) for one in mine]
     return {
         "windows": views,
         "cycle_time": {"before": cycle_time(plan.nominal), "after": cycle_time(plan.phases)},
         "error": error,
         "strategy": plan.strategy,
+        "other_crossings": [crossing_view(one) for one in plan.crossings if one.window < 0],
+        "bias": {name: offset / MM for name, offset in plan.bias.items()},
+        "offsets": offsets_view(command),
+        "inverse_dynamics": plan.inverse_dynamics,
         "warnings": list(plan.warnings),
     }
+
+
+def offsets_view(command: Command) -> dict[str, float]:
+    """Return by axis how far a command leaves the path at most [mm]: what the strategy declares to add."""
+    if command.offset is None:
+        return dict.fromkeys(command.axes, 0.0)
+    largest = np.abs(command.offset).max(axis=0) / MM
+    return dict(zip(command.axes, largest.tolist(), strict=True))
 
 
 def certificate_view(certificate: Certificate) -> View:

@@ -17,6 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 CIRCLE = str(ROOT / "paths" / "circle.json")
 OVAL = str(ROOT / "paths" / "oval.json")
 POCKET = str(ROOT / "paths" / "pocket.json")
+SUPPRESS = ("--strategy", "suppress")
+QUICK = ("--effort", "0.01")
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -81,9 +83,11 @@ def test_certify_says_that_none_is_missing(capsys):
 
 def test_convert_writes_program_and_table_whole(capsys, tmp_path):
     program, table = tmp_path / "oval.ngc", tmp_path / "oval.csv"
-    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", "-o", str(program), "--table", str(table))
+    status, out, err = run(
+        capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "-o", str(program), "--table", str(table)
+    )
     assert (status, out) == (0, "")
-    assert f"wrote {program}" in err
+    assert err.splitlines()[-2:] == [f"wrote {table}", f"wrote {program}"]
     assert program.read_text().rstrip().endswith("M2")
     rows = np.genfromtxt(table, delimiter=",", names=True)
     assert rows.dtype.names == ("t", "segment", "xi", "s", "X", "Y", "feed", "window")
@@ -92,10 +96,11 @@ def test_convert_writes_program_and_table_whole(capsys, tmp_path):
 
 
 def test_convert_json_has_the_contracts_keys(capsys):
-    status, out, _ = run(capsys, "convert", OVAL, "-m", "mill", "--json")
+    status, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "--json")
     assert status == 0
     view = strict_json(out)
     assert {"windows", "cycle_time", "error"} <= view.keys()
+    assert (view["carrier"], view["program"], view["table_error"]) == ("table", None, None)
     assert all(view["error"][when].keys() == {"max", "rms"} for when in ("before", "after"))
     assert 0 < view["error"]["after"]["max"] < view["error"]["before"]["max"]
     assert view["cycle_time"]["after"] > view["cycle_time"]["before"] > 0
@@ -104,19 +109,110 @@ def test_convert_json_has_the_contracts_keys(capsys):
     assert all(window["strategy"] == "suppress" and 0 <= window["profile"]["ratio"] < 1 for window in dips)
 
 
+def test_auto_is_the_default_and_tells_what_it_chose(capsys, tmp_path):
+    table, program = tmp_path / "oval.npz", tmp_path / "oval.ngc"
+    both = ("--table", str(table), "-o", str(program))
+    status, out, err = run(capsys, "convert", OVAL, "-m", "router", *QUICK, *both, "--json")
+    assert status == 0
+    view = strict_json(out)
+    assert (view["strategy"], view["carrier"], view["program"]["strategy"]) == ("auto", "table", "auto")
+    # Half of 0.120 mm and 0.080 mm to begin with; every window is crossed by the whole gap, up or down.
+    assert {name: abs(bias) for name, bias in view["bias"].items()} == pytest.approx(
+        {"X": 0.0, "Y": 0.0}
+    ) or {name: abs(bias) for name, bias in view["bias"].items()} == pytest.approx({"X": 0.06, "Y": 0.04})
+    gap = {"X": 0.120, "Y": 0.080}
+    for window in view["windows"]:
+        assert window["strategy"] != "auto"
+        travel = sum(crossing["travel"] for crossing in window["crossings"])
+        assert travel == pytest.approx(gap[window["axis"]] * (-1 if window["sense"] == "max" else 1))
+    assert view["error"]["after"]["max"] < view["error"]["before"]["max"]
+    climb = [line for line in err.splitlines() if "climb milling" in line]
+    assert len(climb) == 1
+    assert "axes X, Y" in climb[0]
+
+
+def test_what_a_table_would_reach_is_told_of_a_program_alone(capsys, tmp_path):
+    program = ("-o", str(tmp_path / "oval.ngc"))
+    _, out, err = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, *program, "--json")
+    view = strict_json(out)
+    assert view["carrier"] == "program"
+    assert view["offsets"] == {"X": 0.0, "Y": 0.0}
+    reached, after = view["table_error"]["max"], view["error"]["after"]["max"]
+    assert (
+        f"error of this program {after:.4g} mm; an interpolator table would reach {reached:.4g} mm" in err
+    ) is (reached < after)
+    _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "--json")
+    assert strict_json(out)["error"]["after"]["max"] == pytest.approx(reached, rel=1e-12)
+
+
+def test_offsets_are_what_the_rows_add_to_the_path(capsys, tmp_path):
+    rows = []
+    for more in ((), ("--feed-only",)):
+        table = tmp_path / "oval.csv"
+        arguments = (
+            "convert",
+            OVAL,
+            "-m",
+            "mill",
+            *SUPPRESS,
+            "--no-simulation",
+            "--table",
+            str(table),
+            *more,
+        )
+        _, out, _ = run(capsys, *arguments, "--json")
+        rows.append(np.genfromtxt(table, delimiter=",", names=True))
+        if not more:
+            declared = strict_json(out)["offsets"]
+    for axis in "XY":
+        assert declared[axis] == pytest.approx(np.abs(rows[0][axis] - rows[1][axis]).max(), abs=1e-6)
+
+
+def test_a_described_profile_is_had_without_naming_its_strategy(capsys):
+    described = ("--ratio", "0.4", "--no-simulation", "--json")
+    _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *described)
+    assert strict_json(out)["strategy"] == "suppress"
+    status, _, err = run(capsys, "convert", OVAL, "-m", "mill", "--strategy", "auto", *described)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "strategy auto has no such choice" in err
+
+
+def test_the_help_page_tells_every_strategy(capsys):
+    from ph_post.compensate.strategies.registry import find_strategy, strategy_names
+
+    _, out, _ = run(capsys, "convert", "--help")
+    text = " ".join(out.split())
+    assert all(f"{name}: {find_strategy(name).summary}" in text for name in strategy_names())
+
+
+def test_a_search_says_how_far_it_is():
+    from ph_post.analysis import analyse
+    from ph_post.compensate.options import PlanOptions
+    from ph_post.compensate.plan import make_plan
+    from ph_post.io.machinefile import read_machine
+    from ph_post.io.pathfile import read_path
+
+    told = []
+    analysis = analyse(read_path(OVAL), read_machine("router"), 5e-6)
+    make_plan(analysis, PlanOptions(strategy="auto", effort=0.01), told.append)
+    searches = [text for text in told if text.startswith("searching")]
+    assert searches == [f"searching the best for turning point {k} of 4" for k in (1, 2, 3, 4)]
+    assert told[-1] == "proving the plan against the plain program"
+
+
 def test_convert_simulates_only_where_that_is_asked_for(capsys):
-    _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", "--json", "--no-simulation")
+    _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "--json", "--no-simulation")
     assert strict_json(out)["error"] is None
 
 
 def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):
     program, table = str(tmp_path / "oval.ngc"), str(tmp_path / "oval.csv")
-    both = ("-o", program, "--table", table)
+    both = (*SUPPRESS, "-o", program, "--table", table)
     for more, said in (((), True), (("--no-inverse-dynamics",), False), (("--feed-only",), False)):
         status, _, err = run(capsys, "convert", OVAL, "-m", "mill", *both, *more)
         assert status == 0
         assert ("cannot carry the inverse dynamics" in err) is said
-    _, _, err = run(capsys, "convert", OVAL, "-m", "mill", "-o", program)
+    _, _, err = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "-o", program)
     assert "inverse dynamics" not in err
 
 
@@ -148,15 +244,16 @@ def test_tables_lead_the_path_but_for_the_baselines(capsys, tmp_path):
 
 
 def test_convert_to_standard_output_is_the_program_alone(capsys):
-    status, out, _ = run(capsys, "convert", OVAL, "-m", "mill")
+    status, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS)
     assert status == 0
     assert out.rstrip().endswith("M2")
     assert "ph-post" in out.splitlines()[0] + out.splitlines()[1]
 
 
 def test_convert_is_deterministic(capsys):
-    programs = {run(capsys, "convert", POCKET, "-m", "stepper", "--dialect", "grbl")[1] for _ in range(2)}
-    assert len(programs) == 1
+    for strategy in (SUPPRESS, QUICK):
+        arguments = ("convert", POCKET, "-m", "stepper", "--dialect", "grbl", *strategy)
+        assert len({run(capsys, *arguments)[1] for _ in range(2)}) == 1
 
 
 @pytest.mark.parametrize("ratio", [0.25, 0.6, 1.0])
@@ -180,7 +277,7 @@ def test_moving_holds_the_feed_from_end_to_end(capsys):
 
 
 def test_standard_input_and_output(capsys, monkeypatch, tmp_path):
-    command = [sys.executable, "-m", "ph_post", "convert", "-", "-m", "mill", "--table", "-"]
+    command = [sys.executable, "-m", "ph_post", "convert", "-", "-m", "mill", *SUPPRESS, "--table", "-"]
     text = Path(OVAL).read_text()
     done = subprocess.run(command, input=text, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.startswith("t,segment,xi,s,X,Y,feed,window\n")
@@ -225,8 +322,8 @@ def test_missing_drive_names_the_axis(capsys, tmp_path):
 def test_unwritable_output_touches_nothing(capsys, tmp_path):
     table = tmp_path / "oval.csv"
     table.write_text("precious")
-    missing = str(tmp_path / "no" / "such" / "folder" / "oval.ngc")
-    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", "-o", missing, "--table", str(table))
+    both = ("-o", str(tmp_path / "no" / "such" / "folder" / "oval.ngc"), "--table", str(table))
+    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, *both)
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
     assert table.read_text() == "precious"
@@ -240,7 +337,7 @@ def test_demo_writes_program_table_and_picture(capsys, tmp_path, monkeypatch):
     folder = tmp_path / "ph_post_demo"
     assert {path.name for path in folder.iterdir()} == {"oval.ngc", "oval.csv", "oval.png"}
     assert (folder / "oval.png").read_bytes().startswith(b"\x89PNG")
-    assert {"lag", "duration", "window"} <= set(out.split())
+    assert {"lag", "duration", "window", "strategy", "takeup"} <= set(out.split())
 
 
 def test_paper_numbers_all_agree(capsys):

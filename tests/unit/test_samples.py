@@ -27,6 +27,13 @@ def test_before_after(tmp_path):
     assert (tmp_path / "before_after.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_error_by_strategy():
+    # The paper's rule at every reversal of both axes: 2.19e-3 of the radius of 250 mm, within 3 %.
+    errors = load("error_by_strategy").error_by_strategy(("none", "suppress"))
+    assert errors["none"] == pytest.approx(2.19e-3 * 0.25, rel=0.03)
+    assert errors["suppress"] < errors["none"]
+
+
 def test_standstill_by_feed():
     # Figure 7 at T = 6 s: V Δt with the Δt of PAPER_NOTES §1.
     travel = load("standstill_by_feed").standstill_travel(0.1308996939)

@@ -11,7 +11,7 @@ entry point of the group ``ph_post.strategies``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Protocol, runtime_checkable
 
 import msgspec
@@ -23,11 +23,19 @@ from ph_post.errors import InputError
 from ph_post.types import BacklashInterval, Crossing, Feedback, Machine, Path, Shape, TurningPoint, Window
 
 
+def silent(_text: str) -> None:
+    """Tell nobody."""
+
+
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a strategy is asked about.
 
-    `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
-    `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it.
+        `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
+    <<<<<<< HEAD
+        `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it.
+    =======
+        `duration` [s] how long it takes. `tell` is told what a long search is at, for whoever waits for it.
+    >>>>>>> 03adda2 (Plan for what is written, and choose automatically by default)
     """
 
     analysis: Analysis
@@ -37,6 +45,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     allowed: float
     machine: Machine
     options: PlanOptions
+    tell: Callable[[str], None] = silent
 
     @property
     def path(self) -> Path:
