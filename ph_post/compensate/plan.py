@@ -13,6 +13,7 @@ from ph_post.compensate.caps import find_stops
 from ph_post.compensate.course import Course
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.fit import Fitter
+from ph_post.compensate.joglayout import lay_out_jogs, without_axes
 from ph_post.compensate.layout import Job, lay_out
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
@@ -104,13 +105,16 @@ class Draft:
             *proposal.warnings,
             *fitted.warnings,
         ]
-        lead = options.inverse_dynamics and not options.feed_only
+        written = options.carrier == "program"
+        lead = options.inverse_dynamics and not options.feed_only and not written
         job = Job(
             track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
             windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
             phases=fitted.settled.motion.phases(), moving=self.moving, lead=lead,
         )  # fmt: skip
-        layout = lay_out(job)
+        layout = lay_out_jogs(job) if written else lay_out(job)
+        if layout.dropped:
+            return self.plan(name, without_axes(proposal, layout.dropped))
         return Plan(
             path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,
             windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,

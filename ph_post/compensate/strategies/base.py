@@ -20,7 +20,17 @@ from ph_post.analysis import Analysis
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.options import PlanOptions
 from ph_post.errors import InputError
-from ph_post.types import BacklashInterval, Crossing, Feedback, Machine, Path, Shape, TurningPoint, Window
+from ph_post.types import (
+    BacklashInterval,
+    Crossing,
+    Feedback,
+    Jog,
+    Machine,
+    Path,
+    Shape,
+    TurningPoint,
+    Window,
+)
 
 
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -86,7 +96,7 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     least: float = 0.0
     turn: float = 0.5
     may_leave: bool = False
-    crossings: tuple[Crossing, ...] = ()
+    crossings: tuple[Crossing | Jog, ...] = ()
     strategy: str = ""
     note: str = ""
 
