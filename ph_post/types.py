@@ -5,6 +5,7 @@ Everything between reading and writing maps these values to values (see the code
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Literal, Protocol
 
@@ -283,14 +284,45 @@ class Crossing(msgspec.Struct, frozen=True, kw_only=True):
         return self.start + self.duration + self.push_duration
 
 
+class Jog(msgspec.Struct, frozen=True, kw_only=True):
+    """A crossing that a part program can carry: one short move of one axis while the path stands still.
+
+    From `start` [s] on the axis is commanded by `travel` [m], signed, farther than the path, and stays there.
+    The controller runs it with straight ramps at `acceleration` [m/s²], no faster than `velocity` [m/s],
+    which is the F word; its jerk is the controller's own. `window` is the index of the window it belongs to,
+    -1 where it belongs to none.
+    """
+
+    axis: str
+    start: float
+    travel: float
+    velocity: float
+    acceleration: float
+    window: int = -1
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]: two ramps, and between them what they leave at full velocity."""
+        way, ramp = abs(self.travel), self.velocity / self.acceleration
+        if way <= self.velocity * ramp:
+            return 2.0 * math.sqrt(way / self.acceleration)
+        return way / self.velocity + ramp
+
+    @property
+    def end(self) -> float:
+        """When it is over [s]."""
+        return self.start + self.duration
+
+
 class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What will be commanded: phases one after the other from s = 0 to the path's end.
 
     `nominal` are the phases without any profile, for comparison. `profiles` holds one entry a window,
-    None where nothing is modulated there. `crossings` are the path modifications, in the order of time;
-    `bias` [m] is by axis the lasting offset with which the motion begins. `inverse_dynamics` says whether the
-    command leads the path by what the servo lags behind. `flanks` has the side (1, -1) on which each axis was
-    pushed before a motion that runs through the seam of a closed path; empty for others.
+    None where nothing is modulated there. `crossings` are the path modifications, in the order of time, jogs
+    where the plan becomes a part program; `bias` [m] is by axis the lasting offset with which the motion
+    begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind. `flanks`
+    has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed
+    path; empty for others.
     """
 
     path: Path
@@ -302,7 +334,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     profiles: tuple[FeedProfile | None, ...]
     nominal: tuple[Phase, ...]
     phases: tuple[Phase, ...]
-    crossings: tuple[Crossing, ...] = ()
+    crossings: tuple[Crossing | Jog, ...] = ()
     bias: Mapping[str, float] = {}
     inverse_dynamics: bool = False
     flanks: Mapping[str, int] = {}
@@ -314,7 +346,8 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `t` [s], `segment`, `xi`, `s` [m], `position` [m] shape (n, dimension), `feed` [m/s] signed along the
     path, `window` index or -1. `offset` [m], of the shape of `position`, is what a strategy added to the
-    point of the path; None where that is nothing. `flanks` are those of the plan.
+    point of the path; None where that is nothing. `jogged` [m] is the part of it that moves as the controller
+    moves its axes, without a limit of jerk; None where there is none. `flanks` are those of the plan.
     """
 
     axes: tuple[str, ...]
@@ -328,6 +361,7 @@ class Command(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     window: IntArray
     offset: Array | None = None
     flanks: Mapping[str, int] = {}
+    jogged: Array | None = None
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
@@ -386,3 +420,5 @@ class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
     max_line: int
     blending: bool
     """Whether a path-blending word (G64) is understood."""
+    dwells: bool = True
+    """Whether the axes stand still in a G4, so that a short move between two of them is not blended away."""

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.families import Case, Family, shortest_crossing, whole_crossing
+from ph_post.compensate.jogs import whole_jog
 from ph_post.compensate.layout import reversing
 from ph_post.compensate.search import FLOOR, Bounds, Found, Search
 from ph_post.compensate.strategies.base import Proposal, Task, Wish
@@ -16,7 +17,7 @@ from ph_post.compensate.surroundings import Surroundings, find_surroundings
 from ph_post.compensate.trial import Trial
 from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal
-from ph_post.types import Axis, Crossing, Machine, Scenario
+from ph_post.types import Axis, Crossing, Jog, Machine, Scenario
 
 WORK: Final = 2.0e7
 """Samples of one axis that may be simulated for a job: some ten seconds."""
@@ -96,6 +97,7 @@ class _Chooser:
 
     def __init__(self, task: Task, choice: Choice, *, offsets: bool, lead: bool) -> None:
         self.task, self.choice, self.offsets, self.lead = task, choice, offsets, lead
+        self.written = task.options.carrier == "program"
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
         self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
@@ -146,11 +148,13 @@ class _Chooser:
             crossings=design.crossings or bare, strategy=found.family.name,
         )  # fmt: skip
 
-    def _bare(self, drives: Drives) -> tuple[Crossing, ...]:
+    def _bare(self, drives: Drives) -> tuple[Crossing | Jog, ...]:
         """Crossings of the lasting offsets that are needed in any case."""
         if not self.offsets:
             return ()
         open_loops = ((axis, direction) for axis, direction in drives if axis.feedback != "load")
+        if self.written:
+            return tuple(whole_jog(axis, direction, 0.0) for axis, direction in open_loops)
         return tuple(
             whole_crossing(axis, direction, 0.0, shortest_crossing(axis, self.lead, self.period))
             for axis, direction in open_loops
@@ -195,7 +199,7 @@ class _Chooser:
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
         return Case(
             place=place, budget=max(budget, self.period), reversing=drives, shortest=shortest,
-            lead=self.lead, crosses=self.offsets,
+            lead=self.lead, crosses=self.offsets and not self.written,
         )  # fmt: skip
 
 

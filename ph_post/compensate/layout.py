@@ -17,7 +17,7 @@ from ph_post.compensate.motion import Motion
 from ph_post.compensate.strategies.base import Wish
 from ph_post.compensate.surroundings import SAME_PLACE, came_from
 from ph_post.geometry.track import Track
-from ph_post.types import Axis, Crossing, FeedProfile, Machine, Phase, TurningPoint, Window, frozen
+from ph_post.types import Axis, Crossing, FeedProfile, Jog, Machine, Phase, TurningPoint, Window, frozen
 
 BISECTIONS = 80
 
@@ -25,11 +25,15 @@ STILL = frozen([0.0])
 
 
 class Layout(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Phases with holds where crossings need them, crossings in the order of time, and the bias by axis."""
+    """Phases with holds where crossings need them, crossings in the order of time, and the bias by axis.
+
+    `dropped` are the axes whose lasting offset cannot be carried; then nothing is laid out.
+    """
 
     phases: tuple[Phase, ...]
-    crossings: tuple[Crossing, ...]
+    crossings: tuple[Crossing | Jog, ...]
     bias: Mapping[str, float]
+    dropped: tuple[str, ...] = ()
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -54,16 +58,16 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def lay_out(job: Job) -> Layout:
     """Place every crossing in time, and insert holds where the motion rests for one."""
     motion = Motion.from_phases(job.phases)
-    shifted = sorted({one.axis for wish in job.wishes for one in wish.crossings if _is_open(job, one.axis)})
+    shifted = sorted({one.axis for wish in job.wishes for one in wish.crossings if is_open(job, one.axis)})
     crossings, crossed = _at_windows(job, motion)
     holds: dict[int, float] = {}
     at_stops: list[tuple[int, Crossing]] = []
     for point in job.turning_points:
-        if point.axis not in shifted or point.index in crossed or _at_an_end(job, point):
+        if point.axis not in shifted or point.index in crossed or at_an_end(job, point):
             continue
         axis = job.machine.axes[point.axis]
         duration = shortest_crossing(axis, job.lead, job.machine.servo_period)
-        stop = _rest_at(job.phases, point.s)
+        stop = rest_at(job.phases, point.s)
         if stop is None:
             middle = _time_at(motion, point.s)
             crossings.append(whole_crossing(axis, -came_from(point), middle, duration))
@@ -73,17 +77,18 @@ def lay_out(job: Job) -> Layout:
     bias, approach = _beginning(job, shifted)
     if approach:
         holds[0] = max(one.end for one in approach)
-    delayed = [_delayed(one, _delay(job.phases, holds, one.start)) for one in crossings]
-    delayed += [_delayed(one, job.phases[k].start + _delay_before(holds, k)) for k, one in at_stops]
+    delayed = [_delayed(one, delay_at(job.phases, holds, one.start)) for one in crossings]
+    delayed += [_delayed(one, job.phases[k].start + delay_before(holds, k)) for k, one in at_stops]
     delayed += approach
     return Layout(
-        phases=_with_holds(job.phases, holds),
+        phases=with_holds(job.phases, holds),
         crossings=tuple(sorted(delayed, key=lambda one: (one.start, one.axis))),
         bias=bias,
     )
 
 
-def _is_open(job: Job, name: str) -> bool:
+def is_open(job: Job, name: str) -> bool:
+    """Whether the loop of an axis is not closed over the table."""
     return job.machine.axes[name].feedback != "load"
 
 
@@ -92,16 +97,17 @@ def _at_windows(job: Job, motion: Motion) -> tuple[list[Crossing], set[int]]:
     found: list[Crossing] = []
     served: set[int] = set()
     for number, wish in enumerate(job.wishes):
-        if not wish.crossings:
+        crossings = [one for one in wish.crossings if isinstance(one, Crossing)]
+        if not crossings:
             continue
-        window, middle = job.windows[number], _middle(motion, number)
-        chosen = list(wish.crossings)
-        if _at_an_end(job, job.turning_points[window.turning_point]):
+        window, middle = job.windows[number], middle_of(motion, number)
+        chosen = crossings
+        if at_an_end(job, job.turning_points[window.turning_point]):
             # What is behind the loop is brought to its flank before the motion begins.
-            chosen = [one for one in chosen if middle is not None and not _is_open(job, one.axis)]
+            chosen = [one for one in chosen if middle is not None and not is_open(job, one.axis)]
         elif job.profiles[number] is None or middle is None:
             # Without its profile a crossing inside the loop would do harm; a lasting offset is still needed.
-            chosen = [one for one in chosen if _is_open(job, one.axis)]
+            chosen = [one for one in chosen if is_open(job, one.axis)]
             middle = _time_at(motion, window.s)
         if not chosen or middle is None:
             continue
@@ -114,7 +120,7 @@ def _at_windows(job: Job, motion: Motion) -> tuple[list[Crossing], set[int]]:
     return found, served
 
 
-def _middle(motion: Motion, window: int) -> float | None:
+def middle_of(motion: Motion, window: int) -> float | None:
     """Middle of a window's profile in time [s], None where it has none.
 
     A profile on the seam of the path ends the motion with its first part and begins it with the second.
@@ -129,11 +135,12 @@ def _middle(motion: Motion, window: int) -> float | None:
     return begins + 0.5 * whole
 
 
-def _at_an_end(job: Job, point: TurningPoint) -> bool:
+def at_an_end(job: Job, point: TurningPoint) -> bool:
+    """Whether the path begins or ends at a turning point."""
     return point.s <= SAME_PLACE or point.s >= job.length - SAME_PLACE
 
 
-def _rest_at(phases: Sequence[Phase], s: float) -> int | None:
+def rest_at(phases: Sequence[Phase], s: float) -> int | None:
     """Index of the phase that starts from rest at `s`, None where the motion runs through."""
     for number, phase in enumerate(phases):
         if number and abs(phase.s - s) <= SAME_PLACE and phase.speed[0] == 0.0:
@@ -158,7 +165,7 @@ def _beginning(job: Job, shifted: Sequence[str]) -> tuple[dict[str, float], list
     bias: dict[str, float] = {}
     approach: list[Crossing] = []
     for name in shifted:
-        axis, direction = job.machine.axes[name], _first_direction(job, name)
+        axis, direction = job.machine.axes[name], first_direction(job, name)
         half = 0.5 * axis.gap.lost_motion
         bias[name] = direction * half
         flank = {"+": 1, "-": -1}.get(axis.gap.initial_flank, 0)
@@ -180,7 +187,7 @@ def _beginning(job: Job, shifted: Sequence[str]) -> tuple[dict[str, float], list
     return bias, approach
 
 
-def _first_direction(job: Job, name: str) -> int:
+def first_direction(job: Job, name: str) -> int:
     """Direction of the first motion of an axis; 0 where it does not move at all."""
     for point in job.turning_points:
         if point.axis == name:
@@ -191,7 +198,7 @@ def _first_direction(job: Job, name: str) -> int:
     return int(np.sign(place[np.argmax(np.abs(place - place[0]))] - place[0]))
 
 
-def _with_holds(phases: Sequence[Phase], holds: Mapping[int, float]) -> tuple[Phase, ...]:
+def with_holds(phases: Sequence[Phase], holds: Mapping[int, float]) -> tuple[Phase, ...]:
     """Insert a rest before some phases, and let the others follow."""
     found: list[Phase] = []
     delay = 0.0
@@ -204,12 +211,13 @@ def _with_holds(phases: Sequence[Phase], holds: Mapping[int, float]) -> tuple[Ph
     return tuple(found)
 
 
-def _delay(phases: Sequence[Phase], holds: Mapping[int, float], t: float) -> float:
+def delay_at(phases: Sequence[Phase], holds: Mapping[int, float], t: float) -> float:
     """By how much holds delay what happens at `t` [s]."""
     return sum(duration for number, duration in holds.items() if phases[number].start <= t)
 
 
-def _delay_before(holds: Mapping[int, float], number: int) -> float:
+def delay_before(holds: Mapping[int, float], number: int) -> float:
+    """By how much holds before earlier phases delay that of a phase [s]."""
     return sum(duration for other, duration in holds.items() if other < number)
 
 

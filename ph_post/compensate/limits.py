@@ -71,7 +71,8 @@ def at_rest_before_and_after(position: Array, before: bool, after: bool) -> Arra
 def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
     """Find every stretch on which the samples of `command` break a limit of the machine.
 
-    Where the motion begins or ends with a feed of zero the machine stands still before or after it.
+    Where the motion begins or ends with a feed of zero the machine stands still before or after it. The jerk
+    of jogs is the controller's own, and no limit of it applies.
 
     Returns
     -------
@@ -80,14 +81,17 @@ def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
     """
     before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
     position = at_rest_before_and_after(command.position, before, after)
+    plain = command.position if command.jogged is None else command.position - command.jogged
+    smooth = at_rest_before_and_after(plain, before, after)
     extent, speed = float(np.abs(command.position).max()), float(np.abs(command.feed).max())
     noise = rounding(extent, float(command.s.max()), float(command.t[-1]), speed)
     found: list[Violation] = []
     for number, axis in enumerate(command.axes):
         limits = axis_limits((axis,), machine, command.period)
         for order, quantity in enumerate(QUANTITIES, start=1):
-            value = np.abs(differences(position[:, number], order, command.period))
-            broken = usage(position[:, number : number + 1], limits, order, noise)[:, 0] > 1.0
+            own = (position if order < len(QUANTITIES) else smooth)[:, number : number + 1]
+            value = np.abs(differences(own, order, command.period))[:, 0]
+            broken = usage(own, limits, order, noise)[:, 0] > 1.0
             for run in runs(np.flatnonzero(broken)):
                 worst = int(run[np.argmax(value[run])])
                 row = min(max(worst - (3 if before else 0), 0), command.t.size - 1)

@@ -20,12 +20,13 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.caps import axis_limits
+from ph_post.compensate.jogs import jogged
 from ph_post.compensate.limits import at_rest_before_and_after, rounding, usage
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.sample import sample
 from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Machine, Plan, Servo, frozen
+from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Jog, Machine, Plan, Servo, frozen
 
 EDGE = 0.3
 """Part of a push that it takes to rise, and to fall."""
@@ -44,7 +45,7 @@ class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     where the command keeps the limits.
     """
 
-    crossings: tuple[Crossing, ...] = ()
+    crossings: tuple[Crossing | Jog, ...] = ()
     bias: Mapping[str, float] = {}
     lead: bool = True
     fade: bool = True
@@ -105,7 +106,13 @@ def add_offsets(
         )
     if offsets.lead:
         fixed += _faded(command, machine, fixed, dynamic) if offsets.fade else dynamic
-    return msgspec.structs.replace(command, position=frozen(command.position + fixed), offset=frozen(fixed))
+    jogs = [one for one in offsets.crossings if isinstance(one, Jog)]
+    moved = jogged(jogs, command.axes, command.t) if jogs else None
+    if moved is not None:
+        fixed += moved
+    return msgspec.structs.replace(
+        command, position=frozen(command.position + fixed), offset=frozen(fixed), jogged=moved
+    )
 
 
 def _one_axis(
@@ -113,7 +120,7 @@ def _one_axis(
 ) -> tuple[Array, Array]:
     """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each."""
     t, servo, gap = command.t, axis.servo, axis.gap
-    mine = [crossing for crossing in offsets.crossings if crossing.axis == axis.name]
+    mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]
     motor = sum((travelled(crossing, t) for crossing in mine), np.zeros((3, t.size)))
     fixed = sum((pushed(crossing, t) for crossing in mine), np.zeros(t.size))
     if axis.feedback == "load":

@@ -38,7 +38,7 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     feed_only : bool
         Whether the path is left as it is: no inverse dynamics, no crossings.
     carrier : {"table", "program"}
-        What the plan is written as; a part program cannot carry what is added to single samples.
+        What the plan is written as; what is added to the path in a part program are jogs at full stops.
     effort : float
         How much strategies search that do so, 1 for some ten seconds.
     """

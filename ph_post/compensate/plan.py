@@ -14,6 +14,7 @@ from ph_post.compensate.caps import find_stops
 from ph_post.compensate.course import Course, Settled
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.fit import Fitter
+from ph_post.compensate.joglayout import lay_out_jogs, without_axes
 from ph_post.compensate.layout import Job, lay_out
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.options import PlanOptions
@@ -156,6 +157,7 @@ class Draft:
             *proposal.warnings,
             *fitted.warnings,
         ]
+        written = options.carrier == "program"
         phases = fitted.settled.motion.phases()
         if self.led:
             phases = smooth_ramps(phases, self._breaks_limits)
@@ -164,7 +166,9 @@ class Draft:
             windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
             phases=phases, moving=self.moving, lead=self.lead,
         )  # fmt: skip
-        layout = lay_out(job)
+        layout = lay_out_jogs(job) if written else lay_out(job)
+        if layout.dropped:
+            return self.plan(name, without_axes(proposal, layout.dropped))
         warnings += words.lasting_offsets(self.machine, layout)
         return Plan(
             path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,

@@ -140,7 +140,7 @@ class Search:
         excess, gain = self._excess(design, outcome, budget), self._gain(outcome)
         found = Found(
             family=family, x=x, budget=budget, design=design, outcome=outcome, side=self._side(design),
-            score=gain + FINE * excess,            merit=self.merit(outcome), allowed=excess == 0.0 and gain < 0.0,
+            score=gain + FINE * excess, merit=self.merit(outcome), allowed=excess == 0.0 and gain < 0.0,
         )  # fmt: skip
         self.tried.append(found)
         return found

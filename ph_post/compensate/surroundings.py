@@ -48,14 +48,14 @@ def find_surroundings(analysis: Analysis, feed: FeedAlong, looped: bool) -> tupl
     length = analysis.track.length
     rooms = half_distances([window.s for window in windows], length, looped)
     found: list[Surroundings | None] = []
-    for window, room in zip(windows, rooms, strict=True):
+    for window, half in zip(windows, rooms, strict=True):
         cruise = feed.at(window.s)
         sides = feed.steady_sides(window.s, REACH * cruise, STEADY * cruise) if cruise > 0.0 else (0.0, 0.0)
-        if min(*sides, room) <= 0.0:
+        if min(*sides, half) <= 0.0:
             found.append(None)
             continue
         flanks = {name: _flank(analysis, window, k) for k, name in enumerate(analysis.path.axes)}
-        room = min(*sides, room)
+        room = min(*sides, half)
         cruise = feed.lowest(window.s, room)
         around = Surroundings(
             s=window.s, cruise=cruise, room=room, before=sides[0], behind=sides[1],

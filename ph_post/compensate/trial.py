@@ -22,7 +22,7 @@ from ph_post.drive.effects import plant_of
 from ph_post.geometry.track import Track
 from ph_post.simulate.contour import Nominal
 from ph_post.simulate.machine import Trace, run_plant
-from ph_post.types import Array, Command, Crossing, FeedProfile, Machine, Scenario, Shape
+from ph_post.types import Array, Command, Crossing, FeedProfile, Jog, Machine, Scenario, Shape
 
 LEAD: Final = 4.0
 """Servo time constants 2b/c of steady motion before a profile, the first half of which does not count."""
@@ -46,7 +46,7 @@ class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shape: Shape | None = None
     t_star: float = 0.0
     turn: float = 0.5
-    crossings: tuple[Crossing, ...] = ()
+    crossings: tuple[Crossing | Jog, ...] = ()
     lead: bool = False
 
 
@@ -171,8 +171,9 @@ class Trial:
         return self.nominal.nearest(executed, s).error
 
     def _use(self, command: Command) -> float:
-        """Largest part of a limit that a command takes."""
-        return max(float(usage(command.position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
+        """Largest part of a limit that a command takes; jogs keep theirs, as the path rests meanwhile."""
+        position = command.position if command.jogged is None else command.position - command.jogged
+        return max(float(usage(position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
 
 
 def _time_constant(machine: Machine, name: str) -> float:

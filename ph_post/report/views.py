@@ -10,7 +10,7 @@ import numpy as np
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.turning import Certificate
-from ph_post.types import Command, Crossing, FeedProfile, Plan, TurningPoint, Window
+from ph_post.types import Command, Crossing, FeedProfile, Jog, Plan, TurningPoint, Window
 from ph_post.units import MM, MM_PER_MIN
 
 View = dict[str, Any]
@@ -110,15 +110,16 @@ def strategy_at(plan: Plan, number: int) -> str:
     return "takeup" if plan.strategy == "auto" else plan.strategy
 
 
-def crossing_view(one: Crossing) -> View:
-    """Return a commanded crossing of a gap: times [s], travel and push [mm], signed."""
+def crossing_view(one: Crossing | Jog) -> View:
+    """Return a commanded crossing of a gap: times [s], travel and push [mm], signed; a jog does not push."""
+    push, pushed = (one.push, one.push_duration) if isinstance(one, Crossing) else (0.0, 0.0)
     return {
         "axis": one.axis,
         "start": one.start,
         "duration": one.duration,
         "travel": one.travel / MM,
-        "push": one.push / MM,
-        "push_duration": one.push_duration,
+        "push": push / MM,
+        "push_duration": pushed,
     }
 
 

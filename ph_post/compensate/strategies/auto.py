@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import PLATEAU, Case, Family, dips
+from ph_post.compensate.joglayout import lacks_stops
 from ph_post.compensate.strategies.base import Proposal, Task
 from ph_post.compensate.strategies.feed import refuse_options
-from ph_post.compensate.strategies.takeup import crossing_families
+from ph_post.compensate.strategies.takeup import crossing_families, jog_families
 from ph_post.types import Feedback
 
 DEGREES = (4, 6, 10)
@@ -31,9 +32,16 @@ class Automatic:
     def profiles(self, task: Task) -> Proposal:
         """Search for the best design at every turning point."""
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
-        offsets = not task.options.feed_only and task.options.carrier == "table"
-        lead = task.options.inverse_dynamics and offsets
-        return choose(task, _families if offsets else _feed_families, offsets=offsets, lead=lead)
+        options = task.options
+        if options.feed_only:
+            return choose(task, _feed_families, offsets=False, lead=False)
+        if options.carrier == "table":
+            return choose(task, _families, offsets=True, lead=options.inverse_dynamics)
+        proposal = choose(task, _written_families, offsets=True, lead=False)
+        # Without a stop at every reversal there is no lasting offset, and the feed may be modulated instead.
+        if lacks_stops(task, proposal):
+            return choose(task, _feed_families, offsets=False, lead=False)
+        return proposal
 
 
 def _families(task: Task, case: Case) -> Sequence[Family]:
@@ -42,6 +50,12 @@ def _families(task: Task, case: Case) -> Sequence[Family]:
     crossing = crossing_families(task, case)
     inside = any(axis.feedback == "load" for axis, _ in case.reversing)
     return (*crossing, PLATEAU, dips(SIMPLE, lowest)) if inside else crossing
+
+
+def _written_families(task: Task, case: Case) -> Sequence[Family]:
+    lasting = any(axis.feedback != "load" for axis, _ in case.reversing)
+    jogs = jog_families(task, case)
+    return jogs if lasting else (*jogs, *_feed_families(task, case))
 
 
 def _feed_families(task: Task, _case: Case) -> Sequence[Family]:

@@ -20,7 +20,17 @@ from ph_post.analysis import Analysis
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.options import PlanOptions
 from ph_post.errors import InputError
-from ph_post.types import BacklashInterval, Crossing, Feedback, Machine, Path, Shape, TurningPoint, Window
+from ph_post.types import (
+    BacklashInterval,
+    Crossing,
+    Feedback,
+    Jog,
+    Machine,
+    Path,
+    Shape,
+    TurningPoint,
+    Window,
+)
 
 
 def silent(_text: str) -> None:
@@ -30,12 +40,9 @@ def silent(_text: str) -> None:
 class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a strategy is asked about.
 
-        `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
-    <<<<<<< HEAD
-        `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it.
-    =======
-        `duration` [s] how long it takes. `tell` is told what a long search is at, for whoever waits for it.
-    >>>>>>> 03adda2 (Plan for what is written, and choose automatically by default)
+    `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
+    `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it. `tell` is told what a
+    long search is at, for whoever waits for it.
     """
 
     analysis: Analysis
@@ -95,7 +102,7 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     least: float = 0.0
     turn: float = 0.5
     may_leave: bool = False
-    crossings: tuple[Crossing, ...] = ()
+    crossings: tuple[Crossing | Jog, ...] = ()
     strategy: str = ""
     note: str = ""
 

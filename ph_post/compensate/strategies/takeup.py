@@ -2,7 +2,7 @@
 
 With a scale on the table the motor is driven across the gap by a short command that the table does not
 follow, and met by the path on the other flank. Without one the command is shifted by the gap, and stays
-shifted until the next reversal.
+shifted until the next reversal. A part program does both by short moves of one axis at full stops.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import BARE, CROSSING, OFFSET, Case, Family
+from ph_post.compensate.jogfamilies import JOG, PULSE
 from ph_post.compensate.strategies.base import Proposal, Task
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
@@ -27,8 +28,22 @@ class TakeUp:
     def profiles(self, task: Task) -> Proposal:
         """Search for the crossing that is best in simulation at every turning point."""
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
-        refuse_offsets(task, self.name)
+        refuse_feed_only(task, self.name)
+        if task.options.carrier == "program":
+            return choose(task, jog_families, offsets=True, lead=False)
         return choose(task, crossing_families, offsets=True, lead=task.options.inverse_dynamics)
+
+
+def refuse_feed_only(task: Task, name: str) -> None:
+    """Refuse a strategy that adds to the path where nothing may be.
+
+    Raises
+    ------
+    InputError
+        With --feed-only.
+    """
+    if task.options.feed_only:
+        raise InputError("--feed-only", f"strategy {name} modifies the path", expected="it left out")
 
 
 def refuse_offsets(task: Task, name: str) -> None:
@@ -39,8 +54,7 @@ def refuse_offsets(task: Task, name: str) -> None:
     InputError
         With --feed-only, and for a part program.
     """
-    if task.options.feed_only:
-        raise InputError("--feed-only", f"strategy {name} modifies the path", expected="it left out")
+    refuse_feed_only(task, name)
     if task.options.carrier == "program":
         raise InputError(
             "--strategy", f"strategy {name} modifies single samples of the path",
@@ -54,6 +68,14 @@ def crossing_families(task: Task, case: Case) -> Sequence[Family]:
     if not inside:
         return (BARE, OFFSET)
     return () if task.options.min_feed else (CROSSING,)
+
+
+def jog_families(task: Task, case: Case) -> Sequence[Family]:
+    """Families of what a part program can carry: they stop, and so need that no least feed forbids it."""
+    if task.options.min_feed:
+        return ()
+    inside = any(axis.feedback == "load" for axis, _ in case.reversing)
+    return (PULSE,) if inside else (JOG,)
 
 
 STRATEGY = TakeUp()
