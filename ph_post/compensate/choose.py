@@ -127,13 +127,17 @@ class _Chooser:
     def propose(self) -> Proposal:
         """Search window by window, and share the time out where it does most."""
         found = list(map(self._candidates, self.places, self.reversing))
-        chosen = allocate([own for own in found if own], SPARE * self.task.allowed - self.approach)
-        picks = iter(chosen)
+        return self._proposal(found, 1.0)
+
+    def _proposal(self, found: Sequence[Sequence[Found]], part: float) -> Proposal:
+        """Pick candidates for a part of the time allowed."""
+        time = SPARE * part * self.task.allowed - self.approach
+        picks = iter(allocate([own for own in found if own], time))
         wishes = (
             self._wish(next(picks) if own else None, place, drives)
             for own, place, drives in zip(found, self.places, self.reversing, strict=True)
         )
-        return Proposal(wishes=tuple(wishes), proven=True)
+        return Proposal(wishes=tuple(wishes), proven=True, shorter=lambda less: self._proposal(found, less))
 
     def _wish(self, found: Found | None, place: Surroundings | None, drives: Drives) -> Wish:
         if not drives:
@@ -145,7 +149,7 @@ class _Chooser:
         design = found.design
         return Wish(
             shape=design.shape, t_star=design.t_star, turn=design.turn, may_leave=True,
-            crossings=design.crossings or bare, strategy=found.family.name,
+            crossings=design.crossings or bare, stop=design.stop, strategy=found.family.name,
         )  # fmt: skip
 
     def _bare(self, drives: Drives) -> tuple[Crossing | Jog, ...]:
@@ -172,6 +176,8 @@ class _Chooser:
         trial = Trial(self.nominal, self.track, place, machine, self.scenarios)
         bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
         search = Search(trial, case, bounds, self.as_filed)
+        if self._may_rest(drives):
+            search.add_rest()
         for known in self.known:
             if known.likens(place, drives) and self._serves(search, known.found):
                 return search.candidates()
@@ -184,10 +190,17 @@ class _Chooser:
         )
         return found
 
+    def _may_rest(self, drives: Drives) -> bool:
+        """Whether a rest in the plain motion would do: nothing inside a loop is to be crossed there."""
+        tables = self.offsets and self.task.options.carrier == "table"
+        return tables and all(axis.feedback != "load" for axis, _ in drives)
+
     @staticmethod
     def _serves(search: Search, known: Sequence[Found]) -> bool:
         """Whether what was found elsewhere is as good here."""
         for one in known:
+            if one.design.stop:
+                continue
             again = search.look(one.family, one.x, one.budget)
             if not again.allowed or again.merit > AS_GOOD * one.merit + FLOOR:
                 return False

@@ -98,7 +98,7 @@ def _at_windows(job: Job, motion: Motion) -> tuple[list[Crossing], set[int]]:
     served: set[int] = set()
     for number, wish in enumerate(job.wishes):
         crossings = [one for one in wish.crossings if isinstance(one, Crossing)]
-        if not crossings:
+        if not crossings or wish.stop:
             continue
         window, middle = job.windows[number], middle_of(motion, number)
         chosen = crossings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,7 +25,7 @@ from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loo
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.surroundings import flanks_before
 from ph_post.errors import InputError
-from ph_post.types import Machine, Phase, Plan
+from ph_post.types import Array, Machine, Phase, Plan, frozen
 
 LEAD_SHARE = 0.3
 """Part of the time allowed that ramps which can be led may take."""
@@ -78,6 +79,17 @@ def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], No
     return prove(plan, proposal, draft)
 
 
+NO_STOPS = frozen([])
+
+
+class Ground(NamedTuple):
+    """What profiles are built on: the course, the plain motion on it, and its feed along the path."""
+
+    course: Course
+    settled: Settled
+    feed: FeedAlong
+
+
 class Draft:
     """What all plans of one job have in common: the plain plan along the path, and the ground to build on.
 
@@ -97,47 +109,61 @@ class Draft:
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
-        course = self._course()
+        course = self._course(None, NO_STOPS)
         self.before = course.settle()
-        led = self._led() if self.lead else None
-        self.led = led is not None
-        self.course, self.ground = led or (course, self.before)
+        self._planned: Machine | None = None
+        self.ground = self._on(course, self.before)
+        if self.lead:
+            self._lead_ramps()
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
         none = np.zeros(0)
         told = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
         self.stops = words.stops(*told)
-        period, length = course.limits.period, analysis.track.length
-        self.feed = FeedAlong(self.ground.motion, period, length, course.looped)
+        end = self.ground.settled.motion.end
         self.task = Task(
-            analysis=analysis, machine=machine, options=options, feed=self.feed, looped=course.looped,
-            duration=self.ground.motion.end, allowed=self._allowed - self.ground.motion.end, tell=tell,
+            analysis=analysis, machine=machine, options=options, feed=self.ground.feed,
+            looped=course.looped, duration=end, allowed=self.longest - end, tell=tell,
         )  # fmt: skip
 
     @property
-    def _allowed(self) -> float:
-        """Longest cycle time [s]."""
+    def longest(self) -> float:
+        """Longest cycle time allowed [s]."""
         return (1.0 + self.options.max_slowdown) * self.before.motion.end
 
-    def _course(self, planned: Machine | None = None) -> Course:
-        return Course(self.analysis.track, self.machine, self._stops, self.moving, planned)
+    def _course(self, planned: Machine | None, stops: Array) -> Course:
+        every = np.concatenate([self._stops, stops])
+        return Course(self.analysis.track, self.machine, every, self.moving, planned)
 
-    def _led(self) -> tuple[Course, Settled] | None:
-        """Plan with the part of the limits with which ramps can be led; None where that takes too long."""
+    def _on(self, course: Course, settled: Settled) -> Ground:
+        period, length = course.limits.period, self.analysis.track.length
+        return Ground(course, settled, FeedAlong(settled.motion, period, length, course.looped))
+
+    def _lead_ramps(self) -> None:
+        """Plan with the part of the limits with which ramps can be led, if that does not take too long."""
         path = self.analysis.path
         feeds = [path.feed if one.feed is None else one.feed for one in path.segments]
         slower = reduced(self.machine, max(feeds))
         if slower is None:
-            return None
-        course = self._course(slower)
+            return
+        course = self._course(slower, NO_STOPS)
         settled = course.settle()
         spent = settled.motion.end - self.before.motion.end
-        cheap = spent <= LEAD_SHARE * (self._allowed - self.before.motion.end)
-        return (course, settled) if cheap else None
+        if spent <= LEAD_SHARE * (self.longest - self.before.motion.end):
+            self._planned, self.ground = slower, self._on(course, settled)
+
+    def _ground_for(self, wishes: Sequence[Wish]) -> Ground:
+        """Return the ground to build on, at rest where wishes want the motion to stop."""
+        pairs = zip(self.analysis.windows, wishes, strict=True)
+        stops = np.array([window.s for window, wish in pairs if wish.stop])
+        if not stops.size:
+            return self.ground
+        course = self._course(self._planned, stops)
+        return self._on(course, course.settle())
 
     def _breaks_limits(self, phases: tuple[Phase, ...]) -> tuple[float, ...]:
         """Return the instants at which samples of a motion on the path break a limit."""
         motion = Motion.from_phases(phases)
-        broken = find_broken(self.analysis.track, self.course.limits, motion)
+        broken = find_broken(self.analysis.track, self.ground.course.limits, motion)
         return tuple(broken.t0.tolist()) + tuple(broken.t1.tolist())
 
     def plain(self, why: str = "") -> Plan:
@@ -149,17 +175,18 @@ class Draft:
     def plan(self, name: str, proposal: Proposal) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
-        fitted = Fitter(self.course, self.ground, analysis.windows, proposal.wishes, options, self.feed).fit()
+        course, settled, feed = self._ground_for(proposal.wishes)
+        fitted = Fitter(course, settled, analysis.windows, proposal.wishes, options, feed).fit()
         warnings = [
             *self.stops,
-            *words.slow_stretches(self.course.caps),
-            *words.slowed(self.course.caps, fitted.settled.factor),
+            *words.slow_stretches(course.caps),
+            *words.slowed(course.caps, fitted.settled.factor),
             *proposal.warnings,
             *fitted.warnings,
         ]
         written = options.carrier == "program"
         phases = fitted.settled.motion.phases()
-        if self.led:
+        if self._planned is not None:
             phases = smooth_ramps(phases, self._breaks_limits)
         job = Job(
             track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
@@ -175,5 +202,5 @@ class Draft:
             windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
             nominal=self.before.motion.phases(), phases=layout.phases, crossings=layout.crossings,
             bias=layout.bias, inverse_dynamics=self.lead,
-            flanks=flanks_before(analysis) if self.course.looped else {}, warnings=tuple(warnings),
+            flanks=flanks_before(analysis) if course.looped else {}, warnings=tuple(warnings),
         )  # fmt: skip

@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 ROUNDS: Final = 12
 """Times that something is given up before everything is."""
 
+SHORTENINGS: Final = 4
+"""Times that quicker designs are asked for."""
+
+TIMED: Final = 1e-4
+"""Part by which a plan may take longer than it may: profiles are laid at the lowest feed around them."""
+
 SAME: Final = 1e-9
 """Errors [m] that differ by less are the same."""
 
@@ -46,6 +52,7 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     Plan
         Proven, and perhaps poorer.
     """
+    plan, proposal = _in_time(plan, proposal, draft)
     judge = _Judge(draft)
     for _ in range(ROUNDS):
         blamed = judge.blame(plan)
@@ -62,10 +69,23 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     return replace(draft.plain(GIVEN_UP), strategy=plan.strategy)
 
 
+def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Proposal]:
+    """Ask for quicker designs while the plan takes longer than it may."""
+    part = 1.0
+    for _ in range(SHORTENINGS):
+        end, plain = (phases[-1].start + phases[-1].duration for phases in (plan.phases, plan.nominal))
+        if end <= draft.longest * (1.0 + TIMED) or proposal.shorter is None:
+            break
+        part *= 0.97 * (draft.longest - plain) / (end - plain)
+        proposal = proposal.shorter(part)
+        plan = draft.plan(plan.strategy, proposal)
+    return plan, proposal
+
+
 def _without(wish: Wish, machine: Machine) -> Wish:
     """Leave the feed alone; a lasting offset still has to be changed."""
     lasting = tuple(one for one in wish.crossings if machine.axes[one.axis].feedback != "load")
-    if wish.shape is None and lasting == wish.crossings:
+    if wish.shape is None and not wish.stop and lasting == wish.crossings:
         return wish
     return Wish(shape=None, crossings=lasting, note=GIVEN_UP)
 

@@ -16,7 +16,8 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import shapes
-from ph_post.compensate.families import Case, Family
+from ph_post.compensate.families import BARE, ONE, Case, Family, make_bare
+from ph_post.compensate.scurve import ramp_time
 from ph_post.compensate.trial import Design, Outcome, Trial
 from ph_post.simulate.machine import patience
 from ph_post.types import Array
@@ -38,6 +39,9 @@ WORST: Final = 0.2
 
 BETTER: Final = 0.97
 """How much better a design must be than a quicker one to be a candidate beside it."""
+
+REST_PART: Final = 0.5
+"""Part of the limits along the path with which a rest in the plain motion is reckoned."""
 
 ROOM: Final = 1.0 + 1e-9
 """Rounding allowed where a bound is met exactly."""
@@ -129,6 +133,38 @@ class Search:
             if found.allowed and (not kept or found.merit < BETTER * kept[-1].merit):
                 kept.append(found)
         return kept
+
+    def add_rest(self) -> None:
+        """Take into account that the plain motion may rest here while the gaps behind the loop are crossed.
+
+        It is not simulated: the motion rests within the limits wherever it is planned to, and what is left is
+        the part of the gap that is not known. The time is estimated from the limits of the slowest axis.
+        """
+        trial, case = self.trial, self.case
+        drives = [trial.machine.axes[name] for name in trial.axes]
+        acceleration = np.array([REST_PART * min(axis.limits.acceleration for axis in drives)])
+        jerk = np.array([REST_PART * min(axis.limits.jerk for axis in drives)])
+        ramps = float(ramp_time(np.zeros(1), np.array([case.place.cruise]), acceleration, jerk)[0])
+        unknown = max(0.5 * axis.uncertainty.backlash * axis.gap.lost_motion for axis, _ in case.reversing)
+        error = np.full(len(trial.scenarios), unknown)
+        error[: self.nominal] = FLOOR
+        outcome = Outcome(
+            error=error, rms=error, use=1.0, longer=ramps + max(case.shortest.values()), slowest=0.0
+        )
+        design = Design(crossings=make_bare(ONE, case).crossings, lead=case.lead, stop=True)
+        self.tried.append(
+            Found(
+                family=BARE,
+                x=ONE,
+                budget=case.budget,
+                design=design,
+                outcome=outcome,
+                side=0.0,
+                score=self._gain(outcome),
+                merit=self.merit(outcome),
+                allowed=self.bounds.slowest == 0.0,
+            )  # fmt: skip
+        )
 
     def look(self, family: Family, x: Array, budget: float) -> Found:
         """Try one design."""

@@ -40,7 +40,8 @@ CONSTANT: Final = shapes.single([1.0])
 class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What may be done at a turning point: a profile, and crossings counted from its middle [s].
 
-    `shape` None is the plain motion. `turn` is the share of the profile's way before the turning point.
+    `shape` None is the plain motion. `turn` is the share of the profile's way before the turning point. With
+    `stop` the plain motion itself is to rest there.
     """
 
     shape: Shape | None = None
@@ -48,6 +49,7 @@ class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     turn: float = 0.5
     crossings: tuple[Crossing | Jog, ...] = ()
     lead: bool = False
+    stop: bool = False
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -93,7 +93,8 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `crossings` are those of the gap, their start counted from the middle of the profile's time; where there
     is none, a lasting offset is changed all the same, around the turning point.
     `may_leave` lets it leave the window in which the osculating circle stands for the path. `note` says why
-    the window is left alone, or whatever else the user should know. `strategy` names what was chosen where a
+    the window is left alone, or whatever else the user should know. `stop` has the plain motion rest at the
+    turning point, for a crossing there. `strategy` names what was chosen where a
     strategy chooses among others.
     """
 
@@ -103,6 +104,7 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     turn: float = 0.5
     may_leave: bool = False
     crossings: tuple[Crossing | Jog, ...] = ()
+    stop: bool = False
     strategy: str = ""
     note: str = ""
 
@@ -111,10 +113,12 @@ class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A strategy's answer: one wish a window, and warnings about the job as a whole.
 
     `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
+    `shorter` makes a proposal that takes about a part of the time that this one adds.
     """
 
     wishes: tuple[Wish, ...]
     proven: bool = False
+    shorter: Callable[[float], Proposal] | None = None
     warnings: tuple[str, ...] = ()
 
 
