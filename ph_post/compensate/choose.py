@@ -143,6 +143,8 @@ class _Chooser:
         if not drives:
             return Wish(shape=None, note="no axis with a gap reverses here")
         bare = self._bare(drives)
+        if place is None and self._may_rest(drives):
+            return Wish(shape=None, crossings=bare, stop=True)
         if found is None:
             why = STANDS if place is None else "nothing that was tried is better in every case"
             return Wish(shape=None, crossings=bare, note="" if bare else why)

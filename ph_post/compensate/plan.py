@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -21,11 +21,12 @@ from ph_post.compensate.motion import Motion
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
 from ph_post.compensate.ramps import reduced, smooth_ramps
+from ph_post.compensate.shapes import told_ratio
 from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loop, silent
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.surroundings import flanks_before
 from ph_post.errors import InputError
-from ph_post.types import Array, Machine, Phase, Plan, frozen
+from ph_post.types import Array, FeedProfile, Machine, Phase, Plan, frozen
 
 LEAD_SHARE = 0.3
 """Part of the time allowed that ramps which can be led may take."""
@@ -78,6 +79,9 @@ def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], No
     tell("proving the plan against the plain program")
     return prove(plan, proposal, draft)
 
+
+AS_DEEP = 0.02
+"""By how much V / V_c of a profile may be higher than wished before a rest is better."""
 
 NO_STOPS = frozen([])
 
@@ -154,7 +158,8 @@ class Draft:
     def _ground_for(self, wishes: Sequence[Wish]) -> Ground:
         """Return the ground to build on, at rest where wishes want the motion to stop."""
         pairs = zip(self.analysis.windows, wishes, strict=True)
-        stops = np.array([window.s for window, wish in pairs if wish.stop])
+        length = self.analysis.track.length
+        stops = np.array([window.s for window, wish in pairs if wish.stop and 0.0 < window.s < length])
         if not stops.size:
             return self.ground
         course = self._course(self._planned, stops)
@@ -165,6 +170,19 @@ class Draft:
         motion = Motion.from_phases(phases)
         broken = find_broken(self.analysis.track, self.ground.course.limits, motion)
         return tuple(broken.t0.tolist()) + tuple(broken.t1.tolist())
+
+    def _missed(self, wishes: Sequence[Wish], profiles: Sequence[FeedProfile | None]) -> set[int]:
+        """Return the windows that did not get the profile that a crossing behind the loop counts on."""
+        if self.options.carrier == "program" or self.options.min_feed is not None:
+            return set()
+        return {
+            number
+            for number, (wish, found) in enumerate(zip(wishes, profiles, strict=True))
+            if wish.shape is not None
+            and wish.crossings
+            and all(self.machine.axes[one.axis].feedback != "load" for one in wish.crossings)
+            and (found is None or found.ratio > told_ratio(wish.shape) + AS_DEEP)
+        }
 
     def plain(self, why: str = "") -> Plan:
         """Return the plain program, nothing added, and say why."""
@@ -177,6 +195,9 @@ class Draft:
         analysis, options = self.analysis, self.options
         course, settled, feed = self._ground_for(proposal.wishes)
         fitted = Fitter(course, settled, analysis.windows, proposal.wishes, options, feed).fit()
+        missed = self._missed(proposal.wishes, fitted.profiles)
+        if missed:
+            return self.plan(name, with_rests(proposal, missed))
         warnings = [
             *self.stops,
             *words.slow_stretches(course.caps),
@@ -204,3 +225,12 @@ class Draft:
             bias=layout.bias, inverse_dynamics=self.lead,
             flanks=flanks_before(analysis) if course.looped else {}, warnings=tuple(warnings),
         )  # fmt: skip
+
+
+def with_rests(proposal: Proposal, windows: Collection[int]) -> Proposal:
+    """Let the plain motion rest in some windows, where their profiles could not be had."""
+    wishes = tuple(
+        msgspec.structs.replace(wish, shape=None, stop=True) if number in windows else wish
+        for number, wish in enumerate(proposal.wishes)
+    )
+    return msgspec.structs.replace(proposal, wishes=wishes)
