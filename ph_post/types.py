@@ -28,7 +28,11 @@ EventKind = Literal["opens", "picks up", "falls back", "sticks", "slips", "satur
 
 def frozen(values: Any) -> Array:
     """Return `values` as a read-only float64 array (records hold no other)."""
-    array = np.array(values, dtype=np.float64)
+    return sealed(np.array(values, dtype=np.float64))
+
+
+def sealed(array: Array) -> Array:
+    """Return an array that nobody else holds, from now on read-only: :func:`frozen` without a copy."""
     array.setflags(write=False)
     return array
 

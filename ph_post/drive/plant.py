@@ -20,8 +20,12 @@ import msgspec
 from ph_post.types import Axis, Feedback, Pickup, Scenario
 
 Force = Callable[[float, float, float, float], float]
-"""A force that resists motion, F/K [m], as function of t [s], position [m] and speed [m/s] of the table, and
-the direction (1, -1; 0 at rest) it moves in."""
+"""A force that resists motion, F/K [m].
+
+A function of t [s] (that of the command's rows), of position [m] and speed [m/s] of the body that feels
+friction, the table of a `load` loop and the motor of the others, and of the direction (1, -1; 0 at rest) that
+it moves in.
+"""
 
 
 class Plant(msgspec.Struct, frozen=True, kw_only=True):
@@ -58,7 +62,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     command_delay, reading_delay : float
         [s].
     forces : tuple of callables
-        Further forces, run by the slow engine.
+        Further forces; an axis that has any runs in the slow engine.
     """
 
     feedback: Feedback
@@ -84,6 +88,11 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     command_delay: float = 0.0
     reading_delay: float = 0.0
     forces: tuple[Force, ...] = ()
+
+
+def force_on(plant: Plant, t: float, position: float, speed: float, direction: int) -> float:
+    """Return what the `forces` of a plant add up to, F/K [m]."""
+    return sum(force(t, position, speed, direction) for force in plant.forces)
 
 
 def base_plant(axis: Axis, scenario: Scenario) -> Plant:

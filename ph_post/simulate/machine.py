@@ -11,17 +11,19 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import lru_cache
 from threading import Timer
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
 from ph_post.drive.effects import plant_of
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import Plant, force_on
 from ph_post.simulate import kernel
-from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, frozen
+from ph_post.simulate.modes import modes_of
+from ph_post.simulate.slow import SlowAxis
+from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
 
 AT_REST: Final = 1e-12
 """Speeds at the first sample up to this [m/s] are none."""
@@ -67,7 +69,7 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
             events += found
     return Run(
         axes=command.axes, period=command.period, scenario=scenario, t=command.t, s=command.s,
-        commanded=command.position, executed=frozen(executed), motor=frozen(motor),
+        commanded=command.position, executed=sealed(executed), motor=sealed(motor),
         events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
     )  # fmt: skip
 
@@ -79,16 +81,21 @@ def simulate_many(command: Command, machine: Machine, scenarios: Sequence[Scenar
 
 
 class Trace(NamedTuple):
-    """What one axis is commanded: `position` (n,) [m], and place and speed of the path at the beginning."""
+    """What one axis is commanded.
+
+    `position` (n,) [m], place and speed of the path at the beginning, and when that is [s].
+    """
 
     position: Array
     place: float
     speed: float
+    begin: float = 0.0
 
 
 class Changes(NamedTuple):
-    """The first mode of a run, and when (n,) [s] which mode gave way to which (n, 2)."""
+    """The modes by number, the first of a run, and when (n,) [s] which gave way to which (n, 2)."""
 
+    keys: tuple[Key, ...]
     first: int
     t: Array
     log: IntArray
@@ -101,7 +108,8 @@ def trace_of(command: Command, number: int) -> Trace:
     speed = 0.0
     if command.feed[0] != 0.0 and path.size == _FORWARD.size:
         speed = float(_FORWARD @ path) / command.period
-    return Trace(position, float(path[0]), 0.0 if abs(speed) <= AT_REST else speed)
+    speed = 0.0 if abs(speed) <= AT_REST else speed
+    return Trace(position, float(path[0]), speed, float(command.t[0]))
 
 
 def run_axis(
@@ -110,7 +118,7 @@ def run_axis(
     """Run one axis, which stands on `flank` if it rests: table, motor [m], shape (n,), and what happened."""
     plant = plant_of(axis, scenario)
     table, motor, changes = run_plant(trace, plant, flank, period)
-    return table, motor, list_events(build_automaton(plant).keys, changes, axis.name)
+    return table, motor, list_events(changes, axis.name)
 
 
 def first_flank(axis: Axis, scenario: Scenario) -> int:
@@ -122,26 +130,18 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
 
 def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
     """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes."""
-    automaton = build_automaton(plant)
+    linear = replace(plant, forces=())
+    automaton = build_automaton(linear)
     command = _delayed(trace.position, plant.command_delay / period)
     z, first = _start(trace, plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
-    modes = prepared(plant, period)
-    _, instants, log = kernel.advance(command, period, z, first, modes, np.zeros(2), table, motor)
-    return _delayed(table, plant.reading_delay / period), motor, Changes(first, instants * period, log)
-
-
-@lru_cache(maxsize=512)
-def prepared(plant: Plant, period: float) -> kernel.Modes:
-    """Return a plant as the engine takes it."""
-    automaton = build_automaton(plant)
-    return kernel.Modes(
-        tables=kernel.step_tables(automaton.rates, period), counts=automaton.counts,
-        guards=automaton.guards, slopes=frozen(np.matmul(automaton.guards, automaton.rates)),
-        noise=automaton.noise, targets=automaton.targets, resets=automaton.resets,
-        directions=automaton.directions, moving=automaton.moving,
-        static=plant.static if plant.stribeck_speed else 0.0, scale=plant.stribeck_speed,
-    )  # fmt: skip
+    if plant.forces:
+        instants, log = SlowAxis(plant, command, period, trace.begin).run(z, first, table, motor)
+    else:
+        modes = modes_of(linear, period)
+        _, instants, log = kernel.advance(command, period, z, first, modes, np.zeros(2), table, motor)
+    changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
+    return _delayed(table, plant.reading_delay / period), motor, changes
 
 
 def _delayed(values: Array, samples: float) -> Array:
@@ -173,14 +173,15 @@ def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tupl
         z[0] = z[2] - flank * half
         z[1] = trace.speed if plant.windup_frequency else 0.0
     if plant.ki:
-        z[4] = (plant.c * trace.speed + plant.load) / plant.ki
+        force = force_on(plant, trace.begin, trace.place, trace.speed, direction)
+        z[4] = (plant.c * trace.speed + plant.load + force) / plant.ki
     return z, automaton.keys.index((flank, direction, 0))
 
 
-def list_events(keys: Sequence[Key], changes: Changes, name: str) -> list[Event]:
+def list_events(changes: Changes, name: str) -> list[Event]:
     """Put the changes of mode into words; modes that last no time are passed over."""
     events: list[Event] = []
-    first, t, log = changes
+    keys, first, t, log = changes
     flank = keys[first][0]
     row = 0
     while row < len(log):

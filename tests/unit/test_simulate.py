@@ -238,6 +238,16 @@ def test_scenario_stands_in_place_of_the_file() -> None:
     assert_same(run, reference(Case(other, WAVES, PERIOD)))
 
 
+def test_events_count_time_as_the_command_does() -> None:
+    """A command may begin at any time; nothing else depends on when."""
+    machine = make_machine([make_axis("load", **SOFT)], PERIOD)
+    command = make_command(WAVES[:, None], PERIOD)
+    at_zero, later = simulate(command, machine), simulate(replace(command, t=command.t - 3.0), machine)
+    assert [event.kind for event in later.events] == [event.kind for event in at_zero.events]
+    assert [event.t + 3.0 for event in later.events] == pytest.approx([event.t for event in at_zero.events])
+    assert np.array_equal(later.executed, at_zero.executed)
+
+
 def test_worked_example() -> None:
     """Section 4.2: lag and duration of the settled reversal, by chords of 1 ms."""
     t = 1e-3 * np.arange(15_201)

@@ -6,6 +6,22 @@ its parameters in the units of the shop, with their bounds, and what it does to 
 To add one: make an :class:`Effect` and register it, under its own name, as entry point of the group
 ``ph_post.effects``. Its `apply` is a pure function of plant and values and adds to what it finds, so that
 effects combine in the order of the file. Where two of a kind cannot both hold on one axis it says `once`.
+
+What can be said in the constants of a plant (friction, viscous coefficients, loads, delays, ...) runs
+compiled, whoever wrote the effect. Any other force is a Python function that `apply` adds to the `forces` of
+the plant::
+
+    def cog(plant: Plant, values: Values) -> Plant:
+        size, pitch = values["size"], values["pitch"]
+
+        def force(t: float, position: float, speed: float, direction: float) -> float:
+            return size * math.sin(2.0 * math.pi * position / pitch)
+
+        return replace(plant, forces=(*plant.forces, force))
+
+Its unit is that of all forces on a plant, metres of following error. It is continuous in time, position and
+speed: dry friction, which can hold an axis, belongs in the constants. An axis that has one runs in the slow
+engine (:mod:`ph_post.simulate.slow`), a thousand times as long and more; the others are as fast as ever.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Engagement impact: the motor picks the table up with its momentum instead of from standstill."""
+"""Engagement impact: the motor picks the table up with its momentum, instead of from standstill.
+
+Motor, at w = ω_m r / N in the units of the table, and table, at v, go on together at v + kept η (w - v): with
+all of it kept, the common speed after a plastic impact. Where the file says `standstill`, `momentum` holds
+instead.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,7 @@ def _apply(plant: Plant, values: Values) -> Plant:
 EFFECT = Effect(
     name="engagement_impact",
     kind="state",
-    summary="pick-up with momentum, v = kept η ω_m r / N, also where the file says standstill",
+    summary="pick-up with momentum: the table's speed v becomes v + kept η (ω_m r / N - v)",
     source="M. Nordin, P.-O. Gutman: Controlling mechanical systems with backlash - a survey, "
     "Automatica 38 (2002), doi:10.1016/S0005-1098(02)00047-X; plastic impact of the inertias of Eq. (12)",
     parameters=(

@@ -1,0 +1,123 @@
+"""The slow engine: one axis with forces that are Python functions, part of a sample after part.
+
+Over a part the forces are taken as linear, from their value at its beginning to that at its end, which a step
+with the forces held predicts: wrong by the square of the part. All else is exact, as in the compiled engine,
+which takes these steps. A part whose two halves end elsewhere is halved, so that a force may be steep, and
+may jump where the direction does.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.drive.plant import Plant, force_on
+from ph_post.simulate import kernel
+from ph_post.simulate.modes import modes_of
+from ph_post.types import Array, IntArray
+
+NEGLIGIBLE: Final = 1e-9
+"""What the force of a part may be wrong by, F/K [m]; the table is off by no more than that."""
+
+DEEPEST: Final = 10
+"""Halvings of a sample after which a part is taken as it is: where a force jumps none is short enough."""
+
+
+class Reached(NamedTuple):
+    """State and mode after a part, and the changes of mode in it: when, in samples, which, and to which."""
+
+    z: Array
+    mode: int
+    changes: tuple[tuple[float, int, int], ...] = ()
+
+
+class SlowAxis:
+    """One axis with forces beyond those that its modes know.
+
+    Parameters
+    ----------
+    plant : Plant
+    command : Array, shape (n,)
+        X [m], linear between samples.
+    period : float
+        h [s].
+    begin : float
+        Time of the first sample [s].
+    """
+
+    def __init__(self, plant: Plant, command: Array, period: float, begin: float) -> None:
+        self.plant, self.command, self.period, self.begin = plant, command, period, begin
+        linear = replace(plant, forces=())
+        self.modes = [modes_of(linear, period / 2.0**level) for level in range(DEEPEST + 1)]
+
+    def run(self, z: Array, mode: int, table: Array, motor: Array) -> tuple[Array, IntArray]:
+        """Run through all samples.
+
+        Parameters
+        ----------
+        z : Array, shape (STATES,)
+            State at the first sample.
+        mode : int
+        table, motor : Array, shape (n,)
+            Receive x and m [m].
+
+        Returns
+        -------
+        instants, log : Array
+            As those of :func:`ph_post.simulate.kernel.advance`.
+        """
+        reached = Reached(z, mode)
+        changes: list[tuple[float, int, int]] = []
+        table[0], motor[0] = z[0], z[2]
+        for k in range(self.command.size - 1):
+            reached = self.cross(float(k), 0, reached)
+            changes += reached.changes
+            table[k + 1], motor[k + 1] = reached.z[0], reached.z[2]
+        log = np.array([modes for _, *modes in changes], dtype=np.int64).reshape(-1, 2)
+        return np.array([instant for instant, _, _ in changes]), log
+
+    def cross(self, place: float, level: int, start: Reached) -> Reached:
+        """Go through the part of h/2^level that begins at a place, in samples."""
+        whole = self._step(place, level, start)
+        if level == DEEPEST:
+            return whole
+        middle = place + 0.5 ** (level + 1)
+        half = self._step(place, level + 1, start)
+        end = self._step(middle, level + 1, half)
+        if not self._agree(whole, end, level):
+            half = self.cross(place, level + 1, start)
+            end = self.cross(middle, level + 1, half)
+        return end._replace(changes=half.changes + end.changes)
+
+    def _agree(self, one: Reached, other: Reached, level: int) -> bool:
+        """Whether the forces that make the difference are negligible."""
+        moving = self.modes[level].moving
+        gained = abs(one.z[moving] - other.z[moving])
+        return one.mode == other.mode and self.plant.b * gained <= NEGLIGIBLE * self.period / 2.0**level
+
+    def _step(self, place: float, level: int, start: Reached) -> Reached:
+        """Take the part in one step."""
+        held = self._force(place, start)
+        guess = self._advance(place, level, start, np.array([held, held]))
+        end = self._force(place + 0.5**level, guess)
+        return self._advance(place, level, start, np.array([held, end]))
+
+    def _force(self, place: float, at: Reached) -> float:
+        modes = self.modes[0]
+        t = self.begin + place * self.period
+        position, speed = float(at.z[modes.moving - 1]), float(at.z[modes.moving])
+        return force_on(self.plant, t, position, speed, int(modes.directions[at.mode]))
+
+    def _advance(self, place: float, level: int, start: Reached, force: Array) -> Reached:
+        length = 0.5**level
+        k = int(place)
+        rows = np.array([place - k, place - k + length])
+        command = self.command[k] + rows * (self.command[k + 1] - self.command[k])
+        z, scratch = start.z.copy(), np.empty(2)
+        mode, instants, log = kernel.advance(
+            command, self.period * length, z, start.mode, self.modes[level], force, scratch, scratch
+        )
+        changes = zip((place + instants * length).tolist(), *log.T.tolist(), strict=True)
+        return Reached(z, mode, tuple(changes))
