@@ -49,7 +49,7 @@ UNBOUNDED = 1e9
 _ROUNDING = 16.0 * np.finfo(np.float64).eps
 """Relative error of sums and products of a dozen terms."""
 
-_LEAST = 1e-300
+_LEAST = 1e-200
 """Kept in denominators that may vanish."""
 
 
