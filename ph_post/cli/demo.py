@@ -9,7 +9,7 @@ from ph_post.cli import options
 PATH, MACHINE = "oval", "mill"
 """The shipped path and machine of the demonstration."""
 
-EFFORT = 0.05
+EFFORT = 0.01
 """Part of the search that `convert` makes: nobody waits for a demonstration."""
 
 
