@@ -65,8 +65,8 @@ def command(
     left alone is said on standard error.
 
     A table leads the path by what the servos lag behind it (not with the strategies none, linear and step),
-    and carries axes through their gaps sample by sample. A program cannot, so that it is planned apart: where
-    -o and --table are both given, they hold two plans.
+    and carries axes through their gaps sample by sample. A program cannot, and jogs them at full stops; so it
+    is planned apart: where -o and --table are both given, they hold two plans.
 
     With --json the motion is simulated too, before and after. The object tells of the table, and has that of
     the program under `program` where both are written. Where -o stands alone it tells of the program, and
@@ -81,7 +81,7 @@ def command(
     from ph_post.cli.job import default_strategy, load_and_analyse
     from ph_post.io.atomic import write_atomically
     from ph_post.report.progress import Progress
-    from ph_post.report.tables import print_json, print_plan
+    from ph_post.report.tables import print_json, print_plans
 
     _check_outputs(output, table, as_json)
     how["strategy"] = how["strategy"] or default_strategy(how)
@@ -99,9 +99,7 @@ def command(
         write_atomically(products)
     if view is not None:
         print_json(view)
-    for number, (carrier, plan) in enumerate(plans.items(), start=1):
-        last = number == len(plans)
-        print_plan(plan, products if last else (), carrier if len(plans) > 1 else "")
+    print_plans({str(carrier): plan for carrier, plan in plans.items()}, products)
     return 0
 
 
@@ -158,7 +156,7 @@ def _caveats(program: Plan, table: Plan | None) -> list[str]:
     held += ["crossings of the gap"] if table.crossings and not program.crossings else []
     if not held:
         return []
-    return [f"the program follows the path itself: it cannot carry the {' and '.join(held)} of the table"]
+    return [f"the program cannot carry the {' and '.join(held)} of the table"]
 
 
 def _view(

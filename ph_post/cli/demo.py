@@ -9,7 +9,7 @@ from ph_post.cli import options
 PATH, MACHINE = "oval", "mill"
 """The shipped path and machine of the demonstration."""
 
-EFFORT = 0.05
+EFFORT = 0.01
 """Part of the search that `convert` makes: nobody waits for a demonstration."""
 
 
@@ -36,7 +36,7 @@ def command(out: str, as_json: bool) -> int:
     from ph_post.io.table import table_content
     from ph_post.report.figures import draw_plan, render
     from ph_post.report.progress import Progress
-    from ph_post.report.tables import dip_table, print_json, print_plan
+    from ph_post.report.tables import dip_table, print_json, print_plans
     from ph_post.report.views import plan_view
 
     with Progress() as stage:
@@ -62,6 +62,5 @@ def command(out: str, as_json: bool) -> int:
         print_json({**plan_view(analysis, plan, rows), "carrier": "table", "program": beside})
     else:
         click.echo(dip_table(analysis, plan))
-    print_plan(plan, (), "table")
-    print_plan(its_plan, products, "program")
+    print_plans({"table": plan, "program": its_plan}, products)
     return 0

@@ -170,7 +170,7 @@ def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
     ]
     if sizes:
         axes.set_xscale("log")
-        axes.set_xlim(10.0 ** math.floor(math.log10(0.8 * min(sizes))), 2.0 * max(sizes))
+        axes.set_xlim(10.0 ** math.floor(math.log10(0.8 * min(sizes))), 3.0 * max(sizes))
         axes.xaxis.set_minor_formatter("")
     axes.set(xlabel="largest contour error [mm]")
     _legend(axes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
 import msgspec
@@ -134,6 +134,17 @@ def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: Text
     for product in products:
         if product != "-":
             stream.write(f"wrote {product}\n")
+
+
+def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: TextIO | None = None) -> None:
+    """Print the plans of one job by what they are written as; what was said of one is not said again."""
+    said: set[str] = set()
+    for number, (what, plan) in enumerate(plans.items(), start=1):
+        new = tuple(warning for warning in plan.warnings if warning not in said)
+        said.update(new)
+        last = number == len(plans)
+        shown = msgspec.structs.replace(plan, warnings=new)
+        print_plan(shown, products if last else (), what if len(plans) > 1 else "", stream)
 
 
 def chosen_at(plan: Plan) -> dict[str, list[int]]:

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
+from support.streams import without_progress
 
 from ph_post.cli.main import main
 from ph_post.compensate.strategies.none import PlainFeed
@@ -21,7 +22,7 @@ KEYS = {
 def run(capsys, *arguments):
     status = main(arguments)
     streams = capsys.readouterr()
-    return status, streams.out, streams.err
+    return status, streams.out, without_progress(streams.err)
 
 
 QUICK = ("--effort", "0.01")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.streams import without_progress
 
 from ph_post.cli.main import main
 
@@ -25,7 +26,7 @@ KEYS = {
 def run(capsys, *arguments):
     status = main(arguments)
     streams = capsys.readouterr()
-    return status, streams.out, streams.err
+    return status, streams.out, without_progress(streams.err)
 
 
 def simulated(capsys, *arguments):
