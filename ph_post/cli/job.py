@@ -93,7 +93,8 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
 def plan_options(how: Mapping[str, Any], *, leading: bool = True) -> PlanOptions:
     """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI.
 
-    `leading` says whether what is written can lead the path by what the servos lag behind it.
+    `leading` says whether what is written is a table, which can lead the path by what the servos lag behind
+    it, or a part program, which cannot.
     """
     lead = leading and how["strategy"] not in BASELINES and not how["no_inverse_dynamics"]
     chosen = ("strategy", "start", "ratio", "degree", "t_star", "coefficients")
@@ -104,6 +105,7 @@ def plan_options(how: Mapping[str, Any], *, leading: bool = True) -> PlanOptions
         max_slowdown=how["max_slowdown"],
         inverse_dynamics=lead,
         feed_only=how["feed_only"],
+        carrier="table" if leading else "program",
     )
 
 

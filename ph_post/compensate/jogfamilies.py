@@ -23,7 +23,7 @@ SHORTEST_RAMP: Final = 1e-3
 
 
 def make_stop(x: Array, case: Case) -> Design:
-    """Stop and jog: x = (share of the ramps, part of the budget, share of the pause before, travel, time out).
+    """Stop and jog: x = (share of ramps, part of the budget, share of the pause before, travel, time out).
 
     What the jogs and their least dwells leave of the budget goes to the ramps and to pauses before and behind
     them. Axes jog one after the other. Behind its loop an axis jogs by the gap, once; inside it, by `travel`

@@ -119,5 +119,5 @@ class Draft:
             path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,
             windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
             nominal=self.before.motion.phases(), phases=layout.phases, crossings=layout.crossings,
-            bias=layout.bias, inverse_dynamics=lead, warnings=tuple(warnings),
+            bias=layout.bias, inverse_dynamics=lead, warnings=(*warnings, *words.lasting(layout.bias)),
         )  # fmt: skip

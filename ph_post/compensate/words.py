@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -60,6 +60,17 @@ def slowed(caps: Caps, factor: Array) -> list[str]:
     return (
         lines if len(found) <= _MOST else [*lines, f"{len(found) - _MOST} more stretches with lowered feed"]
     )
+
+
+def lasting(bias: Mapping[str, float]) -> list[str]:
+    """Which axes count on friction to stay on the flank onto which an offset has brought them."""
+    axes = [name for name, size in bias.items() if size]
+    if not axes:
+        return []
+    return [
+        f"the lasting offset of {' and '.join(axes)} counts on friction, or on a force against the motion, to"
+        " hold the table on its flank: in climb milling the cutter may pull it through the gap"
+    ]
 
 
 def about_points(said: Iterable[tuple[Sequence[int], str]]) -> list[str]:
