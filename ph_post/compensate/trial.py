@@ -33,7 +33,7 @@ TAIL: Final = 5.0
 LEAST: Final = 32
 """Samples of lead and tail at least."""
 
-FULL_STOP: Final = 0.97
+FULL_STOP: Final = 0.99
 """Part of the limits that a stop for jogs may take: softened for the rest of the path it would be no stop."""
 
 CONSTANT: Final = shapes.single([1.0])

@@ -7,6 +7,7 @@ between two dwells, so that no move spans a change and no blending can swallow o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -92,10 +93,9 @@ def with_jogs(blocks: Blocks, found: Jogs, axes: Sequence[str]) -> tuple[Blocks,
         zip(blocks.kind.tolist(), blocks.start.tolist(), blocks.end.tolist(), strict=True)
     ):
         inside = np.flatnonzero((begins >= start) & (ends <= end)).tolist() if kind == DWELL else []
-        for jog in inside:
-            rows += [(number, start, begins[jog], -1), (number, begins[jog], ends[jog], jog)]
-            start = ends[jog]
-        rows.append((number, start, end, -1))
+        edges = [start, *(edge for jog in inside for edge in (begins[jog], ends[jog])), end]
+        jogs = [which for jog in inside for which in (-1, jog)] + [-1]
+        rows += [(number, a, b, jog) for (a, b), jog in zip(pairwise(edges), jogs, strict=True)]
     source = np.array([row[0] for row in rows])
     which = np.array([row[3] for row in rows])
     names = Blocks.__struct_fields__
