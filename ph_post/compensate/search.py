@@ -152,19 +152,11 @@ class Search:
             error=error, rms=error, use=1.0, longer=ramps + max(case.shortest.values()), slowest=0.0
         )
         design = Design(crossings=make_bare(ONE, case).crossings, lead=case.lead, stop=True)
-        self.tried.append(
-            Found(
-                family=BARE,
-                x=ONE,
-                budget=case.budget,
-                design=design,
-                outcome=outcome,
-                side=0.0,
-                score=self._gain(outcome),
-                merit=self.merit(outcome),
-                allowed=self.bounds.slowest == 0.0,
-            )  # fmt: skip
-        )
+        rest = Found(
+            family=BARE, x=ONE, budget=case.budget, design=design, outcome=outcome, side=0.0,
+            score=self._gain(outcome), merit=self.merit(outcome), allowed=self.bounds.slowest == 0.0,
+        )  # fmt: skip
+        self.tried.append(rest)
 
     def look(self, family: Family, x: Array, budget: float) -> Found:
         """Try one design."""

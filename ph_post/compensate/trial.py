@@ -33,6 +33,9 @@ TAIL: Final = 5.0
 LEAST: Final = 32
 """Samples of lead and tail at least."""
 
+FULL_STOP: Final = 0.99
+"""Part of the limits that a stop for jogs may take: softened for the rest of the path it would be no stop."""
+
 CONSTANT: Final = shapes.single([1.0])
 """No modulation."""
 
@@ -174,8 +177,10 @@ class Trial:
 
     def _use(self, command: Command) -> float:
         """Largest part of a limit that a command takes; jogs keep theirs, as the path rests meanwhile."""
-        position = command.position if command.jogged is None else command.position - command.jogged
-        return max(float(usage(position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
+        jogged = command.jogged
+        position = command.position if jogged is None else command.position - jogged
+        use = max(float(usage(position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
+        return use if jogged is None else use / FULL_STOP
 
 
 def _time_constant(machine: Machine, name: str) -> float:

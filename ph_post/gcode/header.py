@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from ph_post.compensate.plan import cycle_time
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import comment_lines
+from ph_post.gcode.jogs import read_jogs
 from ph_post.gcode.options import ProgramOptions
 from ph_post.types import FeedProfile, Plan, Window
 from ph_post.units import MM, MM_PER_MIN, MS
@@ -21,6 +22,7 @@ def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[
         *_origin(plan),
         *_manner(plan, dialect, options),
         *_windows(plan),
+        *_offsets(plan),
         *_assumptions(plan, dialect, options),
     ]
     return [line for remark in remarks for line in comment_lines(remark, dialect.capabilities.max_line)]
@@ -54,7 +56,7 @@ def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     return [
         f"dialect {dialect.name}, lengths in mm, {feed}",
         f"planned time {cycle_time(plan.nominal):.4f} s without feed dips,"
-        f" {cycle_time(plan.phases):.4f} s with them",
+        f" {cycle_time(read_jogs(plan).phases):.4f} s with them",
         f"chords within {chord:g} mm of the path{rounding}, blocks of at most {block:g} ms in ramps and dips",
     ]
 
@@ -72,6 +74,31 @@ def _window(plan: Plan, number: int, window: Window, profile: FeedProfile | None
     high = profile.cruise / MM_PER_MIN
     low = profile.ratio * high
     return f"window {number}: {place}, feed {high:.6g} to {low:.6g} mm/min, t* {profile.t_star:.4f} s"
+
+
+def _offsets(plan: Plan) -> list[str]:
+    """Say by how much which axes leave the path, and how they come to it."""
+    jogs = read_jogs(plan).jogs
+    facts = []
+    for axis in plan.path.axes:
+        own = [jog for jog in jogs if jog.axis == axis]
+        size = max((abs(jog.travel) for jog in own), default=0.0) / MM
+        if own and plan.machine.axes[axis].feedback != "load":
+            facts.append(
+                f"axis {axis} carries an offset of {size / 2.0:g} mm from the path towards the side it moves"
+                f" to, changed at {len(own)} stops by a G1 between dwells, and taken back at the end"
+            )
+        elif own:
+            facts.append(
+                f"axis {axis} goes out by up to {size:.4g} mm and back at {len(own) // 2} stops, by a G1"
+                " between dwells each"
+            )
+    if jogs:
+        steepest = max(jog.acceleration for jog in jogs) / MM
+        facts.append(
+            f"these G1 are planned with straight ramps of up to {steepest:g} mm/s2 and no limit of jerk"
+        )
+    return facts
 
 
 def _assumptions(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:

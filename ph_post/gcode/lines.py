@@ -9,6 +9,7 @@ import numpy as np
 from ph_post.gcode.dialect import Dialect, plane_of
 from ph_post.gcode.format import decimal_text, significant_text
 from ph_post.gcode.moves import Moves
+from ph_post.gcode.record import JOG
 from ph_post.gcode.shape import ARC, LINE, SPLINE
 from ph_post.units import MINUTE, MM_PER_MIN
 
@@ -83,7 +84,7 @@ class LineWriter:
         feeds = self._feeds(moves, first, last)
         kinds, rapid = moves.kind[first:last].tolist(), moves.rapid[first:last].tolist()
         for i, (kind, body, feed) in enumerate(zip(kinds, bodies, feeds, strict=True), first):
-            if kind == LINE:
+            if kind in (LINE, JOG):
                 self._write("G0" if rapid[i - first] else "G1", body, feed)
             elif kind == ARC:
                 turn = moves.turn[i] * self._sense
@@ -96,12 +97,12 @@ class LineWriter:
         self._at.update(zip(self.axes, moves.points[last].tolist(), strict=True))
 
     def _coordinates(self, moves: Moves, first: int, last: int) -> list[list[str]]:
-        """Coordinate words of each move; a terse dialect leaves out what changes nothing where it can."""
-        points = moves.points[first : last + 1]
-        needed = np.ones((last - first, len(self.axes)), dtype=bool)
-        if self.dialect.terse:
-            needed = np.diff(points, axis=0) != 0
-            needed[:, :2] |= (moves.kind[first:last] == ARC)[:, None]
+        """Coordinate words of each move; jogs have those that change, as all moves of terse dialects."""
+        points, kind = moves.points[first : last + 1], moves.kind[first:last]
+        needed = np.diff(points, axis=0) != 0
+        needed[:, :2] |= (kind == ARC)[:, None]
+        if not self.dialect.terse:
+            needed |= (kind != JOG)[:, None]
         columns = [
             [axis + self._length(count) if need else "" for count, need in zip(column, needs, strict=True)]
             for axis, column, needs in zip(self.axes, points[1:].T.tolist(), needed.T.tolist(), strict=True)
@@ -110,7 +111,13 @@ class LineWriter:
 
     def _feeds(self, moves: Moves, first: int, last: int) -> list[str]:
         part = slice(first, last)
-        values = MINUTE / moves.duration[part] if self._inverse else moves.feed[part] / MM_PER_MIN
+        values = moves.feed[part] / MM_PER_MIN
+        if self._inverse:
+            # A jog takes longer than at its feed, which it hardly reaches.
+            jogs = moves.kind[part] == JOG
+            time = moves.duration[part].copy()
+            time[jogs] = moves.length[part][jogs] / moves.feed[part][jogs]
+            values = MINUTE / time
         cutting = moves.feed[first:last] > 0.0
         return [
             self._digits(value) if cuts else ""

@@ -7,7 +7,8 @@ import numpy as np
 
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import to_grid
-from ph_post.gcode.record import DWELL, Blocks
+from ph_post.gcode.jogs import Carried
+from ph_post.gcode.record import DWELL, JOG, Blocks
 from ph_post.gcode.shape import ARC, SPLINE, Shape
 from ph_post.gcode.splines import cubic_control
 from ph_post.types import Array, IntArray
@@ -24,11 +25,13 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `points` (n + 1, dim): the start and the end of every move. `center` (n, 2) and `turn` (n,) of arcs, +1
     from the first axis towards the second; `inner` (n, 2, 2) the middle control points of splines.
     `duration` (n,) [s], `length` (n,) [m] as the controller will find it, `feed` (n,) [m/s], 0 for rapids and
-    dwells. `kind`, `rapid`, `s0` and `s1` are those of the blocks.
+    dwells. `plain` (dim,) is the last point without the offset that is carried there. `kind`, `rapid`, `s0`
+    and `s1` are those of the blocks.
     """
 
     kind: IntArray
     points: IntArray
+    plain: IntArray
     center: IntArray
     turn: IntArray
     inner: IntArray
@@ -40,34 +43,36 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     s1: Array
 
 
-def round_blocks(blocks: Blocks, shape: Shape, dialect: Dialect) -> Moves:
+def round_blocks(blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carried) -> Moves:
     """Put blocks on the grid; those that come out with no length give their time to a neighbour.
 
     All points of one circle share one centre, so that radii at the start and at the end of an arc differ by
     no more than the rounding of the two points.
     """
     decimals = dialect.capabilities.decimals
-    points = to_grid(shape.positions(np.append(blocks.s0[:1], blocks.s1)), decimals)
+    path = shape.positions(np.append(blocks.s0[:1], blocks.s1))
+    points = to_grid(path + carried.offset, decimals)
     moving = (np.diff(points, axis=0) != 0).any(axis=1) | (blocks.kind == DWELL)
     duration = _inherited(blocks.end - blocks.start, moving)
     kept = np.flatnonzero(moving)
     names = Blocks.__struct_fields__
     blocks = msgspec.structs.replace(blocks, **{name: getattr(blocks, name)[kept] for name in names})
-    points = points[np.append(0, kept + 1)]
+    points, offset = points[np.append(0, kept + 1)], carried.offset[kept + 1]
     piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
-    center = to_grid(shape.center[piece], decimals)
+    center = to_grid(shape.center[piece] + offset[:, :2], decimals)
     way = np.sign(blocks.s1 - blocks.s0).astype(np.int64)
     turn = np.where(blocks.kind == ARC, shape.turn[piece] * way, 0)
     length = _lengths(blocks, points, center, turn, decimals)
     return Moves(
         kind=blocks.kind,
         points=points,
+        plain=to_grid(path[-1], decimals),
         center=center,
         turn=turn,
-        inner=_inner_points(blocks, shape, piece, decimals),
+        inner=_inner_points(blocks, shape, piece, offset, decimals),
         duration=duration,
         length=length,
-        feed=_feeds(blocks, length, duration),
+        feed=np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration)),
         rapid=blocks.rapid,
         s0=blocks.s0,
         s1=blocks.s1,
@@ -85,12 +90,13 @@ def _inherited(duration: Array, moving: Array) -> Array:
     return np.asarray(np.bincount(heir, duration, count)[:count], dtype=np.float64)
 
 
-def _inner_points(blocks: Blocks, shape: Shape, piece: IntArray, decimals: int) -> IntArray:
+def _inner_points(blocks: Blocks, shape: Shape, piece: IntArray, offset: Array, decimals: int) -> IntArray:
     inner = np.zeros((piece.size, 2, 2), dtype=np.int64)
     spline = np.flatnonzero(blocks.kind == SPLINE)
     of = piece[spline]
     u0, u1 = shape.local(of, blocks.s0[spline]), shape.local(of, blocks.s1[spline])
-    inner[spline] = to_grid(cubic_control(shape, of, u0, u1)[:, 1:3], decimals)
+    control = cubic_control(shape, of, u0, u1)[:, 1:3]
+    inner[spline] = to_grid(control + offset[spline, np.newaxis, :2], decimals)
     return inner
 
 

@@ -7,7 +7,10 @@ import msgspec
 from ph_post.types import Array, IntArray
 
 DWELL = -1
-"""Kind of a block that moves nothing. The others are LINE (also for chords), ARC and SPLINE."""
+"""Kind of a block that moves nothing. The others are JOG, LINE (also for chords), ARC and SPLINE."""
+
+JOG = -2
+"""Kind of a block in which the path stands still, and an axis moves to another offset from it."""
 
 
 class Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):

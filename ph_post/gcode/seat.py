@@ -6,21 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ph_post.compensate.jogs import LEAST_SEAT, seat_distance
 from ph_post.gcode.shape import SNAP, Shape
 from ph_post.types import Array, Plan, TurningPoint
-from ph_post.units import MM, MM_PER_MIN
-
-LEAST_OFFSET = 0.1 * MM
-"""An axis is approached over at least this far [m]: the play of a worn router, so that a machine file that
-knows of no lost motion does not leave the flank to chance."""
-
-LOST_MOTIONS = 2.0
-"""The approach covers the lost motion so many times: the gap is taken up wherever in it the axis stood, with
-as much again for what the machine file does not know."""
-
-SEAT_FEED = 300.0 * MM_PER_MIN
-"""Feed of the approach [m/s], or the path's where that is less: the shortest offset then lasts 20 ms, several
-times a servo's response, and no drive lags by more than a part of it."""
 
 
 def find_seat(shape: Shape, plan: Plan, s: float, end: float) -> Array:
@@ -39,8 +27,8 @@ def find_seat(shape: Shape, plan: Plan, s: float, end: float) -> Array:
         The cut, as places along the motion [m].
     """
     axes, machine = plan.path.axes, plan.machine
-    lost = np.array([machine.axes[axis].gap.lost_motion if axis in machine.axes else 0.0 for axis in axes])
-    distance = np.maximum(LOST_MOTIONS * lost, LEAST_OFFSET)
+    drives = machine.axes
+    distance = np.array([seat_distance(drives[axis].gap) if axis in drives else LEAST_SEAT for axis in axes])
     upwards = np.array([axis == "Z" for axis in axes])
     return np.where(upwards, distance, -first_senses(shape, plan.turning_points, axes, s, end) * distance)
 

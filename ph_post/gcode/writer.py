@@ -8,15 +8,17 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
+from ph_post.compensate.jogs import SEAT_FEED
 from ph_post.errors import InputError
 from ph_post.gcode.blocks import cut_blocks
 from ph_post.gcode.dialect import Dialect, plane_of
 from ph_post.gcode.format import to_grid
 from ph_post.gcode.header import header_lines
+from ph_post.gcode.jogs import check_jogs, read_jogs, with_jogs
 from ph_post.gcode.lines import LineWriter
 from ph_post.gcode.moves import Moves, round_blocks
 from ph_post.gcode.options import ProgramOptions, check_options
-from ph_post.gcode.seat import SEAT_FEED, find_seat
+from ph_post.gcode.seat import find_seat
 from ph_post.gcode.warn import controller_warnings, plan_warnings
 from ph_post.geometry.track import Track
 from ph_post.types import Plan
@@ -88,8 +90,13 @@ class _Job:
         self.dialect = dialect
         self.options = options
         self.axes = plan.path.axes
-        blocks, self.shape = cut_blocks(plan, track, dialect, options)
-        self.moves = round_blocks(blocks, self.shape, dialect)
+        found = read_jogs(plan)
+        check_jogs(found.jogs, dialect)
+        blocks, self.shape = cut_blocks(
+            msgspec.structs.replace(plan, phases=found.phases), track, dialect, options
+        )
+        blocks, carried = with_jogs(blocks, found, self.axes)
+        self.moves = round_blocks(blocks, self.shape, dialect, carried)
         self.out = LineWriter(dialect, self.axes, options.chord_tolerance)
         self.safe = self._height(options.safe_z)
         self.depth = self._height(options.depth)
@@ -147,8 +154,14 @@ class _Job:
             self.out.straight("G1", {"Z": depth}, feed)
 
     def _leave(self) -> None:
+        """Lift off, and take the offset back, so that the axes stand where their coordinates say."""
         self.out.feed_mode(inverse=False)
         self._lift()
+        end, plain = self._point(self.moves.kind.size), self.moves.plain.tolist()
+        back = {axis: place for axis, place in zip(self.axes, plain, strict=True) if end[axis] != place}
+        if back:
+            self.out.path_mode(exact=True)
+            self.out.straight("G1", back, min(SEAT_FEED, self.plan.path.feed))
         self.out.add(self.dialect.closing)
 
     def _lift(self) -> None:
