@@ -11,7 +11,7 @@ import numpy as np
 
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
-from ph_post.report.views import radius, strategy_at, windows_by_point
+from ph_post.report.views import crossings_at, radius, strategy_at, windows_by_point
 from ph_post.turning import Certificate
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
@@ -149,11 +149,9 @@ def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: Text
 
 def chosen_at(plan: Plan) -> dict[str, list[int]]:
     """Sort turning points by what a plan does there; those left alone are last, under "none"."""
-    own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
     found: dict[str, list[int]] = {}
     for point in plan.turning_points:
-        name = strategy_at(plan, own[point.index]) if point.index in own else "none"
-        found.setdefault(name, []).append(point.index)
+        found.setdefault(strategy_at(plan, point), []).append(point.index)
     return dict(sorted(found.items(), key=lambda item: (item[0] == "none", item[0])))
 
 
@@ -194,9 +192,9 @@ def dip_table(analysis: Analysis, plan: Plan) -> str:
         if profile is not None:
             cruise = profile.cruise / MM_PER_MIN
             dip = (f"{profile.t_star / MS:.1f}", f"{cruise:.0f}", f"{cruise * profile.ratio:.0f}")
-        mine = [one.travel for one in plan.crossings if one.window == number and one.axis == point.axis]
+        mine = [one.travel for one in crossings_at(plan, point)]
         crossed = f"{sum(mine) / MM:+.4f}" if mine else NOTHING
-        chosen = "none" if number is None else strategy_at(plan, number)
+        chosen = strategy_at(plan, point)
         lag, duration, _ = _gap_cells(analysis, point)
         place = (str(point.index), point.axis, point.sense, f"{point.position / MM:.3f}")
         rows.append((*place, lag, duration, window, *dip, crossed, chosen))

@@ -9,11 +9,15 @@ import numpy as np
 
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
+from ph_post.compensate.sample import place_and_feed
 from ph_post.turning import Certificate
 from ph_post.types import Command, Crossing, FeedProfile, Jog, Plan, TurningPoint, Window
 from ph_post.units import MM, MM_PER_MIN
 
 View = dict[str, Any]
+
+PASSED = 1e-6
+"""Places along the path less than this [m] apart are one."""
 
 
 def window_view(window: Window | None) -> View | None:
@@ -97,15 +101,38 @@ def profile_view(profile: FeedProfile | None) -> View | None:
     }
 
 
-def strategy_at(plan: Plan, number: int) -> str:
-    """Name what a plan does in a window: the plan's strategy, or what that chose there.
+def window_number(plan: Plan, point: TurningPoint) -> int | None:
+    """Return the number of a turning point's window, None where it has none."""
+    rows = enumerate(plan.windows)
+    return next((number for number, window in rows if point.index in window.members), None)
+
+
+def crossings_at(plan: Plan, point: TurningPoint) -> tuple[Crossing | Jog, ...]:
+    """Return the crossings of the gap at a turning point: of its window, and those made as it is passed.
+
+    The latter belong to no window: there is none in a corner, and the motion may rest for them.
+    """
+    number = window_number(plan, point)
+    own = [one for one in plan.crossings if one.axis == point.axis]
+    middles = np.array([one.start + 0.5 * one.duration for one in own])
+    places = place_and_feed(plan.phases, middles)[0] if own else middles
+    return tuple(
+        one
+        for one, s in zip(own, places.tolist(), strict=True)
+        if one.window == number or (one.window < 0 and s > PASSED and abs(s - point.s) < PASSED)
+    )
+
+
+def strategy_at(plan: Plan, point: TurningPoint) -> str:
+    """Name what a plan does at a turning point: the plan's strategy, or what that chose there.
 
     Where only the gap is crossed and the feed is left alone that is `takeup`, of a strategy that chooses.
     """
-    profile = plan.profiles[number]
+    number = window_number(plan, point)
+    profile = None if number is None else plan.profiles[number]
     if profile is not None:
         return profile.strategy or plan.strategy
-    if not any(one.window == number for one in plan.crossings):
+    if not crossings_at(plan, point):
         return "none"
     return "takeup" if plan.strategy == "auto" else plan.strategy
 
@@ -126,24 +153,25 @@ def crossing_view(one: Crossing | Jog) -> View:
 def plan_view(analysis: Analysis, plan: Plan, command: Command, error: View | None = None) -> View:
     """Return what ``convert --json`` prints of a plan: windows, cycle time, what is added to the path.
 
-    `other_crossings` are those outside all windows: before the motion begins, and where it stops. `bias` [mm]
+    `other_crossings` are those at no turning point: before the motion begins. `bias` [mm]
     are the lasting offsets it begins with, `offsets` [mm] the largest distances from the path of any row of
     `command`. `error` is null where it was not simulated.
     """
     views = turning_point_views(analysis)
-    own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
-    for view in views:
-        number = own.get(view["index"])
-        view["strategy"] = "none" if number is None else strategy_at(plan, number)
+    told: list[Crossing | Jog] = []
+    for view, point in zip(views, plan.turning_points, strict=True):
+        number = window_number(plan, point)
+        mine = crossings_at(plan, point)
+        told += mine
+        view["strategy"] = strategy_at(plan, point)
         view["profile"] = profile_view(None if number is None else plan.profiles[number])
-        mine = [one for one in plan.crossings if one.window == number and one.axis == view["axis"]]
         view["crossings"] = [crossing_view(one) for one in mine]
     return {
         "windows": views,
         "cycle_time": {"before": cycle_time(plan.nominal), "after": cycle_time(plan.phases)},
         "error": error,
         "strategy": plan.strategy,
-        "other_crossings": [crossing_view(one) for one in plan.crossings if one.window < 0],
+        "other_crossings": [crossing_view(one) for one in plan.crossings if one not in told],
         "bias": {name: offset / MM for name, offset in plan.bias.items()},
         "offsets": offsets_view(command),
         "inverse_dynamics": plan.inverse_dynamics,
