@@ -258,7 +258,7 @@ def dips(degree: int, lowest: float) -> Family:
     """Return Eq. (26) of a degree with V_2 ... V_{n-2} free; V(½)/V_c of the seeds is at least `lowest`."""
     free = degree - 3
     seeds = []
-    for ratio in (1.4, 0.75, 0.5, 0.25, 0.1, 0.0, -0.15, -0.3):
+    for ratio in (0.75, 0.5, 0.25, 0.1, 0.0, -0.15, -0.3):
         for t_star in (0.6, 1.0, 1.7, 3.0):
             if ratio < lowest:
                 continue

@@ -16,8 +16,8 @@ from ph_post.types import Array, Axis, Gap, Jog, frozen
 from ph_post.units import MM, MM_PER_MIN, MS
 
 DWELL: Final = 10.0 * MS
-"""Least dwell [s] before and after a jog: LinuxCNC, with a period of 1 ms, has been seen to stand still at both
-ends of jogs so separated, and to keep the time between them within 1 ms."""
+"""Least dwell [s] before and after a jog: LinuxCNC, with a period of 1 ms, has been seen to stand still at
+both ends of jogs so separated, and to keep the time between them within 1 ms."""
 
 PART: Final = 0.5
 """Part of an axis' acceleration that a jog takes. LinuxCNC under G64 keeps the other half for blends, whether

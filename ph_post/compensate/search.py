@@ -195,7 +195,9 @@ class Search:
             slow = max(0.0, self.bounds.slowest - outcome.slowest) / self.bounds.slowest
         if not self.bounds.retrograde:
             slow += max(0.0, -outcome.slowest / self.case.place.cruise - 1e-9)
+        fast = 0.0 if design.shape is None else max(0.0, shapes.extremes(design.shape)[1] - ROOM)
         parts = (
+            fast,
             float(np.maximum(ratios - ROOM, 0.0).sum()),
             max(0.0, outcome.use - max(1.0, self.plain.use)),
             max(0.0, outcome.longer / budget - ROOM),
