@@ -3,20 +3,16 @@
 A step of any length is a sum of steps of h/2^k, whose matrices are made beforehand; so the instant at which a
 guard changes sign is found by bisection with exact states, without exponentials and without an iteration
 that could fail. What is stepped is D = exp(A t) - 1, so that short steps lose nothing.
-
-All of it stands in this one file: what numba keeps on disk it makes anew where a function's own file changes,
-not where a function that it calls does.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple, TypeVar, cast
+from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ph_post.simulate.compiling import compiled, inner
 from ph_post.types import Array, IntArray
 
 LEVELS: Final = 30
@@ -43,21 +39,13 @@ _X, _X_DOT, _G, _G_DOT, _ONE, _F, _F_DOT = 5, 6, 7, 8, 9, 10, 11
 _ALL: Final = 12
 """Behind state and inputs, F and its rate: the part of g that is given from outside."""
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def compiled(function: F) -> F:
-    """Compile a function at its first call; the machine code is kept on disk."""
-    fast: Any = njit(cache=True, nogil=True, error_model="numpy")(function)
-    return cast("F", fast)
-
 
 def is_compiled() -> bool:
     """Whether the engine needs no compiling any more in this process."""
     return bool(getattr(advance, "signatures", True))
 
 
-@compiled
+@inner
 def _square(d: Array, into: Array) -> None:
     for i in range(WIDTH):
         for j in range(WIDTH):
@@ -96,7 +84,7 @@ def step_tables(rates: Array, period: float) -> Array:
     return tables
 
 
-@compiled
+@inner
 def stribeck(speed: float, direction: int, static: float, scale: float) -> float:
     """Return what friction has more than Coulomb's while slipping at a speed, F/K [m]."""
     if direction == 0 or static == 0.0 or scale == 0.0:
@@ -125,7 +113,7 @@ class Modes(NamedTuple):
     scale: float
 
 
-@compiled
+@inner
 def _step(table: Array, y: Array, length: float, into: Array) -> None:
     """Advance state and inputs by `length` [s], of which `table` is D."""
     for i in range(STATES):
@@ -142,7 +130,7 @@ def _step(table: Array, y: Array, length: float, into: Array) -> None:
     into[_F_DOT] = y[_F_DOT]
 
 
-@compiled
+@inner
 def _value(row: Array, y: Array) -> float:
     """Return a row's value at a state."""
     total = 0.0
@@ -151,7 +139,7 @@ def _value(row: Array, y: Array) -> float:
     return total
 
 
-@compiled
+@inner
 def _broken(modes: Modes, mode: int, y: Array) -> int:
     """Return the first guard that does not hold, or -1."""
     for number in range(modes.counts[mode]):
@@ -160,7 +148,7 @@ def _broken(modes: Modes, mode: int, y: Array) -> int:
     return -1
 
 
-@compiled
+@inner
 def _least(before: float, after: float, falls: float, rises: float) -> float:
     """Return the least value on [0, 1] of the cubic with these values and slopes at 0 and 1."""
     third = 2.0 * (before - after) + falls + rises
@@ -182,7 +170,7 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
     return min(least, before + place * (falls + place * (second + place * third)))
 
 
-@compiled
+@inner
 def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
     """Whether a guard that holds at both ends breaks between them, going by the cubic through both."""
     for number in range(modes.counts[mode]):
@@ -198,13 +186,13 @@ def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> 
     return False
 
 
-@compiled
+@inner
 def _is_forced(modes: Modes, y: Array) -> bool:
     """Whether a force acts that is not linear in the state."""
     return bool(modes.static != 0.0 or y[_F] != 0.0 or y[_F_DOT] != 0.0)
 
 
-@compiled
+@inner
 def _set_force(
     y: Array, trial: Array, moving: int, direction: int, static: float, scale: float, step: Array,
     length: float,
@@ -217,7 +205,7 @@ def _set_force(
     y[_G_DOT] = (end - y[_G]) / length
 
 
-@compiled
+@inner
 def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, length: float) -> int:
     """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
     if _is_forced(modes, y):
@@ -226,13 +214,13 @@ def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, lengt
     return _broken(modes, mode, trial)
 
 
-@compiled
+@inner
 def _accept(y: Array, trial: Array) -> None:
     for i in range(_ALL):
         y[i] = trial[i]
 
 
-@compiled
+@inner
 def _close_in(
     y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float, number: int
 ) -> tuple[int, int]:
@@ -258,7 +246,7 @@ def _close_in(
     return number, units
 
 
-@compiled
+@inner
 def _change(y: Array, trial: Array, mode: int, modes: Modes, number: int) -> int:
     """Reset the state where a guard ends a mode, and return the mode it goes on in."""
     for i in range(STATES):
@@ -273,7 +261,7 @@ def _change(y: Array, trial: Array, mode: int, modes: Modes, number: int) -> int
     return int(modes.targets[mode, number, which])
 
 
-@compiled
+@inner
 def _note(
     instants: Array, log: IntArray, count: int, t: float, before: int, after: int
 ) -> tuple[Array, IntArray, int]:
@@ -287,7 +275,7 @@ def _note(
     return instants, log, count + 1
 
 
-@compiled
+@inner
 def _go_on(
     y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, heed: bool
 ) -> tuple[int, int]:  # fmt: skip
@@ -315,14 +303,14 @@ def _go_on(
         level += 1
 
 
-@compiled
+@inner
 def _begin(y: Array, command: Array, k: int, period: float, force: Array) -> None:
     """Set the inputs for the sample that begins at k."""
     y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
     y[_F], y[_F_DOT] = force[0], (force[1] - force[0]) / period
 
 
-@compiled
+@inner
 def _cruise(
     y: Array, trial: Array, mode: int, modes: Modes, command: Array, period: float, force: Array, k: int,
     table: Array, motor: Array,

@@ -215,6 +215,8 @@ def _kinds(before: Key, after: Key, flank: int) -> list[EventKind]:
 
 
 def _say_compiling() -> None:
+    if kernel.is_compiled():
+        return  # and running for long
     print("ph-post: compiling the simulator, once on this machine ...", file=sys.stderr, flush=True)  # noqa: T201
 
 

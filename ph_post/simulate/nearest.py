@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ph_post.simulate.cells import BEND, LENGTH, REACH, TANGENT, WIDE_BEND, WIDE_REACH, Cells, S
+from ph_post.simulate.compiling import compiled, inner
 from ph_post.types import Array, IntArray
 
 NEWTON_STEPS = 12
@@ -40,7 +40,7 @@ DEPTH = 64
 """Of the stack: one more than the tree's levels."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def find_nearest(position: Array, hint: Array, first: int, cells: Cells) -> tuple[Array, Array]:
     """Signed distance [m] and arc length [m] of the nearest place, row by row.
 
@@ -82,7 +82,7 @@ def find_nearest(position: Array, hint: Array, first: int, cells: Cells) -> tupl
     return error, place
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _walk(
     x: float, y: float, z: float, cell: int, low: int, high: int, table: Array
 ) -> tuple[int, float, float]:
@@ -97,7 +97,7 @@ def _walk(
     return cell, w, distance
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _clearance(
     x: float,
     y: float,
@@ -125,7 +125,7 @@ def _clearance(
     return clear
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _search(
     x: float,
     y: float,
@@ -160,7 +160,7 @@ def _search(
     return best, best_w, distance
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _descend(
     x: float,
     y: float,
@@ -191,7 +191,7 @@ def _descend(
     return top
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _chord(x: float, y: float, z: float, node: int, capsule: Array) -> tuple[float, float]:
     """Squared distance from a capsule's chord, and where on the chord."""
     x, y, z = x - capsule[node, 0], y - capsule[node, 1], z - capsule[node, 2]
@@ -201,7 +201,7 @@ def _chord(x: float, y: float, z: float, node: int, capsule: Array) -> tuple[flo
     return x * x + y * y + z * z, w
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _prefers(
     table: Array,
     loop: float,
@@ -228,14 +228,14 @@ def _prefers(
     return _along(s, hint, loop) < _along(best_s, hint, loop)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _along(a: float, b: float, loop: float) -> float:
     """Distance along the path, the short way round a closed one."""
     apart = abs(a - b)
     return min(apart, abs(loop - apart))
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _slope(x: float, y: float, z: float, w: float, cell: int, table: Array) -> tuple[float, float, float]:
     """Half the squared distance from the cubic at w: its two derivatives, and the squared distance."""
     x = table[cell, 0] - x + w * (table[cell, 3] + w * (table[cell, 6] + w * table[cell, 9]))
@@ -251,7 +251,7 @@ def _slope(x: float, y: float, z: float, w: float, cell: int, table: Array) -> t
     return x * a + y * b + z * c, second, x * x + y * y + z * z
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _foot(x: float, y: float, z: float, cell: int, w: float, table: Array) -> tuple[float, float]:
     """Where a cell is nearest, w and distance, beginning at `w`."""
     first, second, square = _slope(x, y, z, w, cell, table)
@@ -268,7 +268,7 @@ def _foot(x: float, y: float, z: float, cell: int, w: float, table: Array) -> tu
     return _foot_in_parts(x, y, z, cell, table)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _foot_in_parts(x: float, y: float, z: float, cell: int, table: Array) -> tuple[float, float]:
     """Where a cell is nearest, of all the minima that its parts hold."""
     slope, _, least = _slope(x, y, z, 0.0, cell, table)
@@ -286,7 +286,7 @@ def _foot_in_parts(x: float, y: float, z: float, cell: int, table: Array) -> tup
     return best, math.sqrt(least)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _bracketed(
     x: float, y: float, z: float, low: float, high: float, cell: int, table: Array
 ) -> tuple[float, float]:
@@ -308,7 +308,7 @@ def _bracketed(
     return w, square
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _is_left(x: float, y: float, cell: int, w: float, table: Array, loop: float) -> bool:
     """Whether (x, y) is to the left of the direction of travel, or straight ahead or behind.
 
