@@ -15,6 +15,9 @@ from ph_post.types import Command, Gap, Machine, Path, Plan, Servo
 
 LOST = 40e-6
 
+NEAR = 1e-11
+"""Rounding of times moves a table by some 1e-12 m."""
+
 
 def play(command: np.ndarray, gap: float, flank: int) -> np.ndarray:
     """The table behind a gap: it moves when it is touched, and stays where it was left."""
@@ -72,7 +75,7 @@ def test_whatever_flank_an_axis_stood_on_its_table_starts_on_the_path(flanks: tu
     first = int(np.argmax(command.s > 0.0))
     turning = plan.turning_points[0].s
     before = (np.arange(command.t.size) >= first) & (command.s < turning - 2e-3)
-    np.testing.assert_allclose(table[before, 0], path[before, 0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(table[before, 0], path[before, 0], rtol=0.0, atol=NEAR)
 
 
 @pytest.mark.parametrize("flanks", FLANKS)
@@ -83,7 +86,7 @@ def test_an_axis_is_across_its_gap_before_it_moves_out_of_a_corner(flanks: tuple
     corner = 0.06 + np.pi * 0.01
     beyond = command.s > corner + 1e-12
     assert beyond.sum() > 100
-    np.testing.assert_allclose(table[beyond, 0], path[beyond, 0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(table[beyond, 0], path[beyond, 0], rtol=0.0, atol=NEAR)
     before, after = np.flatnonzero(command.s < corner - 1e-9)[-1], np.flatnonzero(beyond)[0]
     assert command.offset[after, 0] - command.offset[before, 0] == pytest.approx(LOST, rel=1e-9)
 
@@ -97,7 +100,7 @@ def test_a_gap_of_another_size_leaves_half_the_difference(flanks: tuple[int, int
     # The first way out of the corner is what takes up the rest of a gap that is wider.
     beyond = command.s > 0.06 + np.pi * 0.01 + 1e-4
     left = abs(factor - 1.0) * 0.5 * LOST
-    np.testing.assert_allclose(np.abs(table[beyond, 0] - path[beyond, 0]), left, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(table[beyond, 0] - path[beyond, 0]), left, rtol=0.0, atol=NEAR)
 
 
 def test_a_motion_that_does_not_rest_begins_on_the_flank_it_moves_towards() -> None:
@@ -120,4 +123,4 @@ def test_where_all_turns_are_sharp_corners_the_gap_is_carried_too() -> None:
     assert command.offset is not None
     table = moved_table(command, LOST, (1, 1))
     moves = command.feed > 0.0
-    np.testing.assert_allclose(table[moves], (command.position - command.offset)[moves], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(table[moves], (command.position - command.offset)[moves], rtol=0.0, atol=NEAR)
