@@ -13,7 +13,7 @@ from ph_post.compensate.jogs import whole_jog
 from ph_post.compensate.layout import reversing
 from ph_post.compensate.search import FLOOR, Bounds, Found, Search
 from ph_post.compensate.strategies.base import Proposal, Task, Wish
-from ph_post.compensate.surroundings import Surroundings, find_surroundings
+from ph_post.compensate.surroundings import Surroundings, find_surroundings, heading
 from ph_post.compensate.trial import Trial
 from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal
@@ -137,7 +137,20 @@ class _Chooser:
             self._wish(next(picks) if own else None, place, drives)
             for own, place, drives in zip(found, self.places, self.reversing, strict=True)
         )
-        return Proposal(wishes=tuple(wishes), proven=True, shorter=lambda less: self._proposal(found, less))
+        return Proposal(
+            wishes=tuple(wishes), proven=True, shorter=lambda less: self._proposal(found, less),
+            shifted=self._behind(),
+        )  # fmt: skip
+
+    def _behind(self) -> tuple[str, ...]:
+        """Axes whose gap is behind their loop, whether they turn back in windows, corners or nowhere."""
+        if not self.offsets or self.written:
+            return ()
+        drives = [self.task.machine.axes[name] for name in self.task.path.axes]
+        if self.task.options.start == "moving":
+            # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.
+            drives = [axis for number, axis in enumerate(drives) if heading(self.track, 0.0, number)]
+        return tuple(axis.name for axis in drives if axis.feedback != "load" and axis.gap.lost_motion > 0.0)
 
     def _wish(self, found: Found | None, place: Surroundings | None, drives: Drives) -> Wish:
         if not drives:

@@ -48,6 +48,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     phases: tuple[Phase, ...]
     moving: bool
     lead: bool
+    shifted: tuple[str, ...] = ()
 
     @property
     def length(self) -> float:
@@ -58,7 +59,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def lay_out(job: Job) -> Layout:
     """Place every crossing in time, and insert holds where the motion rests for one."""
     motion = Motion.from_phases(job.phases)
-    shifted = sorted({one.axis for wish in job.wishes for one in wish.crossings if is_open(job, one.axis)})
+    wished = {one.axis for wish in job.wishes for one in wish.crossings if is_open(job, one.axis)}
+    shifted = sorted(wished.union(job.shifted))
     crossings, crossed = _at_windows(job, motion)
     holds: dict[int, float] = {}
     at_stops: list[tuple[int, Crossing]] = []

@@ -212,7 +212,7 @@ class Draft:
         job = Job(
             track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
             windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
-            phases=phases, moving=self.moving, lead=self.lead,
+            phases=phases, moving=self.moving, lead=self.lead, shifted=proposal.shifted,
         )  # fmt: skip
         layout = lay_out_jogs(job) if written else lay_out(job)
         if layout.dropped:

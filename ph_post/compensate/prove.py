@@ -14,7 +14,7 @@ from ph_post.compensate.strategies.base import Proposal, Wish
 from ph_post.simulate.assess import scenarios
 from ph_post.simulate.contour import Nominal, first_counted
 from ph_post.simulate.machine import simulate_many
-from ph_post.types import Array, Command, Machine, Plan, Scenario
+from ph_post.types import Array, Command, Machine, Phase, Plan, Scenario
 
 if TYPE_CHECKING:
     from ph_post.compensate.plan import Draft
@@ -37,6 +37,8 @@ GIVEN_UP: Final = "nothing that was tried is better than the plain motion in eve
 def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     """Give up whatever makes an error larger than the plain program's, in any scenario, or breaks a limit.
 
+    What still takes too long when it was asked to be quicker is given up as a whole.
+
     The largest error of the whole run counts; for every pick-up rule with every size of the gap that is the
     largest of its scenarios. What was done last before it is given up, in the end perhaps everything.
 
@@ -55,6 +57,8 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     plan, proposal = _in_time(plan, proposal, draft)
     judge = _Judge(draft)
     for _ in range(ROUNDS):
+        if _takes_too_long(plan, draft):
+            break
         blamed = judge.blame(plan)
         if blamed is None:
             return plan
@@ -73,13 +77,21 @@ def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Propos
     """Ask for quicker designs while the plan takes longer than it may."""
     part = 1.0
     for _ in range(SHORTENINGS):
-        end, plain = (phases[-1].start + phases[-1].duration for phases in (plan.phases, plan.nominal))
-        if end <= draft.longest * (1.0 + TIMED) or proposal.shorter is None:
+        if proposal.shorter is None or not _takes_too_long(plan, draft):
             break
+        end, plain = _end(plan.phases), _end(plan.nominal)
         part *= 0.97 * (draft.longest - plain) / (end - plain)
         proposal = proposal.shorter(part)
         plan = draft.plan(plan.strategy, proposal)
     return plan, proposal
+
+
+def _takes_too_long(plan: Plan, draft: Draft) -> bool:
+    return _end(plan.phases) > draft.longest * (1.0 + TIMED)
+
+
+def _end(phases: Sequence[Phase]) -> float:
+    return phases[-1].start + phases[-1].duration
 
 
 def _without(wish: Wish, machine: Machine) -> Wish:

@@ -82,7 +82,7 @@ def flanks_before(analysis: Analysis) -> dict[str, int]:
     names = analysis.path.axes
     seam = {point.axis: point for point in analysis.turning_points if point.s <= SAME_PLACE}
     return {
-        name: came_from(seam[name]) if name in seam else _heading(analysis.track, 0.0, number)
+        name: came_from(seam[name]) if name in seam else heading(analysis.track, 0.0, number)
         for number, name in enumerate(names)
     }
 
@@ -91,7 +91,7 @@ def _flank(analysis: Analysis, window: Window, number: int) -> int:
     """Direction in which an axis moved before a window's turning point."""
     name = analysis.path.axes[number]
     own = [point for index in window.members if (point := analysis.turning_points[index]).axis == name]
-    return came_from(own[0]) if own else _heading(analysis.track, window.s, number)
+    return came_from(own[0]) if own else heading(analysis.track, window.s, number)
 
 
 def came_from(point: TurningPoint) -> int:
@@ -99,6 +99,7 @@ def came_from(point: TurningPoint) -> int:
     return 1 if point.sense == "max" else -1
 
 
-def _heading(track: Track, s: float, number: int) -> int:
+def heading(track: Track, s: float, number: int) -> int:
+    """Direction (1, -1) in which an axis moves at a place; 0 where it does not."""
     tangent = track.arc_derivatives(*track.locate(np.array([s])), 1)[1, 0, number]
     return 0 if abs(tangent) < SIDEWAYS else int(np.sign(tangent))

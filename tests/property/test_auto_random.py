@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from support.motions import look, worst_use
 from support.random_jobs import RandomJob, random_job
@@ -41,10 +42,7 @@ class Judged(NamedTuple):
 
 def run(job: RandomJob, analysis: Analysis, nominal: Nominal, strategy: str) -> Judged:
     lead = job.options.inverse_dynamics and strategy != "none"
-    options = job.options.__class__(
-        **{name: getattr(job.options, name) for name in job.options.__struct_fields__}
-        | {"strategy": strategy, "inverse_dynamics": lead}
-    )
+    options = replace(job.options, strategy=strategy, inverse_dynamics=lead)
     plan = make_plan(analysis, options)
     command = command_of(plan, analysis.track, job.machine.servo_period)
     worst: dict[str | None, float] = {}

@@ -113,12 +113,14 @@ class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A strategy's answer: one wish a window, and warnings about the job as a whole.
 
     `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
-    `shorter` makes a proposal that takes about a part of the time that this one adds.
+    `shorter` makes a proposal that takes about a part of the time that this one adds. `shifted` are axes that
+    carry a lasting offset even if no wish crosses their gap, as on a path whose turns are all corners.
     """
 
     wishes: tuple[Wish, ...]
     proven: bool = False
     shorter: Callable[[float], Proposal] | None = None
+    shifted: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
 

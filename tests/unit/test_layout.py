@@ -1,0 +1,126 @@
+"""Lasting offsets of loops that do not see the table: a play operator moves it, written here."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from support.motions import look, make_machine, make_path
+
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.plan import PlanOptions, make_plan
+from ph_post.geometry.curves import Arc, Line
+from ph_post.types import Command, Gap, Machine, Path, Plan, Servo
+
+LOST = 40e-6
+
+NEAR = 1e-11
+"""Rounding of times moves a table by some 1e-12 m."""
+
+
+def play(command: np.ndarray, gap: float, flank: int) -> np.ndarray:
+    """The table behind a gap: it moves when it is touched, and stays where it was left."""
+    table = np.empty_like(command)
+    place = command[0] - flank * 0.5 * gap
+    for k, motor in enumerate(command):
+        place = min(max(place, motor - 0.5 * gap), motor + 0.5 * gap)
+        table[k] = place
+    return table
+
+
+def stepper(flank: str = "unknown", **limits: float) -> Machine:
+    """Axes that follow at once, so that nothing but the gap is between command and table."""
+    gap = Gap(lost_motion=LOST, initial_flank=flank)
+    return make_machine(feedback="none", servo=Servo(b=0.0, c=0.0), gap=gap, **limits)
+
+
+@lru_cache(maxsize=8)
+def hooked(flank: str = "unknown", start: str = "rest") -> tuple[Plan, Command]:
+    return take_up(hook(), stepper(flank), start)
+
+
+def take_up(path: Path, machine: Machine, start: str = "rest") -> tuple[Plan, Command]:
+    analysis = look(path, machine)
+    plan = make_plan(analysis, PlanOptions(strategy="takeup", start=start, max_slowdown=0.5))
+    return plan, command_of(plan, analysis.track, machine.servo_period)
+
+
+def hook() -> Path:
+    """Out along X, half a turn to the left, back, and in a sharp corner out again."""
+    r, long = 0.01, 0.03
+    return make_path(
+        [
+            Line([(0.0, 0.0), (long, 0.0)]),
+            Arc(np.array([long, 0.0]), np.array([long, 2 * r]), np.array([long, r]), "ccw"),
+            Line([(long, 2 * r), (0.0, 2 * r)]),
+            Line([(0.0, 2 * r), (long, 2.5 * r)]),
+        ]
+    )
+
+
+def moved_table(command: Command, gap: float, flanks: tuple[int, int]) -> np.ndarray:
+    columns = zip(command.position.T, flanks, strict=True)
+    return np.column_stack([play(column, gap, flank) for column, flank in columns])
+
+
+FLANKS = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+
+
+@pytest.mark.parametrize("flanks", FLANKS)
+def test_whatever_flank_an_axis_stood_on_its_table_starts_on_the_path(flanks: tuple[int, int]) -> None:
+    plan, command = hooked()
+    table = moved_table(command, LOST, flanks)
+    path = command.position - command.offset
+    first = int(np.argmax(command.s > 0.0))
+    turning = plan.turning_points[0].s
+    before = (np.arange(command.t.size) >= first) & (command.s < turning - 2e-3)
+    np.testing.assert_allclose(table[before, 0], path[before, 0], rtol=0.0, atol=NEAR)
+
+
+@pytest.mark.parametrize("flanks", FLANKS)
+def test_an_axis_is_across_its_gap_before_it_moves_out_of_a_corner(flanks: tuple[int, int]) -> None:
+    _, command = hooked()
+    table = moved_table(command, LOST, flanks)
+    path = command.position - command.offset
+    corner = 0.06 + np.pi * 0.01
+    beyond = command.s > corner + 1e-12
+    assert beyond.sum() > 100
+    np.testing.assert_allclose(table[beyond, 0], path[beyond, 0], rtol=0.0, atol=NEAR)
+    before, after = np.flatnonzero(command.s < corner - 1e-9)[-1], np.flatnonzero(beyond)[0]
+    assert command.offset[after, 0] - command.offset[before, 0] == pytest.approx(LOST, rel=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+@pytest.mark.parametrize("flanks", FLANKS)
+def test_a_gap_of_another_size_leaves_half_the_difference(flanks: tuple[int, int], factor: float) -> None:
+    _, command = hooked()
+    table = moved_table(command, factor * LOST, flanks)
+    path = command.position - command.offset
+    # The first way out of the corner is what takes up the rest of a gap that is wider.
+    beyond = command.s > 0.06 + np.pi * 0.01 + 1e-4
+    left = abs(factor - 1.0) * 0.5 * LOST
+    np.testing.assert_allclose(np.abs(table[beyond, 0] - path[beyond, 0]), left, rtol=0.0, atol=NEAR)
+
+
+def test_a_motion_that_does_not_rest_begins_on_the_flank_it_moves_towards() -> None:
+    plan, command = hooked(start="moving")
+    assert plan.bias["X"] == pytest.approx(0.5 * LOST)
+    np.testing.assert_allclose(command.offset[0, 0], 0.5 * LOST, rtol=1e-12)
+
+
+def test_a_known_flank_needs_no_approach() -> None:
+    known, open_ = (hooked(flank)[0] for flank in ("+", "unknown"))
+    assert not [one for one in known.crossings if one.axis == "X" and one.start == 0.0]
+    assert [one for one in open_.crossings if one.axis == "X" and one.start == 0.0]
+    assert known.phases[-1].start < open_.phases[-1].start
+
+
+def test_where_all_turns_are_sharp_corners_the_gap_is_carried_too() -> None:
+    corners = [(0.0, 0.0), (0.03, 0.004), (0.0, 0.008), (0.03, 0.012)]
+    path = make_path([Line(corners[k : k + 2]) for k in range(3)])
+    _, command = take_up(path, stepper("+"))
+    assert command.offset is not None
+    table = moved_table(command, LOST, (1, 1))
+    moves = command.feed > 0.0
+    np.testing.assert_allclose(table[moves], (command.position - command.offset)[moves], rtol=0.0, atol=NEAR)

@@ -1,0 +1,129 @@
+"""What is proven against the plain program, what is given up, and that the same job gives the same plan."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.motions import circle, look, make_machine
+
+from ph_post.analysis import Analysis
+from ph_post.compensate import profile, shapes
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.plan import Draft, PlanOptions, make_plan
+from ph_post.compensate.prove import prove
+from ph_post.compensate.strategies.base import Proposal, Wish
+from ph_post.simulate.machine import simulate
+from ph_post.types import Crossing, Gap, Machine, Phase, Plan, Scenario, Servo
+
+RADIUS, FEED = 0.01, 0.04
+LOST = 40e-6
+
+
+def stepper(**limits: float) -> Machine:
+    """Axes that follow at once: a crossing of the gap at rest closes it."""
+    gap = Gap(lost_motion=LOST, initial_flank="+")
+    return make_machine(feedback="none", servo=Servo(b=0.0, c=0.0), gap=gap, **limits)
+
+
+def draft_of(machine: Machine) -> tuple[Analysis, Draft]:
+    analysis = look(circle(RADIUS, FEED), machine)
+    return analysis, Draft(analysis, machine, PlanOptions(strategy="takeup", max_slowdown=0.5))
+
+
+def stop_and_cross(axis: str, travel: float) -> Wish:
+    shape = profile.plateau(0.08, 0.06, 0.08, 0.0, order=3)
+    crossing = Crossing(axis=axis, start=-0.025, duration=0.05, travel=travel)
+    turn = shapes.share_of_way(shape, 0.5)
+    return Wish(shape=shape, t_star=0.11, turn=turn, may_leave=True, crossings=(crossing,))
+
+
+def good(analysis: Analysis) -> list[Wish]:
+    """Stop at every turning point, and cross the gap the way the axis goes on."""
+    wishes = []
+    for window in analysis.windows:
+        point = analysis.turning_points[window.turning_point]
+        wishes.append(stop_and_cross(point.axis, -LOST if point.sense == "max" else LOST))
+    return wishes
+
+
+def error(plan: Plan, analysis: Analysis, machine: Machine) -> float:
+    """Largest | |x| - R | with the gap as it is."""
+    command = command_of(plan, analysis.track, machine.servo_period)
+    executed = simulate(command, machine, Scenario(flank="+")).executed[command.s > 0.0]
+    return float(np.abs(np.hypot(*executed.T) - RADIUS).max())
+
+
+def proven(draft: Draft, wishes: list[Wish]) -> tuple[Plan, Plan]:
+    """The plan as proposed, and what the proof leaves of it."""
+    proposal = Proposal(wishes=tuple(wishes), proven=True)
+    plan = draft.plan("takeup", proposal)
+    return plan, prove(plan, proposal, draft)
+
+
+def test_what_is_good_is_left_as_it_is() -> None:
+    machine = stepper()
+    analysis, draft = draft_of(machine)
+    plan, kept = proven(draft, good(analysis))
+    assert kept is plan
+    assert error(kept, analysis, machine) < 0.05 * error(draft.plain(), analysis, machine)
+
+
+def test_a_crossing_the_wrong_way_is_given_up() -> None:
+    machine = stepper()
+    analysis, draft = draft_of(machine)
+    wishes = good(analysis)
+    (crossing,) = wishes[2].crossings
+    wishes[2] = stop_and_cross(crossing.axis, -3.0 * crossing.travel)
+    plan, kept = proven(draft, wishes)
+    plain = error(draft.plain(), analysis, machine)
+    assert error(plan, analysis, machine) > 1.5 * plain
+    assert error(kept, analysis, machine) <= plain + 1e-9
+
+
+def test_a_crossing_that_breaks_a_limit_is_given_up() -> None:
+    machine = stepper()
+    analysis, draft = draft_of(machine)
+    wishes = good(analysis)
+    (crossing,) = wishes[1].crossings
+    sudden = Crossing(axis=crossing.axis, start=-0.001, duration=0.002, travel=crossing.travel)
+    wishes[1] = replace(wishes[1], crossings=(sudden,))
+    _, kept = proven(draft, wishes)
+    command = command_of(kept, analysis.track, machine.servo_period)
+    limits, period = machine.axes["X"].limits, machine.servo_period
+    assert np.abs(np.diff(command.position, 2, axis=0)).max() <= limits.acceleration * period**2 * (1 + 1e-9)
+    assert np.abs(np.diff(command.position, 3, axis=0)).max() <= limits.jerk * period**3 * (1 + 1e-6)
+
+
+def test_a_jolt_to_a_loop_over_the_table_is_given_up() -> None:
+    """A jolt inside the loop moves the table away."""
+    machine = make_machine()
+    analysis, draft = draft_of(machine)
+    wishes = [Wish(shape=None) for _ in analysis.windows]
+    shape = profile.plateau(0.08, 0.06, 0.08, 0.0, order=3)
+    jolt = Crossing(axis="X", start=0.0, duration=0.05, travel=0.0, push=5e-4, push_duration=0.1)
+    wishes[2] = Wish(shape=shape, t_star=0.11, may_leave=True, crossings=(jolt,))
+    _, kept = proven(draft, wishes)
+    assert kept.profiles == (None,) * len(wishes)
+    assert not kept.crossings
+
+
+def same(one: Plan, other: Plan) -> bool:
+    """Whether two plans are the same to the last bit."""
+    phases = all(same_phase(*pair) for pair in zip(one.phases, other.phases, strict=True))
+    return phases and one.crossings == other.crossings and one.bias == other.bias
+
+
+def same_phase(one: Phase, other: Phase) -> bool:
+    first, second = ((phase.start, phase.duration, phase.s, phase.window) for phase in (one, other))
+    return first == second and np.array_equal(one.speed, other.speed)
+
+
+@pytest.mark.parametrize("feedback", ["load", "motor"])
+def test_the_same_job_gives_the_same_plan_twice(feedback: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ph_post.compensate.choose.MOST", 60)
+    machine = make_machine(feedback=feedback)
+    options = PlanOptions(strategy="auto", inverse_dynamics=True, max_slowdown=0.3)
+    first, second = (make_plan(look(circle(RADIUS, FEED), machine), options) for _ in range(2))
+    assert any(found is not None for found in first.profiles)
+    assert same(first, second)
