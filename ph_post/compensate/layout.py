@@ -48,6 +48,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     phases: tuple[Phase, ...]
     moving: bool
     lead: bool
+    lasting: tuple[str, ...] = ()
 
     @property
     def length(self) -> float:

@@ -173,7 +173,7 @@ class Draft:
 
     def _missed(self, wishes: Sequence[Wish], profiles: Sequence[FeedProfile | None]) -> set[int]:
         """Return the windows that did not get the profile that a crossing behind the loop counts on."""
-        if self.options.carrier == "program" or self.options.min_feed is not None:
+        if self.options.min_feed is not None:
             return set()
         return {
             number
@@ -212,7 +212,7 @@ class Draft:
         job = Job(
             track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
             windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
-            phases=phases, moving=self.moving, lead=self.lead,
+            phases=phases, moving=self.moving, lead=self.lead, lasting=proposal.lasting,
         )  # fmt: skip
         layout = lay_out_jogs(job) if written else lay_out(job)
         if layout.dropped:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.joglayout import without_axes
+from ph_post.compensate.jogs import approach_time
 from ph_post.compensate.limits import check_command
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.strategies.base import Proposal, Wish
@@ -73,13 +75,23 @@ def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Propos
     """Ask for quicker designs while the plan takes longer than it may."""
     part = 1.0
     for _ in range(SHORTENINGS):
-        end, plain = (phases[-1].start + phases[-1].duration for phases in (plan.phases, plan.nominal))
+        end, plain = _ends(plan)
         if end <= draft.longest * (1.0 + TIMED) or proposal.shorter is None:
             break
         part *= 0.97 * (draft.longest - plain) / (end - plain)
         proposal = proposal.shorter(part)
         plan = draft.plan(plan.strategy, proposal)
+    if proposal.lasting and _ends(plan)[0] > draft.longest * (1.0 + TIMED):
+        # What jogs take at stops of the path is no matter of designs.
+        proposal = without_axes(proposal, proposal.lasting)
+        plan = draft.plan(plan.strategy, proposal)
     return plan, proposal
+
+
+def _ends(plan: Plan) -> tuple[float, float]:
+    """Durations of a plan and of the plain one [s], without the approach."""
+    end, plain = (phases[-1].start + phases[-1].duration for phases in (plan.phases, plan.nominal))
+    return end - approach_time(plan), plain
 
 
 def _without(wish: Wish, machine: Machine) -> Wish:

@@ -114,11 +114,14 @@ class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
     `shorter` makes a proposal that takes about a part of the time that this one adds.
+    `lasting` are axes that are to carry a lasting offset in a part program if the motion stops at each of
+    their reversals, be it in a window or in a corner.
     """
 
     wishes: tuple[Wish, ...]
     proven: bool = False
     shorter: Callable[[float], Proposal] | None = None
+    lasting: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
