@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.families import Case, Family, shortest_crossing, whole_crossing
-from ph_post.compensate.jogs import whole_jog
+from ph_post.compensate.jogs import carries_offset, whole_jog
 from ph_post.compensate.layout import reversing
 from ph_post.compensate.search import FLOOR, Bounds, Found, Search
 from ph_post.compensate.strategies.base import Proposal, Task, Wish
@@ -113,8 +113,11 @@ class _Chooser:
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
 
     def _approach(self) -> float:
-        """Time that it takes at most to bring axes behind the loop to their first flank [s]."""
-        if not self.offsets or self.task.options.start == "moving":
+        """Time that it takes at most to bring axes behind the loop to their first flank [s].
+
+        Every part program has an approach that does it.
+        """
+        if not self.offsets or self.written or self.task.options.start == "moving":
             return 0.0
         drives = [self.task.machine.axes[name] for name in self.task.path.axes]
         times = [
@@ -123,6 +126,11 @@ class _Chooser:
             if axis.feedback != "load" and axis.gap.lost_motion > 0.0
         ]
         return max(times, default=0.0)
+
+    def _lasting(self) -> tuple[str, ...]:
+        """Axes that turn back anywhere and that a program can give a lasting offset."""
+        axes = reversing(self.task.machine, self.task.turning_points)
+        return tuple(sorted({axis.name for axis, _ in axes if carries_offset(axis)}))
 
     def propose(self) -> Proposal:
         """Search window by window, and share the time out where it does most."""
@@ -144,8 +152,10 @@ class _Chooser:
 
     def _behind(self) -> tuple[str, ...]:
         """Axes whose gap is behind their loop, whether they turn back in windows, corners or nowhere."""
-        if not self.offsets or self.written:
+        if not self.offsets:
             return ()
+        if self.written:
+            return self._lasting()
         drives = [self.task.machine.axes[name] for name in self.task.path.axes]
         if self.task.options.start == "moving":
             # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.
@@ -171,9 +181,11 @@ class _Chooser:
         """Crossings of the lasting offsets that are needed in any case."""
         if not self.offsets:
             return ()
-        open_loops = ((axis, direction) for axis, direction in drives if axis.feedback != "load")
         if self.written:
-            return tuple(whole_jog(axis, direction, 0.0) for axis, direction in open_loops)
+            return tuple(
+                whole_jog(axis, direction, 0.0) for axis, direction in drives if carries_offset(axis)
+            )
+        open_loops = ((axis, direction) for axis, direction in drives if axis.feedback != "load")
         return tuple(
             whole_crossing(axis, direction, 0.0, shortest_crossing(axis, self.lead, self.period))
             for axis, direction in open_loops
@@ -191,7 +203,7 @@ class _Chooser:
         trial = Trial(self.nominal, self.track, place, machine, self.scenarios)
         bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
         search = Search(trial, case, bounds, self.as_filed)
-        if self._may_rest(drives):
+        if self._may_rest(drives) and not self.written:
             search.add_rest()
         for known in self.known:
             if known.likens(place, drives) and self._serves(search, known.found):
@@ -207,8 +219,7 @@ class _Chooser:
 
     def _may_rest(self, drives: Drives) -> bool:
         """Whether a rest in the plain motion would do: nothing inside a loop is to be crossed there."""
-        tables = self.offsets and self.task.options.carrier == "table"
-        return tables and all(axis.feedback != "load" for axis, _ in drives)
+        return self.offsets and all(axis.feedback != "load" for axis, _ in drives)
 
     @staticmethod
     def _serves(search: Search, known: Sequence[Found]) -> bool:

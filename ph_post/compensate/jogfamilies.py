@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.families import ORDER, Case, Family
-from ph_post.compensate.jogs import DWELL, make_jog, whole_jog
+from ph_post.compensate.jogs import DWELL, LEAST, carries_offset, make_jog, whole_jog
 from ph_post.compensate.profile import stop
 from ph_post.compensate.trial import Design
 from ph_post.types import Array, Axis, Jog
@@ -51,18 +51,20 @@ def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) 
     t = DWELL
     for axis, direction in reversing:
         if axis.feedback == "load":
-            there = make_jog(axis, travel * axis.gap.lost_motion * direction, t)
-            turn = there.end + max(DWELL, out * _time_to_cross(axis, travel) - there.duration)
+            way = max(travel * axis.gap.lost_motion, LEAST)
+            there = make_jog(axis, way * direction, t)
+            turn = there.end + max(DWELL, out * _time_to_cross(axis, way) - there.duration)
             jogs += [there, msgspec.structs.replace(there, start=turn, travel=-there.travel)]
-        else:
+        elif carries_offset(axis):
             jogs.append(whole_jog(axis, direction, t))
-        t = jogs[-1].end + DWELL
+        t = jogs[-1].end + DWELL if jogs else t
     return jogs, t
 
 
-def _time_to_cross(axis: Axis, travel: float) -> float:
-    """How long a motor without losses takes through its gap under a position error of `travel` gaps [s]."""
-    return math.sqrt(2.0 * (axis.gap.inertia_fraction or 0.0) * axis.servo.b / travel)
+def _time_to_cross(axis: Axis, error: float) -> float:
+    """How long a motor without losses takes through its gap under a position error [m], in seconds."""
+    inertia = (axis.gap.inertia_fraction or 0.0) * axis.servo.b
+    return math.sqrt(2.0 * inertia * axis.gap.lost_motion / error)
 
 
 JOG: Final = Family(

@@ -44,7 +44,7 @@ def lay_out_jogs(job: Job) -> Layout:
     brings it: the motion begins with that. Z comes down onto it, whatever its first motion is.
     """
     motion = Motion.from_phases(job.phases)
-    shifted = sorted({one.axis for one in _wished(job.wishes) if is_open(job, one.axis)})
+    shifted = sorted({one.axis for one in _wished(job.wishes) if is_open(job, one.axis)}.union(job.shifted))
     jogs, served = _at_windows(job, motion)
     holds: dict[int, float] = {}
     at_stops: list[tuple[int, Jog]] = []
@@ -82,14 +82,16 @@ def without_axes(proposal: Proposal, axes: Sequence[str]) -> Proposal:
             return msgspec.structs.replace(wish, crossings=kept)
         return Wish(shape=None, note=wish.note or NO_OFFSET)
 
-    return msgspec.structs.replace(proposal, wishes=tuple(map(without, proposal.wishes)))
+    shifted = tuple(axis for axis in proposal.shifted if axis not in axes)
+    return msgspec.structs.replace(proposal, wishes=tuple(map(without, proposal.wishes)), shifted=shifted)
 
 
 def lacks_stops(task: Task, proposal: Proposal) -> bool:
     """Whether a jog of a proposal has no stop: neither one of its own nor one of the path."""
     pairs = zip(task.windows, proposal.wishes, strict=True)
     return any(
-        wish.shape is None and wish.crossings and task.feed.at(window.s) > 0.0 for window, wish in pairs
+        wish.shape is None and wish.crossings and not wish.stop and task.feed.at(window.s) > 0.0
+        for window, wish in pairs
     )
 
 

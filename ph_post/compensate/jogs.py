@@ -12,12 +12,16 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.types import Array, Axis, Gap, Jog, frozen
+from ph_post.types import Array, Axis, Gap, Jog, Plan, frozen
 from ph_post.units import MM, MM_PER_MIN, MS
 
 DWELL: Final = 10.0 * MS
 """Least dwell [s] before and after a jog: LinuxCNC, with a period of 1 ms, has been seen to stand still at
 both ends of jogs so separated, and to keep the time between them within 1 ms."""
+
+LEAST: Final = 2.5e-3 * MM
+"""Shortest jog [m]: shorter ones drown in the decimals of serial controllers and in the steps of motors. A
+smaller gap behind its loop is left alone."""
 
 PART: Final = 0.5
 """Part of an axis' acceleration that a jog takes. LinuxCNC under G64 keeps the other half for blends, whether
@@ -62,6 +66,11 @@ def whole_jog(axis: Axis, direction: int, start: float) -> Jog:
     return make_jog(axis, axis.gap.lost_motion * direction, start)
 
 
+def carries_offset(axis: Axis) -> bool:
+    """Whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
+    return axis.feedback != "load" and axis.gap.lost_motion >= LEAST
+
+
 def seat_distance(gap: Gap) -> float:
     """How far before the start of a cut an axis is approached from [m]."""
     return max(LOST_MOTIONS * gap.lost_motion, LEAST_SEAT)
@@ -94,3 +103,9 @@ def jogged(jogs: Sequence[Jog], axes: Sequence[str], t: Array) -> Array:
     for jog in jogs:
         moved[:, axes.index(jog.axis)] += jog_travel(jog, t)
     return frozen(moved)
+
+
+def approach_time(plan: Plan) -> float:
+    """Time [s] at the beginning of a plan that belongs to the program's approach, which any program has."""
+    seats = any(isinstance(one, Jog) and one.start == 0.0 for one in plan.crossings)
+    return plan.phases[0].duration if seats else 0.0

@@ -173,7 +173,7 @@ class Draft:
 
     def _missed(self, wishes: Sequence[Wish], profiles: Sequence[FeedProfile | None]) -> set[int]:
         """Return the windows that did not get the profile that a crossing behind the loop counts on."""
-        if self.options.carrier == "program" or self.options.min_feed is not None:
+        if self.options.min_feed is not None:
             return set()
         return {
             number

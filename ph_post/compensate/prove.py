@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.joglayout import without_axes
+from ph_post.compensate.jogs import approach_time
 from ph_post.compensate.limits import check_command
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.strategies.base import Proposal, Wish
 from ph_post.simulate.assess import scenarios
 from ph_post.simulate.contour import Nominal, first_counted
 from ph_post.simulate.machine import simulate_many
-from ph_post.types import Array, Command, Machine, Phase, Plan, Scenario
+from ph_post.types import Array, Command, Machine, Plan, Scenario
 
 if TYPE_CHECKING:
     from ph_post.compensate.plan import Draft
@@ -79,19 +81,25 @@ def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Propos
     for _ in range(SHORTENINGS):
         if proposal.shorter is None or not _takes_too_long(plan, draft):
             break
-        end, plain = _end(plan.phases), _end(plan.nominal)
+        end, plain = _ends(plan)
         part *= 0.97 * (draft.longest - plain) / (end - plain)
         proposal = proposal.shorter(part)
+        plan = draft.plan(plan.strategy, proposal)
+    if draft.options.carrier == "program" and proposal.shifted and _takes_too_long(plan, draft):
+        # What jogs take at stops of the path is no matter of designs.
+        proposal = without_axes(proposal, proposal.shifted)
         plan = draft.plan(plan.strategy, proposal)
     return plan, proposal
 
 
 def _takes_too_long(plan: Plan, draft: Draft) -> bool:
-    return _end(plan.phases) > draft.longest * (1.0 + TIMED)
+    return _ends(plan)[0] > draft.longest * (1.0 + TIMED)
 
 
-def _end(phases: Sequence[Phase]) -> float:
-    return phases[-1].start + phases[-1].duration
+def _ends(plan: Plan) -> tuple[float, float]:
+    """Durations of a plan and of the plain one [s], without the approach."""
+    end, plain = (phases[-1].start + phases[-1].duration for phases in (plan.phases, plan.nominal))
+    return end - approach_time(plan), plain
 
 
 def _without(wish: Wish, machine: Machine) -> Wish:

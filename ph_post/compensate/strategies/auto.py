@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import PLATEAU, Case, Family, dips
 from ph_post.compensate.joglayout import lacks_stops
+from ph_post.compensate.jogs import carries_offset
 from ph_post.compensate.strategies.base import Proposal, Task
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import crossing_families, jog_families
@@ -53,7 +54,7 @@ def _families(task: Task, case: Case) -> Sequence[Family]:
 
 
 def _written_families(task: Task, case: Case) -> Sequence[Family]:
-    lasting = any(axis.feedback != "load" for axis, _ in case.reversing)
+    lasting = any(carries_offset(axis) for axis, _ in case.reversing)
     jogs = jog_families(task, case)
     return jogs if lasting else (*jogs, *_feed_families(task, case))
 

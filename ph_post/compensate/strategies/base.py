@@ -114,7 +114,8 @@ class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
     `shorter` makes a proposal that takes about a part of the time that this one adds. `shifted` are axes that
-    carry a lasting offset even if no wish crosses their gap, as on a path whose turns are all corners.
+    carry a lasting offset even if no wish crosses their gap, as on a path whose turns are all corners; a part
+    program can only if the motion stops at each of their reversals.
     """
 
     wishes: tuple[Wish, ...]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import BARE, CROSSING, OFFSET, Case, Family
 from ph_post.compensate.jogfamilies import JOG, PULSE
+from ph_post.compensate.jogs import carries_offset
 from ph_post.compensate.strategies.base import Proposal, Task
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
@@ -75,7 +76,9 @@ def jog_families(task: Task, case: Case) -> Sequence[Family]:
     if task.options.min_feed:
         return ()
     inside = any(axis.feedback == "load" for axis, _ in case.reversing)
-    return (PULSE,) if inside else (JOG,)
+    if inside:
+        return (PULSE,)
+    return (JOG,) if any(carries_offset(axis) for axis, _ in case.reversing) else ()
 
 
 STRATEGY = TakeUp()

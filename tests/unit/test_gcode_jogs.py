@@ -1,0 +1,146 @@
+"""Programs with jogs, read back by an interpreter of their own: where they go, and what they declare."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy.spatial import cKDTree
+from support.interpreter import Move, run
+from support.plans import make_path, make_plan
+
+from ph_post.analysis import analyse
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan as plan_motion
+from ph_post.errors import InputError
+from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.options import ProgramOptions
+from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.writer import make_program
+from ph_post.geometry.curves import Arc, Bezier, Line
+from ph_post.geometry.track import Track
+from ph_post.io.machinefile import read_machine
+from ph_post.types import Jog, Plan
+from ph_post.units import MM
+
+HOW = ProgramOptions(safe_z=5 * MM, depth=-1 * MM)
+RING = Arc(start=np.array([6, 8]) * MM, end=np.array([6, 8]) * MM, center=np.zeros(2), turn="ccw")
+CUBIC = Bezier(np.array([[0, 0], [10, 40], [50, 40], [60, 0]]) * MM)
+CORNERS = [Line(np.array(ends) * MM) for ends in ([[0, 0], [20, 5]], [[20, 5], [0, 10]], [[0, 10], [20, 4]])]
+CASES = {"ring": ([RING], True, 4), "cubic": ([CUBIC], False, 1), "corners": (CORNERS, False, 3)}
+
+
+@lru_cache
+def planned(name: str) -> tuple[Plan, Track]:
+    curves, closed, _ = CASES[name]
+    analysis = analyse(make_path(curves, closed=closed), read_machine("stepper"), 5e-6)
+    options = PlanOptions(strategy="takeup", carrier="program", max_slowdown=0.6)
+    return plan_motion(analysis, options), analysis.track
+
+
+def jogs_of(moves: list[Move]) -> list[int]:
+    """Moves between two dwells."""
+    words = [move.word for move in moves]
+    return [k for k in range(1, len(moves) - 1) if words[k - 1] == words[k + 1] == "G4" and words[k] == "G1"]
+
+
+@pytest.mark.parametrize("mode", ["per-minute", "inverse-time"])
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
+@pytest.mark.parametrize("name", list(CASES))
+def test_the_path_plus_the_offset_is_what_is_run(name: str, dialect: str, mode: str) -> None:
+    plan, track = planned(name)
+    program = make_program(plan, track, find_dialect(dialect), replace(HOW, feed_mode=mode))
+    result = run(program.text)
+    assert result.ended
+    cut = [k for k, move in enumerate(result.moves) if move.start[2] == move.end[2] == -1.0]
+    moves = [result.moves[k] for k in cut]
+    jogs = jogs_of(moves)
+    assert len(jogs) == CASES[name][2] == sum(move.word == "G4" for move in moves) - corners_shared(moves)
+    half = {axis: plan.machine.axes[axis].gap.lost_motion / 2 / MM for axis in "XY"}
+    offset = moves[0].start[:2] - track.derivatives(*track.locate(np.zeros(1)))[0][0] / MM
+    # An axis that never turns back has no error that an offset could take away.
+    turning = {point.axis for point in plan.turning_points}
+    assert np.abs(offset) == pytest.approx([half[axis] * (axis in turning) for axis in "XY"], abs=1e-4)
+    dense = np.linspace(0, track.length * (1 - 1e-12), 200_001)
+    path = cKDTree(track.derivatives(*track.locate(dense))[0] / MM)
+    for k, move in enumerate(moves):
+        if k in jogs:
+            change = (move.end - move.start)[:2]
+            axis = int(np.argmax(np.abs(change)))
+            assert abs(change[axis]) == pytest.approx(2 * half["XY"[axis]], abs=2e-4)
+            assert change[1 - axis] == 0.0
+            # From the side that the axis came from to the side that it goes to.
+            assert np.sign(change[axis]) == -np.sign(offset[axis])
+            offset = offset + change
+            continue
+        assert path.query(move.points(4)[:, :2] - offset)[0].max() < 1e-3 + 3e-4
+    # lifted off, the offset is taken back
+    last = result.moves[-1]
+    assert last.start[2] == 5.0
+    end = track.derivatives(*track.locate(np.array([track.length])))[0][0] / MM
+    assert last.end[:2] == pytest.approx(end, abs=1e-4)
+
+
+def corners_shared(moves: list[Move]) -> int:
+    """Dwells beyond one a jog: each run of jogs has one more than jogs."""
+    words = "".join("4" if move.word == "G4" else "1" for move in moves)
+    return len(re.findall(r"4(?:14)+", words))
+
+
+def test_jogs_run_at_the_feed_they_were_simulated_with() -> None:
+    plan, track = planned("ring")
+    written = [jog for jog in plan.crossings if isinstance(jog, Jog) and jog.start > 0]
+    for mode in ("per-minute", "inverse-time"):
+        moves = run(
+            make_program(plan, track, find_dialect("linuxcnc"), replace(HOW, feed_mode=mode)).text
+        ).moves
+        found = [moves[k] for k in jogs_of(moves)]
+        speeds = [move.length / move.duration * MM for move in found]
+        assert speeds == pytest.approx([jog.velocity for jog in written], rel=1e-5)
+        dwells = [move.duration for move in moves if move.word == "G4"]
+        assert min(dwells) >= 10e-3 * (1 - 1e-6)
+
+
+def test_arcs_stay_arcs_about_a_shifted_centre() -> None:
+    plan, track = planned("ring")
+    moves = run(make_program(plan, track, find_dialect("linuxcnc"), HOW).text).moves
+    arcs = [move for move in moves if move.word == "G3"]
+    centres = {tuple(np.round(move.center, 3)) for move in arcs}
+    # Half the gaps of 0.06 and 0.08 mm: one centre for every pair of directions.
+    assert centres == {(x, y) for x in (-0.03, 0.03) for y in (-0.04, 0.04)}
+    swept = sum(abs(move.angle) for move in arcs)
+    assert swept > 0.95 * 2 * np.pi
+
+
+def test_the_header_declares_the_offsets() -> None:
+    plan, track = planned("ring")
+    text = " ".join(make_program(plan, track, find_dialect("linuxcnc"), HOW).text.split())
+    for axis, size in (("X", "0.03"), ("Y", "0.04")):
+        assert f"axis {axis} carries an offset of {size} mm from the path" in text
+    plain = make_program(make_plan(track), track, find_dialect("linuxcnc"), HOW).text
+    assert "offset of" not in plain
+
+
+def coarse(**changes: object) -> Dialect:
+    dialect = find_dialect("linuxcnc")
+    return replace(dialect, capabilities=replace(dialect.capabilities, **changes))
+
+
+def test_a_dialect_that_cannot_carry_jogs_is_refused() -> None:
+    plan, track = planned("ring")
+    with pytest.raises(InputError, match="decimals of linuxcnc are too few for an offset of axis X"):
+        make_program(plan, track, coarse(decimals=2), HOW)
+    with pytest.raises(InputError, match="no dwell in which the axes stand still"):
+        make_program(plan, track, coarse(dwells=False), HOW)
+    assert make_program(make_plan(track), track, coarse(dwells=False), HOW).text
+
+
+def test_a_jog_in_motion_is_refused() -> None:
+    track = Track(make_path([CUBIC]))
+    jog = Jog(axis="X", start=1.0, travel=5e-5, velocity=1e-3, acceleration=0.1)
+    plan = replace(make_plan(track), crossings=(jog,), bias={"X": -2.5e-5})
+    with pytest.raises(InputError, match="does not lie in a rest of the path"):
+        make_program(plan, track, find_dialect("linuxcnc"), HOW)
