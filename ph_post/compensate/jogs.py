@@ -94,7 +94,7 @@ def jog_travel(jog: Jog, t: Array) -> Array:
     level = peak * np.clip(since - ramp, 0.0, duration - 2.0 * ramp)
     falling = np.where(since > duration - ramp, 0.5 * peak * ramp - 0.5 * jog.acceleration * left**2, 0.0)
     covered = np.where(since >= duration, way, rising + level + falling)
-    return np.asarray(np.copysign(covered, jog.travel) * (covered > 0.0))
+    return np.asarray(covered if jog.travel > 0.0 else 0.0 - covered)
 
 
 def jogged(jogs: Sequence[Jog], axes: Sequence[str], t: Array) -> Array:
