@@ -119,8 +119,11 @@ def test_the_largest_uncertainty_of_the_axes_counts():
 
 def test_an_axis_that_moves_at_first_knows_its_flank():
     _, _, command = job("circle", "paper", strategy="none", start="moving")
-    # The circle starts at (250, 0): X turns there.
-    assert at_rest(command) == ("X",)
+    # The circle starts at (250, 0): X turns there, but was moving up before the seam, as Y is.
+    assert at_rest(command) == ()
+    assert command.flanks["X"] == 1
+    # Without a loop there is no motion before.
+    assert at_rest(replace(command, flanks={})) == ("X",)
     _, _, command = job("circle", "paper", strategy="none")
     assert at_rest(command) == ("X", "Y")
 

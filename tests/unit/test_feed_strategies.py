@@ -95,17 +95,19 @@ def test_the_user_may_say_how_long_a_stop_lasts() -> None:
     assert durations == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_stop_on_the_seam_is_cut_in_its_middle() -> None:
+def test_a_stop_on_the_seam_is_held_where_the_motion_begins() -> None:
+    """It ends where it has come to rest on the seam, and begins with the whole hold."""
     analysis = ring()
     plan = planned(analysis, "dwell", start="moving")
     first, last = plan.phases[0], plan.phases[-1]
     assert first.window == last.window == 0
     assert not np.any(first.speed)
-    assert not np.any(last.speed)
-    half = 0.5 * analysis.intervals[0].duration
-    assert [first.duration, last.duration] == pytest.approx([half, half], rel=1e-9)
+    assert [last.speed[0], last.speed[-1]] == [FEED, 0.0]
+    assert first.duration == pytest.approx(analysis.intervals[0].duration, rel=1e-9)
     assert first.s == 0.0
-    assert last.s == pytest.approx(analysis.track.length, abs=1e-14)
+    # The mean of Bernstein coefficients is the mean of the speed.
+    way = last.duration * float(np.mean(last.speed))
+    assert last.s + way == pytest.approx(analysis.track.length, abs=1e-14)
     assert_continuous(plan, analysis.track.length)
     assert check_command(sample(plan, analysis.track, 1e-3), plan.machine) == ()
 
