@@ -157,14 +157,15 @@ def way_by_quad(shape: Shape, tau: float) -> float:
     return math.fsum(fixed_quad(lambda x: shapes.value(shape, x), a, b, n=8)[0] for a, b in parts)
 
 
-def test_a_hold_is_cut_in_its_middle() -> None:
+def test_a_hold_stays_whole_in_the_second_part() -> None:
     shape = profile.stop(2.0, 1.0, 3)
     for nudge in (-1e-14, 0.0, 1e-14):
         first, second = shapes.split(shape, 0.5 + nudge, 1e-12)
-        for part, hold in ((first, -1), (second, 0)):
-            assert len(part.pieces) == 2
-            assert part.pieces[hold].coefficients.tolist() == [0.0]
-            assert part.pieces[hold].share == pytest.approx(0.2, rel=1e-14)
+        assert len(first.pieces) == 1
+        assert [first.pieces[0].coefficients[0], first.pieces[0].coefficients[-1]] == [1.0, 0.0]
+        assert len(second.pieces) == 2
+        assert second.pieces[0].coefficients.tolist() == [0.0]
+        assert second.pieces[0].share == pytest.approx(1.0 / 3.0, rel=1e-14)
     assert len(shapes.split(shape, 0.4, 1e-12)[0].pieces) == 1
 
 
