@@ -31,8 +31,11 @@ from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Jog, Machin
 EDGE = 0.3
 """Part of a push that it takes to rise, and to fall."""
 
-FADES = (4.0, 8.0, 16.0, 32.0)
+FADES = (4.0, 4.0, 8.0, 8.0, 16.0, 32.0)
 """Durations of a fade of the inverse dynamics that are tried, in units of the servo's √b."""
+
+DEPTHS = (0.1, 0.25, 0.5, 1.0)
+"""Parts of the inverse dynamics that are faded out, until the limits are kept."""
 
 LEAST_FADE = 16
 """Samples that a fade lasts at least."""
@@ -210,22 +213,22 @@ def _error_filter(servo: Servo, period: float) -> tuple[Array, Array]:
 def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> Array:
     """Fade the inverse dynamics out around samples on which the command with it breaks a limit.
 
-    All axes fade together: where one follows without lag and another does not, the path is lost.
+    All axes fade together: where one follows without lag and another does not, the path is lost. No more of
+    it is faded out than need be.
     """
-    weight = np.ones(command.t.size)
     broken = _broken(command, machine, fixed + dynamic)
     if not broken.any():
         return dynamic
     unit = max(np.sqrt(machine.axes[name].servo.b) for name in command.axes)
-    out = np.zeros(command.t.size, dtype=np.bool_)
-    for fade in FADES:
-        samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
-        for _ in range(len(FADES)):
-            out |= _widened(broken, samples // 4)
-            weight = _weight(out, samples)
-            broken = _broken(command, machine, fixed + weight[:, np.newaxis] * dynamic)
-            if not broken.any():
-                return np.asarray(weight[:, np.newaxis] * dynamic)
+    for depth in DEPTHS:
+        out, found = np.zeros(command.t.size, dtype=np.bool_), broken
+        for fade in FADES:
+            samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
+            out |= _widened(found, samples // 4)
+            kept = (1.0 - depth * (1.0 - _weight(out, samples)))[:, np.newaxis] * dynamic
+            found = _broken(command, machine, fixed + kept)
+            if not found.any():
+                return np.asarray(kept)
     return np.zeros_like(dynamic)
 
 

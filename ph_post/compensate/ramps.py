@@ -21,7 +21,7 @@ from ph_post.types import Limits, Machine, Phase, frozen
 ORDER: Final = 3
 """Derivatives of the speed that vanish at the ends of a ramp."""
 
-PARTS: Final = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12)
+PARTS: Final = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.055, 0.04, 0.025, 0.015)
 """Parts of acceleration and jerk that are tried for the planning."""
 
 SHARE: Final = 0.9
