@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, axis
+from support.streams import without_progress
 
 from ph_post.cli.main import main
 from ph_post.drive import root_grid
@@ -179,7 +180,7 @@ def test_files_hold_the_table_to_the_last_digit(tmp_path: Path) -> None:
 def run(capsys, *arguments: str) -> tuple[int, str, str]:
     status = main(arguments)
     streams = capsys.readouterr()
-    return status, streams.out, streams.err
+    return status, streams.out, without_progress(streams.err)
 
 
 def test_sweep_has_the_contracts_keys_and_the_papers_number(capsys) -> None:
