@@ -130,8 +130,9 @@ def before_and_after(analysis: Analysis, *plans: Plan) -> tuple[Assessment, ...]
 
 def limit_words(broken: Violation) -> str:
     """Say which limit a command breaks, and where."""
-    unit = {"velocity": "mm/s", "acceleration": "mm/s²", "jerk": "mm/s³"}[broken.quantity]
+    words = {"velocity": "mm/s", "acceleration": "mm/s²", "jerk": "mm/s³", "motor acceleration": "rad/s²"}
+    scale = 1.0 if broken.quantity == "motor acceleration" else MM
     return (
         f"breaks the {broken.quantity} limit of {broken.axis} at {broken.t:.3f} s: "
-        f"{broken.value / MM:.6g} {unit} where {broken.limit / MM:.6g} is allowed"
+        f"{broken.value / scale:.6g} {words[broken.quantity]} where {broken.limit / scale:.6g} is allowed"
     )

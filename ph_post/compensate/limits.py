@@ -1,7 +1,8 @@
 """Whether sampled motion stays inside the limits of the axes.
 
 Velocity, acceleration and jerk of samples are their first, second and third differences over the period's
-first, second and third power.
+first, second and third power. What a strategy adds to the position of an axis with a scale is a position
+error that its motor is to answer, and its torque limit bounds that.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.caps import AxisLimits, axis_limits
-from ph_post.types import Array, Command, IntArray, Machine
+from ph_post.drive.gap import gap_constant
+from ph_post.types import Array, Axis, Command, IntArray, Machine
 
-Quantity = Literal["velocity", "acceleration", "jerk"]
+Quantity = Literal["velocity", "acceleration", "jerk", "motor acceleration"]
 
 QUANTITIES: tuple[Quantity, ...] = ("velocity", "acceleration", "jerk")
 """By the order of the difference, less one."""
@@ -72,7 +74,8 @@ def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
     """Find every stretch on which the samples of `command` break a limit of the machine.
 
     Where the motion begins or ends with a feed of zero the machine stands still before or after it. The jerk
-    of jogs is the controller's own, and no limit of it applies.
+    of jogs is the controller's own, and no limit of it applies. What is added to the path of an axis with a
+    scale may not ask its motor for more than `motor_acceleration` beyond what the path's motion takes.
 
     Returns
     -------
@@ -98,7 +101,34 @@ def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
                 found.append(
                     _violation(command, row, axis, quantity, value[worst], limits.of_order(order)[0])
                 )
+        found += _motor_violations(command, machine.axes[axis], number)
     return tuple(found)
+
+
+def asked_of_motor(command: Command, axis: Axis, number: int) -> Array:
+    """Motor acceleration [rad/s²] that what is added to an axis asks for beyond the path's own motion, (n,).
+
+    A metre of position error asks for C = N / (η r b) (the line after Eq. 16 of the paper), of the motor
+    alone and under a P controller. The path's motion takes b ẍ + c ẋ whether the command leads it or lags.
+    """
+    if command.offset is None or axis.feedback != "load":
+        return np.zeros(command.t.size)
+    path = command.position[:, number] - command.offset[:, number]
+    speed = np.gradient(path, command.period)
+    taken = axis.servo.b * np.gradient(speed, command.period) + axis.servo.c * speed
+    extra = np.maximum(np.abs(command.offset[:, number]) - np.abs(taken), 0.0)
+    return np.asarray(gap_constant(axis) * extra)
+
+
+def _motor_violations(command: Command, axis: Axis, number: int) -> list[Violation]:
+    """Stretches on which what is added to an axis asks more of its motor than it can still give."""
+    limit = axis.limits.motor_acceleration
+    if limit is None:
+        return []
+    asked = asked_of_motor(command, axis, number)
+    stretches = runs(np.flatnonzero(asked > limit))
+    rows = (int(stretch[np.argmax(asked[stretch])]) for stretch in stretches)
+    return [_violation(command, row, axis.name, "motor acceleration", asked[row], limit) for row in rows]
 
 
 def _violation(

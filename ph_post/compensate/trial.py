@@ -15,7 +15,7 @@ import numpy as np
 from ph_post.compensate import profile as profiles
 from ph_post.compensate import shapes
 from ph_post.compensate.caps import axis_limits
-from ph_post.compensate.limits import usage
+from ph_post.compensate.limits import asked_of_motor, usage
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
 from ph_post.compensate.surroundings import Surroundings
 from ph_post.drive.effects import plant_of
@@ -180,7 +180,17 @@ class Trial:
         jogged = command.jogged
         position = command.position if jogged is None else command.position - jogged
         use = max(float(usage(position, self.limits, order, 0.0).max()) for order in (1, 2, 3))
-        return use if jogged is None else use / FULL_STOP
+        return max(use if jogged is None else use / FULL_STOP, self._motor_use(command))
+
+    def _motor_use(self, command: Command) -> float:
+        """Largest part of the motors' acceleration that what is added to the path asks for."""
+        parts = [0.0]
+        for number, name in enumerate(self.axes):
+            axis = self.machine.axes[name]
+            if axis.limits.motor_acceleration is not None:
+                asked = asked_of_motor(command, axis, number)
+                parts.append(float(asked.max()) / axis.limits.motor_acceleration)
+        return max(parts)
 
 
 def _time_constant(machine: Machine, name: str) -> float:

@@ -98,3 +98,22 @@ def test_violations_are_ordered_by_axis_and_quantity() -> None:
     assert list(dict.fromkeys(names)) == order
     assert all(violation.value > violation.limit for violation in found)
     assert msgspec.structs.asdict(found[0]).keys() == {"axis", "quantity", "t", "s", "value", "limit"}
+
+
+@pytest.mark.parametrize("over", [0.999, 1.001])
+def test_the_motor_bounds_what_is_added_to_an_axis_with_a_scale(over: float) -> None:
+    # C = N/(η r b) with N = 1, η = 1/2, r = 0.8 mm, b = 0.0002 s² is 1.25e7: 2000 rad/s² are 0.16 mm.
+    machine = make_machine()
+    limits = msgspec.structs.replace(machine.axes["X"].limits, motor_acceleration=2000.0)
+    axes = {
+        name: msgspec.structs.replace(axis, limits=limits, feedback="load" if name == "X" else "motor")
+        for name, axis in machine.axes.items()
+    }
+    machine = msgspec.structs.replace(machine, axes=axes)
+    offset = np.zeros((50, 2))
+    offset[20:30] = over * 0.16e-3
+    still = msgspec.structs.replace(command(offset, feed=np.zeros(50)), offset=offset)
+    found = [v for v in check_command(still, machine) if v.quantity == "motor acceleration"]
+    assert [(v.axis, v.t) for v in found] == ([("X", still.t[20])] if over > 1.0 else [])
+    for violation in found:
+        assert violation.value == pytest.approx(over * 2000.0, rel=1e-12)
