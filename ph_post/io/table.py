@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pathlib
+import warnings
 import zipfile
 from collections.abc import Mapping
 from typing import Any, Final
@@ -192,7 +193,10 @@ def _parquet(columns: dict[str, NDArray[Any]], target: str) -> bytes:
 def _read_csv(file: pathlib.Path) -> dict[str, NDArray[Any]]:
     with file.open(encoding="utf-8") as lines:
         names = next(lines, "").strip().split(",")
-        body = np.loadtxt(lines, delimiter=",", ndmin=2)
+        with warnings.catch_warnings():
+            # An empty table is told in one line, by whoever misses its rows.
+            warnings.simplefilter("ignore", UserWarning)
+            body = np.loadtxt(lines, delimiter=",", ndmin=2)
     if body.size and body.shape[1] != len(names):
         raise ValueError(f"{body.shape[1]} columns under {len(names)} names")
     return dict(zip(names, body.T if body.size else np.empty((len(names), 0)), strict=True))

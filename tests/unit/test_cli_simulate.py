@@ -182,11 +182,12 @@ def test_bad_input_is_one_line(capsys, tmp_path, table):
     header = "t,segment,xi,s,X,Y,feed,window\n"
     row = "0.0,0,0.0,0.0,0.0,0.0,0.0,-1\n"
     assert "at least two rows" in refused(capsys, written(tmp_path, "one.csv", header + row), "-m", "mill")
+    assert "at least two rows" in refused(capsys, written(tmp_path, "none.csv", header), "-m", "mill")
     nan = header + row + row.replace("0.0,0,", "0.001,0,").replace(",0.0,-1", ",nan,-1")
     assert "feed: not a finite number" in refused(capsys, written(tmp_path, "nan.csv", nan), "-m", "mill")
     late = header + row + row.replace("0.0,", "0.001,", 1) + row.replace("0.0,", "0.009,", 1)
     assert "constant period" in refused(capsys, written(tmp_path, "late.csv", late), "-m", "mill")
-    assert "no such file" in refused(capsys, str(tmp_path / "none.csv"), "-m", "mill").lower()
+    assert "no such file" in refused(capsys, str(tmp_path / "missing.csv"), "-m", "mill").lower()
     space = Path(table).read_text().replace(",Y,", ",Z,", 1)
     other = written(tmp_path, "xz.csv", space)
     assert "axis Z, which has no drive" in refused(capsys, other, "-m", "paper")
