@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,9 +12,8 @@ from ph_post.compensate.jogs import approach_time
 from ph_post.compensate.limits import check_command
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.strategies.base import Proposal, Wish
-from ph_post.simulate.assess import scenarios
+from ph_post.simulate.assess import in_each, scenarios
 from ph_post.simulate.contour import Nominal, first_counted
-from ph_post.simulate.machine import simulate_many
 from ph_post.types import Array, Command, Machine, Plan, Scenario
 
 if TYPE_CHECKING:
@@ -115,6 +113,14 @@ def _case(scenario: Scenario) -> object:
     return scenario.pickup, scenario.gap
 
 
+def _largest(error: Array) -> tuple[float, int]:
+    """Largest size of an error and its row; none where no rows count."""
+    if error.size == 0:
+        return 0.0, 0
+    row = int(np.argmax(np.abs(error)))
+    return abs(float(error[row])), row
+
+
 class _Judge:
     """The plain program in every scenario, and how others compare."""
 
@@ -126,24 +132,22 @@ class _Judge:
         plain = command_of(draft.plain(), self.track, self.period)
         self.scenarios = scenarios(draft.machine, plain.axes)
         self.plain: dict[object, float] = {}
-        for scenario, error in zip(self.scenarios, self._errors(plain, self.scenarios), strict=True):
+        for scenario, (error, _) in zip(self.scenarios, self._largest(plain), strict=True):
             key = _case(scenario)
-            self.plain[key] = max(self.plain.get(key, 0.0), float(np.abs(error).max(initial=0.0)))
+            self.plain[key] = max(self.plain.get(key, 0.0), error)
 
-    def _errors(self, command: Command, tried: Sequence[Scenario]) -> list[Array]:
-        """Signed contour error in every scenario, of the rows that count."""
-        first = first_counted(command, self.draft.machine)
-        runs = simulate_many(command, self.draft.machine, tried)
-        return [self.nominal.nearest(run.executed, command.s).error[first:] for run in runs]
+    def _largest(self, command: Command) -> tuple[tuple[float, int], ...]:
+        """Largest error in every scenario [m], and the row that has it, of those that count."""
+        return in_each(command, self.draft.machine, self.nominal, self.scenarios, _largest)
 
     def blame(self, plan: Plan) -> set[int] | None:
         """Return the windows to give up; None where the plan is never worse and keeps the limits."""
         command = command_of(plan, self.track, self.period)
         instants = [violation.t for violation in check_command(command, self.draft.machine)]
         first = first_counted(command, self.draft.machine)
-        for scenario, error in zip(self.scenarios, self._errors(command, self.scenarios), strict=True):
-            if error.size and np.abs(error).max() > self.plain[_case(scenario)] + SAME:
-                instants.append(float(command.t[first + int(np.argmax(np.abs(error)))]))
+        for scenario, (error, row) in zip(self.scenarios, self._largest(command), strict=True):
+            if error > self.plain[_case(scenario)] + SAME:
+                instants.append(float(command.t[first + row]))
         if not instants:
             return None
         return {self._last_before(plan, t) for t in instants} - {-1}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
@@ -23,6 +23,8 @@ from ph_post.simulate.contour import (
 )
 from ph_post.simulate.machine import first_flank, simulate, trace_of
 from ph_post.types import Array, Axis, Command, Machine, Pickup, Run, Scenario, TurningPoint
+
+T = TypeVar("T")
 
 PICKUPS: Final[tuple[Pickup, ...]] = ("standstill", "momentum", "contact")
 """Every pick-up rule; all are tried where the file names none."""
@@ -96,10 +98,24 @@ def contour_errors(
     command: Command, machine: Machine, nominal: Nominal, tried: Iterable[Scenario]
 ) -> tuple[ContourError | None, ...]:
     """Contour error in each scenario, side by side; no run is kept."""
+    return in_each(command, machine, nominal, tried, contour_error)
+
+
+def in_each(
+    command: Command,
+    machine: Machine,
+    nominal: Nominal,
+    tried: Iterable[Scenario],
+    take: Callable[[Array], T],
+) -> tuple[T, ...]:
+    """Take something from the errors (n,) [m] of the rows that count in each scenario, side by side.
+
+    No run and no errors are kept, however many scenarios there are.
+    """
     first = first_counted(command, machine)
 
-    def measure(scenario: Scenario) -> ContourError | None:
-        return contour_error(_measured(command, machine, nominal, scenario)[1].error[first:])
+    def measure(scenario: Scenario) -> T:
+        return take(_measured(command, machine, nominal, scenario)[1].error[first:])
 
     # The first alone, so that the engine is compiled once, and that is said once.
     first_of_all, *others = tried

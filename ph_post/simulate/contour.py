@@ -177,14 +177,6 @@ def contour_error(error: Array) -> ContourError | None:
     return ContourError(max=largest, rms=math.sqrt(float(error @ error) / error.size))
 
 
-def gap_error(error: Array, without_gap: Array) -> ContourError | None:
-    """Measure what the gap adds to the signed error (n,) of the same run without one [m].
-
-    None where there are no rows.
-    """
-    return contour_error(error - without_gap)
-
-
 def turning_errors(
     error: Array, s: Array, turning_points: Sequence[TurningPoint], loop: float | None = None
 ) -> tuple[TurningError | None, ...]:

@@ -8,8 +8,7 @@ References
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
 from typing import Final, NamedTuple
@@ -72,12 +71,6 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
         commanded=command.position, executed=sealed(executed), motor=sealed(motor),
         events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
     )  # fmt: skip
-
-
-def simulate_many(command: Command, machine: Machine, scenarios: Sequence[Scenario]) -> tuple[Run, ...]:
-    """Run a command on several of the machines that a file leaves possible, side by side."""
-    with ThreadPoolExecutor() as pool:
-        return tuple(pool.map(lambda scenario: simulate(command, machine, scenario), scenarios))
 
 
 class Trace(NamedTuple):

@@ -23,7 +23,6 @@ from ph_post.simulate.contour import (
     TurningError,
     contour_error,
     first_counted,
-    gap_error,
     settling_time,
     turning_errors,
 )
@@ -412,14 +411,14 @@ def test_of_a_run_too_short_to_settle_no_row_counts():
     command = command_of(np.linspace(0, 1, 50), np.ones(50))
     error = np.ones(50)[first_counted(command, make_machine()) :]
     assert contour_error(error) is None
-    assert gap_error(error, error) is None
+    assert contour_error(error - error) is None
     still = command_of(np.zeros(50), np.zeros(50))
     assert first_counted(still, make_machine()) == 50
 
 
 def test_the_largest_and_the_root_mean_square():
     assert contour_error(np.array([3.0, -4.0])) == ContourError(max=4.0, rms=math.sqrt(12.5))
-    added_by_gap = gap_error(np.array([3.0, -4.0, 1.0]), np.array([2.0, -2.0, 1.0]))
+    added_by_gap = contour_error(np.array([3.0, -4.0, 1.0]) - np.array([2.0, -2.0, 1.0]))
     assert added_by_gap == ContourError(max=2.0, rms=math.sqrt(5 / 3))
 
 
