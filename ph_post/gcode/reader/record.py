@@ -1,0 +1,165 @@
+"""A part program as it was read: every byte, and beside the bytes what they mean.
+
+Everything is columnar, as programs of a million blocks are common: a row a word, a row a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ph_post.types import Array, IntArray
+
+RAPID, LINE, ARC, CUBIC, NURBS = range(5)
+"""Kind of a motion: G0; G1; G2 and G3; G5 and G5.1 (raised to a cubic); G5.2 to G5.3."""
+
+PLANE_AXES: Final[Mapping[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
+"""First, second and third axis of a plane, as columns of a position; arcs turn from first to second."""
+
+ByteArray = NDArray[np.uint8]
+
+BreakKind = Literal[
+    "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "not understood"
+]
+"""What separates two chains. `frame`: work offset, G92, tool length, units of the offset tables (G10)."""
+
+
+class Words(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The words of a program outside comments, w of them, in the order of the text.
+
+    `block` the line a word stands on (from 0); `letter` its letter, upper case, as a byte; `start`, `end` its
+    bytes in the program, letter included; `value` its number; `digits` and `decimals` the same number
+    exactly, digits / 10^decimals. Words whose value is no plain number (`#5`, `[1+2]`) have a NaN and
+    `decimals` -1.
+    """
+
+    block: IntArray
+    letter: ByteArray
+    start: IntArray
+    end: IntArray
+    value: Array
+    digits: IntArray
+    decimals: IntArray
+
+
+class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The motions of a program that are understood, m of them, in order. SI units.
+
+    `block` the line of each; `kind`; `chain` its number: what lies between two motions of one chain is seen
+    through (comments, F, S, M0 to M9 but M2 and M6, G4, modes), what lies between two chains is a
+    :class:`Break`. `start`, `end` (m, 3) [m]: X, Y and Z in the coordinates of the active work system, NaN
+    where not known. `plane` 17, 18 or 19. Of arcs: `center` (m, 2) [m] of the plane's first and second axis,
+    `angle` [rad] swept, positive from the first axis to the second, whole turns included; zeros for others.
+    `control` the four control points (4, 3) [m] of cubics by number of motion, `nurbs` (order, control (k, 3),
+    weights (k,)) of NURBS. `feed` [m/s], 0 of rapids, NaN where the program does not tell it (G95, no F);
+    `duration` [s] of motions under G93, 0 of others. `exact` 1 where the controller stops at the end (G61,
+    G61.1), 0 under G64 and where no path mode was given.
+    """
+
+    block: IntArray
+    kind: IntArray
+    chain: IntArray
+    start: Array
+    end: Array
+    plane: IntArray
+    center: Array
+    angle: Array
+    feed: Array
+    duration: Array
+    exact: IntArray
+    control: Mapping[int, Array]
+    nurbs: Mapping[int, tuple[int, Array, Array]]
+
+
+class Break(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a chain ends: nothing that was added to the motion may last into the block of a break.
+
+    `block` is the first line that must see the axes where the program has them; `motion` the number of the
+    first motion after it (m at the end of the program).
+    """
+
+    block: int
+    motion: int
+    kind: BreakKind
+
+
+class Note(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch that is passed through as it is: blocks `first` to `last`, what was met, in which column."""
+
+    first: int
+    last: int
+    column: int
+    what: str
+
+
+class Modal(msgspec.Struct, frozen=True, kw_only=True):
+    """Modal state after a block, as RS274/NGC groups it; None where the program has not said.
+
+    `motion` "G1", "G81", …; `plane` 17 to 19; `units` [m] of one program unit; `absolute` G90;
+    `arc_absolute` G90.1; `feed_mode` 93, 94 or 95; `compensation` "G40", "G41", …; `length` "G43", "G49", …;
+    `system` "G54" to "G59.3"; `path` the whole path mode as written, "G64 P0.01 Q0"; `retract` "G98", "G99";
+    `spindle` "M3", "M4", "M5"; `mist`, `flood` on or off; `tool` in the spindle and `prepared`; `speed` S.
+    """
+
+    motion: str | None = None
+    plane: int = 17
+    units: float = 1e-3
+    absolute: bool = True
+    arc_absolute: bool = False
+    feed_mode: int = 94
+    compensation: str | None = None
+    length: str | None = None
+    system: str | None = None
+    path: str | None = None
+    retract: str | None = None
+    spindle: str | None = None
+    mist: bool | None = None
+    flood: bool | None = None
+    tool: float | None = None
+    prepared: float | None = None
+    speed: float | None = None
+
+
+class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part program.
+
+    `lines` (n + 1,): the byte at which each line begins, and after the last the end of `data`; a line ends
+    with its line end (LF, CR LF or CR), the last one perhaps without. `modal` the distinct modal states,
+    `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
+    the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
+    end. `notes` name what was passed through.
+    """
+
+    name: str
+    data: bytes
+    digest: str
+    lines: IntArray
+    words: Words
+    motions: Motions
+    modal: tuple[Modal, ...]
+    state: IntArray
+    feed_word: Array
+    breaks: tuple[Break, ...]
+    notes: tuple[Note, ...]
+
+    @property
+    def blocks(self) -> int:
+        """Number of lines."""
+        return self.lines.size - 1
+
+    def text(self, block: int) -> bytes:
+        """Bytes of a line, its line end included."""
+        return self.data[self.lines[block] : self.lines[block + 1]]
+
+    def modal_after(self, block: int) -> Modal:
+        """Modal state after a line; before the first one for -1."""
+        return self.modal[self.state[block]] if block >= 0 else Modal()
+
+    def words_of(self, block: int) -> range:
+        """Numbers of the words on a line."""
+        low, high = np.searchsorted(self.words.block, [block, block + 1])
+        return range(int(low), int(high))

@@ -1,0 +1,1 @@
+"""Changes to a part program: planned on its motion, written into its bytes, taken back."""
