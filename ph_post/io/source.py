@@ -34,15 +34,25 @@ def read_source(source: str | os.PathLike[str]) -> Source:
     InputError
         Where the file is missing, a directory, unreadable, empty or not UTF-8.
     """
-    if os.fspath(source) == STDIN:
-        name, stem, data = "stdin", "stdin", sys.stdin.buffer.read()
-    else:
-        file = pathlib.Path(source)
-        name, stem, data = os.fspath(source), file.stem, _read_bytes(file)
+    name, data = read_data(source)
+    stem = name if os.fspath(source) == STDIN else pathlib.Path(source).stem
     text = _decode(data, name)
     if not text.strip():
         raise InputError(name, "the file is empty")
     return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
+
+
+def read_data(source: str | os.PathLike[str]) -> tuple[str, bytes]:
+    """Read the bytes of a file, or of standard input for ``-``, and tell its name for messages.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, a directory or unreadable.
+    """
+    if os.fspath(source) == STDIN:
+        return "stdin", sys.stdin.buffer.read()
+    return os.fspath(source), _read_bytes(pathlib.Path(source))
 
 
 def _read_bytes(file: pathlib.Path) -> bytes:

@@ -90,3 +90,11 @@ def _runs(blocks: IntArray, found: IntArray) -> list[tuple[int, int]]:
     firsts = np.append(0, breaks + 1)
     lasts = np.append(breaks, blocks.size - 1)
     return list(zip(blocks[firsts].tolist(), blocks[lasts].tolist(), strict=True))
+
+
+def lines_of(program: PartProgram, span: tuple[int, int]) -> list[str]:
+    """Return the blocks `first` to `last`, without their line ends."""
+    return [
+        program.text(block).rstrip(b"\r\n").decode("utf-8", "replace")
+        for block in range(span[0], span[1] + 1)
+    ]
