@@ -53,10 +53,10 @@ def command(
       ph-post convert part.ngc -m router | ph-post diff part.ngc - -m router --json
     """
     from ph_post.audit.diff.compare import compare_programs
-    from ph_post.gcode.reader.read import read_program
+    from ph_post.cli.program import read_part_program
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.source import STDIN, read_data
+    from ph_post.io.source import STDIN
     from ph_post.report.diffpage import make_page
     from ph_post.report.diffs import comparison_view, print_comparison
     from ph_post.report.progress import Progress
@@ -70,10 +70,9 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        first, second = (read_program(data, name) for name, data in map(read_data, (a, b)))
-        programs = (first, second)
+        programs = (read_part_program(a), read_part_program(b))
         stage("comparing")
-        found = compare_programs(first, second, tolerance * MM, drives)
+        found = compare_programs(*programs, tolerance * MM, drives)
         if html is not None:
             stage("drawing")
             write_atomically({html: make_page(found, programs)})

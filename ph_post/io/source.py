@@ -36,7 +36,7 @@ def read_source(source: str | os.PathLike[str]) -> Source:
     InputError
         Where the file is missing, a directory, unreadable, empty or not UTF-8.
     """
-    name, data = read_data(source)
+    name, data = read_bytes(source)
     stem = name if os.fspath(source) == STDIN else pathlib.Path(source).stem
     text = _decode(data, name)
     if not text.strip():
@@ -44,8 +44,8 @@ def read_source(source: str | os.PathLike[str]) -> Source:
     return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
 
 
-def read_data(source: str | os.PathLike[str]) -> tuple[str, bytes]:
-    """Read the bytes of a file, or of standard input for ``-``, and tell its name for messages.
+def read_bytes(source: str | os.PathLike[str]) -> tuple[str, bytes]:
+    """Read a file as it is, or standard input for ``-``: its name for messages, and its bytes.
 
     Raises
     ------
@@ -54,12 +54,9 @@ def read_data(source: str | os.PathLike[str]) -> tuple[str, bytes]:
     """
     if os.fspath(source) == STDIN:
         return "stdin", sys.stdin.buffer.read()
-    return os.fspath(source), _read_bytes(pathlib.Path(source))
-
-
-def _read_bytes(file: pathlib.Path) -> bytes:
+    file = pathlib.Path(source)
     with told_errors(file):
-        return file.read_bytes()
+        return os.fspath(source), file.read_bytes()
 
 
 @contextlib.contextmanager
