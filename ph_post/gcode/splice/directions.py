@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ph_post.gcode.reader.record import ARC, CUBIC, RAPID
+from ph_post.gcode.reader.record import ARC, CUBIC, LINE, RAPID
 from ph_post.simulate.compiling import compiled, inner
 
 NEAR: Final = 1e-7
@@ -226,6 +226,7 @@ def find_changes(
     Array, shape (n, 6)
         Changes in order; columns as named in this module. The first of a chain tells its first direction.
     """
+    kind, end = view[0], view[2]
     rows, count = np.empty((64, _COLUMNS)), 0
     spot = np.zeros((2, 5))
     for chain in range(low.size):
@@ -235,7 +236,14 @@ def find_changes(
         shares, places = np.empty(room), np.empty(room)
         fresh, sign = True, 0
         for k in range(low[chain], high[chain]):
-            for node in range(_nodes(view, axis, k, fresh, shares, places)):
+            # The short way for straight motions, of which there may be a million.
+            if not fresh and (kind[k] == LINE or kind[k] == RAPID):
+                nodes, shares[0], places[0] = 1, 1.0, end[k, axis]
+                if math.isnan(places[0]):
+                    continue
+            else:
+                nodes = _nodes(view, axis, k, fresh, shares, places)
+            for node in range(nodes):
                 x, share = places[node], shares[node]
                 if fresh:
                     _put(spot[0], x, k, share)

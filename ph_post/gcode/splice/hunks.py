@@ -106,7 +106,8 @@ class HunkWriter:
         if modal.feed_mode == 94 and feed is not None and feed != self._feed:
             lines.append(f"F{feed}")
             self._feed = feed
-        if modal.motion == "G0" and self._mode != "G0":
+        relying = blocktext.next_relying(self._program, block + 1)
+        if modal.motion == "G0" and self._mode != "G0" and relying is not None:
             lines.append("G0")
             self._mode = "G0"
 

@@ -16,7 +16,7 @@ from ph_post.gcode.splice.header import MARK
 _LEVEL: Final = 6
 _WIDTH: Final = 120
 _LINE = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]+)\)")
-_FIRST = re.compile(rb"^\(ph-post: undo 1/\d+ ", re.MULTILINE)
+_FIRST: Final = f"{MARK}undo 1/".encode()
 
 
 class Payload(msgspec.Struct, frozen=True, kw_only=True, array_like=True):
@@ -58,14 +58,14 @@ def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
     InputError
         Where lines are missing or damaged.
     """
-    begins = [found.start() for found in _FIRST.finditer(data)]
-    if not begins:
+    begin = data.rfind(_FIRST)
+    if begin < 0:
         raise InputError(name, "the lines at the end that undo the compensation are missing")
-    rows = _LINE.findall(data, begins[-1])
+    rows = _LINE.findall(data, begin)
     if not rows or [int(row[0]) for row in rows] != list(range(1, int(rows[0][1]) + 1)):
         raise InputError(name, "lines that undo the compensation are missing")
     try:
         packed = base64.b64decode(b"".join(row[2] for row in rows))
-        return msgspec.msgpack.decode(zlib.decompress(packed), type=Payload), begins[-1]
+        return msgspec.msgpack.decode(zlib.decompress(packed), type=Payload), begin
     except (binascii.Error, zlib.error, msgspec.DecodeError) as error:
         raise InputError(name, "lines that undo the compensation are damaged") from error

@@ -138,11 +138,12 @@ def affordable(search: Search, options: SpliceOptions) -> tuple[dict[str, Array]
     warnings : list of str
     """
     allowed = options.max_slowdown * float(search.times.sum())
-    while search.unsplit(_changes(search, options, 0.0)):
-        pass
-    every = search.cost(_changes(search, options, 0.0))
+    found = _changes(search, options, 0.0)
+    while search.unsplit(found):
+        found = _changes(search, options, 0.0)
+    every = search.cost(found)
     if every <= allowed:
-        return _changes(search, options, 0.0), search.warnings
+        return found, search.warnings
     _shed(search, options, allowed)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):

@@ -17,7 +17,7 @@ from ph_post.gcode.splice.payload import Payload, read_payload
 from ph_post.gcode.splice.rewrite import DECIMALS, assemble, write_numbers
 from ph_post.types import Array, BoolArray, IntArray
 
-HUNK: Final = re.compile(rb"^\(ph-post: \+(\d+) -(\d+)[^)\r\n]*\)", re.MULTILINE)
+HUNK: Final = re.compile(rb"\(ph-post: \+(\d+) -(\d+)[^)\r\n]*\)")
 """Comment line before a changed stretch."""
 
 CANDIDATES: Final = tuple(ord(letter) for letter in "XYZIJK")
