@@ -231,9 +231,10 @@ def _read_word(data: Any, i: int, end: int, row: int, out: Any) -> Any:
 
 
 @inner
-def _is_exponent(data: Any, i: int, end: int, first: bool) -> Any:
-    """Whether an E directly behind a number goes on as the exponent of one."""
-    if first or _upper(data[i]) != 69 or not _is_numeric(data[i - 1]):
+def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
+    """Whether an E directly behind the number of a word, with the letter `before`, may be its exponent."""
+    whole = before in (71, 77, 78, 79, 84, 0)  # M66E0: G, M, N, O and T have none
+    if whole or _upper(data[i]) != 69 or not _is_numeric(data[i - 1]):
         return False
     return i + 1 < end and (48 <= data[i + 1] <= 57 or data[i + 1] == 43 or data[i + 1] == 45)
 
@@ -281,7 +282,7 @@ def _read_line(data: Any, first: int, end: int, row: int, block: int, blocks: An
     while i < end and open_at < 0:
         at, why = i, 0
         if _is_letter(data[i]):
-            if _is_exponent(data, i, end, row == begin):
+            if _is_exponent(data, i, end, out[0][row - 1] if row > begin else 0):
                 return row, trait, EXPONENT, i
             i, found, why = _read_word(data, i, end, row, out)
             blocks[row] = block
