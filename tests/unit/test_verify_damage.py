@@ -1,7 +1,8 @@
 """What ``verify`` is for: every kind of damage to a compensated program is found, and called by its name.
 
 The programs are compensated by hand (support.compensated), so that neither the damage nor what it spoils
-The programs are compensated by hand (support.compensated), so that neither the damage nor what it spoils comes
+comes from the writer. Each case changes some bytes of the compensated text; the last of its three entries is
+the kind of failure that this must give.
 """
 
 import pytest
