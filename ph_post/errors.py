@@ -18,6 +18,8 @@ class InputError(PhPostError):
         What is wrong, in words.
     expected, got : str, optional
         What would have been right, and what stands there.
+    excerpt : str, optional
+        Lines that show the place, such as the source line and a caret; printed under the one line.
 
     Examples
     --------
@@ -25,7 +27,9 @@ class InputError(PhPostError):
     a.json: feed: feed is not positive; expected > 0; got 0
     """
 
-    def __init__(self, where: str, what: str, *, expected: str = "", got: str = "") -> None:
+    def __init__(
+        self, where: str, what: str, *, expected: str = "", got: str = "", excerpt: str = ""
+    ) -> None:
         parts = [f"{where}: {what}" if where else what]
         if expected:
             parts.append(f"expected {expected}")
@@ -33,6 +37,7 @@ class InputError(PhPostError):
             parts.append(f"got {got}")
         super().__init__("; ".join(parts))
         self.where = where
+        self.excerpt = excerpt
 
 
 class SolveError(PhPostError):

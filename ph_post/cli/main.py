@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PhPostError as error:
         if state.get("debug"):
             traceback.print_exc()
-        return _refuse(str(error))
+        return _refuse(str(error), excerpt=getattr(error, "excerpt", ""))
     except Exception as error:
         if state.get("debug"):
             traceback.print_exc()
@@ -73,6 +73,8 @@ def _usage_line(error: click.ClickException) -> str:
     return " ".join(error.format_message().split()).rstrip(".") + page
 
 
-def _refuse(message: str, status: int = 2) -> int:
+def _refuse(message: str, status: int = 2, excerpt: str = "") -> int:
     print(f"ph-post: {' '.join(message.split())}", file=sys.stderr)  # noqa: T201 - the one line on stderr
+    if excerpt:
+        print(excerpt, file=sys.stderr)  # noqa: T201 - and the place it is about
     return status

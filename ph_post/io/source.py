@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import pathlib
 import sys
+from collections.abc import Iterator
 
 import msgspec
 
@@ -46,8 +48,15 @@ def read_source(source: str | os.PathLike[str]) -> Source:
 
 
 def _read_bytes(file: pathlib.Path) -> bytes:
-    try:
+    with told_errors(file):
         return file.read_bytes()
+
+
+@contextlib.contextmanager
+def told_errors(file: pathlib.Path) -> Iterator[None]:
+    """Turn what goes wrong while a file is read into the error that tells it in one line."""
+    try:
+        yield
     except FileNotFoundError:
         raise InputError(os.fspath(file), "no such file") from None
     except IsADirectoryError:

@@ -51,9 +51,10 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `block` the line of each; `kind`; `chain` its number: what lies between two motions of one chain is seen
     through (comments, F, S, M0 to M9 but M2 and M6, G4, modes), what lies between two chains is a
-    :class:`Break`. `start`, `end` (m, 3) [m]: X, Y and Z in the coordinates of the active work system, NaN
-    where not known. `plane` 17, 18 or 19. Of arcs: `center` (m, 2) [m] of the plane's first and second axis,
-    `angle` [rad] swept, positive from the first axis to the second, whole turns included; zeros for others.
+    :class:`Break`: chain k lies between breaks k and k + 1 of the program. `start`, `end` (m, 3) [m]: X, Y
+    and Z in the coordinates of the active work system, NaN where not known. `plane` 17, 18 or 19. Of arcs:
+    `center` (m, 2) [m] of the plane's first and second axis, `angle` [rad] swept, positive from the first
+    axis to the second, whole turns included; zeros for others.
     `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` (order, control (k, 3),
     weights (k,)) of NURBS. `feed` [m/s], 0 of rapids, NaN where the program does not tell it (G95, no F);
     `duration` [s] of motions under G93, 0 of others. `exact` 1 where the controller stops at the end (G61,

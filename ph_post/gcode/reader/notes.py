@@ -1,0 +1,92 @@
+"""What was passed through, told once a stretch, and what separates the chains of motions."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ph_post.gcode.reader import codes
+from ph_post.gcode.reader.record import Break, BreakKind, ByteArray, Note
+from ph_post.gcode.reader.words import Lexed
+from ph_post.types import IntArray
+
+_TEXTS: Final = {
+    codes.PARAMETER: "parameter",
+    codes.EXPRESSION: "value that is computed",
+    codes.O_WORD: "O-word",
+    codes.POLAR: "polar coordinates",
+    codes.COMPENSATED: "cutter compensation",
+    codes.CYCLE: "canned cycle",
+    codes.FURTHER_AXIS: "axis other than X, Y and Z",
+    codes.UNKNOWN_G: "unknown G word",
+    codes.UNKNOWN_M: "unknown M word",
+    codes.DELETED: "block delete",
+    codes.SUBPROGRAM: "subprogram",
+    codes.ARC_FROM_NOWHERE: "arc from an unknown position",
+    codes.SPLINE_FROM_NOWHERE: "spline from an unknown position",
+    codes.UNUSED_WORD: "word that no other on the line uses",
+    codes.NO_MOTION_MODE: "axis words without a motion mode",
+    codes.UNSURE_MODE: "motion under modes that something not understood may have changed",
+    codes.CONTROLLER_LINE: "line for the controller itself",
+    codes.OTHER_FRAME: "motion in a turned, scaled, polar or diameter frame",
+    codes.THREAD: "motion tied to the spindle",
+    codes.COMMA: "word with a comma, or with more digits than are kept",
+    codes.DWELL_AXES: "dwell with axis words",
+    codes.SPLINE_PLANE: "spline in another plane than G17",
+    codes.SAVED_STATE: "modal state brought back",
+    codes.LONE_SPLINE: "spline that is not whole",
+}
+_KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
+    (codes.TOOL_CHANGE, "tool change"),
+    (codes.PROBE, "probe"),
+    (codes.HOME, "home"),
+    (codes.MACHINE, "machine coordinates"),
+    (codes.FRAME_CHANGE, "frame"),
+)
+_NOT_UNDERSTOOD: Final = len(_KINDS)
+
+
+def find_notes(lexed: Lexed, whys: ByteArray) -> tuple[Note, ...]:
+    """One note for each stretch of blocks that are passed through for the same reason."""
+    blocks = np.flatnonzero(whys)
+    if not blocks.size:
+        return ()
+    spoken = lexed.traits != 0
+    spoken[lexed.words.block] = True
+    spoken[blocks] = True
+    rank = np.cumsum(spoken)[blocks]
+    new = np.flatnonzero(np.r_[True, (np.diff(rank) > 1) | (np.diff(whys[blocks]) != 0)])
+    last = np.r_[new[1:] - 1, blocks.size - 1]
+    return tuple(
+        _note(lexed, int(blocks[low]), int(blocks[high]), int(whys[blocks[low]]))
+        for low, high in zip(new, last, strict=True)
+    )
+
+
+def _note(lexed: Lexed, first: int, last: int, why: int) -> Note:
+    column = 1
+    words = np.searchsorted(lexed.words.block, [first, first + 1])
+    if words[0] < words[1]:
+        column = int(lexed.words.start[words[0]] - lexed.lines[first]) + 1
+    return Note(first=first, last=last, column=column, what=_TEXTS[why])
+
+
+def find_breaks(motion_block: IntArray, marks: ByteArray, whys: ByteArray, end: int) -> tuple[Break, ...]:
+    """Put the breaks in order, from the beginning to the `end` of the program.
+
+    Those of one kind without a motion between them are one: its block is the first.
+    """
+    blocks = np.flatnonzero((marks & (codes.END - 1)) | whys)
+    kind = np.full(blocks.size, _NOT_UNDERSTOOD)
+    for number in range(len(_KINDS) - 1, -1, -1):
+        kind[(marks[blocks] & _KINDS[number][0]) != 0] = number
+    motion = np.searchsorted(motion_block, blocks)
+    keep = np.r_[True, (np.diff(motion) != 0) | (np.diff(kind) != 0)][: blocks.size]
+    names: tuple[BreakKind, ...] = (*(name for _, name in _KINDS), "not understood")
+    inner = tuple(
+        Break(block=int(b), motion=int(m), kind=names[k])
+        for b, m, k in zip(blocks[keep], motion[keep], kind[keep], strict=True)
+    )
+    first = Break(block=0, motion=0, kind="beginning")
+    return (first, *inner, Break(block=end, motion=motion_block.size, kind="end"))

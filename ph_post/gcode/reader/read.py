@@ -1,0 +1,245 @@
+"""Reading a part program without loss: its words, its modal state, its motions and what is passed through."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode.reader import codes, splines
+from ph_post.gcode.reader.arcs import solve_arcs
+from ph_post.gcode.reader.faults import NOT_UNDERSTOOD, Fault, refuse
+from ph_post.gcode.reader.modal import make_modal, number_text
+from ph_post.gcode.reader.modes import resolve
+from ph_post.gcode.reader.moves import trace
+from ph_post.gcode.reader.notes import find_breaks, find_notes
+from ph_post.gcode.reader.owords import find_stretches
+from ph_post.gcode.reader.record import CUBIC, NURBS, ByteArray, Motions, Note, PartProgram
+from ph_post.gcode.reader.words import Lexed, find_lines, read_words
+from ph_post.types import Array, IntArray, sealed
+from ph_post.units import INCH, MM
+
+
+class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What was found of each block: its state, F, task, breaks and why it is not understood."""
+
+    states: IntArray
+    feeds: Array
+    tasks: ByteArray
+    marks: ByteArray
+    whys: ByteArray
+    table: Array
+    end: int
+    last: int
+    fault: Fault | None
+
+
+def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram:
+    r"""Read a part program.
+
+    Parameters
+    ----------
+    data : bytes
+        All of it; every byte is kept.
+    name : str
+        For messages: the file's name.
+    strict : bool
+        Refuse what would be passed through with a note.
+
+    Raises
+    ------
+    InputError
+        Where the text is no program, or means different things to different controllers, or nothing to any.
+
+    Examples
+    --------
+    >>> program = read_program(b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nM2\n", "a.ngc")
+    >>> program.blocks, program.motions.end[1].tolist(), program.motions.feed[1].item()
+    (4, [0.01, 0.0, nan], 0.01)
+    """
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    lines, fault = find_lines(data)
+    if fault is not None:
+        raise refuse(name, data, lines, fault)
+    lexed = read_words(data, lines)
+    blocks = _resolve(lexed, data)
+    motions, fault = _follow(lexed, blocks)
+    faults = [one for one in (fault, blocks.fault) if one is not None]
+    first = min(faults, key=lambda one: one.block, default=None)
+    notes = find_notes(lexed, blocks.whys)
+    if strict and notes and (first is None or notes[0].first < first.block):
+        raise _refuse_note(name, data, lexed, notes[0])
+    if first is not None:
+        raise refuse(name, data, lines, first, _word_end(lexed, first))
+    breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
+    chain = (
+        np.searchsorted(np.array([b.motion for b in breaks[:-1]]), np.arange(motions.block.size), "right") - 1
+    )
+    return PartProgram(
+        name=name,
+        data=data,
+        digest=hashlib.sha256(data).hexdigest(),
+        lines=lines,
+        words=lexed.words,
+        motions=msgspec.structs.replace(motions, chain=chain),
+        modal=tuple(make_modal(row) for row in blocks.table),
+        state=blocks.states,
+        feed_word=sealed(blocks.feeds),
+        breaks=breaks,
+        notes=notes,
+    )
+
+
+def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
+    """Find each block's modal state and task; after the program's end nothing changes any more."""
+    count = lexed.lines.size - 1
+    states, feeds = np.zeros(count, np.int64), np.full(count, np.nan)
+    tasks, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
+    words = lexed.words
+    columns = (states, feeds, tasks, marks, whys)
+    stop, refused, word, table = resolve(
+        (words.block, words.letter, words.value),
+        lexed.traits,
+        find_stretches(lexed, data),
+        lexed.end,
+        columns,
+    )
+    ended = stop < lexed.end and not refused
+    after = stop + 1 if ended else stop
+    if 0 < after < count:
+        states[after:], feeds[after:] = states[after - 1], feeds[after - 1]
+    fault = None if ended else lexed.fault
+    if refused:
+        tasks[stop] = marks[stop] = whys[stop] = 0
+        fault = _fault_at(lexed, int(stop), int(refused), int(word))
+    return _Blocks(
+        states=states,
+        feeds=feeds,
+        tasks=tasks,
+        marks=marks,
+        whys=whys,
+        table=table,
+        end=int(stop),
+        last=int(after),
+        fault=fault,
+    )
+
+
+def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> Fault:
+    """Fault of a word, or of the word of a block that sets its motion, or of its first one."""
+    words = lexed.words
+    if word < 0:
+        low, high = np.searchsorted(words.block, [block, block + 1])
+        named = [k for k in range(low, high) if chr(words.letter[k]) in "GXYZ" and words.value[k] < 6]
+        word = named[0] if named else int(low)
+    return Fault(block=block, place=int(words.start[word]), code=code, got=got)
+
+
+def _word_end(lexed: Lexed, fault: Fault) -> int | None:
+    """Behind the word that a fault is about."""
+    word = int(np.searchsorted(lexed.words.start, fault.place))
+    if word < lexed.words.start.size and lexed.words.start[word] == fault.place:
+        return int(lexed.words.end[word])
+    return None
+
+
+def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note) -> InputError:
+    place = int(lexed.lines[note.first]) + note.column - 1
+    fault = Fault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
+    return refuse(name, data, lexed.lines, fault, _word_end(lexed, fault))
+
+
+def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
+    """Make the motions, and find the first arc that cannot be."""
+    while True:
+        columns, curves, count = _trace(lexed, blocks)
+        drawn = _splines(lexed, blocks, [column[:count] for column in columns])
+        if drawn is not None:
+            break
+    block, kind, start, end, plane, feed, duration, exact = (_cut(column, count) for column in columns)
+    center, angle, turns = (_cut(column, count) for column in curves)
+    inches = blocks.table[:, codes.UNITS][blocks.states[block]] == INCH
+    row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
+    fault = None
+    if why:
+        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii)
+        fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
+    control, nurbs = drawn
+    whole: dict[str, Any] = {
+        "block": block,
+        "kind": kind,
+        "chain": kind,
+        "start": start,
+        "end": end,
+        "plane": plane,
+        "center": center,
+        "angle": angle,
+        "feed": feed,
+        "duration": duration,
+        "exact": exact,
+    }
+    for part in whole.values():
+        part.setflags(write=False)
+    return Motions(**whole, control=control, nurbs=nurbs), fault
+
+
+def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:
+    words = lexed.words
+    room = int(np.count_nonzero((blocks.tasks & (codes.FORGET_FIRST - 1)) % codes.FORGET))
+    columns = (
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+        np.empty((room, 3)),
+        np.empty((room, 3)),
+        np.empty(room, np.int64),
+        np.empty(room),
+        np.empty(room),
+        np.empty(room, np.int64),
+    )
+    curves = (np.empty((room, 2)), np.empty(room), np.empty(room, np.int16))
+    modal = (blocks.table, blocks.states, blocks.feeds, blocks.tasks, blocks.whys)
+    count = trace((words.block, words.letter, words.value), modal, blocks.last, columns, curves)
+    return columns, curves, int(count)
+
+
+Splines = tuple[dict[int, Array], dict[int, splines.Nurbs]]
+
+
+def _splines(lexed: Lexed, blocks: _Blocks, columns: list[Any]) -> Splines | None:
+    """Control points of splines by motion; None where one is not whole: its block then is passed through."""
+    block, kind, start, end = columns[:4]
+    control: dict[int, Array] = {}
+    nurbs: dict[int, splines.Nurbs] = {}
+    view = splines.Blocks(tasks=blocks.tasks, table=blocks.table, states=blocks.states)
+    for row in np.flatnonzero(kind == CUBIC).tolist():
+        task = int(blocks.tasks[block[row]]) & (codes.FORGET_FIRST - 1)
+        units = float(blocks.table[blocks.states[block[row]], codes.UNITS])
+        words = splines.letters_of(lexed, int(block[row]))
+        if task == codes.CUBIC:
+            points = splines.cubic(words, units, start[row], end[row], control.get(row - 1))
+        else:
+            points = splines.quadratic(words, units, start[row], end[row])
+        if points is None:
+            _pass_through(blocks, int(block[row]))
+            return None
+        control[row] = points
+    for row in np.flatnonzero(kind == NURBS).tolist():
+        drawn = splines.nurbs(lexed, view, int(block[row]), start[row])
+        if drawn is None:
+            _pass_through(blocks, int(block[row]))
+            return None
+        nurbs[row] = drawn
+    return control, nurbs
+
+
+def _pass_through(blocks: _Blocks, block: int) -> None:
+    blocks.tasks[block] = codes.FORGET
+    blocks.whys[block] = codes.LONE_SPLINE
+
+
+def _cut(column: Any, count: int) -> Any:
+    return column if count == column.shape[0] else column[:count].copy()
