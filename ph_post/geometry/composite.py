@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from ph_post.geometry import fractional
-from ph_post.geometry.base import PiecewiseCurve, extent, require, require_length
+from ph_post.geometry.base import MEETS, PiecewiseCurve, extent, require, require_length
 from ph_post.geometry.piece import ExactPiece, Piece
 
 
@@ -40,7 +40,8 @@ class Composite(PiecewiseCurve):
     def __init__(self, pieces: Sequence[Piece]) -> None:
         kinds = {piece.kind for piece in pieces}
         require(kinds == {"polynomial"}, "wrong pieces", expected="polynomial", got=", ".join(sorted(kinds)))
-        require_length(max(extent(piece.control) for piece in pieces))
+        longest = next((piece for piece in pieces if extent(piece.control) > MEETS), pieces[0])
+        require_length(extent(longest.control))
         super().__init__(tuple(pieces))
 
     @property

@@ -83,7 +83,7 @@ def _off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
         **_columns(side.feet[kept]),
         **{name: np.round(away[:, n] / MM, 7).tolist() for n, name in enumerate(("dx", "dy", "dz"))},
         "s": np.round((side.samples.ways if k == 0 else side.foot_ways)[kept] / MM, 4).tolist(),
-        "line": (programs[k].motions.block[side.motion[kept]] + 1).tolist(),
+        "line": (programs[k].motions.block[side.motion(kept)] + 1).tolist(),
         "stretch": stretch[kept].tolist(),
     }
 

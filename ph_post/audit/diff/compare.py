@@ -118,11 +118,10 @@ def _deviation(
     for k in (0, 1):
         first, last = span[2 * k], span[2 * k + 1]
         one = travel.sides[k]
-        motion = one.motion
         block = programs[k].motions.block
-        blocks.append((int(block[motion[first]]), int(block[motion[last]])))
+        blocks.append((int(block[one.motion(first)]), int(block[one.motion(last)])))
         ways.append((float(one.samples.ways[first]), float(one.samples.ways[last])))
-    at = int(programs[side].motions.block[travel.sides[side].motion[row]])
+    at = int(programs[side].motions.block[travel.sides[side].motion(row)])
     x, y, z = (float(value) for value in where)
     spans: tuple[Span, Span] = (blocks[0], blocks[1])
     return Deviation(

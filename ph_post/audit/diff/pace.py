@@ -95,7 +95,7 @@ def compare_feeds(
 
 def _beside(side: Side, other: Outline) -> IntArray:
     """Motions of one path, and those of the other that lie beside them."""
-    piece, mine = side.samples.piece, side.motion
+    piece, mine = side.samples.piece, side.motion()
     along = (piece[1:] == piece[:-1]) & (side.foot_ways[1:] > side.foot_ways[:-1])
     middle = 0.5 * (side.foot_ways[1:] + side.foot_ways[:-1])[along]
     there = np.clip(np.searchsorted(other.s, middle, side="right") - 1, 0, len(other.table) - 1)

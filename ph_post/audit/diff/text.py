@@ -18,14 +18,13 @@ _N: Final = ord("N")
 _WRITING: Final = re.compile(rb"\([^)]*\)|;.*|[ \t\r\n]+|^N\d+", re.IGNORECASE | re.MULTILINE)
 """What does not matter in a block that is compared as text."""
 
-_ODD: Final = re.compile(rb"[/#\[\]%<>]|^\s*(N\d+)?\s*O", re.IGNORECASE)
+_ODD: Final = re.compile(rb"[/#\[\]%<>]|^[ \t]*(?:N\d+)?[ \t]*O", re.IGNORECASE | re.MULTILINE)
 """Blocks with these are compared as text: block delete, parameters, expressions, control flow, `%`."""
 
 
 def compare_blocks(a: PartProgram, b: PartProgram) -> tuple[BlockChange, ...]:
     """Return the blocks that differ, neighbours together, in the order of the first program."""
-    texts = [[hash(text) for text in _texts(program)] for program in (a, b)]
-    written = [np.array(one, dtype=np.int64) for one in texts]
+    written = [_hashes(program) for program in (a, b)]
     says = [block_keys(program) for program in (a, b)]
     found = align(says[0], says[1])
     changes = [_change(says, row) for row in gaps_of(found, says[1].size).tolist()]
@@ -60,17 +59,18 @@ def _as_text(program: PartProgram) -> BoolArray:
     """Blocks that their words do not tell fully."""
     odd = np.zeros(program.blocks, dtype=bool)
     odd[program.words.block[np.isnan(program.words.value)]] = True
-    for number, text in enumerate(_texts(program)):
-        if _ODD.search(text):
-            odd[number] = True
+    found = np.array([match.start() for match in _ODD.finditer(program.data)], dtype=np.int64)
+    odd[np.searchsorted(program.lines, found, side="right") - 1] = True
     for note in program.notes:
         odd[note.first : note.last + 1] = True
     return odd
 
 
-def _texts(program: PartProgram) -> list[bytes]:
-    """All lines, without their line ends."""
-    return [program.data[first:end].rstrip(b"\r\n") for first, end in pairwise(program.lines.tolist())]
+def _hashes(program: PartProgram) -> IntArray:
+    """Hash every line, without its line end."""
+    data = program.data
+    bounds = pairwise(program.lines.tolist())
+    return np.array([hash(data[first:end].rstrip(b"\r\n")) for first, end in bounds], dtype=np.int64)
 
 
 def _change(says: list[IntArray], row: list[int]) -> BlockChange:

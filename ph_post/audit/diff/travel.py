@@ -57,10 +57,9 @@ class Side(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     deviation: Array
     other: IntArray
 
-    @property
-    def motion(self) -> IntArray:
-        """Motion of every sample."""
-        return self.samples.outline.motion[self.samples.piece]
+    def motion(self, rows: IntArray | int | slice = slice(None)) -> IntArray:
+        """Motions of samples, of all by default."""
+        return np.asarray(self.samples.outline.motion[self.samples.piece[rows]])
 
 
 class Travel(msgspec.Struct, frozen=True, kw_only=True, eq=False):

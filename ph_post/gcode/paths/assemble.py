@@ -15,10 +15,11 @@ from ph_post.geometry.composite import Composite
 from ph_post.geometry.curves import Arc
 from ph_post.geometry.piece import Piece
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Curve, IntArray, Path, Segment, sealed
+from ph_post.types import Array, BoolArray, Curve, IntArray, Path, Segment, sealed
 
-SAME_FEED: Final = 1e-3
-"""Feeds from inverse times that differ by no more than this part are one: the decimals of their F words."""
+SAME_FEED: Final = 1e-2
+"""Straight moves, one after the other, whose feeds differ by no more than this part are taken for moves at the
+first one's: controllers follow a feed no better, and a curve would fall apart where every line has its F."""
 
 
 def assemble(
@@ -54,7 +55,8 @@ class _Assembly:
 
     def __init__(self, motions: Motions, rows: IntArray, columns: tuple[int, ...], tolerance: float) -> None:
         self.motions, self.rows, self.columns = motions, rows, columns
-        start, end = motions.start[rows][:, columns], motions.end[rows][:, columns]
+        # An axis that never moves may be where nobody knows.
+        start, end = (np.nan_to_num(place[rows][:, columns]) for place in (motions.start, motions.end))
         self.is_line = motions.kind[rows] == LINE
         steps = np.linalg.norm(end - start, axis=1) > MEETS
         self.step_motion = np.flatnonzero(steps)
@@ -72,6 +74,8 @@ class _Assembly:
         """Piece of the track on which every row begins."""
         self.foot = np.zeros(rows.size)
         """Parameter on that piece."""
+        self.piece_starts: list[tuple[int, int, int]] = []
+        """Pieces of the fit, from and to, that begin with such a piece of the track."""
         self.tolerance = tolerance
 
     def result(self) -> tuple[tuple[Segment, ...], Array]:
@@ -91,18 +95,14 @@ class _Assembly:
         )  # fmt: skip
 
     def _feeds(self, start: Array, end: Array) -> Array:
-        """Feed of every row [m/s], 0 of rapids; of inverse times on curves what their length makes of it."""
+        """Feed of every row [m/s], 0 of rapids; of inverse times what their length makes of them."""
         feed, duration = self.motions.feed[self.rows].copy(), self.motions.duration[self.rows]
         timed = np.flatnonzero((duration > 0.0) & (self.motions.kind[self.rows] != RAPID))
         length = np.linalg.norm(end - start, axis=1)
         for row in timed[~self.is_line[timed]].tolist():
             length[row] = sum(curve.length for curve in self._curves(row))
         feed[timed] = length[timed] / duration[timed]
-        same = timed[1:][np.abs(np.diff(feed[timed])) <= SAME_FEED * feed[timed[1:]]]
-        for row in same.tolist():
-            near = abs(feed[row] - feed[row - 1]) <= SAME_FEED * feed[row]
-            feed[row] = feed[row - 1] if near else feed[row]
-        return feed
+        return _grouped(feed, self.is_line)
 
     def _fit(self) -> Fit:
         """Fit all straight moves at once; whatever is beside another motion is a corner of the polyline."""
@@ -118,28 +118,36 @@ class _Assembly:
 
     def _walk(self, fit: Fit) -> None:
         """Make segments of the pieces in their order, as few as feeds and arcs allow."""
-        ends = self._breaks(fit)
-        straight = self._straight_speeds(fit)
         self.foot[self.step_motion] = np.where(self.is_line[self.step_motion], fit.foot[:-1], 0.0)
+        pieces = self._pieces(fit)
+        ends = self._breaks(fit)
+        rows = self.step_motion[fit.first]
         first = 0
-        for last in ends.tolist():
-            vertex = int(fit.first[first])
+        for last, vertex, row, line, kind in zip(
+            ends.tolist(), *(column[np.append(0, ends[:-1])].tolist() for column in (
+                fit.first, rows, self.is_line[rows], fit.kind
+            )), strict=True,
+        ):  # fmt: skip
             self._loops_at(vertex)
-            row = int(self.step_motion[vertex])
-            steps = slice(vertex, int(fit.last[last - 1]))
-            if not self.is_line[row]:
+            if not line:
                 self._add(self._curves(row), row)
-            elif fit.kind[first] == ROUND:
-                self._mark(steps, np.zeros(int(fit.last[first]) - vertex, dtype=np.int64))
-                self._segment(self._fitted_arc(fit, first), row)
             else:
-                counts = (fit.last - fit.first)[first:last]
-                self._mark(steps, np.repeat(np.arange(last - first), counts))
-                self._segment(Composite(self._pieces(fit, straight, first, last)), row)
+                self.piece_starts.append((first, last, self.pieces))
+                arc = kind == ROUND
+                curve = self._fitted_arc(fit, first) if arc else Composite(pieces[first:last])
+                self._segment(curve, row)
             first = last
+        self._mark(fit)
 
-    def _mark(self, steps: slice, piece: IntArray) -> None:
-        self.first_piece[self.step_motion[steps]] = self.pieces + piece
+    def _mark(self, fit: Fit) -> None:
+        """Tell on which piece of the track every straight move begins."""
+        first, last, number = np.array(self.piece_starts, dtype=np.int64).reshape(-1, 3).T
+        shift = np.zeros(fit.kind.size, dtype=np.int64)
+        on = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)] or [first])
+        shift[on] = on + np.repeat(number - first, last - first)
+        steps = np.flatnonzero(self.is_line[self.step_motion])
+        piece = np.repeat(np.arange(fit.kind.size), fit.last - fit.first)
+        self.first_piece[self.step_motion[steps]] = shift[piece[steps]]
 
     def _breaks(self, fit: Fit) -> IntArray:
         """Piece numbers behind which a segment ends."""
@@ -149,24 +157,20 @@ class _Assembly:
         new = single[1:] | single[:-1] | (feed[1:] != feed[:-1]) | loops
         return np.append(np.flatnonzero(new) + 1, fit.kind.size)
 
-    def _straight_speeds(self, fit: Fit) -> Array:
-        chord = self.points[fit.last] - self.points[fit.first]
-        return np.asarray(np.sqrt((chord * chord).sum(axis=1)))
-
-    def _pieces(self, fit: Fit, straight: Array, first: int, last: int) -> list[Piece]:
-        dimension, origin = len(self.columns), int(fit.first[first])
-        found = []
-        for k in range(first, last):
-            degree = int(fit.degree[k])
-            own: Array | None = None
-            a, b = int(fit.first[k]), int(fit.last[k])
-            if degree == 1:
-                control, own = self.points[[a, b]], straight[k : k + 1]
-            else:
+    def _pieces(self, fit: Fit) -> list[Piece]:
+        """Make records of all lines and interpolants; what is another motion gets one that is not used."""
+        ends = self.points[np.stack([fit.first, fit.last], axis=1)]
+        chord = ends[:, 1] - ends[:, 0]
+        sizes = np.sqrt((chord * chord).sum(axis=1))
+        dimension, found = len(self.columns), []
+        for k, (degree, a, b) in enumerate(
+            zip(fit.degree.tolist(), fit.first.tolist(), fit.last.tolist(), strict=True)
+        ):
+            control, speed = ends[k], sizes[k : k + 1]
+            if degree > 1:
                 control = np.ascontiguousarray(fit.control[k, : degree + 1, :dimension])
-                own = fit.speed[k] if degree == 5 else None
-            ends = {"xi0": float(a - origin), "xi1": float(b - origin)}
-            found.append(Piece(kind="polynomial", control=control, speed=own, **ends))
+                speed = fit.speed[k] if degree == 5 else None
+            found.append(Piece(kind="polynomial", control=control, xi0=float(a), xi1=float(b), speed=speed))
         return found
 
     def _fitted_arc(self, fit: Fit, k: int) -> Curve:
@@ -192,3 +196,14 @@ class _Assembly:
         rapid = bool(self.motions.kind[self.rows[row]] == RAPID)
         self.segments.append(Segment(curve=curve, feed=None if rapid else float(self.feed[row]), rapid=rapid))
         self.pieces += len(curve.pieces)  # type: ignore[attr-defined]
+
+
+def _grouped(feed: Array, is_line: BoolArray) -> Array:
+    """Give straight moves of nearly one feed the first one's."""
+    found, held = feed.tolist(), -1.0
+    for row, (own, line) in enumerate(zip(found, is_line.tolist(), strict=True)):
+        if line and held > 0.0 and abs(own - held) <= SAME_FEED * held:
+            found[row] = held
+        else:
+            held = own if line else -1.0
+    return np.array(found)

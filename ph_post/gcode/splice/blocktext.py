@@ -59,7 +59,9 @@ def motion_word(program: PartProgram, block: int) -> int | None:
 def last_words(program: PartProgram, block: int) -> list[int]:
     """Words of a line that are executed after its motion."""
     words = program.words
-    return [w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in LAST]
+    return [
+        w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in LAST
+    ]
 
 
 def relies_on_mode(program: PartProgram, block: int) -> bool:
@@ -74,7 +76,7 @@ def relies_on_mode(program: PartProgram, block: int) -> bool:
 
 
 def next_relying(program: PartProgram, block: int) -> int | None:
-    """Return the first line from `block` on that moves by the mode in force, none if another mode is set first."""
+    """Return the first line from `block` on that moves by the mode in force; none if it is set before."""
     while block < program.blocks:
         if motion_word(program, block) is not None:
             return None

@@ -1,4 +1,4 @@
-"""What stops cost, and how far small excursions have to be left out to keep within the time that is allowed."""
+"""What stops cost in time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from ph_post.compensate.jogs import DWELL, PART, make_jog
 from ph_post.gcode.reader.record import ARC, CUBIC, RAPID, PartProgram
 from ph_post.gcode.splice.directions import CARRIED, MOTION, PASSED, SHARE
-from ph_post.types import Array, Machine
+from ph_post.types import Array, IntArray, Machine
 
 
 def motion_times(program: PartProgram, machine: Machine) -> Array:
@@ -28,7 +28,7 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
         return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
 
 
-def _arc_lengths(program: PartProgram, arcs: Array) -> Array:
+def _arc_lengths(program: PartProgram, arcs: IntArray) -> Array:
     """Length of arcs and helices [m]."""
     from ph_post.gcode.splice.view import plane_columns
 

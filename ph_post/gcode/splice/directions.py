@@ -64,13 +64,13 @@ def _passing(view: Any, feed: Any, exact: Any, k: int, high: int) -> float:
     size = math.sqrt((into * into).sum() * (out * out).sum())
     if size == 0.0:
         return 0.0
-    return min(feed[k], feed[k + 1]) * max((into * out).sum() / size, 0.0)
+    return float(min(feed[k], feed[k + 1]) * max((into * out).sum() / size, 0.0))
 
 
 @inner
 def _turns(view: Any, axis: int, k: int, shares: Any, places: Any) -> int:
     """Shares and positions at which an axis turns inside a motion; their number."""
-    kind, start, end, plane, center, angle, row, control = view
+    kind, start, _, plane, center, angle, row, control = view
     found = 0
     if kind[k] == CUBIC:
         p = control[row[k], :, axis]
@@ -131,11 +131,11 @@ def _grown(rows: Any, count: int) -> Any:
 def _change(view: Any, feed: Any, exact: Any, span: Any, sign: int, row: Any) -> None:
     """Write down the best place for a change of direction between two places at which the axis rests.
 
-    `span` is (first motion, its share, last motion, its share, low, high). A rapid that takes the axis away
-    carries the change. Else it is made where the path stands or is slowest, the first of equals: behind a
+    `span` is (first motion, its share, last motion, its share, end of the chain). A rapid that takes the axis
+    away carries the change. Else it is made where the path stands or is slowest, the first of equals: behind a
     rapid that is before the tool goes down.
     """
-    k0, share0, k1, share1, low, high = span
+    k0, share0, k1, share1, high = span
     row[SIGN], row[CARRIED], row[PASSED] = sign, 0.0, 0.0
     leaves = k1 + 1 if share1 == 1.0 else k1
     if leaves < high and view[0][leaves] == RAPID:
@@ -254,7 +254,7 @@ def find_changes(
                 if turned == 0:
                     continue
                 rows, sign, old = _grown(rows, count), turned, spot[(1 - turned) // 2]
-                span = (int(old[1]), old[2], int(old[3]), old[4], low[chain], high[chain])
+                span = (int(old[1]), old[2], int(old[3]), old[4], high[chain])
                 _change(view, feed, exact, span, turned, rows[count])
                 rows[count, CHAIN] = chain
                 count += 1

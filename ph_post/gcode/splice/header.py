@@ -31,9 +31,9 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     """The head of a compensated program.
 
     `version` of this package; `digest` the SHA-256 of the original; `machine` its name, and `machine_digest`
-    and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, `units` [m] of
-    the program; numbers of `stops` and `dips`; `dwell` [s], `decimals`, `chord_tolerance` [m], `block_time`
-    [s] and `path_mode` as they were chosen for the dialect; `notes` in free text.
+    and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, `units` [m]
+    of the program; numbers of `stops` and `dips`; `dwell` [s], `decimals`, `chord_tolerance` [m],
+    `block_time` [s] and `path_mode` as they were chosen for the dialect; `notes` in free text.
     """
 
     version: str = ""
@@ -100,7 +100,6 @@ def declaration_lines(declaration: Declaration, max_line: int) -> list[str]:
         f"{one.stops} stops, {one.dips} dips",
         f"dwell {one.dwell:g} s, decimals {one.decimals}, chord tolerance {one.chord_tolerance / MM:g} mm,"
         f" block time {one.block_time / MS:g} ms{mode}",
-        f"units {name}",
         *(f"note {note}" for note in one.notes),
     ]
     head = comment_lines(f"ph-post {one.version} compensated this program", max_line)
@@ -127,7 +126,12 @@ def read_declaration(data: bytes) -> Declaration | None:
             facts[-1] += " " + text[3:-1].strip()
         else:
             break
-    fields: dict[str, Any] = {"version": head.group(1).decode("latin-1"), "offset": {}, "pulse": {}, "notes": ()}
+    fields: dict[str, Any] = {
+        "version": head.group(1).decode("latin-1"),
+        "offset": {},
+        "pulse": {},
+        "notes": (),
+    }
     for fact in facts:
         _read_fact(fact, fields)
     if len(str(fields.get("digest", ""))) != _DIGEST:
@@ -144,13 +148,12 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
     if found := _LENGTH.fullmatch(fact):
         kind, axis, size, unit = found.groups()
         fields[kind][axis] = float(size) * _UNITS[unit]
+        fields["units"] = _UNITS[unit]
     elif fact.startswith("note "):
         fields["notes"] += (fact.removeprefix("note "),)
 
 
 def _value(name: str, text: str | None) -> Any:
-    if name == "units":
-        return _UNITS[str(text)]
     if name in ("stops", "dips", "decimals"):
         return int(str(text))
     scale = {"dwell": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
@@ -168,10 +171,10 @@ _FACTS = (
     (re.compile(r"machine (.*), sha256 ([0-9a-f]*)"), ("machine", "machine_digest")),
     (re.compile(r"options sha256 ([0-9a-f]*)"), ("options_digest",)),
     (re.compile(r"(\d+) stops, (\d+) dips"), ("stops", "dips")),
-    (re.compile(r"units (mm|inch)"), ("units",)),
     (
         re.compile(
-            r"dwell (\S+) s, decimals (\d+), chord tolerance (\S+) mm, block time (\S+) ms(?:, path mode (.*))?"
+            r"dwell (\S+) s, decimals (\d+), chord tolerance (\S+) mm, block time (\S+) ms"
+            r"(?:, path mode (.*))?"
         ),
         ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
     ),

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import msgspec
+
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import significant_text
@@ -172,7 +173,11 @@ class HunkWriter:
         last = blocktext.last_words(self._program, block)
         if last:
             self._restore(block)
-            text, base, own = blocktext.bare(self._program, block), self._program.lines[block], self._program.words
+            text, base, own = (
+                blocktext.bare(self._program, block),
+                self._program.lines[block],
+                self._program.words,
+            )
             self._hunk.lines.append(" ".join(text[own.start[w] - base : own.end[w] - base] for w in last))
 
     def _exchanged(self, block: int, new: dict[str, str], mode: str) -> tuple[dict[int, str], list[str]]:
@@ -221,7 +226,7 @@ class HunkWriter:
         motions, k = self._program.motions, words.motion
         if words.modal.feed_mode == 93:
             whole = float(motions.duration[k]) * (part.high - part.low)
-            if motions.kind[k] == RAPID or part.high - part.low == 1.0 and part.duration is None:
+            if motions.kind[k] == RAPID or (part.high - part.low == 1.0 and part.duration is None):
                 return self._feeds.after(words.block)
             return self._digits(MINUTE / (part.duration or whole))
         if part.duration is None:
@@ -236,7 +241,9 @@ class HunkWriter:
         if part.duration is not None and self._program.motions.exact[motion]:
             if self._dialect.path_mode is None:
                 where = f"{self._program.name}:{self._program.motions.block[motion] + 1}"
-                raise InputError(where, f"{self._dialect.name} has no words to leave exact stops in a feed dip")
+                raise InputError(
+                    where, f"{self._dialect.name} has no words to leave exact stops in a feed dip"
+                )
             wanted = self._dialect.path_mode(self._tolerance * MM / modal.units)
         if wanted is not None and wanted != self._path:
             self._hunk.lines.append(wanted)
@@ -273,4 +280,3 @@ class HunkWriter:
 
     def _joined(self, *words: str) -> str:
         return ("" if self._dialect.terse else " ").join(words)
-

@@ -40,10 +40,12 @@ from ph_post.types import Array, Axis, BoolArray, Machine, frozen
 
 AXES: Final = "XYZ"
 
+SEAT: Final = 3.0
+"""How far before its place an axis comes onto its flank where the flank it stands on is not known, in halves
+of the lost motion: with the half that is added this is twice the lost motion, as a program's approach has."""
 
-def plan_offsets(
-    program: PartProgram, machine: Machine, dialect: Dialect, options: SpliceOptions
-) -> Edits:
+
+def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, options: SpliceOptions) -> Edits:
     """Plan the lasting offsets of all axes that carry one.
 
     Parameters
@@ -65,7 +67,9 @@ def plan_offsets(
         Where the dialect's decimals are too few for an axis.
     """
     nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    axes = [machine.axes[name] for name in AXES if name in machine.axes and carries_offset(machine.axes[name])]
+    axes = [
+        machine.axes[name] for name in AXES if name in machine.axes and carries_offset(machine.axes[name])
+    ]
     if not axes or program.motions.kind.size == 0:
         return nothing
     troubles = program_troubles(program)
@@ -101,30 +105,43 @@ def _edits_of(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -
     latest = np.searchsorted(rows[:, MOTION], np.arange(count), side="right") - 1
     sign = np.where(latest >= 0, rows[latest, SIGN], 0.0)
     offset[:, AXES.index(axis.name)] = sign * amplitude
+    stops, seated = _stops(program, axis, amplitude, rows)
     return Edits(
-        offset=frozen(offset), stops=_stops(axis, amplitude, rows), amplitude={axis.name: amplitude}
-    )
-
-
-def _stops(axis: Axis, amplitude: float, rows: Array) -> tuple[Stop, ...]:
-    before = np.append(0.0, rows[:-1, SIGN])
-    before[np.append(True, np.diff(rows[:, CHAIN]) != 0.0)] = 0.0
-    steps = rows[:, SIGN] - before
-    velocity = {way: make_jog(axis, way * amplitude, 0.0).velocity for way in (1.0, 2.0)}
-    made = np.flatnonzero((rows[:, CARRIED] == 0.0) & (steps != 0.0))
-    return tuple(
-        Stop(
-            motion=int(motion), share=share, pause=DWELL,
-            shifts=(Shift(axis=axis.name, travel=step * amplitude, velocity=velocity[abs(step)], pause=DWELL),),
-        )
-        for motion, share, step in zip(
-            rows[made, MOTION].tolist(), rows[made, SHARE].tolist(), steps[made].tolist(), strict=True
-        )
+        offset=frozen(offset), stops=stops, amplitude={axis.name: amplitude},
+        pulse={axis.name: SEAT * amplitude} if seated else {},
     )  # fmt: skip
+
+
+def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> tuple[tuple[Stop, ...], bool]:
+    """Make stops of changes, and say whether any of them seats the axis.
+
+    The first change of a chain finds the axis on either flank. Behind a rapid, so in the air, it comes from
+    beyond the gap.
+    """
+    before = np.append(0.0, rows[:-1, SIGN])
+    first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)
+    before[first] = 0.0
+    steps = rows[:, SIGN] - before
+    rapid = (program.motions.kind[rows[:, MOTION].astype(np.int64)] == RAPID) & (rows[:, SHARE] == 1.0)
+    seats = first & rapid
+    made = np.flatnonzero((rows[:, CARRIED] == 0.0) & (steps != 0.0))
+    velocity = {size: make_jog(axis, size * amplitude, 0.0).velocity for size in (1.0, 2.0, SEAT, SEAT + 1.0)}
+    stops = []
+    for n in made.tolist():
+        ways = (-SEAT * steps[n], (SEAT + 1.0) * steps[n]) if seats[n] else (steps[n],)
+        shifts = tuple(
+            Shift(
+                axis=axis.name, travel=float(way) * amplitude, velocity=velocity[abs(float(way))], pause=DWELL
+            )
+            for way in ways
+        )
+        stops.append(
+            Stop(motion=int(rows[n, MOTION]), share=float(rows[n, SHARE]), pause=DWELL, shifts=shifts)
+        )
+    return tuple(stops), bool(seats[made].any())
 
 
 def _with_warnings(edits: Edits, program: PartProgram, dialect: Dialect, said: list[str]) -> Edits:
     if edits.amplitude:
         said = [*said, *friction_words(edits.amplitude), *double_compensation(program, dialect.name)]
     return replace(edits, warnings=tuple(said))
-

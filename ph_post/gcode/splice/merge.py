@@ -58,4 +58,3 @@ def _merged_dips(dips: tuple[Dip, ...]) -> tuple[Dip, ...]:
         if start < end and sum(start) < sum(end):
             raise InputError("merge", f"two feeds for one stretch of motion {start[0]}", expected="one")
     return tuple(ordered)
-

@@ -36,7 +36,7 @@ def _blossom(control: Array, parameters: Sequence[float]) -> Array:
     points = control
     for u in parameters:
         points = (1.0 - u) * points[:-1] + u * points[1:]
-    return points[0]
+    return np.asarray(points[0])
 
 
 def place(motions: Motions, k: int, share: float) -> Array:

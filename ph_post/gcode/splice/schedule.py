@@ -16,7 +16,7 @@ _LEAST_STEPS = 4
 
 
 class Part(msgspec.Struct, frozen=True, kw_only=True):
-    """A part of a motion from one share to the next; `duration` [s] is None where the feed is the program's."""
+    """A part of a motion between two shares; `duration` [s] is None where the feed is the program's."""
 
     low: float
     high: float
@@ -71,7 +71,9 @@ def _task(motion: int, timed: list[Part], stops: list[Stop], motions: Motions, s
     least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
     seat = _seats(wanted, least)
     edges = sorted(set(seat.values()))
-    parts = tuple(_part(low, high, timed, seat) for low, high in pairwise(edges)) or (Part(low=0.0, high=1.0),)
+    parts = tuple(_part(low, high, timed, seat) for low, high in pairwise(edges)) or (
+        Part(low=0.0, high=1.0),
+    )
     placed: dict[float, Stop] = {}
     for stop in stops:
         at = seat[stop.share]

@@ -14,7 +14,7 @@ from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.parts import split_cubic
 from ph_post.gcode.splice.standing import cutting_feed, has_rotary
 from ph_post.gcode.splice.view import chain_spans, motion_view
-from ph_post.types import Array, BoolArray, Machine
+from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM
 
 _HALVINGS: Final = 6
@@ -50,7 +50,7 @@ class Search:
         self.warnings: list[str] = []
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
-        """Changes of every axis, those to none at the ends of chains included; rows as in `directions`."""
+        """Find the changes of every axis, with those to none at the ends of chains; as in `directions`."""
         return {name: self._one(name, width) for name, width in band.items()}
 
     def _one(self, name: str, band: float) -> Array:
@@ -199,6 +199,6 @@ def _upwards(fraction: float) -> float:
     return float(text)
 
 
-def _last_cut(kind: Array, low: int, high: int) -> int:
+def _last_cut(kind: IntArray, low: int, high: int) -> int:
     """Return the last motion of a chain that is no rapid; a chain that is looked at has one."""
     return low + int(np.flatnonzero(kind[low:high] != RAPID)[-1])

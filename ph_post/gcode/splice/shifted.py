@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.reader.record import RAPID, ByteArray, PartProgram
 from ph_post.gcode.splice.record import Edits, Stop
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import IntArray
 
 AXES = "XYZ"
 
@@ -15,8 +15,8 @@ AXES = "XYZ"
 class Carried(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Offsets of motions in whole steps of the last decimal, shape (m, 3) each.
 
-    `before` at the start of a motion, ahead of any stop there; `word` the one that its end word carries, ahead
-    of a stop at its end.
+    `before` at the start of a motion, ahead of any stop there; `word` the one that its end word carries,
+    ahead of a stop at its end.
     """
 
     before: IntArray
@@ -49,7 +49,7 @@ def lasting(stop: Stop, step: float) -> IntArray:
     return total
 
 
-def changed_words(program: PartProgram, edits: Edits, found: Carried) -> Changed:
+def changed_words(program: PartProgram, found: Carried) -> Changed:
     """Tell the change of every word.
 
     Words of motions only: under G90 they carry the offset, under G91 its change in their own block; centres
@@ -75,23 +75,9 @@ def changed_words(program: PartProgram, edits: Edits, found: Carried) -> Changed
     return Changed(candidate=candidate, delta=np.where(known, shift, 0))
 
 
-def _axis_of(letter: Array) -> IntArray:
+def _axis_of(letter: ByteArray) -> IntArray:
     """Axis of X, Y, Z and of I, J, K; -1 of other letters."""
     table = np.full(256, -1, dtype=np.int64)
     for axis, names in enumerate(("XI", "YJ", "ZK")):
         table[[ord(name) for name in names]] = axis
     return np.asarray(table[letter])
-
-
-def has_rapid_without_word(program: PartProgram, edits: Edits) -> BoolArray:
-    """Mark rapids whose offset changes on an axis that they do not name, which no word could carry."""
-    motions, words = program.motions, program.words
-    before = np.vstack([np.zeros((1, 3)), edits.offset[:-1]])
-    named = np.zeros((program.blocks, 3), dtype=np.bool_)
-    placed = np.isin(words.letter, [ord(name) for name in AXES])
-    named[words.block[placed], _axis_of(words.letter[placed])] = True
-    change = (edits.offset != before) & ~named[motions.block]
-    for stop in edits.stops:
-        change[stop.motion] = False
-    return np.asarray((motions.kind == RAPID) & change.any(axis=1))
-

@@ -31,7 +31,7 @@ def cutting_feed(program: PartProgram, times: Array) -> Array:
 def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     """Chains that cannot be shifted, by the reason; chains without a cut are in none and need nothing."""
     motions = program.motions
-    low, high = chain_spans(motions)
+    low, _ = chain_spans(motions)
     cuts = motions.kind != RAPID
     found: dict[str, BoolArray] = {
         "its feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),

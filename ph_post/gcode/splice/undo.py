@@ -55,7 +55,9 @@ def restore(data: bytes, name: str) -> bytes:
         starts, ends, pool, bounds = _numbers(words, added, payload)
         line_spans = _lines(lines, added, places, counts, payload, pool.size)
     except (IndexError, ValueError) as error:
-        raise InputError(name, "the program was changed after it was compensated, and cannot be undone") from error
+        raise InputError(
+            name, "the program was changed after it was compensated, and cannot be undone"
+        ) from error
     starts = np.concatenate([starts, line_spans[0]])
     ends = np.concatenate([ends, line_spans[1]])
     first = np.concatenate([bounds[:-1], line_spans[2]])
@@ -109,7 +111,9 @@ def original_digits(
 
 def _with_odd(pool: Array, bounds: IntArray, odd: dict[int, bytes]) -> tuple[Array, IntArray]:
     """Put the text of odd numbers in the place of what their style tells."""
-    texts = [pool[low:high].tobytes() for low, high in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)]
+    texts = [
+        pool[low:high].tobytes() for low, high in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+    ]
     for number, text in odd.items():
         texts[number] = text
     sizes = np.array([len(text) for text in texts], dtype=np.int64)
@@ -120,7 +124,9 @@ def _lines(
     lines: IntArray, added: BoolArray, places: list[int], counts: list[int], payload: Payload, base: int
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     """Spans of the added lines, and where in the pool stands what they took the place of."""
-    removed = split_lines(np.frombuffer(payload.removed, np.uint8)) if payload.removed else np.zeros(1, np.int64)
+    removed = (
+        split_lines(np.frombuffer(payload.removed, np.uint8)) if payload.removed else np.zeros(1, np.int64)
+    )
     if sum(counts) != removed.size - 1:
         raise ValueError(sum(counts))
     marked = np.flatnonzero(added)

@@ -60,7 +60,7 @@ class Wording:
         """Lengths [m] as whole steps of the finest decimal."""
         decimals = self._coarse if coarse else self._fine
         count = np.rint(np.nan_to_num(length) / self.modal.units * 10.0**decimals)
-        return count.astype(np.int64) * 10 ** (self._fine - decimals)
+        return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
 
     def _point(self, share: float) -> IntArray:
         point = place(self.program.motions, self.motion, share)
@@ -79,7 +79,7 @@ class Wording:
         return AXES[axis] + self._text(count)
 
     def part(self, part: Part, offset: IntArray) -> dict[str, str]:
-        """Words of a part by letter, while an offset is carried; those of the first also stand for left out."""
+        """Words of a part by letter while an offset is carried; empty ones are not to be written."""
         end = self._point(part.high)
         shift = offset * 10 ** (self._fine - self._coarse)
         kind = self.program.motions.kind[self.motion]

@@ -17,7 +17,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import comment_text
 from ph_post.gcode.reader.lexer import split_lines
-from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reader.record import ByteArray, PartProgram
 from ph_post.gcode.splice.blocktext import line_end
 from ph_post.gcode.splice.grid import word_decimals
 from ph_post.gcode.splice.header import MARK, Declaration, declaration_lines
@@ -41,15 +41,15 @@ class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     candidate: IntArray
     word: IntArray
-    pool: Array
+    pool: ByteArray
     bounds: IntArray
     style: IntArray
-    odd: Array
-    code: Array
+    odd: ByteArray
+    code: ByteArray
     delta: tuple[tuple[int, int], ...]
 
     def text(self, program: PartProgram, block: int) -> dict[int, str]:
-        """New text of the changed words of a line."""
+        """Return the new text of the changed words of a line."""
         own = program.words_of(block)
         low, high = np.searchsorted(self.word, [own.start, own.stop])
         return {
@@ -92,7 +92,7 @@ def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: De
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
     found = carried(edits, step)
-    numbers = _numbers(program, changed_words(program, edits, found), decimals)
+    numbers = _numbers(program, changed_words(program, found), decimals)
     writer = HunkWriter(
         program, dialect, found, decimals, declaration.chord_tolerance,
         lambda block: numbers.text(program, block),
