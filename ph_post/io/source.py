@@ -36,20 +36,27 @@ def read_source(source: str | os.PathLike[str]) -> Source:
     InputError
         Where the file is missing, a directory, unreadable, empty or not UTF-8.
     """
-    if os.fspath(source) == STDIN:
-        name, stem, data = "stdin", "stdin", sys.stdin.buffer.read()
-    else:
-        file = pathlib.Path(source)
-        name, stem, data = os.fspath(source), file.stem, _read_bytes(file)
+    name, data = read_bytes(source)
+    stem = name if os.fspath(source) == STDIN else pathlib.Path(source).stem
     text = _decode(data, name)
     if not text.strip():
         raise InputError(name, "the file is empty")
     return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
 
 
-def _read_bytes(file: pathlib.Path) -> bytes:
+def read_bytes(source: str | os.PathLike[str]) -> tuple[str, bytes]:
+    """Read a file as it is, or standard input for ``-``: its name for messages, and its bytes.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, a directory or unreadable.
+    """
+    if os.fspath(source) == STDIN:
+        return "stdin", sys.stdin.buffer.read()
+    file = pathlib.Path(source)
     with told_errors(file):
-        return file.read_bytes()
+        return os.fspath(source), file.read_bytes()
 
 
 @contextlib.contextmanager
