@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.motions import Tape
 
 from ph_post.gcode.fitting.arcs import MEETS_AT
 from ph_post.gcode.fitting.fit import fit_polyline
@@ -15,7 +16,6 @@ from ph_post.geometry.joints import joint_angles
 from ph_post.geometry.track import Track
 from ph_post.turning import find_turning_points
 from ph_post.types import Array
-from tests.support.motions import Tape
 
 MM = 1e-3
 TOLERANCE = 1e-6

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from support.motions import Tape
 
 from ph_post.errors import InputError
 from ph_post.gcode.paths.build import left_out, main_path, paths_of
@@ -14,7 +15,6 @@ from ph_post.gcode.paths.record import ProgramPath
 from ph_post.geometry.track import Track
 from ph_post.turning import certify, find_turning_points
 from ph_post.types import Array
-from tests.support.motions import Tape
 
 MM = 1e-3
 
@@ -196,7 +196,7 @@ def test_cuts_from_an_unknown_place_are_named() -> None:
     tape.line((5, 5, 0)).line((9, 2, 0))
     path = path_of(tape)
     assert path.motion.tolist() == [1]
-    assert path.warnings == ("lines 1 to 1: where the axes are is not known yet: left out of the path",)
+    assert path.warnings == ("line 1: where the axes are is not known yet: left out of the path",)
 
 
 def test_an_unknown_feed_leaves_the_chain_out() -> None:
@@ -213,7 +213,7 @@ def test_the_longest_chain_is_the_main_path() -> None:
     path, words = main_path(tape.program())
     assert path.motion.tolist() == [1, 2]
     assert len(words) == 1
-    assert words[0].startswith("lines 1 to 1: a path of its own, 7.07107 mm")
+    assert words[0].startswith("line 1: a path of its own, 7.07107 mm")
 
 
 def test_a_program_without_cuts_has_no_path() -> None:

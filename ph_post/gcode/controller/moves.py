@@ -38,7 +38,7 @@ def limit_table(machine: Machine) -> Array:
 
 
 def moves_of(program: PartProgram, limits: Array) -> Legs:
-    """List the moves of a program that have a length.
+    """List the moves that the planner gets of a program: those that have a length, flat ones linked.
 
     Parameters
     ----------
@@ -46,7 +46,12 @@ def moves_of(program: PartProgram, limits: Array) -> Legs:
     limits : Array, shape (3, 2)
         Of :func:`limit_table`.
     """
-    start, end = (np.nan_to_num(places) for places in (program.motions.start, program.motions.end))
+    return _with_length(_linked(programmed(program, limits), program, limits))
+
+
+def programmed(program: PartProgram, limits: Array) -> Legs:
+    """List the motions of a program as they are written, a leg each."""
+    start, end = _ends(program)
     legs = make_legs(len(start))
     legs.motion[:], legs.share1[:] = np.arange(len(start)), 1.0
     legs.rapid[:] = program.motions.kind == RAPID
@@ -56,11 +61,18 @@ def moves_of(program: PartProgram, limits: Array) -> Legs:
     _put_feeds(legs, program)
     legs.tolerance[:] = tolerances(program)
     _put_stops(legs, program)
-    return _with_length(_linked(legs, program, start, end, limits))
+    return legs
 
 
-def _linked(legs: Legs, program: PartProgram, start: Array, end: Array, limits: Array) -> Legs:
+def _ends(program: PartProgram) -> tuple[Array, Array]:
+    """Where motions begin and end [m]; what is not known at the beginning is the machine's origin."""
+    start, end = program.motions.start, program.motions.end
+    return np.nan_to_num(start), np.nan_to_num(end)
+
+
+def _linked(legs: Legs, program: PartProgram, limits: Array) -> Legs:
     """Let the controller make one line of several."""
+    start, end = _ends(program)
     motions = program.motions
     found = np.array([linking_of(state.path, state.units) for state in program.modal] or [0.0])
     linking = found[program.state[motions.block]] if motions.block.size else np.zeros(0)

@@ -18,8 +18,8 @@ from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, Curve, IntArray, Path, Segment, sealed
 
 SAME_FEED: Final = 1e-2
-"""Straight moves, one after the other, whose feeds differ by no more than this part are taken for moves at the
-first one's: controllers follow a feed no better, and a curve would fall apart where every line has its F."""
+"""Straight moves in a row whose feeds differ by no more than this part all count with the first one's feed:
+controllers follow a feed no better, and a curve would fall apart where every line has its own F."""
 
 
 def assemble(

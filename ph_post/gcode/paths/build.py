@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Final
 
 import numpy as np
@@ -72,12 +73,23 @@ def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[P
         raise InputError(program.name, "no path", expected="motions G1, G2, G3 or G5 with a feed", got=got)
     longest = max(paths, key=lambda one: float(one.s[-1]))
     others = [
-        f"lines {first + 1} to {last + 1}: a path of its own, {one.s[-1] / MM:.6g} mm, which is not shown"
+        f"{line_words(first, last)}: a path of its own, {one.s[-1] / MM:.6g} mm, which is not shown"
         for one in paths
         if one is not longest
         for first, last in [program.motions.block[one.motion[[0, -1]]].tolist()]
     ]
     return longest, (*longest.warnings, *others, *words)
+
+
+def line_words(first: int, last: int) -> str:
+    """Name the lines from `first` to `last`, counted from 0, as people count them.
+
+    Examples
+    --------
+    >>> line_words(2, 2), line_words(0, 4)
+    ('line 3', 'lines 1 to 5')
+    """
+    return f"line {first + 1}" if first == last else f"lines {first + 1} to {last + 1}"
 
 
 def _chains(motions: Motions) -> list[tuple[int, IntArray]]:
@@ -101,7 +113,7 @@ def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, .
     kept = rows[unknown[-1] + 1 :]
     if (motions.kind[rows[: unknown[-1] + 1]] == RAPID).all():
         return kept, ()
-    word = f"lines {first + 1} to {last + 1}: where the axes are is not known yet: left out of the path"
+    word = f"{line_words(first, last)}: where the axes are is not known yet: left out of the path"
     return kept, (word,)
 
 
@@ -148,7 +160,7 @@ def _path(
     segments, s = assemble(motions, rows, columns, tolerance)
     feeds = [one.feed for one in segments if one.feed is not None]
     path = Path(
-        name=program.name,
+        name=PurePath(program.name).stem,
         source="part program",
         axes=tuple(AXES[column] for column in columns),
         feed=max(feeds),
