@@ -56,8 +56,8 @@ class Delivery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part program before and after.
 
     `before` is the original, recovered where the input was compensated before; `after` what is to be
-    written, the same where nothing is changed. `edits` are the changes and `windows` the plans behind those of
-    axes inside their loops; `verdict` is the judge's, None where nothing was changed. `done` says that the
+    written, the same where nothing is changed. `edits` are the changes and `windows` the plans behind those
+    of axes inside their loops; `verdict` is the judge's, None where nothing was changed. `done` says that the
     input was this very compensation already.
     """
 
@@ -102,7 +102,9 @@ def deliver(
     if not _changes(edits):
         return Delivery(before=original, after=original, edits=edits, windows=windows)
     tell("writing")
-    data = splice(original, edits, find_dialect(machine.dialect), _declaration(original, edits, machine, request))
+    data = splice(
+        original, edits, find_dialect(machine.dialect), _declaration(original, edits, machine, request)
+    )
     tell("verifying")
     after = read_program(data, original.name)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
@@ -147,8 +149,8 @@ def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: 
     dialect = find_dialect(machine.dialect)
     mode = dialect.path_mode(request.splice.chord_tolerance) if edits.dips and dialect.path_mode else ""
     return declare(
-        edits, machine, dialect, request.splice, digest=program.digest, options_digest=request.digest(machine.dialect),
-        units=program_units(program)[0], path_mode=mode,
+        edits, machine, dialect, request.splice, digest=program.digest,
+        options_digest=request.digest(machine.dialect), units=program_units(program)[0], path_mode=mode,
     )  # fmt: skip
 
 

@@ -29,16 +29,18 @@ if TYPE_CHECKING:
 @click.option("--suffix", metavar="END", help="Write part.ngc to partEND.ngc. For part programs.")
 @click.option("--in-place", is_flag=True, help="Write over IN. For part programs.")
 @click.option(
-    "--backup", is_flag=False, flag_value=BACKUP, default=None, metavar="END",
+    "--backup",
+    is_flag=False,
+    flag_value=BACKUP,
+    default=None,
+    metavar="END",
     help=f"With --in-place: keep what was there as part.ngcEND. [{BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
 @click.option(
     "--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before."
 )
-@click.option(
-    "--strict", is_flag=True, help="Refuse a program that holds anything which is not understood."
-)
+@click.option("--strict", is_flag=True, help="Refuse a program that holds anything which is not understood.")
 @click.option(
     "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
 )
@@ -78,10 +80,11 @@ def command(
     and --table the program goes to standard output. Files are written whole or not at all; what was reduced,
     shortened or left alone is said on standard error.
 
-    Of a part program only what has to change is changed: numbers of axes that carry a lasting offset, and
-    stretches around turning points, each behind a comment that tells its lines; all other bytes stay. What is
-    not understood is passed through and named (--strict: refused). The outcome is verified before it is
-    written. Converted a second time it stays as it is, and --undo gives the original back.
+    With --table a part program is taken as a path. With -o only what has to change of it is changed: numbers
+    of axes that carry a lasting offset, and stretches around turning points, each behind a comment that tells
+    its lines; all other bytes stay. What is not understood is passed through and named (--strict: refused).
+    The outcome is verified before it is written. Converted a second time it stays as it is, and --undo gives
+    the original back.
 
     A table leads the path by what the servos lag behind it (not with the strategies none, linear and step),
     and carries axes through their gaps sample by sample. A program cannot, and jogs them at full stops; so it
@@ -111,10 +114,10 @@ def command(
     from ph_post.report.tables import print_json, print_plans
 
     raw = read_raw(or_shipped("paths", source))
-    if is_program(raw):
+    if is_program(raw) and table is None:
         everything = {**how, "machine": machine, "output": output, "table": table}
         return convert_program(source, raw.data, everything, as_json=as_json)
-    _refuse_program_options(how)
+    _refuse_program_options(how, output if is_program(raw) else None)
     if machine is None:
         raise click.UsageError("Missing option '-m' / '--machine'")
     _check_outputs(output, table, as_json)
@@ -137,12 +140,14 @@ def command(
     return 0
 
 
-def _refuse_program_options(how: dict[str, Any]) -> None:
-    """Refuse what only an existing program can be asked for."""
+def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
+    """Refuse what only an existing program can be asked for, and to splice one and sample it in one go."""
+    if program is not None:
+        raise click.UsageError("of a part program either -o or --table is made at a time; got both")
     names = ("suffix", "in_place", "backup", "undo", "force", "strict")
     given = [f"--{name.replace('_', '-')}" for name in names if how[name]]
     if given:
-        raise click.UsageError(f"{given[0]} is for part programs; IN is a path file")
+        raise click.UsageError(f"{given[0]} is for a part program that is written as one")
 
 
 def _plans(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ph_post.gcode.splice.options import SpliceOptions
 
 PATH_ONLY: Final = {
-    "feed": "--feed", "table": "--table", "safe_z": "--safe-z", "depth": "--depth",
+    "feed": "--feed", "safe_z": "--safe-z", "depth": "--depth",
     "interval_table": "--interval-table",
 }  # fmt: skip
 """Options that a program, which has its own feeds and heights, has no use for."""
@@ -83,9 +83,7 @@ def _compensate(source: str, data: bytes, how: dict[str, Any], target: Target | 
         if how["dialect"] is not None:
             machine = msgspec.structs.replace(machine, dialect=how["dialect"])
         program = read_program(data, source, strict=how["strict"])
-        request = Request(
-            plan=plan_options(how, "program"), splice=_splice_options(how), force=how["force"]
-        )
+        request = Request(plan=plan_options(how, "program"), splice=_splice_options(how), force=how["force"])
         found = deliver(program, machine, request, stage)
         products = {} if target is None else products_of(target, found.after.data, data)
         outcome = None if how["no_simulation"] else weigh(found, machine, errors=as_json, tell=stage)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ph_post.audit.deliver import Delivery
-from ph_post.audit.outcome import Outcome
+from ph_post.audit.outcome import Outcome, Performance
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.report.assessments import error_view
 from ph_post.units import MM
@@ -16,7 +16,7 @@ def delivery_lines(delivery: Delivery, outcome: Outcome | None, products: Iterab
     """Say what was changed, what was left alone, and what was written where, a line each."""
     name = delivery.before.name
     if delivery.done:
-        yield f"{name}: compensated before by this version, for this machine, with these options: kept as it is"
+        yield f"{name}: compensated already for this machine, with these options: kept as it is"
     else:
         yield f"{name}: {_changes(delivery)}{_times(outcome)}"
     for warning in warnings_of(delivery):
@@ -46,7 +46,9 @@ def _changes(delivery: Delivery) -> str:
     facts = [f"{len(edits.stops)} stops"] if edits.stops else []
     facts += [f"{len(edits.dips)} feed dips"] if edits.dips else []
     facts += [f"{axis} carries {size / MM:g} mm" for axis, size in sorted(edits.amplitude.items())]
-    facts += [f"{axis} goes out and back by up to {size / MM:g} mm" for axis, size in sorted(edits.pulse.items())]
+    facts += [
+        f"{axis} goes out and back by up to {size / MM:g} mm" for axis, size in sorted(edits.pulse.items())
+    ]
     return ", ".join(facts)
 
 
@@ -57,9 +59,9 @@ def _times(outcome: Outcome | None) -> str:
 
 
 def delivery_view(delivery: Delivery, outcome: Outcome | None) -> dict[str, Any]:
-    """Return what ``convert --json`` prints of a part program; times and errors are null without simulation."""
+    """Return what ``convert --json`` prints of a part program; what was not simulated is null."""
     edits = delivery.edits
-    sides = {"before": None, "after": None}
+    sides: dict[str, Performance | None] = {"before": None, "after": None}
     if outcome is not None:
         sides = {"before": outcome.before, "after": outcome.after}
     return {
