@@ -67,9 +67,14 @@ def lasting_offsets(machine: Machine, layout: Layout) -> list[str]:
     """Whether the table has to stay on a flank by itself, which only friction sees to."""
     shifted = {name for name, offset in layout.bias.items() if offset}
     shifted |= {one.axis for one in layout.crossings if machine.axes[one.axis].feedback != "load"}
-    if not shifted:
-        return []
+    return friction_words(shifted)
+
+
+def friction_words(shifted: Iterable[str]) -> list[str]:
+    """Say of axes with a lasting offset that only friction holds the table on its flank."""
     names = sorted(shifted)
+    if not names:
+        return []
     who = f"axis {names[0]} counts" if len(names) == 1 else f"axes {', '.join(names)} count"
     return [
         f"{who} on friction for the lasting offset, to hold the table on its flank: a cutter that pulls the "

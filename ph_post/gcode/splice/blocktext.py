@@ -1,0 +1,141 @@
+"""Lines of a program as they are edited: words exchanged, added and left out, all else kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from ph_post.gcode.reader.record import PartProgram
+
+MOTION_WORDS: Final = {
+    0.0: "G0", 1.0: "G1", 2.0: "G2", 3.0: "G3", 5.0: "G5", 5.1: "G5.1", 5.2: "G5.2", 5.3: "G5.3",
+    33.0: "G33", 33.1: "G33.1", 38.2: "G38.2", 38.3: "G38.3", 38.4: "G38.4", 38.5: "G38.5", 73.0: "G73",
+    76.0: "G76", 80.0: "G80", 81.0: "G81", 82.0: "G82", 83.0: "G83", 84.0: "G84", 85.0: "G85", 86.0: "G86",
+    87.0: "G87", 88.0: "G88", 89.0: "G89",
+}  # fmt: skip
+"""Words that set the motion mode, by the number behind the G."""
+
+_APART: Final = (4.0, 10.0, 28.0, 28.1, 30.0, 30.1, 92.0, 92.1, 92.2, 92.3)
+"""G words whose block uses its axis words for itself."""
+
+LAST: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
+"""M words that RS274/NGC executes after the motion of their block; all others go before it."""
+
+ENDING: Final = (2.0, 30.0)
+"""M words after which nothing is read."""
+
+PLACES: Final = "XYZABCUVWIJKR"
+"""Letters of words that make a block move."""
+
+
+def line_end(program: PartProgram) -> str:
+    """Line end of a program: that of its first line that has one, LF where none has."""
+    for mark in ("\r\n", "\n", "\r"):
+        if program.text(0).endswith(mark.encode()):
+            return mark
+    return "\n"
+
+
+def bare(program: PartProgram, block: int) -> str:
+    """Text of a line without its line end."""
+    return program.text(block).rstrip(b"\r\n").decode("latin-1")
+
+
+def letters(program: PartProgram, block: int) -> dict[str, int]:
+    """Numbers of the words of a line by letter; of G and M words the last one."""
+    return {chr(int(program.words.letter[word])): word for word in program.words_of(block)}
+
+
+def motion_word(program: PartProgram, block: int) -> int | None:
+    """Return the word of a line that sets the motion mode, if it has one."""
+    for word in program.words_of(block):
+        if program.words.letter[word] == ord("G") and float(program.words.value[word]) in MOTION_WORDS:
+            return word
+    return None
+
+
+def last_words(program: PartProgram, block: int) -> list[int]:
+    """Words of a line that are executed after its motion."""
+    words = program.words
+    return [
+        w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in LAST
+    ]
+
+
+def relies_on_mode(program: PartProgram, block: int) -> bool:
+    """Whether a line moves without saying how, so that the motion mode in force decides."""
+    words, moves = program.words, False
+    for word in program.words_of(block):
+        letter, value = chr(int(words.letter[word])), float(words.value[word])
+        if letter == "G" and (value in MOTION_WORDS or value in _APART):
+            return False
+        moves |= letter in PLACES
+    return moves
+
+
+def next_relying(program: PartProgram, block: int) -> int | None:
+    """Return the first line from `block` on that moves by the mode in force; none if it is set before."""
+    while block < program.blocks:
+        if motion_word(program, block) is not None:
+            return None
+        if relies_on_mode(program, block):
+            return block
+        block += 1
+    return None
+
+
+def edited(
+    program: PartProgram, block: int, exchange: Mapping[int, str], add: Sequence[str], *, first: str = ""
+) -> str:
+    """Return a line with other words.
+
+    Parameters
+    ----------
+    program : PartProgram
+    block : int
+    exchange : mapping
+        New text by word, empty for words that are left out.
+    add : sequence of str
+        Words that are added behind the last word that places the motion.
+    first : str
+        Word that is added before the first one of those.
+    """
+    words, base = program.words, int(program.lines[block])
+    text, own = bare(program, block), program.words_of(block)
+    placed = [w for w in own if chr(int(words.letter[w])) in PLACES + "PQ"] or list(own)
+    behind = max(placed) if placed else None
+    gap = " " if " " in text.strip() or not placed else ""
+    out, at = [], 0
+    for word in own:
+        low, high = int(words.start[word]) - base, int(words.end[word]) - base
+        out.append(text[at:low])
+        if first and word == placed[0]:
+            out.append(first + gap)
+        out.append(exchange.get(word, text[low:high]))
+        if word == behind:
+            out += [gap + one for one in add]
+        at = high
+    return "".join(out) + text[at:]
+
+
+class FeedWords:
+    """The text of the F word in force after every line."""
+
+    def __init__(self, program: PartProgram) -> None:
+        words = program.words
+        self._program = program
+        self._words = np.flatnonzero((words.letter == ord("F")) & (words.decimals >= 0))
+        self._blocks = words.block[self._words]
+
+    def after(self, block: int) -> str | None:
+        """Digits of the F word in force after a line, None where there is none."""
+        if block < 0 or np.isnan(self._program.feed_word[block]):
+            return None
+        found = int(np.searchsorted(self._blocks, block, side="right")) - 1
+        if found < 0:
+            return None
+        word, words = self._words[found], self._program.words
+        text = self._program.data[words.start[word] + 1 : words.end[word]]
+        return text.translate(None, b" \t").decode("latin-1")

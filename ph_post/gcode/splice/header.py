@@ -1,0 +1,181 @@
+"""What a compensated program declares: who changed it, from what, by how much."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
+
+from ph_post.errors import InputError
+from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.format import comment_lines, decimal_text
+from ph_post.gcode.header import package_version
+from ph_post.gcode.splice.grid import word_decimals
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.splice.record import Edits
+from ph_post.types import Machine
+from ph_post.units import INCH, MM, MS
+
+MARK: Final = "(ph-post: "
+"""Begins every comment that is written for the reader of compensated programs."""
+
+_DIGITS: Final = 16
+_DIGEST: Final = 64
+_PLACES: Final = 9
+_UNITS: Final = {"mm": MM, "inch": INCH}
+
+
+class Declaration(msgspec.Struct, frozen=True, kw_only=True):
+    """The head of a compensated program.
+
+    `version` of this package; `digest` the SHA-256 of the original; `machine` its name, and `machine_digest`
+    and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, `units` [m]
+    of the program; numbers of `stops` and `dips`; `dwell` [s], `decimals`, `chord_tolerance` [m],
+    `block_time` [s] and `path_mode` as they were chosen for the dialect; `notes` in free text.
+    """
+
+    version: str = ""
+    digest: str = ""
+    machine: str = ""
+    machine_digest: str = ""
+    options_digest: str = ""
+    units: float = MM
+    offset: Mapping[str, float] = {}
+    pulse: Mapping[str, float] = {}
+    stops: int = 0
+    dips: int = 0
+    dwell: float = 0.0
+    decimals: int = 0
+    chord_tolerance: float = 0.0
+    block_time: float = 0.0
+    path_mode: str = ""
+    notes: tuple[str, ...] = ()
+
+    def same_job(self, other: Declaration) -> bool:
+        """Whether both are of the same version, machine and options: nothing is left to do a second time."""
+        return all(
+            getattr(self, name) == getattr(other, name)
+            for name in ("version", "machine_digest", "options_digest")
+        )
+
+
+def declare(
+    edits: Edits, machine: Machine, dialect: Dialect, options: SpliceOptions, *, digest: str,
+    options_digest: str, units: float, path_mode: str = "", notes: tuple[str, ...] = (),
+) -> Declaration:  # fmt: skip
+    """Gather what a program with these changes has to declare; `digest` is that of the original."""
+    return Declaration(
+        version=package_version(),
+        digest=digest,
+        machine=machine.name,
+        machine_digest=machine.digest[:_DIGITS],
+        options_digest=options_digest[:_DIGITS],
+        units=units,
+        offset=dict(edits.amplitude),
+        pulse=dict(edits.pulse),
+        stops=len(edits.stops),
+        dips=len(edits.dips),
+        dwell=max((stop.pause for stop in edits.stops), default=0.0),
+        decimals=word_decimals(dialect, units),
+        chord_tolerance=options.chord_tolerance,
+        block_time=options.block_time,
+        path_mode=path_mode,
+        notes=notes,
+    )
+
+
+def declaration_lines(declaration: Declaration, max_line: int) -> list[str]:
+    """Write a declaration as comment lines; long ones go on in lines that begin with two blanks."""
+    one = declaration
+    name = next(name for name, size in _UNITS.items() if size == one.units)
+    mode = f", path mode {one.path_mode}" if one.path_mode else ""
+    facts = [
+        f"original sha256 {one.digest}",
+        f"machine {one.machine}, sha256 {one.machine_digest}",
+        f"options sha256 {one.options_digest}",
+        *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
+        *(f"pulse {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
+        f"{one.stops} stops, {one.dips} dips",
+        f"dwell {one.dwell:g} s, decimals {one.decimals}, chord tolerance {one.chord_tolerance / MM:g} mm,"
+        f" block time {one.block_time / MS:g} ms{mode}",
+        *(f"note {note}" for note in one.notes),
+    ]
+    head = comment_lines(f"ph-post {one.version} compensated this program", max_line)
+    return head + [line for fact in facts for line in comment_lines(f"ph-post: {fact}", max_line)]
+
+
+def read_declaration(data: bytes) -> Declaration | None:
+    """Return what a program declares, None where it was not compensated by this package.
+
+    Raises
+    ------
+    InputError
+        Where its head is damaged.
+    """
+    head = _HEAD.search(data)
+    if head is None:
+        return None
+    facts: list[str] = []
+    for line in data[head.end() :].splitlines():
+        text = line.decode("latin-1").strip()
+        if text.startswith(MARK) and not text.startswith(MARK + "+"):
+            facts.append(text[len(MARK) : -1])
+        elif text.startswith("(  ") and facts:
+            facts[-1] += " " + text[3:-1].strip()
+        else:
+            break
+    fields: dict[str, Any] = {
+        "version": head.group(1).decode("latin-1"),
+        "offset": {},
+        "pulse": {},
+        "notes": (),
+    }
+    for fact in facts:
+        _read_fact(fact, fields)
+    if len(str(fields.get("digest", ""))) != _DIGEST:
+        raise InputError("", "the head of the compensated program is damaged", expected="original sha256")
+    return Declaration(**fields)
+
+
+def _read_fact(fact: str, fields: dict[str, Any]) -> None:
+    """Read one line of the head; a line of a later version says nothing to this one."""
+    for pattern, names in _FACTS:
+        found = pattern.fullmatch(fact)
+        if found:
+            fields.update(zip(names, map(_value, names, found.groups()), strict=True))
+    if found := _LENGTH.fullmatch(fact):
+        kind, axis, size, unit = found.groups()
+        fields[kind][axis] = float(size) * _UNITS[unit]
+        fields["units"] = _UNITS[unit]
+    elif fact.startswith("note "):
+        fields["notes"] += (fact.removeprefix("note "),)
+
+
+def _value(name: str, text: str | None) -> Any:
+    if name in ("stops", "dips", "decimals"):
+        return int(str(text))
+    scale = {"dwell": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
+    return (text or "") if scale is None else float(str(text)) * scale
+
+
+def _length(size: float, units: float) -> str:
+    return decimal_text(round(size / units * 10**_PLACES), _PLACES)
+
+
+_HEAD = re.compile(rb"^\(ph-post (\S.*?) compensated this program\)[ \t]*\r?\n?", re.MULTILINE)
+_LENGTH = re.compile(r"(offset|pulse) ([XYZ]) ([-0-9.]+) (mm|inch)")
+_FACTS = (
+    (re.compile(r"original sha256 ([0-9a-f]{64})"), ("digest",)),
+    (re.compile(r"machine (.*), sha256 ([0-9a-f]*)"), ("machine", "machine_digest")),
+    (re.compile(r"options sha256 ([0-9a-f]*)"), ("options_digest",)),
+    (re.compile(r"(\d+) stops, (\d+) dips"), ("stops", "dips")),
+    (
+        re.compile(
+            r"dwell (\S+) s, decimals (\d+), chord tolerance (\S+) mm, block time (\S+) ms"
+            r"(?:, path mode (.*))?"
+        ),
+        ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
+    ),
+)

@@ -1,0 +1,282 @@
+"""Stretches of new lines in place of a program's own: parts of motions, stops and jogs.
+
+A stretch begins with the modal state of the program and leaves it as it was: F, motion mode and path mode are
+restored, or were not needed any more. Words of a divided block stay with its first part; those that
+RS274/NGC executes after the motion (M0, M1, M2, M30, M60) come behind the last part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import msgspec
+
+from ph_post.errors import InputError
+from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.format import significant_text
+from ph_post.gcode.reader.record import RAPID, Modal, PartProgram
+from ph_post.gcode.splice import blocktext
+from ph_post.gcode.splice.parts import part_length
+from ph_post.gcode.splice.record import Stop
+from ph_post.gcode.splice.schedule import Part, Task
+from ph_post.gcode.splice.shifted import AXES, Carried
+from ph_post.gcode.splice.wording import Wording, fine_decimals
+from ph_post.types import IntArray
+from ph_post.units import MINUTE, MM
+
+
+class Hunk(msgspec.Struct, kw_only=True):
+    """New `lines` in place of `removed` lines of the original from `block` on; `label` says what for."""
+
+    block: int
+    removed: int
+    lines: list[str]
+    label: list[str]
+
+
+class HunkWriter:
+    """Writes the changed stretches of a program.
+
+    Parameters
+    ----------
+    program : PartProgram
+    dialect : Dialect
+    carried : Carried
+        Offsets of the motions.
+    decimals : int
+        Of new lengths, in the program's units.
+    tolerance : float
+        How far joints may be rounded in blocks of known time [m].
+    numbers : callable
+        ``numbers(block)``: new text of the shifted words of a line, by word.
+    """
+
+    def __init__(
+        self, program: PartProgram, dialect: Dialect, carried: Carried, decimals: int, tolerance: float,
+        numbers: Callable[[int], dict[int, str]],
+    ) -> None:  # fmt: skip
+        self._program, self._dialect, self._carried = program, dialect, carried
+        self._decimals, self._tolerance, self._numbers = decimals, tolerance, numbers
+        self._fine = fine_decimals(program, decimals)
+        self._feeds = blocktext.FeedWords(program)
+        self._hunk: Hunk | None = None
+        self._mode: str | None = None
+        self._feed: str | None = None
+        self._path: str | None = None
+        self._stale = False
+
+    def write(self, tasks: list[Task]) -> Iterator[Hunk]:
+        """Write the hunks of all tasks, which come in the order of travel."""
+        for task in tasks:
+            block = int(self._program.motions.block[task.motion])
+            inserted = task.whole and 0.0 not in task.stops and not self._ends(block)
+            yield from self._move_to(block + inserted)
+            if inserted:
+                self._behind(task, block)
+            else:
+                self._replaced(task, block)
+        yield from self._move_to(self._program.blocks + 1)
+
+    def _move_to(self, block: int) -> Iterator[Hunk]:
+        """End the hunk before a line unless it goes on there, and name the mode where a line needs it."""
+        hunk, self._stale = self._hunk, False
+        if hunk is None or hunk.block + hunk.removed == block:
+            return
+        last = hunk.block + hunk.removed - 1
+        self._restore(last)
+        yield hunk
+        self._hunk = None
+        wanted = self._program.modal_after(last).motion
+        relying = blocktext.next_relying(self._program, last + 1) if wanted != self._mode else None
+        if relying is None:
+            return
+        self._stale = relying >= block
+        if not self._stale:
+            exchange = self._numbers(relying)
+            line = blocktext.edited(self._program, relying, exchange, [], first=wanted or "")
+            yield Hunk(block=relying, removed=1, lines=[line], label=["mode"])
+
+    def _restore(self, block: int) -> None:
+        """Write what has to be as it was after a line."""
+        assert self._hunk is not None
+        modal, lines = self._program.modal_after(block), self._hunk.lines
+        if self._path != modal.path and modal.path is not None:
+            lines.append(modal.path)
+            self._path = modal.path
+        feed = self._feeds.after(block)
+        if modal.feed_mode == 94 and feed is not None and feed != self._feed:
+            lines.append(f"F{feed}")
+            self._feed = feed
+        relying = blocktext.next_relying(self._program, block + 1)
+        if modal.motion == "G0" and self._mode != "G0" and relying is not None:
+            lines.append("G0")
+            self._mode = "G0"
+
+    def _behind(self, task: Task, block: int) -> None:
+        """Write the stop at the end of a motion behind its line, which stays."""
+        self._open(block + 1, 0, block)
+        offset = self._carried.word[task.motion].copy()
+        self._stop(task.stops[1.0], self._wording(task.motion, block, offset), 1.0, offset)
+
+    def _replaced(self, task: Task, block: int) -> None:
+        """Write what comes before a motion and, unless its line can stay, the motion itself."""
+        stops = dict(task.stops)
+        offset = self._carried.before[task.motion].copy()
+        self._open(block, 0, block - 1)
+        if 0.0 in stops:
+            self._stop(stops.pop(0.0), self._wording(task.motion, block - 1, offset), 0.0, offset)
+        if task.whole and not stops:
+            return
+        assert self._hunk is not None
+        self._hunk.removed += 1
+        if self._program.motions.kind[task.motion] == RAPID and not task.whole:
+            raise InputError(f"{self._program.name}:{block + 1}", "a rapid cannot be divided")
+        self._divided(task, stops, block, offset)
+
+    def _ends(self, block: int) -> bool:
+        """Whether the program ends in a block."""
+        values = self._program.words.value
+        return any(float(values[w]) in blocktext.ENDING for w in blocktext.last_words(self._program, block))
+
+    def _open(self, block: int, removed: int, before: int) -> None:
+        """Go on with the hunk at a line, or begin one with the modes in force after the line `before`."""
+        if self._hunk is not None:
+            return
+        self._hunk = Hunk(block=block, removed=removed, lines=[], label=[])
+        modal = self._program.modal_after(before)
+        self._mode = self._mode if self._stale else modal.motion
+        self._feed, self._path = self._feeds.after(before), modal.path
+
+    def _wording(self, motion: int, block: int, offset: IntArray) -> Wording:
+        modal = self._program.modal_after(block)
+        words = Wording(self._program, motion, modal, self._decimals, self._fine)
+        words.begin(offset)
+        return words
+
+    def _divided(self, task: Task, stops: dict[float, Stop], block: int, offset: IntArray) -> None:
+        """Write the parts of a motion, and the stops between them."""
+        assert self._hunk is not None
+        words = self._wording(task.motion, block, offset)
+        for number, part in enumerate(task.parts):
+            self._path_mode(task.motion, part, words.modal)
+            if number == 0 and task.whole:
+                self._first(block, self._numbers(block), [], words, part)
+            elif number == 0:
+                exchange, add = self._exchanged(block, words.part(part, offset), words.mode)
+                self._first(block, exchange, add, words, part)
+            else:
+                self._line(words, part, offset)
+            if part.duration is not None and "feed" not in self._hunk.label:
+                self._hunk.label.append("feed")
+            if part.high in stops:
+                self._stop(stops[part.high], words, part.high, offset)
+        last = blocktext.last_words(self._program, block)
+        if last:
+            self._restore(block)
+            text, base, own = (
+                blocktext.bare(self._program, block),
+                self._program.lines[block],
+                self._program.words,
+            )
+            self._hunk.lines.append(" ".join(text[own.start[w] - base : own.end[w] - base] for w in last))
+
+    def _exchanged(self, block: int, new: dict[str, str], mode: str) -> tuple[dict[int, str], list[str]]:
+        """Put new words in the place of a block's own; those it does not have are added."""
+        own = blocktext.letters(self._program, block)
+        exchange = {own[letter]: text for letter, text in new.items() if letter in own}
+        word = blocktext.motion_word(self._program, block)
+        if word is not None and mode == "G5":
+            exchange[word] = mode
+        return exchange, [text for letter, text in new.items() if letter not in own and text]
+
+    def _first(
+        self, block: int, exchange: dict[int, str], add: list[str], words: Wording, part: Part
+    ) -> None:
+        """Write the block itself with its first part's words."""
+        assert self._hunk is not None
+        exchange |= dict.fromkeys(blocktext.last_words(self._program, block), "")
+        feed = self._feed_of(words, part)
+        own = blocktext.letters(self._program, block).get("F")
+        cuts = self._program.motions.kind[words.motion] != RAPID
+        if own is not None:
+            if feed != self._feeds.after(block) or words.modal.feed_mode == 93:
+                exchange[own] = f"F{feed}"
+        elif cuts and feed is not None and feed != self._feed:
+            add = [*add, f"F{feed}"]
+        named = blocktext.motion_word(self._program, block)
+        mode = self._program.modal_after(block).motion if part.low == 0.0 and part.high == 1.0 else words.mode
+        first = "" if named is not None or mode == self._mode else mode or ""
+        self._hunk.lines.append(blocktext.edited(self._program, block, exchange, add, first=first).rstrip())
+        self._mode = mode
+        self._feed = feed if cuts or own is not None else self._feed
+
+    def _line(self, words: Wording, part: Part, offset: IntArray) -> None:
+        """Write a further part on a line of its own."""
+        assert self._hunk is not None
+        body = [text for text in words.part(part, offset).values() if text]
+        feed = self._feed_of(words, part)
+        if feed is not None and (feed != self._feed or words.modal.feed_mode == 93):
+            body.append(f"F{feed}")
+            self._feed = feed
+        self._hunk.lines.append(self._joined(words.mode, *body))
+        self._mode = words.mode
+
+    def _feed_of(self, words: Wording, part: Part) -> str | None:
+        """Digits of the F word of a part."""
+        motions, k = self._program.motions, words.motion
+        if words.modal.feed_mode == 93:
+            whole = float(motions.duration[k]) * (part.high - part.low)
+            if motions.kind[k] == RAPID or (part.high - part.low == 1.0 and part.duration is None):
+                return self._feeds.after(words.block)
+            return self._digits(MINUTE / (part.duration or whole))
+        if part.duration is None:
+            return self._feeds.after(words.block)
+        length = part_length(motions, k, part.low, part.high)
+        return self._digits(length / part.duration / words.modal.units * MINUTE)
+
+    def _path_mode(self, motion: int, part: Part, modal: Modal) -> None:
+        """Let the controller blend blocks of known time in an exact-stop program, and no others."""
+        assert self._hunk is not None
+        wanted = modal.path
+        if part.duration is not None and self._program.motions.exact[motion]:
+            if self._dialect.path_mode is None:
+                where = f"{self._program.name}:{self._program.motions.block[motion] + 1}"
+                raise InputError(
+                    where, f"{self._dialect.name} has no words to leave exact stops in a feed dip"
+                )
+            wanted = self._dialect.path_mode(self._tolerance * MM / modal.units)
+        if wanted is not None and wanted != self._path:
+            self._hunk.lines.append(wanted)
+            self._path = wanted
+
+    def _stop(self, stop: Stop, words: Wording, share: float, offset: IntArray) -> None:
+        """Write a dwell, and a jog and a dwell for each shift; `offset` is carried on."""
+        assert self._hunk is not None
+        lines, modal = self._hunk.lines, words.modal
+        step = modal.units * 10.0**-self._decimals
+        self._label(stop, offset, step)
+        lines.append(self._joined("G4", f"P{self._digits(stop.pause)}"))
+        for shift in stop.shifts:
+            axis = AXES.index(shift.axis)
+            offset[axis] += round(shift.travel / step)
+            rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
+            self._feed = self._digits(rate)
+            lines.append(self._joined("G1", words.jog(axis, offset, share), f"F{self._feed}"))
+            lines.append(self._joined("G4", f"P{self._digits(shift.pause)}"))
+        self._mode = "G1"
+
+    def _label(self, stop: Stop, offset: IntArray, step: float) -> None:
+        assert self._hunk is not None
+        for axis, name in enumerate(AXES):
+            ways = [round(shift.travel / step) for shift in stop.shifts if shift.axis == name]
+            if not ways:
+                continue
+            after = offset[axis] + sum(ways)
+            what = "pulse" if sum(ways) == 0 else "back" if after == 0 else "up" if after > 0 else "down"
+            self._hunk.label.append(f"{name} {what}")
+
+    def _digits(self, value: float) -> str:
+        return significant_text(value, self._dialect.feed_digits)
+
+    def _joined(self, *words: str) -> str:
+        return ("" if self._dialect.terse else " ").join(words)

@@ -1,0 +1,71 @@
+"""What the inverse of a change cannot know, packed into comments at the end of the program."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+import zlib
+from typing import Final
+
+import msgspec
+
+from ph_post.errors import InputError
+from ph_post.gcode.splice.header import MARK
+
+_LEVEL: Final = 6
+_WIDTH: Final = 120
+_LINE = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]+)\)")
+_FIRST: Final = f"{MARK}undo 1/".encode()
+
+
+class Payload(msgspec.Struct, frozen=True, kw_only=True, array_like=True):
+    """What is needed to take a change back.
+
+    `whole` is the original where nothing less would do. `head` the line of the first comment of the head, and
+    their number; `bare` whether the original has no line end at its end; `removed` the lines that hunks stand
+    in place of. Of the numbers of X, Y, Z, I, J and K outside hunks, in order: `code` 0 where the number is
+    the original's, else one more than the row of `delta` (steps, decimals of a step) that was added to it. Of
+    those changed, in order: `style` of the original (two bytes), and the text of `odd` ones by their number.
+    """
+
+    whole: bytes | None = None
+    head: tuple[int, int] = (0, 0)
+    bare: bool = False
+    removed: bytes = b""
+    delta: tuple[tuple[int, int], ...] = ()
+    code: bytes = b""
+    style: bytes = b""
+    odd: dict[int, bytes] = {}
+
+
+def payload_lines(payload: Payload, max_line: int) -> list[str]:
+    """Write a payload as numbered comment lines."""
+    text = base64.b64encode(zlib.compress(msgspec.msgpack.encode(payload), _LEVEL)).decode("ascii")
+    room, figures = min(max_line, _WIDTH) - len(f"{MARK}undo / )"), 1
+    while len(str(-(-len(text) // (room - 2 * figures)))) > figures:
+        figures += 1
+    width = room - 2 * figures
+    count = -(-len(text) // width)
+    return [f"{MARK}undo {n + 1}/{count} {text[n * width : (n + 1) * width]})" for n in range(count)]
+
+
+def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
+    """Return the payload of a program, and the place where its lines begin.
+
+    Raises
+    ------
+    InputError
+        Where lines are missing or damaged.
+    """
+    begin = data.rfind(_FIRST)
+    if begin < 0:
+        raise InputError(name, "the lines at the end that undo the compensation are missing")
+    rows = _LINE.findall(data, begin)
+    if not rows or [int(row[0]) for row in rows] != list(range(1, int(rows[0][1]) + 1)):
+        raise InputError(name, "lines that undo the compensation are missing")
+    try:
+        packed = base64.b64decode(b"".join(row[2] for row in rows))
+        return msgspec.msgpack.decode(zlib.decompress(packed), type=Payload), begin
+    except (binascii.Error, zlib.error, msgspec.DecodeError) as error:
+        raise InputError(name, "lines that undo the compensation are damaged") from error

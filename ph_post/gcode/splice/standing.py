@@ -1,0 +1,142 @@
+"""Which chains of a program can be shifted at all, and why the others are left alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from ph_post.gcode.reader.record import CUBIC, NURBS, RAPID, PartProgram
+from ph_post.gcode.splice.view import chain_spans
+from ph_post.types import Array, BoolArray
+
+ROTARY: Final = tuple(ord(letter) for letter in "ABCUVW")
+"""Axes that are not shifted, but move with those that are."""
+
+_PLACED: Final = tuple(ord(letter) for letter in "XYZIJKR")
+_COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
+
+
+def cutting_feed(program: PartProgram, times: Array) -> Array:
+    """Feed of every motion [m/s], that of timed ones from their length; NaN where it is not known."""
+    motions = program.motions
+    way = np.sqrt(np.nansum((motions.end - motions.start) ** 2, axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        timed = np.where(times > 0.0, way / times, 0.0)
+    return np.where(motions.duration > 0.0, timed, motions.feed)
+
+
+def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
+    """Chains that cannot be shifted, by the reason; chains without a cut are in none and need nothing."""
+    motions = program.motions
+    low, _ = chain_spans(motions)
+    cuts = motions.kind != RAPID
+    found: dict[str, BoolArray] = {
+        "its feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
+        "it holds a NURBS (G5.2)": motions.kind == NURBS,
+        "a block of it may be skipped (block delete)": np.isin(motions.block, _skipped(program)),
+        "a number of it is an expression": np.isin(motions.block, _unplain(program)),
+        "a G5 of it goes on from the last one without I and J": _continued(program),
+    }
+    if low.size == 0:
+        return {}
+    return {why: np.logical_or.reduceat(marks, low) for why, marks in found.items() if marks.any()}
+
+
+def program_troubles(program: PartProgram) -> list[str]:
+    """Why nothing of a program can be shifted."""
+    troubles = []
+    if _checksummed(program):
+        troubles.append("its lines carry checksums, between which no line can be added")
+    words = program.words
+    turned = (words.letter == ord("G")) & (words.digits == 10) & (words.decimals == 0)
+    for block in words.block[turned].tolist():
+        own = program.words_of(block)
+        if any(words.letter[word] == ord("R") and words.value[word] != 0.0 for word in own):
+            troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
+    if len(program_units(program)) > 1:
+        troubles.append("it moves in mm and in inches")
+    return troubles
+
+
+def program_units(program: PartProgram) -> list[float]:
+    """Units [m] in which a program moves."""
+    used = np.unique(program.state[program.motions.block])
+    return sorted({program.modal[number].units for number in used.tolist()})
+
+
+def has_rotary(program: PartProgram, motion: int) -> bool:
+    """Whether axes other than X, Y and Z move in the block of a motion."""
+    own = program.words_of(int(program.motions.block[motion]))
+    return any(int(program.words.letter[word]) in ROTARY for word in own)
+
+
+def double_compensation(program: PartProgram, dialect: str) -> list[str]:
+    """Warn of a controller that compensates a second time."""
+    words = program.words
+    found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
+    said = [f"line {found[0] + 1} switches the controller's own backlash compensation on (M425)"
+            ": both together shift twice"] if found.size else []  # fmt: skip
+    if dialect == "linuxcnc":
+        said.append("BACKLASH in LinuxCNC's ini file must be 0 for the shifted axes, or both shift them")
+    return said
+
+
+def _skipped(program: PartProgram) -> Array:
+    """Blocks with a slash in front of them."""
+    data = np.frombuffer(program.data, dtype=np.uint8)
+    marks = np.flatnonzero(data == ord("/"))
+    blocks = np.searchsorted(program.lines, marks, side="right") - 1
+    starts = program.lines[blocks]
+    return np.array(
+        [
+            block
+            for block, start, mark in zip(blocks.tolist(), starts.tolist(), marks.tolist(), strict=True)
+            if not program.data[start:mark].strip()
+        ],
+        dtype=np.int64,
+    )
+
+
+def _checksummed(program: PartProgram) -> bool:
+    """Whether a star stands outside comments and expressions."""
+    if b"*" not in program.data:
+        return False
+    data = np.frombuffer(program.data, dtype=np.uint8)
+    blocks = np.unique(np.searchsorted(program.lines, np.flatnonzero(data == ord("*")), side="right") - 1)
+    return any(
+        re.search(rb"\*\s*\d+\s*$", _COMMENT.sub(b"", program.text(block)).strip())
+        and b"[" not in program.text(block)
+        for block in blocks.tolist()
+    )
+
+
+def _unplain(program: PartProgram) -> Array:
+    words = program.words
+    return np.asarray(words.block[(words.decimals < 0) & np.isin(words.letter, _PLACED)])
+
+
+def _continued(program: PartProgram) -> BoolArray:
+    """G5 blocks without I and J, which a split of the G5 before them would change."""
+    motions, words = program.motions, program.words
+    marks = np.zeros(motions.kind.size, dtype=np.bool_)
+    for motion in np.flatnonzero(motions.kind == CUBIC).tolist():
+        letters = {int(words.letter[word]) for word in program.words_of(int(motions.block[motion]))}
+        marks[motion] = not letters & {ord("I"), ord("J")}
+    return marks
+
+
+def tell_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: int = 12) -> list[str]:
+    """Name the stretches that are left alone."""
+    low, high = chain_spans(program.motions)
+    block = program.motions.block
+    told = []
+    for why, marks in blocked.items():
+        for chain in np.flatnonzero(marks)[:most].tolist():
+            first, last = block[low[chain]] + 1, block[high[chain] - 1] + 1
+            told.append(f"lines {first} to {last} carry no lasting offset: {why}")
+        if marks.sum() > most:
+            told.append(f"{int(marks.sum()) - most} more stretches like these: {why}")
+    return told

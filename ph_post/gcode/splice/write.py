@@ -1,0 +1,221 @@
+"""Changes written into the text of a program, with all that they do not touch kept byte for byte.
+
+Numbers of shifted axes are rewritten where they stand; stops, jogs and blocks of known time stand in hunks,
+each behind a comment line that tells how many lines are new and how many of the original they replace. The
+head declares what was changed, and the end of the program holds what it takes to get the original back.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.format import comment_text
+from ph_post.gcode.reader.lexer import split_lines
+from ph_post.gcode.reader.record import ByteArray, PartProgram
+from ph_post.gcode.splice.blocktext import line_end
+from ph_post.gcode.splice.grid import word_decimals
+from ph_post.gcode.splice.header import MARK, Declaration, declaration_lines
+from ph_post.gcode.splice.hunks import Hunk, HunkWriter
+from ph_post.gcode.splice.payload import Payload, payload_lines
+from ph_post.gcode.splice.record import Edits
+from ph_post.gcode.splice.rewrite import DECIMALS, assemble, read_styles, write_numbers
+from ph_post.gcode.splice.schedule import schedule
+from ph_post.gcode.splice.shifted import Changed, carried, changed_words
+from ph_post.gcode.splice.standing import program_units
+from ph_post.gcode.splice.undo import restore
+from ph_post.types import Array, IntArray
+
+_O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
+_LARGEST: Final = 10**13
+"""Numbers of more digits than this would not survive the sum with an offset."""
+
+
+class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Changed numbers by word: new text in `pool`, `first` to `last`; and what the inverse needs."""
+
+    candidate: IntArray
+    word: IntArray
+    pool: ByteArray
+    bounds: IntArray
+    style: IntArray
+    odd: ByteArray
+    code: ByteArray
+    delta: tuple[tuple[int, int], ...]
+
+    def text(self, program: PartProgram, block: int) -> dict[int, str]:
+        """Return the new text of the changed words of a line."""
+        own = program.words_of(block)
+        low, high = np.searchsorted(self.word, [own.start, own.stop])
+        return {
+            int(self.word[n]): chr(program.data[program.words.start[self.word[n]]])
+            + self.pool[self.bounds[n] : self.bounds[n + 1]].tobytes().decode("latin-1")
+            for n in range(int(low), int(high))
+        }
+
+
+def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
+    """Write changes into a program.
+
+    Parameters
+    ----------
+    program : PartProgram
+    edits : Edits
+    dialect : Dialect
+        Words of the new lines, and their decimals.
+    declaration : Declaration
+        What the head is to say.
+
+    Returns
+    -------
+    bytes
+        The program's own bytes where there is nothing to change.
+
+    Raises
+    ------
+    InputError
+        Where the program was compensated before, or a change cannot be written in the dialect.
+    """
+    if not (edits.stops or edits.dips or np.any(edits.offset)):
+        return program.data
+    if MARK.encode() in program.data:
+        raise InputError(program.name, "the program holds the marks of an earlier compensation",
+                         expected="the original (see --undo)")  # fmt: skip
+    units = program_units(program)
+    if len(units) > 1 and np.any(edits.offset):
+        raise InputError(program.name, "a lasting offset in a program in mm and in inches")
+    decimals = word_decimals(dialect, units[0])
+    step = units[0] * 10.0**-decimals
+    found = carried(edits, step)
+    numbers = _numbers(program, changed_words(program, found), decimals)
+    writer = HunkWriter(
+        program, dialect, found, decimals, declaration.chord_tolerance,
+        lambda block: numbers.text(program, block),
+    )  # fmt: skip
+    hunks = sorted(writer.write(schedule(edits, program.motions, step)), key=lambda hunk: hunk.block)
+    body, payload = _body(program, numbers, hunks, dialect, declaration)
+    text = _closed(program, body, payload, dialect)
+    if restore(text, program.name) == program.data:
+        return text
+    return _closed(program, body, Payload(whole=program.data), dialect)
+
+
+def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
+    """Add to every number what its word changes by."""
+    words, shifted = program.words, np.flatnonzero(changed.delta)
+    word = changed.candidate[shifted]
+    table, row = np.unique(changed.delta[shifted], return_inverse=True)
+    delta = np.array([_trimmed(count, decimals) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
+    digits, places = words.digits[word], words.decimals[word]
+    if word.size and (np.abs(digits).max() > _LARGEST or places.max() > DECIMALS // 2):
+        worst = int(word[np.argmax(np.abs(digits) + _LARGEST * (places > DECIMALS // 2))])
+        raise InputError(
+            f"{program.name}:{words.block[worst] + 1}", "a number of too many digits to be shifted"
+        )
+    style, odd = read_styles(
+        np.frombuffer(program.data, np.uint8), words.start[word], words.end[word], digits, places
+    )
+    steps, step_places = delta[row, 0], delta[row, 1]
+    wide = np.maximum(places, step_places)
+    new = digits * 10 ** (wide - places) + steps * 10 ** (wide - step_places)
+    pool, bounds = write_numbers(new, (style & ~DECIMALS) | wide)
+    code = np.zeros(changed.candidate.size, dtype=np.uint8)
+    code[shifted] = row + 1
+    pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
+    return _Numbers(
+        candidate=changed.candidate, word=word, pool=pool, bounds=bounds, style=style, odd=odd, code=code,
+        delta=pairs,
+    )  # fmt: skip
+
+
+def _trimmed(count: int, decimals: int) -> tuple[int, int]:
+    """Write a number of steps with no more decimals than it needs."""
+    while decimals > 0 and count % 10 == 0:
+        count, decimals = count // 10, decimals - 1
+    return count, decimals
+
+
+def _body(
+    program: PartProgram, numbers: _Numbers, hunks: list[Hunk], dialect: Dialect, declaration: Declaration
+) -> tuple[bytes, Payload]:
+    """Put the new text together, and gather what its inverse needs."""
+    end, line = line_end(program), _head_line(program)
+    data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
+    lines = np.append(program.lines[:-1], len(data))
+    head = declaration_lines(declaration, dialect.capabilities.max_line)
+    texts = [_joined(head, end), *(_joined(_told(hunk), end) for hunk in hunks)]
+    places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
+    outside = np.ones(program.blocks + 1, dtype=np.bool_)
+    for hunk in hunks:
+        outside[hunk.block : hunk.block + hunk.removed] = False
+    kept = np.flatnonzero(outside[program.words.block[numbers.word]])
+    sizes = np.append(0, np.cumsum([len(text) for text in texts])) + numbers.pool.size
+    low, high = (np.array([lines[place[side]] for place in places], dtype=np.int64) for side in (0, 1))
+    start = np.concatenate([low, program.words.start[numbers.word[kept]] + 1])
+    stop = np.concatenate([high, program.words.end[numbers.word[kept]]])
+    first = np.concatenate([sizes[:-1], numbers.bounds[:-1][kept]])
+    last = np.concatenate([sizes[1:], numbers.bounds[1:][kept]])
+    order = np.argsort(start, kind="stable")
+    pool = np.concatenate([numbers.pool, np.frombuffer(b"".join(texts), np.uint8)])
+    out = assemble(np.frombuffer(data, np.uint8), start[order], stop[order], pool, first[order], last[order])
+    _check_lines(program, out, dialect)
+    odd = np.flatnonzero(numbers.odd[kept])
+    return out.tobytes(), Payload(
+        head=(_line_after(line, hunks), len(head)),
+        bare=len(data) > len(program.data),
+        removed=b"".join(data[lines[a] : lines[b]] for a, b in places),
+        delta=numbers.delta,
+        code=numbers.code[outside[program.words.block[numbers.candidate]]].tobytes(),
+        style=numbers.style[kept].astype("<u2").tobytes(),
+        odd={int(n): _number_text(program, int(numbers.word[kept[n]])) for n in odd.tolist()},
+    )
+
+
+def _number_text(program: PartProgram, word: int) -> bytes:
+    return program.data[program.words.start[word] + 1 : program.words.end[word]]
+
+
+def _line_after(line: int, hunks: list[Hunk]) -> int:
+    """Line of the head in the new text: nothing is changed before it."""
+    assert all(hunk.block >= line for hunk in hunks)
+    return line
+
+
+def _told(hunk: Hunk) -> list[str]:
+    label = comment_text(", ".join(dict.fromkeys(hunk.label)))
+    return [f"{MARK}+{len(hunk.lines)} -{hunk.removed} {label})", *hunk.lines]
+
+
+def _joined(lines: list[str], end: str) -> bytes:
+    return "".join(line + end for line in lines).encode("latin-1")
+
+
+def _head_line(program: PartProgram) -> int:
+    """Line before which the head stands: behind a leading percent sign and a program number."""
+    line = 0
+    if program.text(0).strip().startswith(b"%"):
+        line = 1
+    if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):
+        line += 1
+    return line
+
+
+def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
+    """Refuse lines that are longer than the dialect takes, and than the program had them."""
+    most = max(dialect.capabilities.max_line + len("\r\n"), int(np.diff(program.lines).max()))
+    lines = split_lines(out)
+    long = np.flatnonzero(np.diff(lines) > most)
+    if long.size:
+        text = out[lines[long[0]] : lines[long[0] + 1]].tobytes().decode("latin-1").strip()
+        raise InputError(program.name, f"a line comes out too long for {dialect.name}",
+                         expected=f"<= {dialect.capabilities.max_line} characters", got=text)  # fmt: skip
+
+
+def _closed(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
+    """Add the lines that undo the change."""
+    return body + _joined(payload_lines(payload, dialect.capabilities.max_line), line_end(program))
