@@ -36,7 +36,7 @@ class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     left: tuple[LeftAlone, ...]
 
 
-def window_edits(motions: Motions, path: ProgramPath, plan: Plan, block_time: float, period: float) -> Found:
+def window_edits(motions: Motions, path: ProgramPath, plan: Plan, block_time: float) -> Found:
     """Tell what a plan does in its windows on the motions of the program.
 
     Parameters
@@ -48,18 +48,15 @@ def window_edits(motions: Motions, path: ProgramPath, plan: Plan, block_time: fl
         Made for a program, without lasting offsets.
     block_time : float
         Longest block of a dip [s].
-    period : float
-        Servo period [s]: no end of a dip leaves less than that of a motion.
     """
-    return _Windows(motions, path, plan, block_time, period).found()
+    return _Windows(motions, path, plan, block_time).found()
 
 
 class _Windows:
-    def __init__(
-        self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float, period: float
-    ) -> None:
-        self.motions, self.path, self.plan = motions, path, plan
-        self.block_time, self.period = block_time, period
+    """The windows of one plan."""
+
+    def __init__(self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float) -> None:
+        self.motions, self.path, self.plan, self.block_time = motions, path, plan, block_time
         read = read_jogs(plan)
         self.jogs, self.phases = read.jogs, read.phases
         self.motion = Motion.from_phases(read.phases)
@@ -140,18 +137,18 @@ class _Windows:
     def _cut(self, start: float, end: float) -> tuple[Array, Array]:
         """Return times and places [m] of the ends of blocks: ends of motions, and equal times between them.
 
-        The ends of a dip go to an end of a motion that is passed within a servo period of them, and so does
-        its middle, which ends a block as well.
+        The ends of a dip and its middle, which ends a block as well, go to an end of a motion that is passed
+        within half a block of them: so neither a dip nor what it leaves of a motion begins with a sliver.
         """
-        period = self.period
-        low, high = max(start - period, 0.0), min(end + period, self.motion.end)
+        slack = 0.5 * self.block_time
+        low, high = max(start - slack, 0.0), min(end + slack, self.motion.end)
         near = self.motion.place_and_feed(np.array([low, high]))[0]
         inside = self.path.s[(self.path.s > near[0]) & (self.path.s < near[1])]
         joints = self._times(inside, low, high)
-        ends = [_nearest(joints, one, period) for one in (start, end)]
-        between = joints[(joints > ends[0] + 1e-9 * period) & (joints < ends[1] - 1e-9 * period)]
+        ends = [_nearest(joints, one, slack) for one in (start, end)]
+        between = joints[(joints > ends[0]) & (joints < ends[1])]
         knots = np.concatenate([ends[:1], between, ends[1:]])
-        middle = _nearest(knots, 0.5 * (start + end), 0.5 * self.block_time)
+        middle = _nearest(knots, 0.5 * (start + end), slack)
         knots = np.unique(np.append(knots, middle))
         counts = [max(1, int(np.ceil((b - a) / self.block_time * (1.0 - 1e-9)))) for a, b in pairwise(knots)]
         parts = [

@@ -101,7 +101,7 @@ def plan_windows(
             continue
         chosen = _own_options(options, float(one.s[-1]) / total)
         made = _planned(one, drives, chosen, tolerance, _telling(tell, where))
-        found = window_edits(program.motions, one, made.plan, block_time, drives.servo_period)
+        found = window_edits(program.motions, one, made.plan, block_time)
         stops += found.stops
         dips += found.dips
         plans.append(made)
