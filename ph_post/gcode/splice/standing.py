@@ -15,6 +15,12 @@ from ph_post.types import Array, BoolArray
 ROTARY: Final = tuple(ord(letter) for letter in "ABCUVW")
 """Axes that are not shifted, but move with those that are."""
 
+_OWN: Final = {
+    "linuxcnc": "BACKLASH in LinuxCNC's ini file",
+    "grblhal": "the backlash settings of grblHAL ($160 on), where it was built with them,",
+}
+"""Where controllers keep a compensation of their own, by dialect."""
+
 _PLACED: Final = tuple(ord(letter) for letter in "XYZIJKR")
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
@@ -79,8 +85,8 @@ def double_compensation(program: PartProgram, dialect: str) -> list[str]:
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
     said = [f"line {found[0] + 1} switches the controller's own backlash compensation on (M425)"
             ": both together shift twice"] if found.size else []  # fmt: skip
-    if dialect == "linuxcnc":
-        said.append("BACKLASH in LinuxCNC's ini file must be 0 for the shifted axes, or both shift them")
+    if dialect in _OWN:
+        said.append(f"{_OWN[dialect]} must be 0 for the shifted axes, or both shift them")
     return said
 
 
