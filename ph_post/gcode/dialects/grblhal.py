@@ -1,9 +1,9 @@
 """grblHAL: Grbl's successor on 32-bit controllers, with longer lines, cubic splines and a larger planner.
 
-Where the facts are from, in grblHAL's own repository "core": README.md lists the words (G5 and G5.1, G61 and no
-G64, G91.1 and no G90.1); protocol.h has a line buffer of 256 characters; motion_control.c computes in single
-precision, breaks an arc into chords with F times their number under G93, as Grbl does, and a G5 into moves
-that each would take the whole time of a G93; config.h has the steps of that.
+Where the facts are from, in grblHAL's own repository "core": README.md lists the words (G5 and G5.1, G61 and
+no G64, G91.1 and no G90.1); protocol.h has a line buffer of 256 characters; motion_control.c computes in
+single precision, breaks an arc into chords with F times their number under G93, as Grbl does, and a G5 into
+moves that each would take the whole time of a G93; config.h has the steps of that.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _MAX_LINE: Final = 255
 """One less than the line buffer holds."""
 
 _WIDEST_STEP: Final = 0.2
-"""A G5 is played as straight moves over steps of the parameter, twice 0.1 wide at most. They are shortened only
-where the middle is off by a tenth of a millimetre, which is no help: the widest step has to do."""
+"""A G5 is played as straight moves over steps of the parameter, twice 0.1 wide at most. They are shortened
+only where the middle is off by a tenth of a millimetre, which is no help: the widest step has to do."""
 
 _STEPS: Final = 10
 """Moves of a G5 that is flat enough not to be shortened any further."""
