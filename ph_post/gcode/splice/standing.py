@@ -21,7 +21,6 @@ _OWN: Final = {
 }
 """Where controllers keep a compensation of their own, by dialect."""
 
-_PLACED: Final = tuple(ord(letter) for letter in "XYZIJKR")
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
 
@@ -42,8 +41,6 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     found: dict[str, BoolArray] = {
         "its feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
         "it holds a NURBS (G5.2)": motions.kind == NURBS,
-        "a block of it may be skipped (block delete)": np.isin(motions.block, _skipped(program)),
-        "a number of it is an expression": np.isin(motions.block, _unplain(program)),
         "a G5 of it goes on from the last one without I and J": _continued(program),
     }
     if low.size == 0:
@@ -90,22 +87,6 @@ def double_compensation(program: PartProgram, dialect: str) -> list[str]:
     return said
 
 
-def _skipped(program: PartProgram) -> Array:
-    """Blocks with a slash in front of them."""
-    data = np.frombuffer(program.data, dtype=np.uint8)
-    marks = np.flatnonzero(data == ord("/"))
-    blocks = np.searchsorted(program.lines, marks, side="right") - 1
-    starts = program.lines[blocks]
-    return np.array(
-        [
-            block
-            for block, start, mark in zip(blocks.tolist(), starts.tolist(), marks.tolist(), strict=True)
-            if not program.data[start:mark].strip()
-        ],
-        dtype=np.int64,
-    )
-
-
 def _checksummed(program: PartProgram) -> bool:
     """Whether a star stands outside comments and expressions."""
     if b"*" not in program.data:
@@ -117,11 +98,6 @@ def _checksummed(program: PartProgram) -> bool:
         and b"[" not in program.text(block)
         for block in blocks.tolist()
     )
-
-
-def _unplain(program: PartProgram) -> Array:
-    words = program.words
-    return np.asarray(words.block[(words.decimals < 0) & np.isin(words.letter, _PLACED)])
 
 
 def _continued(program: PartProgram) -> BoolArray:
