@@ -36,20 +36,45 @@ def read_source(source: str | os.PathLike[str]) -> Source:
     InputError
         Where the file is missing, a directory, unreadable, empty or not UTF-8.
     """
+    return decoded(read_raw(source))
+
+
+class Raw(msgspec.Struct, frozen=True, kw_only=True):
+    """An input as it was read: its name for messages, a name for its content, and its bytes."""
+
+    name: str
+    stem: str
+    data: bytes
+
+
+def read_raw(source: str | os.PathLike[str]) -> Raw:
+    """Read a file, or standard input for ``-``.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, a directory or unreadable.
+    """
     if os.fspath(source) == STDIN:
-        name, stem, data = "stdin", "stdin", sys.stdin.buffer.read()
-    else:
-        file = pathlib.Path(source)
-        name, stem, data = os.fspath(source), file.stem, _read_bytes(file)
+        return Raw(name="stdin", stem="stdin", data=sys.stdin.buffer.read())
+    file = pathlib.Path(source)
+    with told_errors(file):
+        return Raw(name=os.fspath(source), stem=file.stem, data=file.read_bytes())
+
+
+def decoded(raw: Raw) -> Source:
+    """Return an input as text.
+
+    Raises
+    ------
+    InputError
+        Where it is empty or not UTF-8.
+    """
+    name, stem, data = raw.name, raw.stem, raw.data
     text = _decode(data, name)
     if not text.strip():
         raise InputError(name, "the file is empty")
     return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
-
-
-def _read_bytes(file: pathlib.Path) -> bytes:
-    with told_errors(file):
-        return file.read_bytes()
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from ph_post.gcode.reader.moves import trace
 from ph_post.gcode.reader.notes import find_breaks, find_notes
 from ph_post.gcode.reader.owords import find_stretches
 from ph_post.gcode.reader.record import CUBIC, NURBS, ByteArray, Motions, Note, PartProgram
+from ph_post.gcode.reader.tasks import choose
 from ph_post.gcode.reader.words import Lexed, find_lines, read_words
 from ph_post.types import Array, IntArray, sealed
 from ph_post.units import INCH, MM
@@ -97,25 +98,23 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
 def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
-    states, feeds = np.zeros(count, np.int64), np.full(count, np.nan)
-    tasks, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
-    words = lexed.words
-    columns = (states, feeds, tasks, marks, whys)
-    stop, refused, word, table = resolve(
-        (words.block, words.letter, words.value),
-        lexed.traits,
-        find_stretches(lexed, data),
-        lexed.end,
-        columns,
-    )
-    ended = stop < lexed.end and not refused
-    after = stop + 1 if ended else stop
-    if 0 < after < count:
-        states[after:], feeds[after:] = states[after - 1], feeds[after - 1]
-    fault = None if ended else lexed.fault
+    states, feeds, tasks = np.zeros(count, np.int64), np.full(count, np.nan), np.zeros(count, np.uint8)
+    motions, zeros = np.full(count, -1, np.int16), np.full(count, -1, np.int16)
+    flags, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
+    columns = (states, feeds, motions, zeros, flags, marks, whys)
+    text = (lexed.words.block, lexed.words.letter, lexed.words.value)
+    stop, refused, word, table = resolve(text, lexed.traits, find_stretches(lexed, data), lexed.end, columns)
+    last = stop + 1 if stop < lexed.end and not refused else stop
+    if 0 < last < count:
+        states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
+    fault = lexed.fault if stop == lexed.end else None
     if refused:
-        tasks[stop] = marks[stop] = whys[stop] = 0
+        marks[stop] = whys[stop] = 0
         fault = _fault_at(lexed, int(stop), int(refused), int(word))
+    sooner, refused, word = choose(text, table, columns, lexed.traits, last, tasks)
+    if refused:
+        last, fault = sooner, _fault_at(lexed, int(sooner), int(refused), int(word))
+        marks[last:], whys[last:] = 0, 0
     return _Blocks(
         states=states,
         feeds=feeds,
@@ -124,7 +123,7 @@ def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
         whys=whys,
         table=table,
         end=int(stop),
-        last=int(after),
+        last=int(last),
         fault=fault,
     )
 
