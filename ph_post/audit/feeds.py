@@ -14,6 +14,9 @@ from ph_post.units import MM, MM_PER_MIN
 _ROUNDING = 1e-4
 """Feeds may be above the original's by this part of themselves: their last digit."""
 
+_TIMED = 0.01
+"""The same under inverse time, where a feed is a length over a time, and lengths of arcs are rounded."""
+
 _SLOWER = 0.02
 """A feed that is lower than the original's by this part of it is a dip, and not rounding."""
 
@@ -31,7 +34,9 @@ def check_feeds(case: Case, found: Stretches) -> None:
     bound = _feeds_beside(case, found, mine)
     feed = _feeds(case.compensated.motions, found.new)[mine]
     grid = 2.0 * MM * 10.0 ** -(case.declared.decimals if case.declared.decimals is not None else 0)
-    right = feed <= bound * (1.0 + _ROUNDING + grid / np.maximum(found.new.length[mine], _NOTHING))
+    timed = case.compensated.motions.duration[found.new.motion[mine]] > 0.0
+    spare = np.where(timed, _TIMED, _ROUNDING) + grid / np.maximum(found.new.length[mine], _NOTHING)
+    right = feed <= bound * (1.0 + spare)
     right |= np.isnan(feed) & np.isnan(bound)
     case.findings.count("feeds", mine.size)
     slower = np.flatnonzero(feed < bound * (1.0 - _SLOWER))
@@ -49,15 +54,16 @@ def check_feeds(case: Case, found: Stretches) -> None:
 
 def _feeds_beside(case: Case, found: Stretches, mine: IntArray) -> Array:
     """Largest feed of the original along each of the moves [m/s]."""
+    run = found.new.stretch()[mine]
     low, high = (side[mine] for side in found.new.places())
     old_low, old_high = found.old.places()
-    total = np.maximum(found.new.totals()[found.new.stretch()[mine]], case.bound)
     # Lengths differ by what the tolerance allows: a move does not count as beside what it only touches.
-    reach = np.minimum(_NEAR + case.bound / total, 0.25 * (high - low))
-    first = np.searchsorted(old_high, low + reach)
-    last = np.searchsorted(old_low, high - reach)
-    feeds = _feeds(case.original.motions, found.old)
-    return _largest(feeds, np.minimum(first, feeds.size - 1), last)
+    reach = _NEAR + case.bound / np.maximum(found.new.totals()[run], case.bound)
+    reach = np.minimum(reach, 0.25 * (high - low))
+    begin, end = found.old.first[run], found.old.first[run + 1]
+    first = np.clip(np.searchsorted(old_high, low + reach), begin, end - 1)
+    last = np.clip(np.searchsorted(old_low, high - reach), first + 1, end)
+    return _largest(_feeds(case.original.motions, found.old), first, last)
 
 
 def _feeds(motions: Motions, side: Side) -> Array:
@@ -68,10 +74,9 @@ def _feeds(motions: Motions, side: Side) -> Array:
 
 
 def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
-    """Largest of the values in each of the ranges ``[first, last)``, of one value at least."""
+    """Largest of the values in each of the ranges ``[first, last)``, none of which is empty."""
     if not first.size:
         return np.zeros(0)
-    last = np.maximum(last, first + 1)
     ends = np.column_stack([first, last]).ravel()
     return np.asarray(np.maximum.reduceat(np.append(values, -np.inf), ends)[::2])
 
