@@ -1,4 +1,4 @@
-"""LinuxCNC's own interpreter as a reference: the canonical calls of ``rs274 -g``, compared with the reader."""
+"""LinuxCNC's own interpreter as a reference: the canonical calls of ``rs274 -g``, beside the reader's."""
 
 from __future__ import annotations
 

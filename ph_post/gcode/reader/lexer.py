@@ -13,8 +13,9 @@ import numpy as np
 from ph_post.simulate.compiling import compiled, inner
 
 PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM = 1, 2, 4, 8, 16, 32, 64
-"""What stands on a line beside plain words: bits of its trait. `OTHER`: a comma or a number that is too long
-to be kept exactly; `SYSTEM`: a line for the controller itself, which begins with ``$``."""
+"""What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
+or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
+with ``$``."""
 
 (
     NO_NUMBER,
@@ -246,8 +247,8 @@ def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
         if _is_expression(data, i + 1, end):
             after, places = _skip_expression(data, _skip_blanks(data, i + 1, end), end), 0
         return after, POLAR, BRACKET if after < 0 else NO_NUMBER if places == -1 else 0
-    if c == 44 and i + 1 < end and _is_letter(data[i + 1]):
-        after, _, places = _read_number(data, i + 2, end)
+    if c == 36 or (c == 44 and i + 1 < end and _is_letter(data[i + 1])):
+        after, _, places = _read_number(data, i + (1 if c == 36 else 2), end)
         return after, OTHER, NO_NUMBER if places == -1 else 0
     if c == 42:
         after, _, places = _read_number(data, i + 1, end)
@@ -292,9 +293,10 @@ def _power(places: int) -> Any:
 
 @compiled
 def lex(data: Any, lines: Any, out: Any, traits: Any) -> Any:
-    """Read all words: their number, the line after the last one read, why it ends there (0: all read), where.
+    """Read all words: their number, the line behind them, why reading ends there (0: all is read), where.
 
-    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing ``%``.
+    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing
+    ``%``.
     """
     row, opened = 0, False
     for block in range(lines.size - 1):
