@@ -73,6 +73,7 @@ def run_rs274(text: str) -> Canon:
     canon = Canon()
     errors = [line for line in done.stderr.splitlines() if line != "executing"]
     canon.refusal = "\n".join(errors)
+    assert errors or done.returncode == 0, f"rs274 ended with {done.returncode}"
     units, plane, feed = 1e-3, 17, 0.0
     for match in map(CALL.match, done.stdout.splitlines()):
         if match is None:
@@ -99,7 +100,8 @@ def assert_agrees(program: PartProgram, canon: Canon) -> None:
     passed |= {block for block in range(program.blocks) if ELSEWHERE.search(program.text(block))}
     moves = [move for move in canon.moves if move.line not in passed and not _is_bare(program, move)]
     lines = [int(block) for block in motions.block]
-    assert [move.line for move in moves] == lines
+    found = [move.line for move in moves]
+    assert found == lines, f"rs274 moves on lines {found}, the reader on {lines}"
     for row, move in enumerate(moves):
         _assert_same(program, row, move)
 

@@ -17,18 +17,9 @@ PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM = 1, 2, 4, 8, 16, 32
 or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
 with ``$``."""
 
-(
-    NO_NUMBER,
-    BAD_CHARACTER,
-    OPEN_COMMENT,
-    CLOSED_COMMENT,
-    BRACKET,
-    EXPONENT,
-    NO_LETTER,
-    AFTER_PERCENT,
-    CHECKSUM,
-) = range(1, 10)
-"""Why the text is not read any further."""
+(NO_NUMBER, BAD_CHARACTER, OPEN_COMMENT, CLOSED_COMMENT, BRACKET, EXPONENT, NO_LETTER, AFTER_PERCENT,
+ CHECKSUM, FULL) = range(1, 11)  # fmt: skip
+"""Why the text is not read any further. `FULL`: there is no room for more words."""
 
 _POWERS = 10.0 ** np.arange(23)
 """Powers of ten that are exact."""
@@ -57,16 +48,16 @@ def split_lines(data: Any) -> Any:
 
 
 @compiled
-def count_letters(data: Any) -> Any:
-    """How many letters stand outside comments: no fewer than there are words."""
+def count_letters(data: Any, everywhere: bool) -> Any:
+    """How many letters stand outside comments, or `everywhere`: then no fewer than there are words."""
     count, closer = 0, 0
     for c in data:
         if closer:
             if c == closer or c in (10, 13):
                 closer = 0
-        elif c == 40:
+        elif c == 40 and not everywhere:
             closer = 41
-        elif c == 59:
+        elif c == 59 and not everywhere:
             closer = 10
         elif 65 <= (c & 0xDF) <= 90:
             count += 1
@@ -268,6 +259,8 @@ def _read_line(data: Any, first: int, end: int, row: int, block: int, out: Any) 
     while i < end and open_at < 0:
         at = i
         if _is_letter(data[i]):
+            if row == letters.size:
+                return row, trait, FULL, i
             if _is_exponent(data, i, end, letters[row - 1] if row > begin else 0):
                 return row, trait, EXPONENT, i
             i, count, places, found, why = _read_word(data, i, end)

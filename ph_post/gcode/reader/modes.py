@@ -347,7 +347,7 @@ def _grown(table: Any) -> Any:
     slots = np.full(8 * table.shape[0], -1, np.int64)
     for row in range(table.shape[0]):
         state = larger[row]
-        _intern(state, larger[:0], slots, row)
+        _intern(state, larger, slots, row)
     return larger, slots
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader import codes, splines
-from ph_post.gcode.reader.arcs import solve_arcs
+from ph_post.gcode.reader.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
 from ph_post.gcode.reader.faults import NOT_UNDERSTOOD, Fault, refuse
 from ph_post.gcode.reader.modal import make_modal, number_text
 from ph_post.gcode.reader.modes import resolve
@@ -133,8 +133,9 @@ def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> 
     words = lexed.words
     if word < 0:
         low, high = np.searchsorted(words.block, [block, block + 1])
-        named = [k for k in range(low, high) if chr(words.letter[k]) in "GXYZ" and words.value[k] < 6]
-        word = named[0] if named else int(low)
+        motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
+        axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
+        word = [*motions, *axes, int(low)][0]
     return Fault(block=block, place=int(words.start[word]), code=code, got=got)
 
 
@@ -165,7 +166,8 @@ def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
     row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
     fault = None
     if why:
-        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii)
+        told = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
+        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if told else ""
         fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
     control, nurbs = drawn
     whole: dict[str, Any] = {
