@@ -87,7 +87,7 @@ def _read_number(data: Any, i: int, end: int) -> Any:
     sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
     i = _skip_blanks(data, i, end)
     if i < end and (data[i] == 43 or data[i] == 45):
-        sign = 44 - data[i]
+        sign = 44 - np.int64(data[i])
         i += 1
     long = False
     while i < end:
@@ -116,7 +116,7 @@ def _close_bracket(data: Any, i: int, end: int) -> Any:
     """Place behind the bracket that closes the one at `i`, -1 where the line has none."""
     depth = 0
     while i < end:
-        depth += (data[i] == 91) - (data[i] == 93)
+        depth += int(data[i] == 91) - int(data[i] == 93)
         i += 1
         if depth == 0:
             return i
