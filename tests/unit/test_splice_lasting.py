@@ -145,6 +145,20 @@ def test_a_tool_change_separates() -> None:
     assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, 1.0, -1.0), (2, 1.0, 1.0)]
 
 
+@pytest.mark.parametrize(
+    ("motion", "why"),
+    [
+        ("G2 X5 Y5 Z-2 I5 J0\nG0 Z5\nM6 T2\n", ""),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 Z-2 I5 J0", "begins where Z is not known"),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 I5 J0", ""),
+    ],
+)
+def test_motions_that_cannot_be_divided(motion: str, why: str) -> None:
+    edits = plan(f"{START}Z2\n{motion}\nM2\n")
+    told = [said for said in edits.warnings if "carries no lasting offset" in said]
+    assert [why in said for said in told] == ([True] if why else [])
+
+
 def test_a_stop_in_the_middle_of_a_feed_costs_its_ramps() -> None:
     saw = START + "".join(f"G1 X{10 * (n % 2)}\n" for n in range(1, 40)) + "M2\n"
     circles = START + "G3 X0 Y0 I-3.1 J0\n" * 20 + "M2\n"

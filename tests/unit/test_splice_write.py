@@ -192,6 +192,11 @@ def test_a_rapid_is_not_divided() -> None:
         changed("G0 X0 Y0\nG0 X5\nG1 X6 F60\nM2\n", stops=(pulse(1, 0.5),))
 
 
+def test_what_follows_from_an_unknown_place_is_not_written() -> None:
+    with pytest.raises(InputError, match=r"part\.ngc:3: a place inside a motion that begins where Z"):
+        changed("G0 X0 Y0\nF600\nG2 X10 Z-2 I5 J0\nM2\n", stops=(pulse(1, 0.5),))
+
+
 def test_terse_dialects_are_written_tersely() -> None:
     found = changed("G21G90F600\nG0X0Y0\nG1X10\nM2\n", dialect="grbl", stops=(pulse(1, 0.5),))
     assert "G1X5.01F240" in lines(found)
