@@ -43,6 +43,12 @@ def test_every_group_keeps_its_last_word():
     assert (last.path, last.length, last.motion) == ("G61.1", "G43", "G0")
 
 
+def test_a_tool_is_prepared_before_it_is_changed_wherever_it_stands():
+    program = read("T1\nM6 T2\nM6\nM61 Q7\nM61 Q#1\n")
+    tools = [program.modal_after(block) for block in range(2, 7)]
+    assert [(modal.tool, modal.prepared) for modal in tools] == [(None, 1), (2, 2), (2, 2), (7, 2), (None, 2)]
+
+
 def test_states_that_are_the_same_are_kept_once():
     program = read("M8\nM9\n" * 500)
     assert len(program.modal) < 10

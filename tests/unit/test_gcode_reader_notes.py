@@ -35,6 +35,8 @@ def notes(program):
         ("/G1 X5\n/2 M8\n", [(2, 3, 1, "block delete: /G1 X5")]),
         ("M98 P100\n", [(2, 2, 1, "subprogram: M98")]),
         ("G187 M3\n", [(2, 2, 1, "unknown G word: G187")]),
+        ("G-810 X1\n", [(2, 2, 1, "unknown G word: G-810")]),
+        ("G1.05\nG100\n", [(2, 3, 1, "unknown G word: G1.05")]),
         ("M3 M106 S5\n", [(2, 2, 4, "unknown M word: M106")]),
         ("G1 X5 R2\n", [(2, 2, 7, "word that no other on the line uses: R2")]),
         ("G33 Z-5 K1\n", [(2, 2, 1, "motion tied to the spindle: G33")]),

@@ -186,7 +186,7 @@ def _set_m(code: int, values: Any, present: int, state: Any) -> Any:
     elif code == 9:
         state[MIST] = state[FLOOD] = 0.0
     elif code == 6:
-        state[TOOL] = state[PREPARED]
+        state[TOOL] = _plain(values[LETTER_T]) if (present >> LETTER_T) & 1 else state[PREPARED]
     elif code == 61:
         state[TOOL] = _plain(values[LETTER_Q]) if (present >> LETTER_Q) & 1 else UNKNOWN
     return TOOL_CHANGE if code in (6, 60, 61) else 0

@@ -110,8 +110,8 @@ def declaration_lines(declaration: Declaration, max_line: int) -> list[str]:
         *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
         *(f"pulse {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
         f"{one.stops} stops, {one.dips} dips",
-        f"dwell {_seconds(one.dwell)} s, decimals {one.decimals}, chord tolerance {one.chord_tolerance / MM:g} mm,"
-        f" block time {one.block_time / MS:g} ms{mode}",
+        f"dwell {_seconds(one.dwell)} s, decimals {one.decimals},"
+        f" chord tolerance {one.chord_tolerance / MM:g} mm, block time {one.block_time / MS:g} ms{mode}",
         *(
             [f"dwells up to {_seconds(one.longest)} s, {_seconds(one.dwelt)} s in all"]
             if one.longest > one.dwell
