@@ -8,6 +8,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.audit.verdict import Verdict
 from ph_post.audit.verify import verify
@@ -15,6 +16,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import silent
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.header import package_version
+from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
@@ -23,14 +25,10 @@ from ph_post.gcode.splice.lasting import plan_offsets
 from ph_post.gcode.splice.merge import merge
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits
-from ph_post.gcode.splice.standing import program_units
 from ph_post.gcode.splice.undo import undo
-from ph_post.gcode.splice.windows import WindowPlan, plan_windows
+from ph_post.gcode.splice.windows import OFFSETS, WindowPlan, plan_windows
 from ph_post.gcode.splice.write import splice
 from ph_post.types import Machine, frozen
-
-CROSSING: Final = frozenset(("auto", "takeup"))
-"""Strategies that give axes behind their loop a lasting offset."""
 
 SHOWN: Final = 3
 """Failures that are told where a program does not pass."""
@@ -132,13 +130,30 @@ def _original(program: PartProgram, machine: Machine, request: Request) -> PartP
 def _plan(
     program: PartProgram, machine: Machine, request: Request, tell: Callable[[str], None]
 ) -> tuple[Edits, tuple[WindowPlan, ...]]:
-    """Plan lasting offsets of axes behind their loop, then what the strategy does for the others."""
-    tell("planning lasting offsets")
+    """Plan lasting offsets of axes behind their loop, then what the strategy does for the others.
+
+    They share the time allowed by the number of their axes.
+    """
     lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    if request.plan.strategy in CROSSING and not request.plan.feed_only:
-        lasting = plan_offsets(program, machine, find_dialect(machine.dialect), request.splice)
-    edits, windows = plan_windows(program, machine, request.plan, request.splice, tell)
-    return merge(lasting, edits), windows
+    if request.plan.strategy == "none":
+        return lasting, ()
+    gaps = [axis.feedback for axis in machine.axes.values() if axis.gap.lost_motion > 0.0]
+    crossed = request.plan.strategy in OFFSETS and not request.plan.feed_only
+    behind = sum(feedback != "load" for feedback in gaps) if crossed else 0
+    if behind:
+        tell("planning lasting offsets")
+        share = request.splice.max_slowdown * behind / len(gaps)
+        options = replace(request.splice, max_slowdown=share)
+        lasting = plan_offsets(program, machine, find_dialect(machine.dialect), options)
+    if behind == len(gaps):
+        return lasting, ()
+    share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
+    tell("fitting the path")
+    found = plan_windows(
+        program, paths_of(program), machine, replace(request.plan, max_slowdown=share),
+        request.splice.tolerance, tell, request.splice.block_time,
+    )  # fmt: skip
+    return merge(lasting, found.edits), found.plans
 
 
 def _changes(edits: Edits) -> bool:
@@ -149,8 +164,8 @@ def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: 
     dialect = find_dialect(machine.dialect)
     mode = dialect.path_mode(request.splice.chord_tolerance) if edits.dips and dialect.path_mode else ""
     return declare(
-        edits, machine, dialect, request.splice, digest=program.digest,
-        options_digest=request.digest(machine.dialect), units=program_units(program)[0], path_mode=mode,
+        program, edits, machine, dialect, request.splice,
+        options_digest=request.digest(machine.dialect), path_mode=mode,
     )  # fmt: skip
 
 

@@ -9,6 +9,8 @@ from ph_post.audit.deliver import Delivery
 from ph_post.audit.outcome import Outcome, Performance
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.report.assessments import error_view
+from ph_post.report.programwindows import window_views
+from ph_post.types import Machine
 from ph_post.units import MM
 
 
@@ -58,14 +60,16 @@ def _times(outcome: Outcome | None) -> str:
     return f"; cycle time {outcome.before.time:.3f} s before, {outcome.after.time:.3f} s after"
 
 
-def delivery_view(delivery: Delivery, outcome: Outcome | None) -> dict[str, Any]:
+def delivery_view(
+    delivery: Delivery, machine: Machine, tolerance: float, outcome: Outcome | None
+) -> dict[str, Any]:
     """Return what ``convert --json`` prints of a part program; what was not simulated is null."""
     edits = delivery.edits
     sides: dict[str, Performance | None] = {"before": None, "after": None}
     if outcome is not None:
         sides = {"before": outcome.before, "after": outcome.after}
     return {
-        "windows": [],
+        "windows": window_views(delivery, machine, tolerance),
         "cycle_time": {side: None if one is None else one.time for side, one in sides.items()},
         "error": {side: None if one is None else error_view(one.error) for side, one in sides.items()},
         "carrier": "program",

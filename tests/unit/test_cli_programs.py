@@ -112,7 +112,7 @@ def test_json_tells_times_errors_and_what_was_done(circle, tmp_path, capfdbinary
     view = json.loads(printed)
     assert view["verified"] is True
     assert view["cycle_time"]["after"] > view["cycle_time"]["before"]
-    # The lost motion of X and Y is 0.06 and 0.08 mm; half of it either way is what a dial indicator would tell.
+    # Without compensation the table stays behind by half the lost motion, 0.04 mm on Y, and more of it on X.
     assert view["error"]["after"]["max"] < 0.2 * view["error"]["before"]["max"]
     assert view["offsets"] == pytest.approx({"X": 0.03, "Y": 0.04, "Z": 0.015})
     turning = [(one["axis"], one["strategy"]) for one in view["windows"] if one["kind"] == "smooth"]
@@ -142,7 +142,7 @@ def test_bad_input_is_told_with_a_caret_and_leaves_the_output(tmp_path, capfdbin
     assert status == 2
     assert lines[0].startswith(f"ph-post: {place}:7:")
     assert lines[1].strip() == "G3 X25 Y0 I-20 J0 F1200"
-    assert lines[2].strip() == "^"
+    assert set(lines[2].strip()) == {"^"}
     assert out.read_bytes() == b"kept"
 
 

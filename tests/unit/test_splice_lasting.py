@@ -78,7 +78,7 @@ def test_an_arc_of_several_turns() -> None:
 
 
 def test_the_reversal_of_an_arc_begun_just_before_its_quadrant_is_at_the_joint() -> None:
-    # Ends of arcs are rounded: here the quadrant lies 1 µm behind the arc's start, where X gets 25 fm farther.
+    # Ends of arcs are rounded: here the quadrant lies 1 µm behind the arc's start, X gets 25 fm on.
     edits = plan(START + "G1 X20\nG3 X0 Y20.001 I-20 J0.001\nM2\n")
     assert [(motion, share) for motion, share, _ in of_axis(edits, "X")][1] == (1, 1.0)
 
@@ -118,7 +118,12 @@ def test_a_rapid_that_moves_another_axis_carries_nothing() -> None:
 
 def test_planes_and_helices() -> None:
     edits = plan("G21 G90 G18 F600\nG0 X0 Y0 Z0\nG2 X0 Z0 Y2 I10 K0\nM2\n")
-    assert [share for _, share, _ in of_axis(edits, "Z")] == [1.0, pytest.approx(0.25), pytest.approx(0.75), 1.0]
+    assert [share for _, share, _ in of_axis(edits, "Z")] == [
+        1.0,
+        pytest.approx(0.25),
+        pytest.approx(0.75),
+        1.0,
+    ]
     assert [share for _, share, _ in of_axis(edits, "X")] == [1.0, pytest.approx(0.5), 1.0]
     assert of_axis(edits, "Y") == [(0, 1.0, 1.0), (1, 1.0, -1.0)]
 
@@ -138,6 +143,20 @@ def test_a_tool_change_separates() -> None:
     edits = plan(START + "G1 X10\nM6 T1\nG0 X0\nG1 X5\nG0 X0\nM2\n")
     assert signs(edits, "X") == [1, 0, 1, 1, 0]
     assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, 1.0, -1.0), (2, 1.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("motion", "why"),
+    [
+        ("G2 X5 Y5 Z-2 I5 J0\nG0 Z5\nM6 T2\n", ""),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 Z-2 I5 J0", "begins where Z is not known"),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 I5 J0", ""),
+    ],
+)
+def test_motions_that_cannot_be_divided(motion: str, why: str) -> None:
+    edits = plan(f"{START}Z2\n{motion}\nM2\n")
+    told = [said for said in edits.warnings if "carries no lasting offset" in said]
+    assert [why in said for said in told] == ([True] if why else [])
 
 
 def test_a_stop_in_the_middle_of_a_feed_costs_its_ramps() -> None:
@@ -199,5 +218,5 @@ def test_double_compensation_is_warned_of() -> None:
 
 def test_axes_inside_their_loop_carry_nothing() -> None:
     edits = plan(START + "G1 X10\nX4\nM2\n", machine=read_machine("paper"))
-    assert not (edits.stops or edits.amplitude or edits.warnings)
+    assert (edits.stops, edits.amplitude, edits.warnings) == ((), {}, ())
     assert not edits.offset.any()

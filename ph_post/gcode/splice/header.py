@@ -12,9 +12,11 @@ from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import comment_lines, decimal_text
 from ph_post.gcode.header import package_version
+from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.splice.grid import word_decimals
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits
+from ph_post.gcode.splice.standing import program_units
 from ph_post.types import Machine
 from ph_post.units import INCH, MM, MS
 
@@ -62,13 +64,18 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def declare(
-    edits: Edits, machine: Machine, dialect: Dialect, options: SpliceOptions, *, digest: str,
-    options_digest: str, units: float, path_mode: str = "", notes: tuple[str, ...] = (),
+    program: PartProgram, edits: Edits, machine: Machine, dialect: Dialect, options: SpliceOptions, *,
+    options_digest: str, path_mode: str = "", notes: tuple[str, ...] = (),
 ) -> Declaration:  # fmt: skip
-    """Gather what a program with these changes has to declare; `digest` is that of the original."""
+    """Gather what a program with these changes has to declare.
+
+    `options_digest` is the hash of all that the user asked for; `path_mode` and `notes` as the head is to
+    have them.
+    """
+    units = next(iter(program_units(program)), MM)
     return Declaration(
         version=package_version(),
-        digest=digest,
+        digest=program.digest,
         machine=machine.name,
         machine_digest=machine.digest[:_DIGITS],
         options_digest=options_digest[:_DIGITS],
@@ -164,7 +171,9 @@ def _length(size: float, units: float) -> str:
     return decimal_text(round(size / units * 10**_PLACES), _PLACES)
 
 
-_HEAD = re.compile(rb"^\(ph-post (\S.*?) compensated this program\)[ \t]*\r?\n?", re.MULTILINE)
+_HEAD = re.compile(
+    rb"(?:\A|(?<=[\r\n]))\(ph-post (\S[^\r\n]*?) compensated this program\)[ \t]*(?:\r\n|\r|\n|\Z)"
+)
 _LENGTH = re.compile(r"(offset|pulse) ([XYZ]) ([-0-9.]+) (mm|inch)")
 _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})"), ("digest",)),

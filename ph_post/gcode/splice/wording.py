@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.errors import InputError
 from ph_post.gcode.format import decimal_text
 from ph_post.gcode.reader.record import ARC, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.gcode.splice.blocktext import letters
@@ -73,6 +74,7 @@ class Wording:
         """Word that moves an axis to an offset, in steps of the coarse decimals, at a place of the motion."""
         offset = offset * 10 ** (self._fine - self._coarse)
         if self.modal.absolute:
+            self._require(axis, place(self.program.motions, self.motion, share))
             return AXES[axis] + self._text(self._point(share)[axis] + offset[axis])
         count = offset[axis] - self._last[axis] * 10 ** (self._fine - self._coarse)
         self._last[axis] = offset[axis] // 10 ** (self._fine - self._coarse)
@@ -83,6 +85,10 @@ class Wording:
         end = self._point(part.high)
         shift = offset * 10 ** (self._fine - self._coarse)
         kind = self.program.motions.kind[self.motion]
+        for axis in self._axes(kind):
+            self._require(
+                axis, self.program.motions.start[self.motion], self.program.motions.end[self.motion]
+            )
         words = {AXES[axis]: self._end_word(axis, end, shift) for axis in self._axes(kind)}
         if kind == ARC:
             words |= self._arc_words(part, shift)
@@ -90,6 +96,12 @@ class Wording:
             words |= self._cubic_words(part, end)
         self._at = end
         return words
+
+    def _require(self, axis: int, *points: Array) -> None:
+        """Refuse to write what follows from a position that is not known."""
+        if any(np.isnan(point[axis]) for point in points):
+            where = f"{self.program.name}:{self.block + 1}"
+            raise InputError(where, f"a place inside a motion that begins where {AXES[axis]} is not known")
 
     def _axes(self, kind: int) -> list[int]:
         """Axes that are written: those of the block, of curves those of the plane as well."""
