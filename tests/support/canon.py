@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -68,6 +69,8 @@ def run_rs274(text: str) -> Canon:
             text=True,
             check=False,
             cwd=folder,
+            # It keeps its tools in a file in the home folder, which runs side by side would share.
+            env={**os.environ, "HOME": folder},
             timeout=60,
         )
     canon = Canon()
