@@ -3,36 +3,40 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from decimal import Decimal, InvalidOperation
+from collections.abc import Mapping
+from decimal import Decimal
 from typing import Any
 
 import msgspec
 
+from ph_post.gcode.reader.record import PartProgram
 from ph_post.units import LENGTH_UNITS, MS
 
 _COMPENSATED = re.compile(rb"\(ph-post \S.* compensated this program\)\s*")
-_LINE = re.compile(rb"\(ph-post: (.*)\)\s*")
+_FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*")
+_MORE = re.compile(rb"\(  (.*)\)\s*")
+"""A fact that is too long for its line goes on in lines that begin with two blanks."""
+
 _BEFORE = re.compile(rb"\s*(?:%.*|O\d+\b.*)?\s*", re.IGNORECASE)
 """What may stand before the header: blank lines, ``%`` and an O-number."""
 
-_UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=_-]*)\)\s*")
+_UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*")
 _LEADING = 8
 """The header begins on one of the first lines."""
 
-_NUMBER = r"(-?\d*\.?\d+)"
 _KNOWN = {
     "original": re.compile(r"original sha256 ([0-9a-f]{64})"),
     "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)"),
-    "options": re.compile(r"options sha256 ([0-9a-f]+)"),
-    "offset": re.compile(rf"offset ([XYZ]) {_NUMBER} (mm|inch)"),
-    "pulse": re.compile(rf"pulse ([XYZ]) {_NUMBER} (mm|inch)"),
+    "options": re.compile(r"options sha256 ([0-9a-f]*)"),
+    "offset": re.compile(r"offset ([XYZ]) (\d*\.?\d+) (mm|inch)"),
+    "pulse": re.compile(r"pulse ([XYZ]) (\d*\.?\d+) (mm|inch)"),
     "edits": re.compile(r"(\d+) stops?, (\d+) dips?"),
     "dwell": re.compile(
-        rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms.*"
+        r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*"
     ),
+    "units": re.compile(r"units (mm|inch)"),
     "note": re.compile(r"note.*"),
-}  # fmt: skip
+}
 
 
 class Amount(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,64 +76,69 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[tuple[int, str], ...] = ()
 
 
-def read_declared(line: Callable[[int], bytes], lines: int) -> Declaration | None:
-    """Read the header of a program and find its undo lines; None where there is no header.
-
-    Parameters
-    ----------
-    line : callable
-        ``line(k)``: the bytes of the line with that number.
-    lines : int
-        Number of lines.
-    """
-    first = _find_header(line, lines)
+def read_declared(original: PartProgram, compensated: PartProgram) -> Declaration | None:
+    """Read the header of a compensated program and find its undo lines; None where there is no header."""
+    first = _find_header(compensated)
     if first is None:
         return None
-    last = first + 1
-    found: list[tuple[str, re.Match[str]]] = []
-    while last < lines and (match := _LINE.fullmatch(line(last))) is not None:
-        known = _recognise(match[1].decode("latin-1"))
-        if known is None:
-            break
-        found.append(known)
-        last += 1
-    tail, faults = _read_tail(line, lines, last)
-    fields, more = _fields(found, first + 1)
-    return Declaration(first=first, last=last, tail=tail, faults=(*more, *faults), **fields)
+    facts, last = _read_facts(original, compensated, first)
+    fields, wrong = _fields(facts, first)
+    tail, more = _read_tail(compensated, last)
+    return Declaration(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
 
 
-def _find_header(line: Callable[[int], bytes], lines: int) -> int | None:
-    for number in range(min(lines, _LEADING)):
-        text = line(number)
-        if _COMPENSATED.fullmatch(text):
+def _find_header(program: PartProgram) -> int | None:
+    for number in range(min(program.blocks, _LEADING)):
+        if _COMPENSATED.fullmatch(program.text(number)):
             return number
-        if not _BEFORE.fullmatch(text):
+        if not _BEFORE.fullmatch(program.text(number)):
             return None
     return None
 
 
-def _recognise(words: str) -> tuple[str, re.Match[str]] | None:
-    return next(
-        ((name, match) for name, pattern in _KNOWN.items() if (match := pattern.fullmatch(words))), None
-    )
+def _read_facts(
+    original: PartProgram, compensated: PartProgram, first: int
+) -> tuple[list[tuple[int, str]], int]:
+    """Facts of the header with their lines, and the line behind it."""
+    facts: list[tuple[int, str]] = []
+    last, open_lines = first + 1, 0
+    while last < compensated.blocks:
+        text = compensated.text(last)
+        fact, more = _FACT.fullmatch(text), _MORE.fullmatch(text)
+        if fact is not None and not _UNDO.fullmatch(text):
+            facts.append((last, fact[1].decode("latin-1")))
+        elif more is not None and facts:
+            facts[-1] = (facts[-1][0], f"{facts[-1][1]} {more[1].decode('latin-1').strip()}")
+        else:
+            break
+        open_lines = open_lines + 1 if fact is None else 0
+        last += 1
+    # Comments with which the original begins may look as if the last fact went on in them.
+    own = 0
+    while own < open_lines and first + own < original.blocks and _MORE.fullmatch(original.text(first + own)):
+        own += 1
+    return facts, last - own
 
 
-def _fields(
-    found: list[tuple[str, re.Match[str]]], first: int
-) -> tuple[dict[str, Any], list[tuple[int, str]]]:
-    """Values of the declaration, and what is said twice or missing."""
+def _fields(facts: list[tuple[int, str]], first: int) -> tuple[dict[str, Any], list[tuple[int, str]]]:
+    """Values of the declaration, and what is said twice, missing, or not understood."""
     fields: dict[str, Any] = {"offsets": {}, "pulses": {}}
     faults: list[tuple[int, str]] = []
     seen: set[str] = set()
-    for number, (name, match) in enumerate(found, first):
+    for number, words in facts:
+        name = next((name for name, pattern in _KNOWN.items() if pattern.fullmatch(words)), None)
+        if name is None:
+            faults.append((number, f"the header tells what is not understood: {words[:40]}"))
+            continue
+        match = _KNOWN[name].fullmatch(words)
+        assert match is not None
         key = f"{name} {match[1]}" if name in ("offset", "pulse") else name
         if key in seen and name != "note":
             faults.append((number, f"the header tells {key} twice"))
         seen.add(key)
         _take(fields, name, match)
     missing = [name for name in ("original", "edits", "dwell") if name not in seen]
-    faults += [(first - 1, f"the header does not tell {name}") for name in missing]
-    return fields, faults
+    return fields, faults + [(first, f"the header does not tell {name}") for name in missing]
 
 
 def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
@@ -139,7 +148,7 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     elif name == "machine":
         fields["machine"], fields["machine_digest"] = match[1], match[2]
     elif name in ("offset", "pulse"):
-        fields[f"{name}s"][match[1]] = Amount(number=_decimal(match[2]), unit=LENGTH_UNITS[match[3]])
+        fields[f"{name}s"][match[1]] = Amount(number=Decimal(match[2]), unit=LENGTH_UNITS[match[3]])
     elif name == "edits":
         fields["stops"], fields["dips"] = int(match[1]), int(match[2])
     elif name == "dwell":
@@ -147,25 +156,16 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
         fields["chord"], fields["block_time"] = float(match[3]) * LENGTH_UNITS["mm"], float(match[4]) * MS
 
 
-def _decimal(text: str) -> Decimal:
-    try:
-        return Decimal(text)
-    except InvalidOperation:
-        return Decimal("NaN")
-
-
-def _read_tail(line: Callable[[int], bytes], lines: int, last: int) -> tuple[int, list[tuple[int, str]]]:
+def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, str]]]:
     """First of the undo lines at the end, and what is wrong with their numbers."""
-    tail = lines
-    while tail > last and _UNDO.fullmatch(line(tail - 1)):
+    tail, lines = program.blocks, program.blocks
+    while tail > last and _UNDO.fullmatch(program.text(tail - 1)):
         tail -= 1
     faults = []
     for place, number in enumerate(range(tail, lines), 1):
-        match = _UNDO.fullmatch(line(number))
+        match = _UNDO.fullmatch(program.text(number))
         assert match is not None
         if (int(match[1]), int(match[2])) != (place, lines - tail):
-            told = f"undo {int(match[1])}/{int(match[2])}"
-            faults.append(
-                (number, f"the undo lines are not in order: {told} where {place}/{lines - tail} belongs")
-            )
+            told = f"undo {int(match[1])}/{int(match[2])} where {place}/{lines - tail} belongs"
+            faults.append((number, f"the undo lines are not in order: {told}"))
     return tail, faults

@@ -14,6 +14,9 @@ from ph_post.units import MM, MM_PER_MIN
 _ROUNDING = 1e-4
 """Feeds may be above the original's by this part of themselves: their last digit."""
 
+_SLOWER = 0.02
+"""A feed that is lower than the original's by this part of it is a dip, and not rounding."""
+
 _NEAR = 1e-6
 """Shares of a stretch this close are the same place."""
 
@@ -31,6 +34,10 @@ def check_feeds(case: Case, found: Stretches) -> None:
     right = feed <= bound * (1.0 + _ROUNDING + grid / np.maximum(found.new.length[mine], _NOTHING))
     right |= np.isnan(feed) & np.isnan(bound)
     case.findings.count("feeds", mine.size)
+    slower = np.flatnonzero(feed < bound * (1.0 - _SLOWER))
+    if case.declared.dips == 0 and slower.size:
+        block = case.compensated.motions.block[found.new.motion[mine[slower[0]]]]
+        case.findings.add("count", "the feed dips, and the header tells of no dip", compensated=int(block))
     for place in np.flatnonzero(~right).tolist():
         block = case.compensated.motions.block[found.new.motion[mine[place]]]
         case.findings.add(
@@ -102,11 +109,12 @@ def check_jogs(case: Case, pairing: Pairing, machine: Machine) -> None:
         if name not in machine.axes:
             case.findings.add("limits", f"the machine has no axis {name}", compensated=block)
             continue
-        limits = machine.axes[name].limits
-        most = min(limits.velocity, float(np.sqrt(limits.acceleration * way.max())))
-        if not motions.feed[motion] <= most * (1.0 + _ROUNDING):
+        limits, length, timed = machine.axes[name].limits, float(way.max()), motions.duration[motion]
+        feed = length / timed if timed > 0.0 else motions.feed[motion]
+        most = min(limits.velocity, float(np.sqrt(limits.acceleration * length)))
+        if not feed <= most * (1.0 + _ROUNDING):
             case.findings.add(
                 "limits", f"the jog of {name} is faster than the machine can be on its way",
                 compensated=block, expected=f"<= {most / MM_PER_MIN:.6g} mm/min",
-                got=f"{motions.feed[motion] / MM_PER_MIN:.6g} mm/min",
+                got=f"{feed / MM_PER_MIN:.6g} mm/min",
             )  # fmt: skip

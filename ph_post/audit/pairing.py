@@ -107,9 +107,9 @@ def declared_ways(declared: Declaration) -> dict[int, tuple[float, float]]:
 
 
 def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
-    """Whether lengths are a change of the offset, or no longer than the pulse."""
+    """Whether lengths are a change of the offset, or no longer than a pulse, offset included."""
     change = (offset > 0.0) & (np.minimum(np.abs(way - offset), np.abs(way - 2.0 * offset)) <= EXACT)
-    return np.asarray((way > EXACT) & (change | (way <= pulse + EXACT) & (pulse > 0.0)))
+    return np.asarray((way > EXACT) & (change | (way <= pulse + offset + EXACT) & (pulse > 0.0)))
 
 
 def dwell_beside(

@@ -54,7 +54,7 @@ def verify(
         With every failure, its place in both programs, and counts of what was looked at.
     """
     findings = Findings()
-    declared = read_declared(compensated.text, compensated.blocks)
+    declared = read_declared(original, compensated)
     if declared is None:
         _check_undeclared(original, compensated, findings)
         return findings.verdict()

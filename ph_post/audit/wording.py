@@ -47,6 +47,10 @@ def check_wording(case: Case) -> None:
     if lines.ends and lines.new.size:
         text, stop = compensated.text(int(lines.new[-1])), int(compensated.lines[lines.new[-1] + 1])
         new_kept[stop - (len(text) - len(text.rstrip(b"\r\n"))) : stop] = False
+    foreign = compensated.data.find(b"\r") if b"\r" not in original.data else -1
+    if foreign >= 0:
+        line = int(np.searchsorted(compensated.lines, foreign, side="right")) - 1
+        case.findings.add("text", "the line ends in another way than the original's", compensated=line)
     for place in _differing(case, old_kept, new_kept).tolist():
         old, new = int(lines.old[place]), int(lines.new[place])
         case.findings.add(

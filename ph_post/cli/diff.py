@@ -53,9 +53,9 @@ def command(
       ph-post convert part.ngc -m router | ph-post diff part.ngc - -m router --json
     """
     from ph_post.audit.diff.compare import compare_programs
-    from ph_post.cli.program import read_part_program
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
+    from ph_post.io.programfile import read_program_file
     from ph_post.io.source import STDIN
     from ph_post.report.diffpage import make_page
     from ph_post.report.diffs import comparison_view, print_comparison
@@ -70,7 +70,7 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        programs = (read_part_program(a), read_part_program(b))
+        programs = (read_program_file(a), read_program_file(b))
         stage("comparing")
         found = compare_programs(*programs, tolerance * MM, drives)
         if html is not None:

@@ -21,13 +21,15 @@ def command(
 ) -> int:
     """List the turning points of a path, their windows and, with a machine, their backlash.
 
-    IN is a path file (.json), the name of a shipped one, or - for standard input.
+    IN is a path file (.json), the name of a shipped one, a part program (.ngc, .nc, .tap, …), or - for
+    standard input. Of a program its longest path is taken.
 
     \b
     Examples:
       ph-post inspect circle -m paper
       ph-post inspect part.json -m mill.toml --json
       ph-post inspect part.json --certify
+      ph-post inspect part.ngc -m router.toml
     """
     from ph_post.cli.job import load_and_analyse
     from ph_post.report.progress import Progress

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
+import click
 import msgspec
 
 from ph_post.analysis import Analysis, IntervalSource, analyse
@@ -17,9 +18,9 @@ from ph_post.errors import InputError
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.writer import make_program
+from ph_post.io.inputs import read_input
 from ph_post.io.intervalfile import read_intervals
 from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
 from ph_post.io.shipped import or_shipped
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN
@@ -31,14 +32,19 @@ BASELINES: Final = frozenset(("none", "linear", "step"))
 def load(
     source: str, machine: str | None, feed: float | None = None, dialect: str | None = None
 ) -> tuple[Path, Machine | None]:
-    """Read a path file and a machine file, the command line's feed [mm/min] and dialect in place of theirs.
+    """Read a path file or a part program, and a machine file.
+
+    The command line's feed [mm/min] and dialect are taken in place of theirs; moves of a program keep their
+    own feeds. What a program has that its path does not show is said on standard error.
 
     Raises
     ------
     InputError
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
-    path = read_path(or_shipped("paths", source))
+    path, warnings = read_input(or_shipped("paths", source))
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
     if feed is not None:
         path = msgspec.structs.replace(path, feed=feed * MM_PER_MIN)
     if machine is None:

@@ -40,8 +40,9 @@ def command(
 ) -> int:
     """Run a path or an interpolator table on the machine, and show how far the table leaves the path.
 
-    IN is a path file (.json), the name of a shipped one, or - for standard input, and is planned first as
-    `convert --table` would; or it is an interpolator table (.csv, .npz, .parquet). Of a table the contour
+    IN is a path file (.json), the name of a shipped one, a part program (.ngc, .nc, .tap, …) or - for
+    standard input, and is planned first as `convert --table` would; or it is an interpolator table (.csv,
+    .npz, .parquet). Of a table the contour
     error is told where --path names the path it was made for.
 
     What the machine file leaves open is tried: the flank on which an axis stands at first, the pick-up rule,

@@ -96,10 +96,10 @@ def command(
     with everything else as in the machine file. A controller looks its Δt up in such a table instead of
     solving for it; `convert --interval-table` does so too, for a motor whose β and C were measured anew.
 
-    The circles are those of the turning points of IN (a path file, or the name of a shipped one), every
-    radius at every feed that occurs; or those of --radius and --feed, between which Δt can be interpolated
-    for any path; or else the circle of the paper's example. In space the amplitude of the axis stands for
-    the radius and its peak speed for the feed.
+    The circles are those of the turning points of IN (a path file, the name of a shipped one, or a part
+    program), every radius at every feed that occurs; or those of --radius and --feed, between which Δt can
+    be interpolated for any path; or else the circle of the paper's example. In space the amplitude of the
+    axis stands for the radius and its peak speed for the feed.
 
     A GRID is low:high:count, low:high:count:log (equal ratios) or a list a,b,c. Without -o the table goes to
     standard output as CSV. In JSON, `tables` holds one entry for each axis and circle with a matrix

@@ -19,7 +19,7 @@ from ph_post.io.check import checked, one_line, place
 from ph_post.io.exact import loads
 from ph_post.io.pathrecord import AnySegment, LineRecord, PathRecord
 from ph_post.io.pathsegment import JOIN, Frame, Place, build_curve, hull
-from ph_post.io.source import read_source
+from ph_post.io.source import Source, read_source
 from ph_post.types import Array, Curve, Path, Segment
 from ph_post.units import LENGTH_UNITS, MINUTE
 
@@ -48,7 +48,11 @@ def read_path(source: str | os.PathLike[str]) -> Path:
     InputError
         One line naming file, segment, key, what was expected and what was found.
     """
-    text = read_source(source)
+    return path_of(read_source(source))
+
+
+def path_of(text: Source) -> Path:
+    """Make the path of a path file's text; see :func:`read_path`."""
     record = checked(loads(text.text, text.name), PathRecord, text.name)
     frame = Frame(
         file=text.name, axes=_axes(record, text.name), units=record.units, unit=_UNITS[record.units]

@@ -36,16 +36,19 @@ def read_source(source: str | os.PathLike[str]) -> Source:
     InputError
         Where the file is missing, a directory, unreadable, empty or not UTF-8.
     """
-    name, data = read_bytes(source)
-    stem = name if os.fspath(source) == STDIN else pathlib.Path(source).stem
-    text = _decode(data, name)
-    if not text.strip():
-        raise InputError(name, "the file is empty")
-    return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
+    return decoded(read_raw(source))
 
 
-def read_bytes(source: str | os.PathLike[str]) -> tuple[str, bytes]:
-    """Read a file as it is, or standard input for ``-``: its name for messages, and its bytes.
+class Raw(msgspec.Struct, frozen=True, kw_only=True):
+    """An input as it was read: its name for messages, a name for its content, and its bytes."""
+
+    name: str
+    stem: str
+    data: bytes
+
+
+def read_raw(source: str | os.PathLike[str]) -> Raw:
+    """Read a file, or standard input for ``-``.
 
     Raises
     ------
@@ -53,10 +56,25 @@ def read_bytes(source: str | os.PathLike[str]) -> tuple[str, bytes]:
         Where the file is missing, a directory or unreadable.
     """
     if os.fspath(source) == STDIN:
-        return "stdin", sys.stdin.buffer.read()
+        return Raw(name="stdin", stem="stdin", data=sys.stdin.buffer.read())
     file = pathlib.Path(source)
     with told_errors(file):
-        return os.fspath(source), file.read_bytes()
+        return Raw(name=os.fspath(source), stem=file.stem, data=file.read_bytes())
+
+
+def decoded(raw: Raw) -> Source:
+    """Return an input as text.
+
+    Raises
+    ------
+    InputError
+        Where it is empty or not UTF-8.
+    """
+    name, stem, data = raw.name, raw.stem, raw.data
+    text = _decode(data, name)
+    if not text.strip():
+        raise InputError(name, "the file is empty")
+    return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
 
 
 @contextlib.contextmanager

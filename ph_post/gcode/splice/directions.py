@@ -132,8 +132,8 @@ def _change(view: Any, feed: Any, exact: Any, span: Any, sign: int, row: Any) ->
     """Write down the best place for a change of direction between two places at which the axis rests.
 
     `span` is (first motion, its share, last motion, its share, end of the chain). A rapid that takes the axis
-    away carries the change. Else it is made where the path stands or is slowest, the first of equals: behind a
-    rapid that is before the tool goes down.
+    away carries the change. Else it is made where the path stands or is slowest, the first of equals: behind
+    a rapid that is before the tool goes down.
     """
     k0, share0, k1, share1, high = span
     row[SIGN], row[CARRIED], row[PASSED] = sign, 0.0, 0.0

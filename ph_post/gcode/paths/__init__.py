@@ -1,0 +1,1 @@
+"""Paths of part programs: what a program moves along, and where on its motions each place is."""

@@ -1,0 +1,55 @@
+"""What commands take as IN: a path file, or a part program whose path is read from its motions."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import re
+from typing import Final
+
+from ph_post.gcode.paths.build import line_words, main_path
+from ph_post.gcode.reader.read import read_program
+from ph_post.io.pathfile import path_of
+from ph_post.io.source import Raw, decoded, read_raw
+from ph_post.types import Path
+
+ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt"))
+"""Endings of part programs."""
+
+_BLOCK: Final = re.compile(rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d])")
+"""How part programs begin: with a percent sign, a comment, or a word."""
+
+
+def is_program(raw: Raw) -> bool:
+    """Tell a part program from a path file, by its ending or else by how it begins.
+
+    Examples
+    --------
+    >>> is_program(Raw(name="a.nc", stem="a", data=b"")), is_program(Raw(name="a", stem="a", data=b"{}"))
+    (True, False)
+    """
+    ending = pathlib.PurePath(raw.name).suffix.lower()
+    return ending in ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
+
+
+def read_input(source: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
+    """Read a path file, or the longest path of a part program; ``-`` is standard input.
+
+    Returns
+    -------
+    path : Path
+    warnings : tuple of str
+        What of the program the path does not show, by lines.
+
+    Raises
+    ------
+    InputError
+        One line naming file and place, what was expected and what was found.
+    """
+    raw = read_raw(source)
+    if not is_program(raw):
+        return path_of(decoded(raw)), ()
+    program = read_program(raw.data, raw.name)
+    found, warnings = main_path(program)
+    notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
+    return found.path, (*warnings, *notes)
