@@ -10,6 +10,7 @@ import pytest
 from support.canon import RS274, assert_agrees, run_rs274
 from support.corpus import Entry, compensated, dialect_of, entries, stepper
 
+from ph_post.audit.verify import verify
 from ph_post.errors import InputError
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.splice.undo import undo
@@ -17,6 +18,7 @@ from ph_post.gcode.splice.undo import undo
 ROUNDING = Decimal("0.00011")
 """rs274 writes four decimals, each half a unit off."""
 
+TOLERANCE = 5e-6
 HUNK = re.compile(rb"\(ph-post: \+(\d+) -(\d+)\b.*\)\s*")
 OURS = re.compile(rb"\((ph-post[ :]|  ).*\)\s*")
 OFFSET = re.compile(rb"\(ph-post: offset ([XYZ]) ([0-9.]+) (?:mm|inch)\)")
@@ -69,6 +71,13 @@ def test_what_is_read_is_what_linuxcnc_reads(name):
     if program.notes and any("O-word" in note.what for note in program.notes):
         pytest.skip("the program loops: lines that are passed through run more than once")
     assert_agrees(program, canon)
+
+
+@each
+def test_the_compensated_program_is_judged_right(name):
+    program, output = programs(name)
+    verdict = verify(program, output, tolerance=TOLERANCE, machine=stepper())
+    assert verdict.failures == ()
 
 
 @each
