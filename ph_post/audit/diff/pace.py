@@ -16,6 +16,9 @@ from ph_post.types import Array, BoolArray, IntArray
 SAME_FEED: Final = 1e-9
 """Feeds that differ by no more, relatively, are the same."""
 
+CLEAR: Final = 4.0
+"""So many times what the paths are apart has a motion to run beside another for its feed to count."""
+
 SAME_TIME: Final = 1e-9
 """Times that differ by no more are the same [s]."""
 
@@ -88,12 +91,19 @@ def compare_feeds(
 
 
 def _beside(side: Side, other: Outline) -> IntArray:
-    """Motions of one path, and those of the other that lie beside them."""
+    """Motions of one path, and those of the other beside which they run for longer than they are apart."""
     piece, mine = side.samples.piece, side.motion()
-    along = (piece[1:] == piece[:-1]) & (side.foot_ways[1:] > side.foot_ways[:-1])
-    middle = 0.5 * (side.foot_ways[1:] + side.foot_ways[:-1])[along]
+    advance = np.diff(side.foot_ways)
+    along = np.flatnonzero((piece[1:] == piece[:-1]) & (advance > 0.0))
+    middle = side.foot_ways[along] + 0.5 * advance[along]
     there = np.clip(np.searchsorted(other.s, middle, side="right") - 1, 0, len(other.table) - 1)
-    return np.unique(np.stack([mine[1:][along], other.motion[there]], axis=1), axis=0)
+    pairs, number = np.unique(
+        np.stack([mine[along], other.motion[there]], axis=1), axis=0, return_inverse=True
+    )
+    together = np.bincount(number, advance[along], minlength=len(pairs))
+    apart = np.zeros(len(pairs))
+    np.maximum.at(apart, number, side.deviation[along])
+    return np.asarray(pairs[together > CLEAR * apart])
 
 
 def _unlike(one: Array, other: Array) -> BoolArray:
