@@ -157,7 +157,7 @@ def _path(
     motions = program.motions
     rows = _goes(motions, rows)
     columns = _columns(motions, rows)
-    segments, s = assemble(motions, rows, columns, tolerance)
+    segments, s, cubics = assemble(motions, rows, columns, tolerance)
     feeds = [one.feed for one in segments if one.feed is not None]
     path = Path(
         name=PurePath(program.name).stem,
@@ -168,4 +168,4 @@ def _path(
         segments=segments,
         digest=program.digest,
     )
-    return ProgramPath(path=path, chain=chain, motion=rows, s=s, warnings=warnings)
+    return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)
