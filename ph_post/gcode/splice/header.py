@@ -164,7 +164,9 @@ def _length(size: float, units: float) -> str:
     return decimal_text(round(size / units * 10**_PLACES), _PLACES)
 
 
-_HEAD = re.compile(rb"^\(ph-post (\S.*?) compensated this program\)[ \t]*\r?\n?", re.MULTILINE)
+_HEAD = re.compile(
+    rb"(?:\A|(?<=[\r\n]))\(ph-post (\S[^\r\n]*?) compensated this program\)[ \t]*(?:\r\n|\r|\n|\Z)"
+)
 _LENGTH = re.compile(r"(offset|pulse) ([XYZ]) ([-0-9.]+) (mm|inch)")
 _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})"), ("digest",)),

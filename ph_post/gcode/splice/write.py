@@ -147,8 +147,9 @@ def _body(
     end, line = line_end(program), _head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
-    head = declaration_lines(declaration, dialect.capabilities.max_line)
-    texts = [_joined(head, end), *(_joined(_told(hunk), end) for hunk in hunks)]
+    most = dialect.capabilities.max_line
+    head = declaration_lines(declaration, most)
+    texts = [_joined(head, end), *(_joined(_told(hunk, most), end) for hunk in hunks)]
     places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
     for hunk in hunks:
@@ -186,9 +187,15 @@ def _line_after(line: int, hunks: list[Hunk]) -> int:
     return line
 
 
-def _told(hunk: Hunk) -> list[str]:
-    label = comment_text(", ".join(dict.fromkeys(hunk.label)))
-    return [f"{MARK}+{len(hunk.lines)} -{hunk.removed} {label})", *hunk.lines]
+def _told(hunk: Hunk, max_line: int) -> list[str]:
+    """Lines of a hunk behind the one that counts them; what it is for is cut to the length of a line."""
+    words = list(dict.fromkeys(hunk.label))
+    head = f"{MARK}+{len(hunk.lines)} -{hunk.removed} "
+    label = comment_text(", ".join(words))
+    while len(head) + len(label) + len(")") > max_line:
+        words.pop()
+        label = comment_text(", ".join([*words, "and more"]))
+    return [f"{head}{label})", *hunk.lines]
 
 
 def _joined(lines: list[str], end: str) -> bytes:
