@@ -35,7 +35,7 @@ class Dwells(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def find_dwells(program: PartProgram) -> Dwells:
     """All G4 of a program."""
     words = program.words
-    block = np.unique(words.block[(words.letter == _G) & (words.value == 4.0)])
+    block = words.block[(words.letter == _G) & (words.value == 4.0)]
     duration = np.full(program.blocks, np.nan)
     seconds = words.letter == _P
     duration[words.block[seconds]] = words.value[seconds]

@@ -130,6 +130,27 @@ def check_returns(case: Case, pairing: Pairing) -> None:
             )  # fmt: skip
 
 
+def check_known(case: Case, pairing: Pairing) -> None:
+    """In a hunk no axis is moved from an unknown position, but where the original does so itself."""
+    number = max(case.lines.hunks.number, 1)
+    moved = []
+    for motions, hunk in (
+        (case.original.motions, pairing.old_hunk),
+        (case.compensated.motions, pairing.new_hunk),
+    ):
+        motion, axis = np.nonzero(
+            np.isnan(motions.start) & ~np.isnan(motions.end) & (hunk != NO_HUNK)[:, None]
+        )
+        moved.append((motion, np.bincount(3 * hunk[motion] + axis, minlength=3 * number)))
+    (_, old), (motion, new) = moved
+    for place in np.flatnonzero(new > old).tolist():
+        first = motion[pairing.new_hunk[motion] == place // 3][0]
+        case.findings.add(
+            "path", f"{AXES[place % 3]} is moved from where its position is not known",
+            compensated=int(case.compensated.motions.block[first]),
+        )  # fmt: skip
+
+
 def check_stops(case: Case, pairing: Pairing) -> None:
     """As many stops as the header says: jogs with nothing but dwells between them are one stop."""
     jog, hunk = pairing.jog, pairing.new_hunk
