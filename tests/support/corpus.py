@@ -7,12 +7,15 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from ph_post.compensate.options import PlanOptions
 from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.splice.header import declare
 from ph_post.gcode.splice.lasting import plan_offsets
 from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.splice.windows import plan_windows
 from ph_post.gcode.splice.write import splice
 from ph_post.io.machinefile import read_machine
 from ph_post.types import Machine
@@ -76,10 +79,23 @@ def stepper() -> Machine:
     return replace(machine, axes=axes)
 
 
-def compensated(program: PartProgram, machine: Machine, dialect: Dialect) -> bytes:
-    """Write a program with the lasting offsets of a machine."""
+def mill() -> Machine:
+    """Name the mill with scales on its table, with the dialect of LinuxCNC."""
+    machine = read_machine("mill")
+    some = machine.axes["X"]
+    return replace(machine, axes={name: replace(machine.axes.get(name, some), name=name) for name in "XYZ"})
+
+
+def compensated(
+    program: PartProgram, machine: Machine, dialect: Dialect, strategy: str | None = None
+) -> bytes:
+    """Write a program with the lasting offsets of a machine, or with the windows of a strategy."""
     options = SpliceOptions()
-    edits = plan_offsets(program, machine, dialect, options)
+    if strategy is None:
+        edits = plan_offsets(program, machine, dialect, options)
+    else:
+        how = PlanOptions(strategy=strategy, carrier="program", inverse_dynamics=False, effort=0.01)
+        edits = plan_windows(program, paths_of(program), machine, how, options.tolerance).edits
     units = program.modal_after(int(program.motions.block[0])).units if program.motions.block.size else 1e-3
     declaration = declare(
         edits, machine, dialect, options, digest=program.digest, options_digest="0" * 64, units=units

@@ -8,7 +8,7 @@ from functools import cache
 
 import pytest
 from support.canon import RS274, assert_agrees, run_rs274
-from support.corpus import Entry, compensated, dialect_of, entries, stepper
+from support.corpus import Entry, compensated, dialect_of, entries, mill, stepper
 
 from ph_post.audit.verify import verify
 from ph_post.errors import InputError
@@ -31,6 +31,20 @@ CENTRES = {b"I": b"X", b"J": b"Y", b"K": b"Z"}
 ALL = {entry.name: entry for entry in entries()}
 each = pytest.mark.parametrize("name", ALL)
 
+LONG = ("adaptive_linuxcnc", "helix_linuxcnc", "arcspiral", "plasmatest")
+"""Programs whose windows take seconds to plan; their lasting offsets do not."""
+
+MACHINES = {"stepper": stepper(), "mill": mill()}
+JOBS = [(name, "stepper", None) for name in ALL]
+JOBS += [
+    (name, "mill", "suppress")
+    for name, entry in ALL.items()
+    if entry.dialect == "linuxcnc" and name.split("/")[-1] not in LONG
+]
+JOBS += [("comp-g1", "mill", "auto")]
+jobs = pytest.mark.parametrize(("name", "machine", "strategy"), JOBS)
+"""Lasting offsets of a machine without feedback; dips, and full stops with pulses, of one with scales."""
+
 
 def data_of(entry: Entry) -> bytes:
     if not entry.file.exists():
@@ -39,11 +53,12 @@ def data_of(entry: Entry) -> bytes:
 
 
 @cache
-def programs(name):
-    """The program, and what was made of it for the stepper machine, both read."""
+def programs(name, machine, strategy):
+    """Read a program, and what was made of it for a machine."""
     entry = ALL[name]
     program = read_program(data_of(entry), name)
-    return program, read_program(compensated(program, stepper(), dialect_of(entry)), name)
+    output = compensated(program, MACHINES[machine], dialect_of(entry), strategy)
+    return program, read_program(output, name)
 
 
 def test_there_are_enough_programs():
@@ -73,16 +88,16 @@ def test_what_is_read_is_what_linuxcnc_reads(name):
     assert_agrees(program, canon)
 
 
-@each
-def test_the_compensated_program_is_judged_right(name):
-    program, output = programs(name)
-    verdict = verify(program, output, tolerance=TOLERANCE, machine=stepper())
+@jobs
+def test_the_compensated_program_is_judged_right(name, machine, strategy):
+    program, output = programs(name, machine, strategy)
+    verdict = verify(program, output, tolerance=TOLERANCE, machine=MACHINES[machine])
     assert verdict.failures == ()
 
 
-@each
-def test_outside_hunks_only_declared_numbers_change(name):
-    program, output = programs(name)
+@jobs
+def test_outside_hunks_only_declared_numbers_change(name, machine, strategy):
+    program, output = programs(name, machine, strategy)
     before, after = (one.data.splitlines(keepends=True) for one in (program, output))
     for old, new in kept_lines(program.data, output.data):
         if before[old] != after[new]:
@@ -126,9 +141,9 @@ def require_offsets(old: bytes, new: bytes, declared: dict[bytes, Decimal]):
         assert abs(change) in (step, 2 * step), (old, new)
 
 
-@each
-def test_undoing_gives_every_byte_back(name):
-    program, output = programs(name)
+@jobs
+def test_undoing_gives_every_byte_back(name, machine, strategy):
+    program, output = programs(name, machine, strategy)
     if program.data == output.data:
         with pytest.raises(InputError, match="nothing to undo"):
             undo(output.data, name)
@@ -136,22 +151,26 @@ def test_undoing_gives_every_byte_back(name):
         assert undo(output.data, name) == program.data
 
 
-@each
-def test_linuxcnc_accepts_the_output_and_makes_the_same_of_what_is_not_declared(name):
+@jobs
+def test_linuxcnc_accepts_the_output_and_makes_the_same_of_what_is_not_declared(name, machine, strategy):
     if RS274 is None:
         pytest.skip("LinuxCNC's rs274 is not installed")
-    program, output = programs(name)
+    program, output = programs(name, machine, strategy)
     if program.data == output.data:
         return
-    first = run_rs274(program.data.decode("latin-1"))
-    if first.refusal:
-        pytest.skip(f"rs274 refuses the program itself: {first.refusal.splitlines()[0]}")
+    if refusal := refusal_of(name):
+        pytest.skip(f"rs274 refuses the program itself: {refusal.splitlines()[0]}")
     assert run_rs274(output.data.decode("latin-1")).refusal == ""
     pairs = kept_lines(program.data, output.data)
     before = run_rs274(numbered(program.data, {old: old for old, _ in pairs}))
     after = run_rs274(numbered(output.data, {new: old for old, new in pairs}))
     assert before.refusal == after.refusal == ""
     compare_calls(by_line(before.calls), by_line(after.calls), declared_by(output.data))
+
+
+@cache
+def refusal_of(name: str) -> str:
+    return run_rs274(data_of(ALL[name]).decode("latin-1")).refusal
 
 
 def numbered(data: bytes, numbers: dict[int, int]) -> str:
