@@ -117,8 +117,10 @@ def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
         if group < 0:
             why = UNKNOWN_G
             continue
-        if given[group] >= 0:
+        if given[group] >= 0 and (group != 1 or given[1] == code or (given[1] != 800 and code != 800)):
             return why, TWO_OF_GROUP, codes[0, k]
+        if group == 1 and code == 800 and given[1] >= 0:
+            continue  # the other motion is the one that lasts
         given[group] = code
         if group in (15, 17):
             state[FRAME] = _framed(int(state[FRAME]), code)
