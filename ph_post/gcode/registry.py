@@ -11,6 +11,7 @@ GROUP = "ph_post.dialects"
 
 BUILT_IN = {
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
+    "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
 }
 """What a source tree without installed metadata offers."""

@@ -20,7 +20,7 @@ def read_program_file(source: str | os.PathLike[str], *, strict: bool = False) -
     Raises
     ------
     InputError
-        Where the file cannot be read, and as :func:`ph_post.gcode.reader.read.read_program`.
+        Where the file cannot be read, and as :func:`~ph_post.gcode.reader.read.read_program`.
     """
     if os.fspath(source) == STDIN:
         return read_program(_read_lines(sys.stdin.buffer), "stdin", strict=strict)

@@ -58,7 +58,8 @@ def read_raw(source: str | os.PathLike[str]) -> Raw:
     if os.fspath(source) == STDIN:
         return Raw(name="stdin", stem="stdin", data=sys.stdin.buffer.read())
     file = pathlib.Path(source)
-    return Raw(name=os.fspath(source), stem=file.stem, data=_read_bytes(file))
+    with told_errors(file):
+        return Raw(name=os.fspath(source), stem=file.stem, data=file.read_bytes())
 
 
 def decoded(raw: Raw) -> Source:
@@ -74,11 +75,6 @@ def decoded(raw: Raw) -> Source:
     if not text.strip():
         raise InputError(name, "the file is empty")
     return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
-
-
-def _read_bytes(file: pathlib.Path) -> bytes:
-    with told_errors(file):
-        return file.read_bytes()
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Random part programs in the manners that CAM programs have, and what an ideal machine with play makes of them."""
+"""Random part programs in the manners that CAM programs have, and what a machine with play makes of them."""
 
 from __future__ import annotations
 
@@ -96,8 +96,11 @@ class _Writer:
         self.at = to
 
 
-def random_program(rng: random.Random, *, moves: int = 14) -> bytes:
-    """Write a random program in a manner of its own: units, modes, planes, decimals, line ends."""
+def random_program(rng: random.Random, *, moves: int = 14, tools: bool = True) -> bytes:
+    """Write a random program in a manner of its own: units, modes, planes, decimals, line ends.
+
+    Without `tools` there are no tool changes, after which positions are not known.
+    """
     one = _Writer(rng)
     percent = rng.random() < 0.5
     if percent:
@@ -129,7 +132,8 @@ def random_program(rng: random.Random, *, moves: int = 14) -> bytes:
         elif kind < 8:
             one.straight("G0", to)
         else:
-            one.line(rng.choice(["M8", "G4 P0.1", "(X5 Y6)", "M9", "S200", "G61", "", "M0", "M6 T1", "M1"]))
+            change = "M6 T1" if tools else "M7"
+            one.line(rng.choice(["M8", "G4 P0.1", "(X5 Y6)", "M9", "S200", "G61", "", "M0", change, "M1"]))
     one.line(rng.choice(["M2", "M30", "M5 M9", "M2"]) if percent else "M2")
     if percent:
         one.lines.append("%")
@@ -169,7 +173,7 @@ def samples(program: PartProgram, count: int = 48) -> tuple[Array, IntArray]:
 
 
 def played(motor: Array, gap: Array, flank: Array) -> Array:
-    """Table of a machine with play and friction, whose motors stand at `motor` (n, 3) [m] one after the other.
+    """Table of a machine with play and friction, whose motors stand at `motor` (n, 3) [m] in turn.
 
     `gap` (3,) [m] is the lost motion of each axis; `flank` (3,), +1 or -1, the side the table begins on.
     """

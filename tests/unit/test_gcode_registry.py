@@ -8,17 +8,18 @@ import pytest
 
 from ph_post.errors import InputError
 from ph_post.gcode import registry
-from ph_post.gcode.dialects import grbl, linuxcnc
+from ph_post.gcode.dialects import grbl, grblhal, linuxcnc
 
 
 def test_the_built_in_dialects() -> None:
     assert registry.find_dialect("linuxcnc") is linuxcnc.DIALECT
     assert registry.find_dialect("grbl") is grbl.DIALECT
+    assert registry.find_dialect("grblhal") is grblhal.DIALECT
 
 
 def test_without_installed_metadata_the_built_in_ones_remain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: ())
-    assert registry.dialect_names() == ("grbl", "linuxcnc")
+    assert registry.dialect_names() == ("grbl", "grblhal", "linuxcnc")
     assert registry.find_dialect("grbl") is grbl.DIALECT
 
 
@@ -26,7 +27,9 @@ def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: ())
     with pytest.raises(InputError) as error:
         registry.find_dialect("fanuc", "mill.toml: controller.dialect")
-    expected = "mill.toml: controller.dialect: no such dialect; expected grbl or linuxcnc; got 'fanuc'"
+    expected = (
+        "mill.toml: controller.dialect: no such dialect; expected grbl or grblhal or linuxcnc; got 'fanuc'"
+    )
     assert str(error.value) == expected
 
 
@@ -36,7 +39,7 @@ def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None
         EntryPoint("wrong", "ph_post.gcode.dialects.grbl:_MAX_LINE", registry.GROUP),
     )
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: points)
-    assert registry.dialect_names() == ("grbl", "linuxcnc", "mine", "wrong")
+    assert registry.dialect_names() == ("grbl", "grblhal", "linuxcnc", "mine", "wrong")
     assert registry.find_dialect("mine") is grbl.DIALECT
     with pytest.raises(InputError, match="expected a Dialect record; got int"):
         registry.find_dialect("wrong")

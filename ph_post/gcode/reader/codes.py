@@ -1,4 +1,8 @@
-"""Modal groups of G and M words as RS274/NGC has them, and numbers by which compiled code tells things."""
+"""Modal groups of G and M words as RS274/NGC has them, and numbers by which compiled code tells things.
+
+What is compiled is kept on disk until its own file changes: whoever changes a number here has to touch
+``modes.py``, ``tasks.py`` and ``moves.py`` too.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,10 @@ NONE, UNKNOWN = -1.0, -2.0
 """What a block does to the position: the motions, and to forget it, of all or of the named axes, or to give
 it another name (G92). `FORGET_FIRST` is added where it is forgotten before the motion."""
 FORGET_FIRST = 16
+
+EXPLICIT, LENIENT_LINE, OFFSET_LINE, FRAMED, KNOWN_SHIFT = 1, 2, 4, 8, 4
+"""Bits of what else a block has: its own motion word, a word that takes further letters, offsets in its axis
+words (G43.1), a frame that is not the machine's; and the bit from which on stands whether F is known."""
 
 TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END = 1, 2, 4, 8, 16, 32
 """Bits of what separates chains."""
@@ -58,8 +66,9 @@ _GROUPS: Final[dict[int, tuple[int, ...]]] = {
 GROUP = np.full(1000, -1, np.int64)
 for _number, _codes in _GROUPS.items():
     GROUP[list(_codes)] = _number
-FRAME_ON = np.array([70, 160, 510, 511, 680])
-"""G7 (diameters), G16 (polar), G51, G51.1 (scaled, mirrored), G68 (turned)."""
+FRAMES = np.array([[70, 80], [160, 150], [510, 500], [511, 501], [680, 690]])
+"""Words that make the frame another, and words that end that: diameters (G7), polar coordinates (G16), scaled
+(G51), mirrored (G51.1), turned (G68)."""
 FIELD = np.array([-1, MOTION, PLANE, ABSOLUTE, ARC_ABSOLUTE, FEED_MODE, UNITS, COMPENSATION, LENGTH, -1,
                   RETRACT, -1, SYSTEM, PATH, -1, FRAME, -1, FRAME])  # fmt: skip
 """Column of the state that each group sets."""
@@ -90,5 +99,7 @@ AXES: Final = _bits("XYZ")
 FURTHER: Final = _bits("ABCUVW")
 CENTER: Final = _bits("IJK")
 ALWAYS: Final = _bits("FGMNOST")
+SPLINE_LETTERS: Final = _bits("XYIJPQ")
+NURBS_LETTERS: Final = _bits("XYPL")
 LENIENT: Final = _bits("DEHLPQR")
 """Letters of words that G4, G10, G41, G43, G64, M6x and others use."""

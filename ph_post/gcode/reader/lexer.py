@@ -13,22 +13,16 @@ import numpy as np
 from ph_post.simulate.compiling import compiled, inner
 
 PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM = 1, 2, 4, 8, 16, 32, 64
-"""What stands on a line beside plain words: bits of its trait. `OTHER`: a comma or a number that is too long
-to be kept exactly; `SYSTEM`: a line for the controller itself, which begins with ``$``."""
+"""What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
+or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
+with ``$``."""
 
-(
-    NO_NUMBER,
-    BAD_CHARACTER,
-    OPEN_COMMENT,
-    CLOSED_COMMENT,
-    BRACKET,
-    EXPONENT,
-    NO_LETTER,
-    AFTER_PERCENT,
-    CHECKSUM,
-) = range(1, 10)
-"""Why the text is not read any further."""
+(NO_NUMBER, BAD_CHARACTER, OPEN_COMMENT, CLOSED_COMMENT, BRACKET, EXPONENT, NO_LETTER, AFTER_PERCENT,
+ CHECKSUM, FULL) = range(1, 11)  # fmt: skip
+"""Why the text is not read any further. `FULL`: there is no room for more words."""
 
+_POWERS = 10.0 ** np.arange(23)
+"""Powers of ten that are exact."""
 _LARGEST = 922337203685477579
 """Ten times this and a digit still is a 64-bit number."""
 
@@ -54,25 +48,20 @@ def split_lines(data: Any) -> Any:
 
 
 @compiled
-def count_letters(data: Any) -> Any:
-    """How many letters stand outside comments: no fewer than there are words."""
+def count_letters(data: Any, everywhere: bool) -> Any:
+    """How many letters stand outside comments, or `everywhere`: then no fewer than there are words."""
     count, closer = 0, 0
     for c in data:
         if closer:
             if c == closer or c in (10, 13):
                 closer = 0
-        elif c == 40:
+        elif c == 40 and not everywhere:
             closer = 41
-        elif c == 59:
+        elif c == 59 and not everywhere:
             closer = 10
         elif 65 <= (c & 0xDF) <= 90:
             count += 1
     return count
-
-
-@inner
-def _upper(c: Any) -> Any:
-    return c - 32 if 97 <= c <= 122 else c
 
 
 @inner
@@ -98,7 +87,7 @@ def _read_number(data: Any, i: int, end: int) -> Any:
     sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
     i = _skip_blanks(data, i, end)
     if i < end and (data[i] == 43 or data[i] == 45):
-        sign = 44 - data[i]
+        sign = -1 if data[i] == 45 else 1
         i += 1
     long = False
     while i < end:
@@ -127,7 +116,7 @@ def _close_bracket(data: Any, i: int, end: int) -> Any:
     """Place behind the bracket that closes the one at `i`, -1 where the line has none."""
     depth = 0
     while i < end:
-        depth += (data[i] == 91) - (data[i] == 93)
+        depth += int(data[i] == 91) - int(data[i] == 93)
         i += 1
         if depth == 0:
             return i
@@ -203,37 +192,25 @@ def _is_keyword(data: Any, i: int, end: int) -> Any:
 
 
 @inner
-def _read_word(data: Any, i: int, end: int, row: int, out: Any) -> Any:
-    """Read the word whose letter is at `i`: its end, its trait and why it is no word, 0 if it is one."""
-    letters, starts, ends, values, digits, decimals = out
-    letter = _upper(data[i])
-    letters[row], starts[row] = letter, i
-    values[row], digits[row], decimals[row] = np.nan, 0, -1
-    if letter == 79:
+def _read_word(data: Any, i: int, end: int) -> Any:
+    """Read the word whose letter is at `i`: its end, digits and decimals, its trait, why it is refused."""
+    number = i + 1 < end and _is_numeric(data[i + 1])
+    if data[i] in (79, 111):
         after, count, places = _read_number(data, i + 1, end)
         plain = places == 0 and not _is_keyword(data, after, end)
-        ends[row] = after if plain else end
-        if plain:
-            values[row], digits[row], decimals[row] = count, count, 0
-        return ends[row], 0 if plain else O_WORD, 0
-    if _is_expression(data, i + 1, end):
+        return after if plain else end, count, 0 if plain else -1, 0 if plain else O_WORD, 0
+    if not number and _is_expression(data, i + 1, end):
         after = _skip_expression(data, _skip_blanks(data, i + 1, end), end)
-        ends[row] = after
-        return after, EXPRESSION, BRACKET if after < 0 else 0
+        return after, 0, -1, EXPRESSION, BRACKET if after < 0 else 0
     after, count, places = _read_number(data, i + 1, end)
-    ends[row] = after
-    if places == -1:
-        return after, 0, NO_NUMBER
-    if places == -2:
-        return after, OTHER, 0
-    values[row], digits[row], decimals[row] = count / 10.0**places, count, places
-    return after, 0, 0
+    return after, count, places, OTHER if places == -2 else 0, NO_NUMBER if places == -1 else 0
 
 
 @inner
-def _is_exponent(data: Any, i: int, end: int, first: bool) -> Any:
-    """Whether an E directly behind a number goes on as the exponent of one."""
-    if first or _upper(data[i]) != 69 or not _is_numeric(data[i - 1]):
+def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
+    """Whether an E directly behind the number of a word, with the letter `before`, may be its exponent."""
+    whole = before in (71, 77, 78, 79, 84, 0)  # M66E0: G, M, N, O and T have none
+    if whole or data[i] & 0xDF != 69 or not _is_numeric(data[i - 1]):
         return False
     return i + 1 < end and (48 <= data[i + 1] <= 57 or data[i + 1] == 43 or data[i + 1] == 45)
 
@@ -261,8 +238,8 @@ def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
         if _is_expression(data, i + 1, end):
             after, places = _skip_expression(data, _skip_blanks(data, i + 1, end), end), 0
         return after, POLAR, BRACKET if after < 0 else NO_NUMBER if places == -1 else 0
-    if c == 44 and i + 1 < end and _is_letter(data[i + 1]):
-        after, _, places = _read_number(data, i + 2, end)
+    if c == 36 or (c == 44 and i + 1 < end and _is_letter(data[i + 1])):
+        after, _, places = _read_number(data, i + (1 if c == 36 else 2), end)
         return after, OTHER, NO_NUMBER if places == -1 else 0
     if c == 42:
         after, _, places = _read_number(data, i + 1, end)
@@ -274,20 +251,25 @@ def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
 
 
 @inner
-def _read_line(data: Any, first: int, end: int, row: int, block: int, blocks: Any, out: Any) -> Any:
+def _read_line(data: Any, first: int, end: int, row: int, block: int, out: Any) -> Any:
     """Read one line: the row after its words, its trait, why it is refused, and where."""
+    blocks, letters, starts, ends, values, digits, decimals = out
     i, open_at = _skip_comments(data, first, end)
     trait, begin = 0, row
     while i < end and open_at < 0:
-        at, why = i, 0
+        at = i
         if _is_letter(data[i]):
-            if _is_exponent(data, i, end, row == begin):
+            if row == letters.size:
+                return row, trait, FULL, i
+            if _is_exponent(data, i, end, letters[row - 1] if row > begin else 0):
                 return row, trait, EXPONENT, i
-            i, found, why = _read_word(data, i, end, row, out)
-            blocks[row] = block
+            i, count, places, found, why = _read_word(data, i, end)
+            blocks[row], letters[row], starts[row], ends[row] = block, data[at] & 0xDF, at, i
+            values[row] = np.nan if places < 0 else count / _power(places)
+            digits[row], decimals[row] = count if places >= 0 else 0, max(places, -1)
             row += why == 0
         elif data[i] == 36 and row == begin:
-            i, found = end, SYSTEM
+            i, found, why = end, SYSTEM, 0
         else:
             i, found, why = _skip_other(data, i, end)
         trait |= found
@@ -297,11 +279,17 @@ def _read_line(data: Any, first: int, end: int, row: int, block: int, blocks: An
     return row, trait, OPEN_COMMENT if open_at >= 0 else 0, open_at
 
 
-@compiled
-def lex(data: Any, lines: Any, blocks: Any, out: Any, traits: Any) -> Any:
-    """Read all words: their number, the line after the last one read, why it ends there (0: all read), where.
+@inner
+def _power(places: int) -> Any:
+    return _POWERS[places] if places < _POWERS.size else 10.0**places
 
-    `out` are the columns letter, start, end, value, digits and decimals. Reading ends at the closing ``%``.
+
+@compiled
+def lex(data: Any, lines: Any, out: Any, traits: Any) -> Any:
+    """Read all words: their number, the line behind them, why reading ends there (0: all is read), where.
+
+    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing
+    ``%``.
     """
     row, opened = 0, False
     for block in range(lines.size - 1):
@@ -317,7 +305,7 @@ def lex(data: Any, lines: Any, blocks: Any, out: Any, traits: Any) -> Any:
                 return row, block, 0, at
             opened = True
             continue
-        row, trait, why, where = _read_line(data, first, end, row, block, blocks, out)
+        row, trait, why, where = _read_line(data, first, end, row, block, out)
         traits[block] = trait
         if why:
             return row, block, why, where

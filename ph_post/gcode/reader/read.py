@@ -10,14 +10,15 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader import codes, splines
-from ph_post.gcode.reader.arcs import solve_arcs
+from ph_post.gcode.reader.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
 from ph_post.gcode.reader.faults import NOT_UNDERSTOOD, Fault, refuse
 from ph_post.gcode.reader.modal import make_modal, number_text
 from ph_post.gcode.reader.modes import resolve
 from ph_post.gcode.reader.moves import trace
-from ph_post.gcode.reader.notes import find_breaks, find_notes
+from ph_post.gcode.reader.notes import find_breaks, find_notes, find_place
 from ph_post.gcode.reader.owords import find_stretches
 from ph_post.gcode.reader.record import CUBIC, NURBS, ByteArray, Motions, Note, PartProgram
+from ph_post.gcode.reader.tasks import choose
 from ph_post.gcode.reader.words import Lexed, find_lines, read_words
 from ph_post.types import Array, IntArray, sealed
 from ph_post.units import INCH, MM
@@ -70,9 +71,9 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
     motions, fault = _follow(lexed, blocks)
     faults = [one for one in (fault, blocks.fault) if one is not None]
     first = min(faults, key=lambda one: one.block, default=None)
-    notes = find_notes(lexed, blocks.whys)
+    notes = find_notes(lexed, data, blocks.whys)
     if strict and notes and (first is None or notes[0].first < first.block):
-        raise _refuse_note(name, data, lexed, notes[0])
+        raise _refuse_note(name, data, lexed, notes[0], int(blocks.whys[notes[0].first]))
     if first is not None:
         raise refuse(name, data, lines, first, _word_end(lexed, first))
     breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
@@ -97,25 +98,23 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
 def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
-    states, feeds = np.zeros(count, np.int64), np.full(count, np.nan)
-    tasks, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
-    words = lexed.words
-    columns = (states, feeds, tasks, marks, whys)
-    stop, refused, word, table = resolve(
-        (words.block, words.letter, words.value),
-        lexed.traits,
-        find_stretches(lexed, data),
-        lexed.end,
-        columns,
-    )
-    ended = stop < lexed.end and not refused
-    after = stop + 1 if ended else stop
-    if 0 < after < count:
-        states[after:], feeds[after:] = states[after - 1], feeds[after - 1]
-    fault = None if ended else lexed.fault
+    states, feeds, tasks = np.zeros(count, np.int64), np.full(count, np.nan), np.zeros(count, np.uint8)
+    motions, zeros = np.full(count, -1, np.int16), np.full(count, -1, np.int16)
+    flags, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
+    columns = (states, feeds, motions, zeros, flags, marks, whys)
+    text = (lexed.words.block, lexed.words.letter, lexed.words.value)
+    stop, refused, word, table = resolve(text, lexed.traits, find_stretches(lexed, data), lexed.end, columns)
+    last = stop + 1 if stop < lexed.end and not refused else stop
+    if 0 < last < count:
+        states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
+    fault = lexed.fault if stop == lexed.end else None
     if refused:
-        tasks[stop] = marks[stop] = whys[stop] = 0
+        marks[stop] = whys[stop] = 0
         fault = _fault_at(lexed, int(stop), int(refused), int(word))
+    sooner, refused, word = choose(text, table, columns, lexed.traits, last, tasks)
+    if refused:
+        last, fault = sooner, _fault_at(lexed, int(sooner), int(refused), int(word))
+        marks[last:], whys[last:] = 0, 0
     return _Blocks(
         states=states,
         feeds=feeds,
@@ -124,7 +123,7 @@ def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
         whys=whys,
         table=table,
         end=int(stop),
-        last=int(after),
+        last=int(last),
         fault=fault,
     )
 
@@ -134,8 +133,9 @@ def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> 
     words = lexed.words
     if word < 0:
         low, high = np.searchsorted(words.block, [block, block + 1])
-        named = [k for k in range(low, high) if chr(words.letter[k]) in "GXYZ" and words.value[k] < 6]
-        word = named[0] if named else int(low)
+        motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
+        axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
+        word = [*motions, *axes, int(low)][0]
     return Fault(block=block, place=int(words.start[word]), code=code, got=got)
 
 
@@ -147,10 +147,10 @@ def _word_end(lexed: Lexed, fault: Fault) -> int | None:
     return None
 
 
-def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note) -> InputError:
-    place = int(lexed.lines[note.first]) + note.column - 1
-    fault = Fault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
-    return refuse(name, data, lexed.lines, fault, _word_end(lexed, fault))
+def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> InputError:
+    start, end = find_place(lexed, data, note.first, why)
+    fault = Fault(block=note.first, place=start, code=NOT_UNDERSTOOD, got=note.what)
+    return refuse(name, data, lexed.lines, fault, end)
 
 
 def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
@@ -166,7 +166,8 @@ def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
     row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
     fault = None
     if why:
-        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii)
+        told = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
+        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if told else ""
         fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
     control, nurbs = drawn
     whole: dict[str, Any] = {

@@ -19,7 +19,8 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
         arcs = np.flatnonzero(motions.kind == ARC)
         length[arcs] = _arc_lengths(program, arcs)
         for k in np.flatnonzero(motions.kind == CUBIC).tolist():
-            length[k] = np.sqrt((np.diff(motions.control[k], axis=0) ** 2).sum(axis=1)).sum()
+            way_k = np.diff(np.nan_to_num(motions.control[k]), axis=0)
+            length[k] = np.sqrt((way_k**2).sum(axis=1)).sum()
         rapid = np.zeros(length.size)
         for column, name in enumerate("XYZ"):
             if name in machine.axes:
@@ -36,8 +37,8 @@ def _arc_lengths(program: PartProgram, arcs: IntArray) -> Array:
     planes = plane_columns(motions.plane[arcs])
     start = np.take_along_axis(motions.start[arcs], planes[:, :2], axis=1) - motions.center[arcs]
     rise = np.take_along_axis(motions.end[arcs] - motions.start[arcs], planes[:, 2:], axis=1)[:, 0]
-    round_ = np.hypot(start[:, 0], start[:, 1]) * motions.angle[arcs]
-    return np.asarray(np.hypot(round_, rise))
+    swept = np.hypot(start[:, 0], start[:, 1]) * motions.angle[arcs]
+    return np.asarray(np.hypot(swept, np.nan_to_num(rise)))
 
 
 def least_acceleration(machine: Machine) -> float:

@@ -106,6 +106,8 @@ def _edits_of(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -
     sign = np.where(latest >= 0, rows[latest, SIGN], 0.0)
     offset[:, AXES.index(axis.name)] = sign * amplitude
     stops, seated = _stops(program, axis, amplitude, rows)
+    if not (stops or offset.any()):
+        return Edits(offset=frozen(offset))
     return Edits(
         offset=frozen(offset), stops=stops, amplitude={axis.name: amplitude},
         pulse={axis.name: SEAT * amplitude} if seated else {},

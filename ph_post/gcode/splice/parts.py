@@ -77,7 +77,7 @@ def _on_arc(motions: Motions, k: int, share: float) -> Array:
 def part_length(motions: Motions, k: int, low: float, high: float) -> float:
     """Length of a part of a motion [m]; of a cubic that of a fine polygon."""
     if motions.kind[k] == CUBIC:
-        points = np.array([place(motions, k, u) for u in np.linspace(low, high, 65)])
+        points = np.nan_to_num([place(motions, k, u) for u in np.linspace(low, high, 65)])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     way = np.nan_to_num(motions.end[k] - motions.start[k])
     if motions.kind[k] != ARC:

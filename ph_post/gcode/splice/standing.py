@@ -12,10 +12,12 @@ from ph_post.gcode.reader.record import CUBIC, NURBS, RAPID, PartProgram
 from ph_post.gcode.splice.view import chain_spans
 from ph_post.types import Array, BoolArray
 
-ROTARY: Final = tuple(ord(letter) for letter in "ABCUVW")
-"""Axes that are not shifted, but move with those that are."""
+_OWN: Final = {
+    "linuxcnc": "BACKLASH in LinuxCNC's ini file",
+    "grblhal": "the backlash settings of grblHAL ($160 on), where it was built with them,",
+}
+"""Where controllers keep a compensation of their own, by dialect."""
 
-_PLACED: Final = tuple(ord(letter) for letter in "XYZIJKR")
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
 
@@ -36,8 +38,6 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     found: dict[str, BoolArray] = {
         "its feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
         "it holds a NURBS (G5.2)": motions.kind == NURBS,
-        "a block of it may be skipped (block delete)": np.isin(motions.block, _skipped(program)),
-        "a number of it is an expression": np.isin(motions.block, _unplain(program)),
         "a G5 of it goes on from the last one without I and J": _continued(program),
     }
     if low.size == 0:
@@ -67,37 +67,15 @@ def program_units(program: PartProgram) -> list[float]:
     return sorted({program.modal[number].units for number in used.tolist()})
 
 
-def has_rotary(program: PartProgram, motion: int) -> bool:
-    """Whether axes other than X, Y and Z move in the block of a motion."""
-    own = program.words_of(int(program.motions.block[motion]))
-    return any(int(program.words.letter[word]) in ROTARY for word in own)
-
-
 def double_compensation(program: PartProgram, dialect: str) -> list[str]:
     """Warn of a controller that compensates a second time."""
     words = program.words
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
     said = [f"line {found[0] + 1} switches the controller's own backlash compensation on (M425)"
             ": both together shift twice"] if found.size else []  # fmt: skip
-    if dialect == "linuxcnc":
-        said.append("BACKLASH in LinuxCNC's ini file must be 0 for the shifted axes, or both shift them")
+    if dialect in _OWN:
+        said.append(f"{_OWN[dialect]} must be 0 for the shifted axes, or both shift them")
     return said
-
-
-def _skipped(program: PartProgram) -> Array:
-    """Blocks with a slash in front of them."""
-    data = np.frombuffer(program.data, dtype=np.uint8)
-    marks = np.flatnonzero(data == ord("/"))
-    blocks = np.searchsorted(program.lines, marks, side="right") - 1
-    starts = program.lines[blocks]
-    return np.array(
-        [
-            block
-            for block, start, mark in zip(blocks.tolist(), starts.tolist(), marks.tolist(), strict=True)
-            if not program.data[start:mark].strip()
-        ],
-        dtype=np.int64,
-    )
 
 
 def _checksummed(program: PartProgram) -> bool:
@@ -111,11 +89,6 @@ def _checksummed(program: PartProgram) -> bool:
         and b"[" not in program.text(block)
         for block in blocks.tolist()
     )
-
-
-def _unplain(program: PartProgram) -> Array:
-    words = program.words
-    return np.asarray(words.block[(words.decimals < 0) & np.isin(words.letter, _PLACED)])
 
 
 def _continued(program: PartProgram) -> BoolArray:

@@ -106,7 +106,10 @@ def original_digits(
 ) -> IntArray:
     """Subtract offsets, `delta` / 10^`places`, from numbers, and bring them to the decimals they had."""
     value = digits - delta * 10 ** (decimals - places)
-    return np.asarray(value // 10 ** (decimals - (style & DECIMALS)))
+    original, rest = np.divmod(value, 10 ** (decimals - (style & DECIMALS)))
+    if rest.any():
+        raise ValueError(rest.max())
+    return np.asarray(original)
 
 
 def _with_odd(pool: Array, bounds: IntArray, odd: dict[int, bytes]) -> tuple[Array, IntArray]:

@@ -32,6 +32,9 @@ from ph_post.gcode.splice.undo import restore
 from ph_post.types import Array, IntArray
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
+_WIDEST: Final = 10**7
+"""Offsets, in steps, that are counted in a table of their own."""
+
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
 
@@ -109,7 +112,7 @@ def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
     """Add to every number what its word changes by."""
     words, shifted = program.words, np.flatnonzero(changed.delta)
     word = changed.candidate[shifted]
-    table, row = np.unique(changed.delta[shifted], return_inverse=True)
+    table, row = _distinct(changed.delta[shifted])
     delta = np.array([_trimmed(count, decimals) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
     digits, places = words.digits[word], words.decimals[word]
     if word.size and (np.abs(digits).max() > _LARGEST or places.max() > DECIMALS // 2):
@@ -133,6 +136,20 @@ def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
     )  # fmt: skip
 
 
+def _distinct(delta: IntArray) -> tuple[IntArray, IntArray]:
+    """Distinct values, of which there are few, and the number of each value among them."""
+    if delta.size == 0:
+        return delta, delta
+    low = int(delta.min())
+    if int(delta.max()) - low > _WIDEST:
+        table, row = np.unique(delta, return_inverse=True)
+        return table, row
+    found = np.flatnonzero(np.bincount(delta - low))
+    number = np.zeros(int(found[-1]) + 1, dtype=np.int64)
+    number[found] = np.arange(found.size)
+    return found + low, number[delta - low]
+
+
 def _trimmed(count: int, decimals: int) -> tuple[int, int]:
     """Write a number of steps with no more decimals than it needs."""
     while decimals > 0 and count % 10 == 0:
@@ -147,8 +164,9 @@ def _body(
     end, line = line_end(program), _head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
-    head = declaration_lines(declaration, dialect.capabilities.max_line)
-    texts = [_joined(head, end), *(_joined(_told(hunk), end) for hunk in hunks)]
+    most = dialect.capabilities.max_line
+    head = declaration_lines(declaration, most)
+    texts = [_joined(head, end), *(_joined(_told(hunk, most), end) for hunk in hunks)]
     places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
     for hunk in hunks:
@@ -186,9 +204,15 @@ def _line_after(line: int, hunks: list[Hunk]) -> int:
     return line
 
 
-def _told(hunk: Hunk) -> list[str]:
-    label = comment_text(", ".join(dict.fromkeys(hunk.label)))
-    return [f"{MARK}+{len(hunk.lines)} -{hunk.removed} {label})", *hunk.lines]
+def _told(hunk: Hunk, max_line: int) -> list[str]:
+    """Lines of a hunk behind the one that counts them; what it is for is cut to the length of a line."""
+    words = list(dict.fromkeys(hunk.label))
+    head = f"{MARK}+{len(hunk.lines)} -{hunk.removed} "
+    label = comment_text(", ".join(words))
+    while len(head) + len(label) + len(")") > max_line:
+        words.pop()
+        label = comment_text(", ".join([*words, "and more"]))
+    return [f"{head}{label})", *hunk.lines]
 
 
 def _joined(lines: list[str], end: str) -> bytes:

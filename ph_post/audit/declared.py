@@ -1,0 +1,178 @@
+"""What a compensated program says of itself, read from its comment lines: a public format, read here anew."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from decimal import Decimal
+from typing import Any
+
+import msgspec
+
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.units import LENGTH_UNITS, MS
+
+_COMPENSATED = re.compile(rb"\(ph-post \S.* compensated this program\)\s*")
+_FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*")
+_MORE = re.compile(rb"\(  (.*)\)\s*")
+"""A fact that is too long for its line goes on in lines that begin with two blanks."""
+
+_BEFORE = re.compile(rb"\s*(?:%.*|O\d+\b.*)?\s*", re.IGNORECASE)
+"""What may stand before the header: blank lines, ``%`` and an O-number."""
+
+_UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*")
+_LEADING = 8
+"""The header begins on one of the first lines."""
+
+_KNOWN = {
+    "original": re.compile(r"original sha256 ([0-9a-f]{64})"),
+    "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)"),
+    "options": re.compile(r"options sha256 ([0-9a-f]*)"),
+    "offset": re.compile(r"offset ([XYZ]) (\d*\.?\d+) (mm|inch)"),
+    "pulse": re.compile(r"pulse ([XYZ]) (\d*\.?\d+) (mm|inch)"),
+    "edits": re.compile(r"(\d+) stops?, (\d+) dips?"),
+    "dwell": re.compile(
+        r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*"
+    ),
+    "dwells": re.compile(r"dwells up to ([.\d]+) s, ([.\d]+) s in all"),
+    "units": re.compile(r"units (mm|inch)"),
+    "note": re.compile(r"note.*"),
+}
+
+
+class Amount(msgspec.Struct, frozen=True, kw_only=True):
+    """A declared length: the exact number, as it is written, and the unit [m]."""
+
+    number: Decimal
+    unit: float
+
+    @property
+    def metres(self) -> float:
+        """In SI."""
+        return float(self.number) * self.unit
+
+
+class Declaration(msgspec.Struct, frozen=True, kw_only=True):
+    """What the header declares.
+
+    `first`, `last` its lines, `tail` the first of the undo lines at the end (the number of lines where there
+    are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike with the
+    `longest` and their sum `dwelt` [s]; `block_time` [s]; `decimals` of lengths;
+    `chord` tolerance [m]; `stops`, `dips` their numbers. `faults` what could not be read, with its line.
+    """
+
+    first: int
+    last: int
+    tail: int
+    original: str = ""
+    machine: str = ""
+    machine_digest: str = ""
+    offsets: Mapping[str, Amount] = {}
+    pulses: Mapping[str, Amount] = {}
+    stops: int | None = None
+    dips: int | None = None
+    dwell: float | None = None
+    longest: float | None = None
+    dwelt: float | None = None
+    decimals: int | None = None
+    chord: float | None = None
+    block_time: float | None = None
+    faults: tuple[tuple[int, str], ...] = ()
+
+
+def read_declared(original: PartProgram, compensated: PartProgram) -> Declaration | None:
+    """Read the header of a compensated program and find its undo lines; None where there is no header."""
+    first = _find_header(compensated)
+    if first is None:
+        return None
+    facts, last = _read_facts(original, compensated, first)
+    fields, wrong = _fields(facts, first)
+    tail, more = _read_tail(compensated, last)
+    return Declaration(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
+
+
+def _find_header(program: PartProgram) -> int | None:
+    for number in range(min(program.blocks, _LEADING)):
+        if _COMPENSATED.fullmatch(program.text(number)):
+            return number
+        if not _BEFORE.fullmatch(program.text(number)):
+            return None
+    return None
+
+
+def _read_facts(
+    original: PartProgram, compensated: PartProgram, first: int
+) -> tuple[list[tuple[int, str]], int]:
+    """Facts of the header with their lines, and the line behind it."""
+    facts: list[tuple[int, str]] = []
+    last, open_lines = first + 1, 0
+    while last < compensated.blocks:
+        text = compensated.text(last)
+        fact, more = _FACT.fullmatch(text), _MORE.fullmatch(text)
+        if fact is not None and not _UNDO.fullmatch(text):
+            facts.append((last, fact[1].decode("latin-1")))
+        elif more is not None and facts:
+            facts[-1] = (facts[-1][0], f"{facts[-1][1]} {more[1].decode('latin-1').strip()}")
+        else:
+            break
+        open_lines = open_lines + 1 if fact is None else 0
+        last += 1
+    # Comments with which the original begins may look as if the last fact went on in them.
+    own = 0
+    while own < open_lines and first + own < original.blocks and _MORE.fullmatch(original.text(first + own)):
+        own += 1
+    return facts, last - own
+
+
+def _fields(facts: list[tuple[int, str]], first: int) -> tuple[dict[str, Any], list[tuple[int, str]]]:
+    """Values of the declaration, and what is said twice, missing, or not understood."""
+    fields: dict[str, Any] = {"offsets": {}, "pulses": {}}
+    faults: list[tuple[int, str]] = []
+    seen: set[str] = set()
+    for number, words in facts:
+        name = next((name for name, pattern in _KNOWN.items() if pattern.fullmatch(words)), None)
+        if name is None:
+            faults.append((number, f"the header tells what is not understood: {words[:40]}"))
+            continue
+        match = _KNOWN[name].fullmatch(words)
+        assert match is not None
+        key = f"{name} {match[1]}" if name in ("offset", "pulse") else name
+        if key in seen and name != "note":
+            faults.append((number, f"the header tells {key} twice"))
+        seen.add(key)
+        _take(fields, name, match)
+    missing = [name for name in ("original", "edits", "dwell") if name not in seen]
+    return fields, faults + [(first, f"the header does not tell {name}") for name in missing]
+
+
+def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
+    """Put one line of the header into the declaration's fields."""
+    if name == "original":
+        fields["original"] = match[1]
+    elif name == "machine":
+        fields["machine"], fields["machine_digest"] = match[1], match[2]
+    elif name in ("offset", "pulse"):
+        fields[f"{name}s"][match[1]] = Amount(number=Decimal(match[2]), unit=LENGTH_UNITS[match[3]])
+    elif name == "edits":
+        fields["stops"], fields["dips"] = int(match[1]), int(match[2])
+    elif name == "dwell":
+        fields["dwell"], fields["decimals"] = float(match[1]), int(match[2])
+        fields["chord"], fields["block_time"] = float(match[3]) * LENGTH_UNITS["mm"], float(match[4]) * MS
+
+    elif name == "dwells":
+        fields["longest"], fields["dwelt"] = float(match[1]), float(match[2])
+
+
+def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, str]]]:
+    """First of the undo lines at the end, and what is wrong with their numbers."""
+    tail, lines = program.blocks, program.blocks
+    while tail > last and _UNDO.fullmatch(program.text(tail - 1)):
+        tail -= 1
+    faults = []
+    for place, number in enumerate(range(tail, lines), 1):
+        match = _UNDO.fullmatch(program.text(number))
+        assert match is not None
+        if (int(match[1]), int(match[2])) != (place, lines - tail):
+            told = f"undo {int(match[1])}/{int(match[2])} where {place}/{lines - tail} belongs"
+            faults.append((number, f"the undo lines are not in order: {told}"))
+    return tail, faults

@@ -1,0 +1,1 @@
+"""What differs between two programs, whoever wrote them: text, tool path, feed, time and states."""

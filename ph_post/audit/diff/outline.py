@@ -1,0 +1,178 @@
+"""The tool path of a program as exact curves in columns: lines, arcs and helices, rational Bézier pieces."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.reader.record import CUBIC, NURBS, PLANE_AXES, Motions
+from ph_post.geometry import fractional
+from ph_post.geometry.nurbs import bezier_spans
+from ph_post.types import Array, IntArray
+
+START, END, CENTER, ANGLE, AXES, FIRST, ORDER = 0, 3, 6, 8, 9, 12, 13
+"""Columns of a piece: start and end (3 each), centre (2), angle, the plane's axes (3), control points."""
+
+COLUMNS: Final = 14
+
+_NODES: Final = np.polynomial.legendre.leggauss(16)
+
+
+class Outline(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The motions of a program as p pieces, one a motion but for NURBS.
+
+    `motion` (p,) their motions; `table` (p, COLUMNS) what each is, SI units: an angle that is not zero makes
+    an arc, an order that is not zero a Bézier piece with so many of the homogeneous `control` points (k, 4).
+    `s` (p + 1,) [m] the way travelled up to each; `first` (m + 1,) the first piece of each motion.
+    """
+
+    motion: IntArray
+    table: Array
+    control: Array
+    s: Array
+    first: IntArray
+
+    @property
+    def length(self) -> float:
+        """Way travelled, rapid moves included [m]."""
+        return float(self.s[-1])
+
+    def way(self, motion: IntArray | int) -> Array:
+        """Way travelled before a motion [m]."""
+        before: Array = np.asarray(self.s[self.first[motion]])
+        return before
+
+    def lengths(self) -> Array:
+        """Length of every motion (m,) [m]."""
+        return np.diff(self.s[self.first])
+
+
+def outline_of(motions: Motions, shift: Array | None = None) -> Outline:
+    """Return the tool path of a program.
+
+    A coordinate that is not known yet is taken to be what it is when it is first known. `shift` (m, 3) [m],
+    where given, is taken off the end of each motion, and off the start of the next.
+    """
+    start, end = _known(motions.start, motions.end)
+    center = motions.center
+    if shift is not None:
+        start, end, center = _without(shift, start, end, motions)
+    count = motions.kind.size
+    table = np.zeros((count, COLUMNS))
+    table[:, START:END], table[:, END:CENTER] = start, end
+    table[:, CENTER:ANGLE], table[:, ANGLE] = center, motions.angle
+    axes = np.array([PLANE_AXES[plane] for plane in (17, 18, 19)], dtype=np.float64)
+    table[:, AXES:FIRST] = axes[np.clip(motions.plane, 17, 19) - 17]
+    motion = np.arange(count, dtype=np.int64)
+    curved = np.flatnonzero((motions.kind == CUBIC) | (motions.kind == NURBS))
+    table, motion, control = _with_splines(motions, table, motion, curved)
+    lengths = _lengths(table, control)
+    s = np.concatenate([[0.0], np.cumsum(lengths, dtype=np.longdouble).astype(np.float64)])
+    first = np.searchsorted(motion, np.arange(count + 1))
+    return Outline(motion=motion, table=table, control=control, s=s, first=first)
+
+
+def _known(start: Array, end: Array) -> tuple[Array, Array]:
+    """Fill what the program has not told yet: unknown coordinates become the next known of their axis."""
+    if np.isfinite(start).all() and np.isfinite(end).all():
+        return start, end
+    both = np.stack([start, end], axis=1).reshape(-1, 3).copy()
+    for values in both.T:
+        known = np.flatnonzero(np.isfinite(values))
+        if known.size == 0:
+            values[:] = 0.0
+            continue
+        nearest = known[np.minimum(np.searchsorted(known, np.arange(values.size)), known.size - 1)]
+        values[:] = np.where(np.isfinite(values), values, values[nearest])
+    return both[0::2], both[1::2]
+
+
+def _without(shift: Array, start: Array, end: Array, motions: Motions) -> tuple[Array, Array, Array]:
+    """Take a shift off starts, ends and centres."""
+    before = np.zeros_like(shift)
+    before[1:] = shift[:-1]
+    pairs = np.array([PLANE_AXES[plane][:2] for plane in (17, 18, 19)])
+    pair = pairs[np.clip(motions.plane, 17, 19) - 17]
+    return start - before, end - shift, motions.center - np.take_along_axis(shift, pair, axis=1)
+
+
+def _with_splines(
+    motions: Motions, table: Array, motion: IntArray, curved: IntArray
+) -> tuple[Array, IntArray, Array]:
+    """Put Bézier pieces in place of the rows of splines."""
+    rows: list[Array] = []
+    owners: list[int] = []
+    points: list[Array] = [np.zeros((0, 4))]
+    count = 0
+    for k in curved.tolist():
+        for piece in _bezier_pieces(motions, k):
+            row = table[k].copy()
+            row[START:END], row[END:CENTER] = piece[0, :3] / piece[0, 3], piece[-1, :3] / piece[-1, 3]
+            row[ANGLE], row[FIRST], row[ORDER] = 0.0, count, len(piece)
+            count += len(piece)
+            rows.append(row)
+            owners.append(k)
+            points.append(piece)
+    if not rows:
+        return table, motion, points[0]
+    plain = np.ones(len(table), dtype=bool)
+    plain[owners] = False
+    owner = np.concatenate([motion[plain], owners])
+    order = np.argsort(owner, kind="stable")
+    return np.concatenate([table[plain], rows])[order], owner[order], np.concatenate(points)
+
+
+def _bezier_pieces(motions: Motions, k: int) -> list[Array]:
+    """Homogeneous control points of the pieces of a spline."""
+    if k in motions.control:
+        control = np.asarray(motions.control[k])
+        return [np.column_stack([control, np.ones(len(control))])]
+    order, points, weights = motions.nurbs[k]
+    knots = clamped_knots(order, len(points))
+    homogeneous = np.column_stack([points * weights[:, None], weights])
+    spans = bezier_spans(order - 1, fractional.rows([knots])[0], fractional.rows(homogeneous))
+    return [np.array(fractional.floats(control)) for _, control in spans]
+
+
+def clamped_knots(order: int, points: int) -> list[int]:
+    """Knots of the curve of G5.2: equal steps, the ends repeated `order` times.
+
+    Examples
+    --------
+    >>> clamped_knots(3, 4)
+    [0, 0, 0, 1, 2, 2, 2]
+    """
+    inside = points - order
+    return [0] * order + list(range(1, inside + 1)) + [inside + 1] * order
+
+
+def _lengths(table: Array, control: Array) -> Array:
+    """Length of every piece [m]."""
+    start, end = table[:, START:END], table[:, END:CENTER]
+    chord = end - start
+    length = np.linalg.norm(chord, axis=1)
+    turned = np.flatnonzero(table[:, ANGLE])
+    if turned.size:
+        axes = table[turned, AXES:FIRST].astype(np.int64)
+        ray = np.take_along_axis(start[turned], axes[:, :2], axis=1) - table[turned, CENTER:ANGLE]
+        rise = np.take_along_axis(chord[turned], axes[:, 2:], axis=1)[:, 0]
+        length[turned] = np.hypot(np.linalg.norm(ray, axis=1) * table[turned, ANGLE], rise)
+    for k in np.flatnonzero(table[:, ORDER]).tolist():
+        length[k] = _spline_length(control[int(table[k, FIRST]) :][: int(table[k, ORDER])])
+    return np.asarray(length)
+
+
+def _spline_length(control: Array) -> float:
+    """Length of a rational Bézier piece by Gauss-Legendre quadrature on eighths [m]."""
+    nodes, weights = _NODES
+    u = ((np.arange(8)[:, None] + 0.5 * (nodes + 1.0)) / 8.0).ravel()
+    n = len(control) - 1
+    basis: Any = [math.comb(n, i) * u**i * (1.0 - u) ** (n - i) for i in range(n + 1)]
+    lower: Any = [n * math.comb(n - 1, i) * u**i * (1.0 - u) ** (n - 1 - i) for i in range(n)]
+    value, rate = np.array(basis).T @ control, np.array(lower).T @ np.diff(control, axis=0)
+    w = value[:, 3:]
+    speed = np.linalg.norm((rate[:, :3] - value[:, :3] / w * rate[:, 3:]) / w, axis=1)
+    return float(np.tile(weights, 8) @ speed / 16.0)

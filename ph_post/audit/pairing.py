@@ -1,0 +1,158 @@
+"""Which motion stands for which, which moves are jogs, and by what each axis is shifted along the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from ph_post.audit.align import NO_HUNK, Alignment
+from ph_post.audit.case import Case
+from ph_post.audit.declared import Amount, Declaration
+from ph_post.audit.orders import Dwells
+from ph_post.gcode.reader.record import LINE, RAPID, Motions
+from ph_post.types import Array, BoolArray, IntArray
+from ph_post.units import MM
+
+AXES = "XYZ"
+
+EXACT = 1e-9
+"""Lengths [m] that differ by no more are the same number: rounding of doubles, over many blocks of G91."""
+
+
+class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The motions of both programs, side by side.
+
+    `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside hunks, and the
+    rapids inside them. `old_hunk`, `new_hunk` the hunk of every motion; `jog` (k,) which of the compensated
+    motions move an axis while the path stands still; `before`, `after` (k, 3) [m] what the axes are shifted
+    by at the start and at the end of each compensated motion.
+    """
+
+    old: IntArray
+    new: IntArray
+    old_hunk: IntArray
+    new_hunk: IntArray
+    jog: BoolArray
+    before: Array
+    after: Array
+
+
+def pair_motions(case: Case, dwells: Dwells) -> Pairing | None:
+    """Pair the motions, and follow what is added to them; None where one has no counterpart.
+
+    `dwells` are those that the compensation added.
+    """
+    one, other = case.original.motions, case.compensated.motions
+    old_hunk, new_hunk = case.lines.old_hunk[one.block], case.lines.new_hunk[other.block]
+    pairs = _pairs(case, old_hunk, new_hunk)
+    if pairs is None:
+        return None
+    old, new = pairs
+    jog = _find_jogs(case, new_hunk, dwells)
+    before, after = _follow_shifts(one, other, old, new, jog)
+    case.findings.count("motions", other.block.size)
+    case.findings.count("jogs", int(jog.sum()))
+    return Pairing(
+        old=old, new=new, old_hunk=old_hunk, new_hunk=new_hunk, jog=jog, before=before, after=after
+    )
+
+
+def _pairs(case: Case, old_hunk: IntArray, new_hunk: IntArray) -> tuple[IntArray, IntArray] | None:
+    """Motions one to one: by their lines outside hunks, and the rapids of each hunk by their order."""
+    one, other, lines = case.original.motions, case.compensated.motions, case.lines
+    old_line = np.zeros(case.original.blocks, dtype=np.int64)
+    new_line = np.zeros(case.compensated.blocks, dtype=np.int64)
+    old_line[lines.old] = new_line[lines.new] = np.arange(lines.old.size)
+    old = np.flatnonzero((old_hunk == NO_HUNK) | (one.kind == RAPID))
+    new = np.flatnonzero((new_hunk == NO_HUNK) | (other.kind == RAPID))
+    old_place = np.where(old_hunk[old] == NO_HUNK, old_line[one.block[old]], -1 - old_hunk[old])
+    new_place = np.where(new_hunk[new] == NO_HUNK, new_line[other.block[new]], -1 - new_hunk[new])
+    if np.array_equal(old_place, new_place):
+        return old, new
+    shared = min(old.size, new.size)
+    apart = np.flatnonzero(old_place[:shared] != new_place[:shared])
+    place = int(apart[0]) if apart.size else shared
+    case.findings.add(
+        "path", "a motion has no counterpart in the other program",
+        original=int(one.block[old[place]]) if place < old.size else None,
+        compensated=int(other.block[new[place]]) if place < new.size else None,
+    )  # fmt: skip
+    return None
+
+
+def _find_jogs(case: Case, hunk: IntArray, dwells: Dwells) -> BoolArray:
+    """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
+    motions = case.compensated.motions
+    way = np.nan_to_num(np.abs(motions.end - motions.start))
+    ahead, behind = dwell_beside(motions.block, hunk, dwells, case.lines)
+    jog = np.zeros(hunk.size, dtype=bool)
+    for axis, (offset, pulse) in declared_ways(case.declared).items():
+        alone = np.all(np.delete(way, axis, axis=1) <= EXACT, axis=1)
+        jog |= alone & is_declared(way[:, axis], offset, pulse)
+    return np.asarray(jog & ahead & behind & (motions.kind == LINE) & (hunk != NO_HUNK))
+
+
+def declared_ways(declared: Declaration) -> dict[int, tuple[float, float]]:
+    """By column of a declared axis: the lasting offset and the largest pulse [m], 0 where there is none."""
+
+    def metres(amounts: Mapping[str, Amount], axis: str) -> float:
+        return amounts[axis].metres if axis in amounts else 0.0
+
+    return {
+        AXES.index(axis): (metres(declared.offsets, axis), metres(declared.pulses, axis))
+        for axis in (*declared.offsets, *declared.pulses)
+    }
+
+
+def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
+    """Whether lengths are a change of the offset, or no longer than a pulse, offset included."""
+    change = (offset > 0.0) & (np.minimum(np.abs(way - offset), np.abs(way - 2.0 * offset)) <= EXACT)
+    return np.asarray((way > EXACT) & (change | (way <= pulse + offset + EXACT) & (pulse > 0.0)))
+
+
+def dwell_beside(
+    block: IntArray, hunk: IntArray, dwells: Dwells, lines: Alignment
+) -> tuple[BoolArray, BoolArray]:
+    """Whether one of the dwells stands between a motion and the one before it, and the one after it.
+
+    Both in the motion's own hunk.
+    """
+    if not dwells.block.size or not block.size:
+        nothing = np.zeros(block.size, dtype=bool)
+        return nothing, nothing
+    place = np.searchsorted(dwells.block, block)
+    previous = np.concatenate([[-1], block[:-1]])
+    following = np.concatenate([block[1:], [np.iinfo(np.int64).max]])
+    last = dwells.block[np.maximum(place - 1, 0)]
+    first = dwells.block[np.minimum(place, dwells.block.size - 1)]
+    ahead = (place > 0) & (last > previous) & (lines.new_hunk[last] == hunk)
+    behind = (place < dwells.block.size) & (first < following) & (lines.new_hunk[first] == hunk)
+    return ahead, behind
+
+
+def _follow_shifts(
+    one: Motions, other: Motions, old: IntArray, new: IntArray, jog: BoolArray
+) -> tuple[Array, Array]:
+    """Shifts at the start and end of each motion: at pairs their difference, between them the jogs."""
+    number = jog.size
+    added = np.where(jog[:, None], np.nan_to_num(other.end - other.start), 0.0)
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(added, axis=0)])
+    known = np.zeros((number + 1, 3))
+    known[new + 1] = np.nan_to_num(other.end[new] - one.end[old])
+    latest = np.zeros(number + 1, dtype=np.int64)
+    latest[new + 1] = new + 1
+    latest = np.maximum.accumulate(latest)
+    shift = known[latest] + total - total[latest]
+    before = shift[:-1].copy()
+    before[new] = np.nan_to_num(other.start[new] - one.start[old])
+    return before, shift[1:]
+
+
+def millimetres(shift: Array) -> str:
+    """Show the shifts of the axes that have one, in a message."""
+    parts = [
+        f"{name} {value / MM:.6g} mm" for name, value in zip(AXES, shift, strict=True) if abs(value) > EXACT
+    ]
+    return ", ".join(parts) or "0"

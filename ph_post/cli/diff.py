@@ -1,0 +1,89 @@
+"""``ph-post diff``: what differs between two programs."""
+
+from __future__ import annotations
+
+import os
+
+import click
+
+from ph_post.cli import options
+
+
+@click.command()
+@click.argument("a", metavar="A")
+@click.argument("b", metavar="B")
+@options.optional_machine
+@click.option(
+    "--tolerance", type=options.positive, default=1e-6, show_default=True, metavar="MM",
+    help="Tool paths that are no farther apart are the same.",
+)  # fmt: skip
+@click.option("--html", metavar="FILE", help="A page with path and feed drawn; it needs no network.")
+@click.option(
+    "--color/--no-color", "colour", default=None,
+    help="Colour, or none. [by default on a terminal, unless NO_COLOR is set]",
+)  # fmt: skip
+@options.common
+def command(
+    a: str,
+    b: str,
+    machine: str | None,
+    tolerance: float,
+    html: str | None,
+    colour: bool | None,
+    as_json: bool,
+) -> int:
+    """Show what differs between the programs A and B, and where the tool would go another way.
+
+    Compared is what the programs do: the tool path as exact lines, arcs and splines, in the order of travel,
+    so that a detour counts also where it runs along another part of the path; the feed along it; the time;
+    and spindle, coolant, tools, offsets and stops. What is not understood is compared as text. Either
+    program may be - for standard input, and need not be written by ph-post.
+
+    Exit status 0: a machine does the same with both. That they are written differently - comments, blanks,
+    N words, spelling, the order of words, a line cut in two - is shown and is no difference. 1: they differ.
+    2: one of them cannot be read.
+
+    With -m rapid moves count in the times, and the contour error that the machine would make is predicted
+    for both.
+
+    \b
+    Examples:
+      ph-post diff part.ngc part_compensated.ngc
+      ph-post diff old.ngc new.ngc --tolerance 0.001 --html diff.html
+      ph-post convert part.ngc -m router | ph-post diff part.ngc - -m router --json
+    """
+    from ph_post.audit.diff.compare import compare_programs
+    from ph_post.io.atomic import write_atomically
+    from ph_post.io.machinefile import read_machine
+    from ph_post.io.programfile import read_program_file
+    from ph_post.io.source import STDIN
+    from ph_post.report.diffpage import make_page
+    from ph_post.report.diffs import comparison_view, print_comparison
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+    from ph_post.units import MM
+
+    if a == b == STDIN:
+        raise click.UsageError("standard input can give one program; got - for both")
+    if as_json and html == STDIN:
+        raise click.UsageError("standard output can take one product; got two for it")
+    with Progress() as stage:
+        stage("reading")
+        drives = None if machine is None else read_machine(machine)
+        programs = (read_program_file(a), read_program_file(b))
+        stage("comparing")
+        found = compare_programs(*programs, tolerance * MM, drives)
+        if html is not None:
+            stage("drawing")
+            write_atomically({html: make_page(found, programs)})
+    if as_json:
+        print_json(comparison_view(found, programs))
+    elif html != STDIN:
+        # A context knows whether its words are coloured; where nobody says, the terminal does.
+        click.get_current_context().color = False if colour is None and "NO_COLOR" in os.environ else colour
+        print_comparison(found, programs)
+    for note in found.notes:
+        click.echo(f"warning: {note}", err=True)
+    if html is not None and html != STDIN:
+        click.echo(f"wrote {html}", err=True)
+    return 0 if found.same else 1

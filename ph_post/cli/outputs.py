@@ -1,0 +1,78 @@
+"""Where a converted program goes: to a file of its own, beside the original, or in its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+from ph_post.errors import InputError
+from ph_post.io.source import STDIN
+
+BACKUP = ".bak"
+"""Ending of a backup where the user names none."""
+
+
+class Target(msgspec.Struct, frozen=True, kw_only=True):
+    """Where the program goes, and where the bytes go that it replaces (None: nowhere)."""
+
+    program: str
+    backup: str | None = None
+
+
+def choose_target(source: str, how: dict[str, Any]) -> Target | None:
+    """Choose by -o, --suffix and --in-place; None where none of them is given.
+
+    Raises
+    ------
+    click.UsageError
+        Where two of them are given, or one that needs a file and the input is none.
+    """
+    wanted = [
+        name
+        for name, given in (
+            ("-o", how["output"]),
+            ("--suffix", how["suffix"]),
+            ("--in-place", how["in_place"]),
+        )
+        if given
+    ]
+    if len(wanted) > 1:
+        raise click.UsageError(f"one place for the program; got {' and '.join(wanted)}")
+    if how["backup"] and not how["in_place"]:
+        raise click.UsageError("--backup is for --in-place, which replaces the original")
+    if not wanted or wanted == ["-o"]:
+        return Target(program=how["output"]) if wanted else None
+    if source == STDIN:
+        raise click.UsageError(f"{wanted[0]} needs a file; got standard input")
+    file = Path(source)
+    if how["suffix"]:
+        return Target(program=str(file.with_name(file.stem + how["suffix"] + file.suffix)))
+    return Target(program=source, backup=f"{source}{how['backup']}" if how["backup"] else None)
+
+
+def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, str | bytes]:
+    """Return what to write by file name.
+
+    Parameters
+    ----------
+    target : Target
+    program, replaced : bytes
+        The new program, and the one that it replaces.
+
+    Raises
+    ------
+    InputError
+        Where the backup would overwrite something else: it may be the only copy of the original.
+    """
+    if target.backup is None:
+        return {target.program: program}
+    there = Path(target.backup)
+    if there.exists() and there.read_bytes() != replaced:
+        raise InputError(
+            target.backup, "the backup is there already and holds something else",
+            expected="another ending after --backup, or that file moved away",
+        )  # fmt: skip
+    return {target.program: program, target.backup: replaced}

@@ -1,0 +1,153 @@
+"""How far a command leaves the path of a program, on the machines that a machine file leaves possible."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from scipy.ndimage import maximum_filter1d
+
+from ph_post.gcode.controller.legs import Legs
+from ph_post.gcode.controller.moves import AXES, limit_table, programmed
+from ph_post.gcode.controller.nearest import distances, follow, shapes_of
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.simulate.assess import at_rest, scenarios
+from ph_post.simulate.contour import ContourError, contour_error, settling_time
+from ph_post.simulate.machine import simulate
+from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
+
+SLACK: Final = 1e-4
+"""What lies so far [m] before and behind the place that is meant always belongs to it."""
+
+GAPS: Final = 2.0
+"""So many times the largest gap may a command be off the path, and its place off the way travelled."""
+
+WIDE: Final = 0.02
+"""How far from the way travelled the place is looked for [m] where a corner is cut."""
+
+
+class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """How far a command leaves the path of a program while the tool cuts, as `assess` tells it of a path.
+
+    `errors` one a scenario, None where nothing is cut. `error` the largest at the file's values, with its
+    `run` and, a row each, the `distance` of the table from the path [m] and whether it is `counted`: rapids
+    are not, nor is the beginning, for five servo time constants. `error_worst` the largest of all. `motion`
+    is the number of the program's motion that every row belongs to, `place` how far along the program [m].
+    """
+
+    scenarios: tuple[Scenario, ...]
+    errors: tuple[ContourError | None, ...]
+    error: ContourError | None
+    error_worst: ContourError | None
+    run: Run
+    distance: Array
+    counted: BoolArray
+    motion: IntArray
+    place: Array
+
+
+class CutPath:
+    """The path of a program, made ready to measure from.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    """
+
+    def __init__(self, program: PartProgram, machine: Machine) -> None:
+        legs = programmed(program, limit_table(machine))
+        kept = np.flatnonzero(legs.length > 0.0)
+        self.legs = Legs(*(np.ascontiguousarray(column[kept]) for column in legs))
+        self.starts = np.concatenate([[0.0], np.cumsum(self.legs.length)])
+        self._shapes = shapes_of(self.legs)
+        self._machine = machine
+
+    def follow(self, command: Command) -> tuple[IntArray, Array]:
+        """Leg of every row of a command, and its place along the program [m]."""
+        position = self._in_space(command.axes, command.position)
+        gaps = [self._machine.axes[name].gap.lost_motion for name in command.axes]
+        return follow(self._shapes, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
+
+    def command_distance(self, command: Command, place: Array) -> Array:
+        """How far a command itself is from the path in every row [m]."""
+        position = self._in_space(command.axes, command.position)
+        return distances(self._shapes, self.starts, position, place, np.full(len(position), SLACK))
+
+    def distance(self, run: Run, place: Array) -> Array:
+        """How far the table is from the path in every row of a run [m]."""
+        executed = self._in_space(run.axes, run.executed)
+        return distances(self._shapes, self.starts, executed, place, SLACK + self._lag(run))
+
+    def _lag(self, run: Run) -> Array:
+        """How far the table may be behind the command in every row [m]."""
+        late = 2.0 * max(self._machine.axes[name].servo.c for name in run.axes)
+        rows = 1 + math.ceil((late + settling_time(self._machine, run.axes)) / run.period)
+        steps = np.sqrt((np.diff(run.commanded, axis=0, prepend=run.commanded[:1]) ** 2).sum(axis=1))
+        fastest = maximum_filter1d(steps, rows, origin=(rows - 1) // 2, mode="nearest")
+        return np.asarray(late / run.period * fastest)
+
+    def _in_space(self, axes: Sequence[str], values: Array) -> Array:
+        """Fill in the axes that the command has not, which stand where the program begins."""
+        full = np.empty((len(values), len(AXES)))
+        begin = self.legs.origin[0] + self.legs.radius[0] * self.legs.first[0]
+        full[:] = begin
+        for number, name in enumerate(axes):
+            full[:, AXES.index(name)] = values[:, number]
+        return full
+
+
+def program_error(
+    command: Command, machine: Machine, program: PartProgram, tried: Sequence[Scenario] = ()
+) -> ProgramError:
+    """Simulate a command in every scenario, and measure how far the table leaves a program's path.
+
+    Parameters
+    ----------
+    command : Command
+        Of this program as it is, or compensated; from a model or a real controller.
+    machine : Machine
+    program : PartProgram
+        The program that says where the path is.
+    tried : sequence of Scenario, optional
+        In place of those that the machine file leaves open.
+    """
+    command = moving_axes(command)
+    path = CutPath(program, machine)
+    tried = tuple(tried) or scenarios(machine, command.axes, at_rest(command))
+    leg, place = path.follow(command)
+    counted = (path.legs.rapid[leg] == 0.0) & (command.t >= settling_time(machine, command.axes))
+
+    def measure(scenario: Scenario) -> tuple[ContourError | None, Run, Array]:
+        run = simulate(command, machine, scenario)
+        distance = path.distance(run, place)
+        return contour_error(distance[counted]), run, distance
+
+    first, *others = tried
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        errors = (measure(first)[0], *pool.map(lambda one: measure(one)[0], others))
+    sizes = [-1.0 if error is None else error.max for error in errors]
+    nominal = [k for k, one in enumerate(tried) if one.gap == one.beta == one.gain == 1.0] or [0]
+    decides, worst = max(nominal, key=lambda k: sizes[k]), int(np.argmax(sizes))
+    _, run, distance = measure(tried[decides])
+    return ProgramError(
+        scenarios=tried, errors=errors, error=errors[decides], error_worst=errors[worst], run=run,
+        distance=distance, counted=counted, motion=path.legs.motion[leg].astype(np.int64), place=place,
+    )  # fmt: skip
+
+
+def moving_axes(command: Command) -> Command:
+    """Leave out the axes that stand still all the time; at least one stays."""
+    moves = [number for number in range(len(command.axes)) if np.ptp(command.position[:, number]) > 0.0] or [
+        0
+    ]
+    if len(moves) == len(command.axes):
+        return command
+    axes = tuple(command.axes[number] for number in moves)
+    return replace(command, axes=axes, position=np.ascontiguousarray(command.position[:, moves]))

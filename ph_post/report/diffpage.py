@@ -1,0 +1,132 @@
+"""A page that shows two programs side by side: one file with its data, its drawing and no network."""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.audit.diff.feet import places
+from ph_post.audit.diff.outline import ANGLE, ORDER, Outline
+from ph_post.audit.diff.record import Comparison
+from ph_post.audit.diff.travel import Side, Travel
+from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.report.diffs import Programs, page_view
+from ph_post.types import Array, IntArray
+from ph_post.units import MM, MM_PER_MIN
+
+POINTS: Final = 30_000
+"""Points of a path that are drawn at most."""
+
+STEPS: Final = 10_000
+"""Steps of the feed that are drawn at most: of more, lowest and highest of neighbours."""
+
+_PLACE: Final = "/*DATA*/null"
+"""Where the page's data go in its template."""
+
+
+def make_page(found: Comparison, programs: Programs) -> str:
+    """Return the page."""
+    data = {
+        **page_view(found, programs),
+        "path": _path(found.travel.outlines[0], programs[0]),
+        "off": [] if found.travel.sides is None else [_off(found.travel, programs, k) for k in (0, 1)],
+        "speed": [_speed(found.travel, programs, k) for k in (0, 1)],
+    }
+    # A "</" inside a script would end it.
+    text = msgspec.json.encode(data).decode().replace("</", "<\\/")
+    template = resources.files(__package__).joinpath("diffpage.html").read_text(encoding="utf-8")
+    return template.replace(_PLACE, text)
+
+
+def _path(outline: Outline, program: PartProgram) -> dict[str, Any]:
+    """Points of the first path [mm], with the line of each and whether it is reached in a rapid move."""
+    if len(outline.table) == 0:
+        return {"x": [], "y": [], "z": [], "line": [], "rapid": []}
+    table = outline.table
+    parts = np.maximum(1, np.ceil(np.abs(table[:, ANGLE]) / np.pi * 32)).astype(np.int64)
+    parts = np.where(table[:, ORDER] > 0.0, 24, parts)
+    piece = np.repeat(np.arange(len(table)), parts)
+    first = np.cumsum(parts) - parts
+    u = (np.arange(piece.size) - first[piece] + 1) / parts[piece]
+    piece, u = np.append(0, piece), np.append(0.0, u)
+    kept = _thinned(piece.size)
+    points = places(table, outline.control, piece[kept], u[kept])
+    motion = outline.motion[piece[kept]]
+    return {
+        **_columns(points),
+        "line": (program.motions.block[motion] + 1).tolist(),
+        "rapid": (program.motions.kind[motion] == RAPID).astype(int).tolist(),
+    }
+
+
+def _thinned(count: int) -> IntArray:
+    """Return at most `POINTS` of so many rows, the last one among them."""
+    step = max(1, -(-count // POINTS))
+    return np.unique(np.append(np.arange(0, count, step), count - 1))
+
+
+def _columns(points: Array, names: str = "xyz") -> dict[str, Any]:
+    return {name: np.round(points[:, k] / MM, 5).tolist() for k, name in enumerate(names)}
+
+
+def _off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
+    """Where one path is not the other: the other's places [mm], and what is between, to be magnified."""
+    assert travel.sides is not None
+    side: Side = travel.sides[k]
+    kept = _thinned(side.deviation.size) if side.deviation.size else np.zeros(0, dtype=np.int64)
+    stretch = np.repeat(np.arange(side.samples.stretch.size - 1), np.diff(side.samples.stretch))
+    away = (side.samples.points - side.feet)[kept]
+    return {
+        **_columns(side.feet[kept]),
+        **{name: np.round(away[:, n] / MM, 7).tolist() for n, name in enumerate(("dx", "dy", "dz"))},
+        "s": np.round((side.samples.ways if k == 0 else side.foot_ways)[kept] / MM, 4).tolist(),
+        "line": (programs[k].motions.block[side.motion(kept)] + 1).tolist(),
+        "stretch": stretch[kept].tolist(),
+    }
+
+
+def _speed(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
+    """Programmed feed along the first path [mm/min], as steps from one way to the next [mm]."""
+    outline, motions = travel.outlines[k], programs[k].motions
+    if motions.kind.size == 0:
+        return {"s": [], "feed": []}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        timed = outline.lengths() / motions.duration
+    feed = np.where(motions.duration > 0.0, timed, motions.feed)
+    feed = np.where((motions.kind == RAPID) | ~np.isfinite(feed), np.nan, feed)
+    ways = _on_first(travel, outline.s[outline.first]) if k else outline.s[outline.first]
+    starts, feed = _steps(ways, feed)
+    return {
+        "s": np.round(starts / MM, 4).tolist(),
+        "feed": [None if np.isnan(one) else round(one / MM_PER_MIN, 3) for one in feed.tolist()],
+    }
+
+
+def _on_first(travel: Travel, ways: Array) -> Array:
+    """Ways along the second path as ways along the first, evenly where the paths differ [m]."""
+    here = np.flatnonzero(travel.found >= 0)
+    a, b = travel.outlines
+    known_a = np.concatenate([[0.0], a.s[a.first[here]], a.s[a.first[here + 1]], [a.length]])
+    there = travel.found[here]
+    known_b = np.concatenate([[0.0], b.s[b.first[there]], b.s[b.first[there + 1]], [b.length]])
+    order = np.lexsort((known_a, known_b))
+    return np.asarray(np.interp(ways, known_b[order], known_a[order]))
+
+
+def _steps(ways: Array, feed: Array) -> tuple[Array, Array]:
+    """Return the ends of the steps, one more than feeds; many of them as lowest and highest of neighbours."""
+    if feed.size <= STEPS:
+        return ways, feed
+    group = -(-feed.size // (STEPS // 2))
+    firsts = np.arange(0, feed.size, group)
+    known = np.where(np.isnan(feed), np.inf, feed)
+    low = np.minimum.reduceat(known, firsts)
+    high = np.maximum.reduceat(np.where(np.isnan(feed), -np.inf, feed), firsts)
+    both = np.stack([low, high], axis=1).ravel()
+    starts = np.append(ways[firsts], ways[-1])
+    middles = 0.5 * (starts[:-1] + starts[1:])
+    edges = np.append(np.stack([starts[:-1], middles], axis=1).ravel(), ways[-1])
+    return edges, np.where(np.isfinite(both), both, np.nan)

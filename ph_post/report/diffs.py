@@ -1,0 +1,282 @@
+"""What a comparison of two programs found: as plain objects for JSON, and as text with colour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import click
+
+from ph_post.audit.diff.record import BlockChange, Comparison, Deviation, FeedChange, Order, Span, Timing
+from ph_post.audit.diff.text import lines_of
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.report.assessments import View, error_view
+from ph_post.report.tables import NOTHING, format_table
+from ph_post.simulate.contour import ContourError
+from ph_post.units import MM, MM_PER_MIN
+
+SHOWN: Final = 12
+"""Rows of a table, and lines of a group of blocks, that are shown; JSON and HTML have all."""
+
+Programs = tuple[PartProgram, PartProgram]
+
+
+def comparison_view(found: Comparison, programs: Programs) -> View:
+    """Return what ``diff --json`` prints; lines count from 1, lengths in mm, feeds in mm/min, times in s."""
+    a, b = found.timing
+    return {
+        "same": found.same,
+        "identical": found.identical,
+        "tolerance": found.tolerance / MM,
+        "files": [_file_view(found, programs, k) for k in (0, 1)],
+        "blocks": [_block_view(one, programs) for one in found.blocks],
+        "geometry": {
+            "max_deviation": None if found.max_deviation is None else found.max_deviation / MM,
+            "without_declared": None if found.undone is None else found.undone / MM,
+            "stretches": [_deviation_view(one) for one in found.deviations],
+        },
+        "feed": {"stretches": [_feed_view(one) for one in found.feeds]},
+        "time": {
+            "a": _timing_view(a),
+            "b": _timing_view(b),
+            "stretches": [
+                {"a": _span(one.a), "b": _span(one.b), "time_a": one.time_a, "time_b": one.time_b}
+                for one in found.times
+            ],
+        },
+        "orders": [{"what": one.what, "a": _line(one.a), "b": _line(one.b)} for one in found.orders],
+        "error": None
+        if found.errors is None
+        else {"a": error_view(found.errors[0]), "b": error_view(found.errors[1])},
+        "notes": list(found.notes),
+    }
+
+
+def _file_view(found: Comparison, programs: Programs, k: int) -> View:
+    program = programs[k]
+    return {
+        "name": program.name, "sha256": program.digest, "lines": program.blocks,
+        "motions": int(program.motions.block.size), "length": found.travel.outlines[k].length / MM,
+        "declares": list(found.declared[k]),
+    }  # fmt: skip
+
+
+def _line(block: int | None) -> int | None:
+    return None if block is None else block + 1
+
+
+def _span(span: Span) -> list[int] | None:
+    """Return first and last line, None where there is none."""
+    return None if span[1] < span[0] else [span[0] + 1, span[1] + 1]
+
+
+def _block_view(one: BlockChange, programs: Programs) -> View:
+    return {
+        "kind": one.kind, "a": _span(one.a), "b": _span(one.b),
+        "text_a": lines_of(programs[0], one.a), "text_b": lines_of(programs[1], one.b),
+    }  # fmt: skip
+
+
+def _deviation_view(one: Deviation) -> View:
+    return {
+        "a": _span(one.a), "b": _span(one.b),
+        "s_a": [s / MM for s in one.s_a], "s_b": [s / MM for s in one.s_b],
+        "deviation": one.amount / MM, "where": {"on": "ab"[one.worst], "line": one.block + 1},
+        "position": [x / MM for x in one.where],
+    }  # fmt: skip
+
+
+def _feed_view(one: FeedChange) -> View:
+    return {
+        "a": _span(one.a), "b": _span(one.b), "s_a": [s / MM for s in one.s_a],
+        "feed_a": _feeds(one.feed_a), "feed_b": _feeds(one.feed_b),
+        "ratio": None if one.ratio is None else list(one.ratio),
+    }  # fmt: skip
+
+
+def _feeds(feeds: tuple[float, float] | None) -> list[float] | None:
+    return None if feeds is None else [feed / MM_PER_MIN for feed in feeds]
+
+
+def _timing_view(one: Timing) -> View:
+    return {
+        "total": one.total, "cutting": one.cutting, "rapids": one.rapids, "dwells": one.dwells,
+        "model": one.model,
+    }  # fmt: skip
+
+
+def print_comparison(found: Comparison, programs: Programs) -> None:
+    """Print what differs: first in short, then blocks, path, feed, time and the rest."""
+    for line in summary(found, programs):
+        click.secho(line, bold=True)
+    for name, declared in zip("AB", found.declared, strict=True):
+        for words in declared:
+            click.echo(f"{name}: {words}")
+    _print_blocks(found, programs)
+    _print_path(found)
+    _print_feeds(found.feeds)
+    _print_times(found)
+    _print_orders(found.orders)
+    _print_errors(found.errors)
+
+
+def summary(found: Comparison, programs: Programs) -> list[str]:
+    """Say in a line what a user of ``diff`` wants to know first."""
+    a, b = programs
+    if found.identical:
+        return [f"{a.name} and {b.name} are identical"]
+    if found.same:
+        written = sum(1 for one in found.blocks if one.kind == "writing")
+        how = "only the writing differs" if written == len(found.blocks) else "other words, the same motion"
+        return [f"{a.name} and {b.name} do the same: {how}"]
+    telling = [one for one in found.blocks if one.kind != "writing"]
+    parts = [
+        _count(len(telling), "group of blocks", "groups of blocks"),
+        _path_words(found),
+        _count(len(found.feeds), "stretch with another feed", "stretches with another feed"),
+        _count(len(found.orders), "other order", "other orders"),
+    ]  # fmt: skip
+    return [f"{a.name} and {b.name} differ: " + ", ".join(part for part in parts if part)]
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return "" if number == 0 else f"1 {one}" if number == 1 else f"{number} {many}"
+
+
+def _path_words(found: Comparison) -> str:
+    if found.max_deviation is None:
+        return "one of them has no motion" if len(found.travel.gaps) else ""
+    if not found.deviations:
+        return "the same tool path"
+    return f"tool paths up to {found.max_deviation / MM:.6g} mm apart"
+
+
+def _print_blocks(found: Comparison, programs: Programs) -> None:
+    """Print the blocks that differ, as ``diff -u`` colours them; where only the writing does, as a number."""
+    telling = [one for one in found.blocks if one.kind != "writing"]
+    for one in telling[:SHOWN]:
+        click.secho(f"@@ {_where(one.a)} | {_where(one.b)} @@", fg="cyan")
+        for k, sign, colour in ((0, "-", "red"), (1, "+", "green")):
+            for text in _few(lines_of(programs[k], (one.a, one.b)[k])):
+                click.secho(f"{sign}{text}", fg=colour)
+    _say_rest(len(telling) - SHOWN, "groups of blocks")
+    written = len(found.blocks) - len(telling)
+    if written:
+        click.echo(
+            f"{_count(written, 'group', 'groups')} of blocks differ in comments, blanks or spelling only"
+        )
+
+
+def _few(lines: Sequence[str]) -> list[str]:
+    """Return so many lines as are shown, with a word on the rest."""
+    if len(lines) <= SHOWN:
+        return list(lines)
+    return [*lines[: SHOWN - 1], f"... {len(lines) - SHOWN + 1} more"]
+
+
+def _where(span: Span) -> str:
+    if span[1] < span[0]:
+        return f"before {span[0] + 1}"
+    return f"{span[0] + 1}" if span[0] == span[1] else f"{span[0] + 1}-{span[1] + 1}"
+
+
+def _say_rest(number: int, what: str) -> None:
+    if number > 0:
+        click.echo(f"and {number} more {what}; --json and --html have all")
+
+
+def _print_path(found: Comparison) -> None:
+    if found.undone is not None:
+        click.echo(f"without what is declared the tool paths are {found.undone / MM:.6g} mm apart")
+    if not found.deviations:
+        return
+    click.secho("tool path, where it deviates (mm):", bold=True)
+    worst = sorted(found.deviations, key=lambda one: -one.amount)[:SHOWN]
+    rows = [
+        (
+            _where(one.a), _where(one.b), f"{one.s_a[0] / MM:.3f}", f"{one.s_a[1] / MM:.3f}",
+            f"{one.amount / MM:.6f}", f"{'AB'[one.worst]}:{one.block + 1}",
+            *(f"{x / MM:.4f}" for x in one.where),
+        )
+        for one in sorted(worst, key=lambda one: one.s_a)
+    ]  # fmt: skip
+    _print_table(("lines of A", "lines of B", "from s", "to s", "deviation", "at line", "X", "Y", "Z"), rows)
+    _say_rest(len(found.deviations) - SHOWN, "stretches, all nearer")
+
+
+def _print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    click.echo(format_table(header, rows))
+
+
+def _print_feeds(feeds: Sequence[FeedChange]) -> None:
+    if not feeds:
+        return
+    click.secho("feed, where it differs (mm/min):", bold=True)
+    rows = [
+        (_where(one.a), _where(one.b), f"{one.s_a[0] / MM:.3f}", f"{one.s_a[1] / MM:.3f}",
+         _between(_feeds(one.feed_a)), _between(_feeds(one.feed_b)),
+         _between(None if one.ratio is None else list(one.ratio)))
+        for one in feeds[:SHOWN]
+    ]  # fmt: skip
+    _print_table(("lines of A", "lines of B", "from s", "to s", "A", "B", "ratio"), rows)
+    _say_rest(len(feeds) - SHOWN, "stretches")
+
+
+def _between(values: Sequence[float] | None) -> str:
+    if values is None:
+        return NOTHING
+    low, high = (f"{value:.4g}" for value in values)
+    return low if low == high else f"{low} to {high}"
+
+
+def _print_times(found: Comparison) -> None:
+    a, b = found.timing
+    if not found.times:
+        return
+    click.secho(f"time: {a.total:.3f} s in A, {b.total:.3f} s in B ({time_words(a)})", bold=True)
+    worst = sorted(found.times, key=lambda one: -abs(one.time_b - one.time_a))[:SHOWN]
+    rows = [
+        (_where(one.a), _where(one.b), f"{one.time_a:.4f}", f"{one.time_b:.4f}",
+         click.style(f"{one.time_b - one.time_a:+.4f}"))
+        for one in sorted(worst, key=lambda one: (one.a, one.b))
+    ]  # fmt: skip
+    _print_table(("lines of A", "lines of B", "A s", "B s", "B - A s"), rows)
+    _say_rest(len(found.times) - SHOWN, "stretches, with smaller changes")
+
+
+def time_words(timing: Timing) -> str:
+    """Say how the times were found."""
+    if timing.model == "controller":
+        return "as a controller runs it"
+    rapids = "rapid moves left out" if timing.rapids is None else "rapid moves at the machine's speed"
+    return f"length over feed, {rapids}, no ramps"
+
+
+def _print_orders(orders: Sequence[Order]) -> None:
+    if not orders:
+        return
+    click.secho("beside the motion:", bold=True)
+    for one in orders[:SHOWN]:
+        if one.b is None:
+            click.secho(f"- A:{_line(one.a)}: {one.what}", fg="red")
+        elif one.a is None:
+            click.secho(f"+ B:{_line(one.b)}: {one.what}", fg="green")
+        else:
+            click.secho(f"! A:{_line(one.a)}, B:{_line(one.b)}: {one.what}", fg="yellow")
+    _say_rest(len(orders) - SHOWN, "orders")
+
+
+def _print_errors(errors: tuple[ContourError | None, ContourError | None] | None) -> None:
+    if errors is None:
+        return
+    click.secho("predicted contour error (mm):", bold=True)
+    rows = [
+        (name, NOTHING, NOTHING) if one is None else (name, f"{one.max / MM:.6f}", f"{one.rms / MM:.6f}")
+        for name, one in zip("AB", errors, strict=True)
+    ]
+    _print_table(("", "max", "rms"), rows)
+
+
+def page_view(found: Comparison, programs: Programs) -> dict[str, Any]:
+    """Return what the page shows beside its pictures."""
+    return {**comparison_view(found, programs), "summary": summary(found, programs)}

@@ -1,0 +1,151 @@
+"""Laws of programs that are compensated with lasting offsets, on random programs in random manners."""
+
+from __future__ import annotations
+
+import random
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+from support.canonical import canonical_calls
+from support.part_programs import distances, played, random_program, samples
+from support.splicing import Compensated, compensate
+
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.splice.header import read_declaration
+from ph_post.gcode.splice.undo import undo
+from ph_post.io.machinefile import read_machine
+from ph_post.types import Machine
+
+MACHINE = read_machine("stepper")
+MM = 1e-3
+
+seeds = st.integers(0, 10**9)
+relaxed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+def compensated(seed: int, **how: bool) -> Compensated:
+    return compensate(random_program(random.Random(seed), **how), MACHINE)
+
+
+@given(seeds)
+@relaxed
+def test_undo_gives_every_byte_back(seed: int) -> None:
+    found = compensated(seed)
+    if found.text == found.program.data:
+        assert not found.edits.stops
+    else:
+        assert undo(found.text, "part.ngc") == found.program.data
+
+
+@given(seeds)
+@relaxed
+def test_lines_outside_hunks_differ_in_declared_numbers_only(seed: int) -> None:
+    found = compensated(seed)
+    if found.text == found.program.data:
+        return
+    declared = read_declaration(found.text)
+    assert declared is not None
+    allowed = {axis: size / declared.units for axis, size in declared.offset.items()}
+    kept = _outside_hunks(found)
+    assert kept
+    for before, after in kept:
+        _compare_lines(before, after, allowed)
+
+
+def _outside_hunks(found: Compensated) -> list[tuple[str, str]]:
+    """Pairs of lines, original and new, that no hunk is about."""
+    old = found.program.data.decode().splitlines()
+    new = found.text.decode().splitlines()
+    pairs, at, n = [], 0, 0
+    while n < len(new):
+        hunk = re.match(r"\(ph-post: \+(\d+) -(\d+) ", new[n])
+        if hunk:
+            n += 1 + int(hunk[1])
+            at += int(hunk[2])
+        elif new[n].startswith("(ph-post"):
+            n += 1
+        else:
+            pairs.append((old[at], new[n]))
+            n, at = n + 1, at + 1
+    assert at == len(old)
+    return pairs
+
+
+def _compare_lines(before: str, after: str, allowed: dict[str, float]) -> None:
+    number = r"([XYZIJKxyzijk])([-+.\d]+)"
+    assert re.sub(number, r"\1", before) == re.sub(number, r"\1", after)
+    axes = {"I": "X", "J": "Y", "K": "Z"}
+    for (letter, one), (_, two) in zip(re.findall(number, before), re.findall(number, after), strict=True):
+        if one == two:
+            continue
+        size = allowed[axes.get(letter.upper(), letter.upper())]
+        # Under G91 a rapid may go from one side to the other.
+        assert min(abs(abs(float(two) - float(one)) - k * size) for k in (1, 2)) < 1e-9, (before, after)
+        assert len(two.partition(".")[2]) >= len(one.partition(".")[2])
+
+
+@given(seeds)
+@relaxed
+def test_a_machine_with_play_cuts_the_original_path(seed: int) -> None:
+    found = compensated(seed, tools=False)
+    shifted = np.array([found.edits.amplitude.get(axis, 0.0) for axis in "XYZ"])
+    result = read_program(found.text, "result.ngc")
+    motor, owner = samples(result)
+    table = played(motor, 2.0 * shifted, np.zeros(3))
+    cutting = np.array([not _is_added(result, k) for k in range(result.motions.kind.size)])[owner]
+    path, _ = samples(found.program, 240)
+    if cutting.any() and found.edits.stops:
+        # The dead band of 5 µm, and chords of the path that is compared with.
+        assert distances(table[cutting], path).max() < 7e-6
+
+
+def _is_added(program: PartProgram, k: int) -> bool:
+    """Whether a motion is no cut, or a jog: alone between two dwells."""
+    block = int(program.motions.block[k])
+    dwells = (program.text(block - 1).upper(), program.text(block + 1).upper())
+    return bool(program.motions.kind[k] == RAPID) or all(line.startswith(b"G4 P0.01") for line in dwells)
+
+
+@given(seeds)
+@relaxed
+def test_the_offset_is_none_at_the_end_of_every_chain(seed: int) -> None:
+    found = compensated(seed)
+    last = np.append(np.diff(found.program.motions.chain) != 0, True)[: found.program.motions.kind.size]
+    assert not found.edits.offset[last].any()
+
+
+@pytest.mark.skipif(shutil.which("rs274") is None, reason="LinuxCNC's interpreter rs274 is not installed")
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_linuxcnc_s_interpreter_finds_nothing_else_changed(seed: int) -> None:
+    found = compensated(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        before = canonical_calls(found.program.data, Path(folder))
+        after = canonical_calls(found.text, Path(folder))
+    if before is not None:
+        assert after is not None
+        assert after.others == before.others
+
+
+@given(seeds)
+@settings(max_examples=20, deadline=None)
+def test_without_lost_motion_nothing_changes(seed: int) -> None:
+    assert compensate(random_program(random.Random(seed)), _tight(MACHINE)).text == random_program(
+        random.Random(seed)
+    )
+
+
+def _tight(machine: Machine) -> Machine:
+    axes = {
+        name: replace(axis, gap=replace(axis.gap, lost_motion=1e-3 * MM))
+        for name, axis in machine.axes.items()
+    }
+    return replace(machine, axes=axes)

@@ -1,0 +1,47 @@
+"""Programs compensated with lasting offsets, from bytes to bytes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.splice.header import Declaration, declare
+from ph_post.gcode.splice.lasting import plan_offsets
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.splice.record import Edits
+from ph_post.gcode.splice.write import splice
+from ph_post.types import Machine
+
+ENOUGH = 1000.0
+"""Times the program's time that may be added: all reversals are followed."""
+
+
+@dataclass(frozen=True)
+class Compensated:
+    """A program, what is changed in it, and the text that comes of it."""
+
+    program: PartProgram
+    edits: Edits
+    declaration: Declaration
+    text: bytes
+
+
+def compensate(
+    data: bytes, machine: Machine, *, dialect: str = "linuxcnc", max_slowdown: float = ENOUGH
+) -> Compensated:
+    """Read, plan and write."""
+    program = read_program(data, "part.ngc")
+    options = SpliceOptions(max_slowdown=max_slowdown)
+    edits = plan_offsets(program, machine, find_dialect(dialect), options)
+    return with_edits(program, edits, machine, dialect)
+
+
+def with_edits(program: PartProgram, edits: Edits, machine: Machine, dialect: str) -> Compensated:
+    """Write changes that are told beforehand."""
+    declaration = declare(
+        program, edits, machine, find_dialect(dialect), SpliceOptions(), options_digest="0" * 64
+    )
+    text = splice(program, edits, find_dialect(dialect), declaration)
+    return Compensated(program=program, edits=edits, declaration=declaration, text=text)

@@ -1,0 +1,227 @@
+"""Where lasting offsets change: reversals across blocks, in arcs and splines, through rests and rapids."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.splicing import ENOUGH
+
+from ph_post.errors import InputError
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.splice.lasting import SEAT, plan_offsets
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.splice.record import Edits, Stop
+from ph_post.io.machinefile import read_machine
+from ph_post.types import Machine
+
+MM = 1e-3
+STEPPER = read_machine("stepper")
+HALF = {"X": 0.03 * MM, "Y": 0.04 * MM, "Z": 0.015 * MM}
+
+
+def plan(text: str, *, dialect: str = "linuxcnc", machine: Machine = STEPPER, **how: float) -> Edits:
+    options = SpliceOptions(**{"max_slowdown": ENOUGH, **how})
+    return plan_offsets(read_program(text.encode(), "part.ngc"), machine, find_dialect(dialect), options)
+
+
+def of_axis(edits: Edits, axis: str) -> list[tuple[int, float, float]]:
+    """Stops of an axis: the motion, the share, what is shifted for good [halves of the lost motion]."""
+    return [
+        (stop.motion, stop.share, round(_lasting(stop, axis) / HALF[axis], 9))
+        for stop in edits.stops
+        if any(shift.axis == axis for shift in stop.shifts)
+    ]
+
+
+def _lasting(stop: Stop, axis: str) -> float:
+    return sum(shift.travel for shift in stop.shifts if shift.axis == axis)
+
+
+def signs(edits: Edits, axis: str) -> list[int]:
+    return np.rint(edits.offset[:, "XYZ".index(axis)] / HALF[axis]).astype(int).tolist()
+
+
+START = "G21 G90 G17 F600\nG0 X0 Y0\n"
+
+
+def test_a_corner_that_turns_back() -> None:
+    edits = plan(START + "G1 X10\nX4\nM2\n")
+    assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, 1.0, -2.0), (2, 1.0, 1.0)]
+    assert signs(edits, "X") == [1, -1, 0]
+    assert edits.amplitude == {"X": pytest.approx(HALF["X"], rel=1e-12)}
+
+
+def test_behind_a_rapid_the_axis_comes_from_beyond_its_gap() -> None:
+    first = plan(START + "G1 X10\nM2\n").stops[0]
+    ways = [shift.travel / HALF["X"] for shift in first.shifts]
+    assert ways == pytest.approx([-SEAT, SEAT + 1.0])
+    assert plan(START + "G1 X10\nM2\n").pulse["X"] == pytest.approx(SEAT * HALF["X"])
+
+
+def test_an_arc_turns_at_its_quadrants() -> None:
+    edits = plan(START + "G3 X0 Y0 I-10 J0\nM2\n")
+    assert of_axis(edits, "X") == [
+        (0, 1.0, -1.0),
+        (1, pytest.approx(0.5), 2.0),
+        (1, 1.0, -1.0),
+    ]
+    shares = [share for _, share, _ in of_axis(edits, "Y")]
+    assert shares == [1.0, pytest.approx(0.25), pytest.approx(0.75), 1.0]
+
+
+def test_an_arc_of_several_turns() -> None:
+    edits = plan(START + "Z5\nG1 Z0\nG2 X0 Y0 Z-3 I10 J0 P3\nG0 Z5\nX0\nM2\n")
+    shares = [share for motion, share, _ in of_axis(edits, "X") if motion == 3]
+    assert shares == [pytest.approx(n / 6) for n in range(1, 6)]
+
+
+def test_the_reversal_of_an_arc_begun_just_before_its_quadrant_is_at_the_joint() -> None:
+    # Ends of arcs are rounded: here the quadrant lies 1 µm behind the arc's start, X gets 25 fm on.
+    edits = plan(START + "G1 X20\nG3 X0 Y20.001 I-20 J0.001\nM2\n")
+    assert [(motion, share) for motion, share, _ in of_axis(edits, "X")][1] == (1, 1.0)
+
+
+def test_a_spline_turns_where_its_derivative_vanishes() -> None:
+    # X = 3 u (1 - u)² 20 + 3 u² (1 - u) 20 = 60 u (1 - u): extreme in the middle.
+    edits = plan(START + "G5 X0 Y30 I20 J10 P20 Q-10\nM2\n")
+    assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, pytest.approx(0.5), -2.0), (1, 1.0, 1.0)]
+
+
+def test_a_rest_is_left_at_its_first_corner() -> None:
+    edits = plan(START + "G1 X10\nY3\nY9\nX0\nM2\n")
+    assert of_axis(edits, "X")[1] == (1, 1.0, -2.0)
+
+
+def test_a_rest_between_smooth_joints_and_a_corner_is_left_at_the_corner() -> None:
+    edits = plan(START + "G1 X8\nG3 X10 Y2 R2\nG1 Y9\nX0\nM2\n")
+    assert of_axis(edits, "X")[1] == (3, 1.0, -2.0)
+
+
+def test_a_rest_is_left_behind_a_rapid_before_the_tool_goes_down() -> None:
+    edits = plan("G21 G90 G17 F600\nG0 X-5 Y0 Z5\nX0\nG1 Z-1\nX-4\nG0 Z5\nX-5 Y0\nM2\n")
+    assert of_axis(edits, "X") == [(1, 1.0, -2.0)]
+    assert signs(edits, "X") == [0, -1, -1, -1, -1, 0]
+
+
+def test_a_rapid_carries_the_change_itself() -> None:
+    edits = plan(START + "G1 X10\nG0 X4\nG1 X2\nG0 X9\nX0\nM2\n")
+    assert of_axis(edits, "X") == [(0, 1.0, 1.0)]
+    assert signs(edits, "X") == [1, 1, -1, -1, 1, 0]
+
+
+def test_a_rapid_that_moves_another_axis_carries_nothing() -> None:
+    edits = plan(START + "Z5\nG1 X10\nG0 Z6\nG1 X2\nM2\n")
+    assert of_axis(edits, "X")[1] == (2, 1.0, -2.0)
+
+
+def test_planes_and_helices() -> None:
+    edits = plan("G21 G90 G18 F600\nG0 X0 Y0 Z0\nG2 X0 Z0 Y2 I10 K0\nM2\n")
+    assert [share for _, share, _ in of_axis(edits, "Z")] == [
+        1.0,
+        pytest.approx(0.25),
+        pytest.approx(0.75),
+        1.0,
+    ]
+    assert [share for _, share, _ in of_axis(edits, "X")] == [1.0, pytest.approx(0.5), 1.0]
+    assert of_axis(edits, "Y") == [(0, 1.0, 1.0), (1, 1.0, -1.0)]
+
+
+def test_small_excursions_are_not_followed() -> None:
+    wiggle = START + "G1 X10\nX9.996\nX20\nX19.99\nX30\nM2\n"
+    assert [motion for motion, _, _ in of_axis(plan(wiggle), "X")] == [0, 3, 4, 5]
+    assert [motion for motion, _, _ in of_axis(plan(wiggle, tolerance=0.02 * MM), "X")] == [0, 5]
+
+
+def test_the_reversal_is_at_the_extreme_not_where_the_dead_band_is_left() -> None:
+    edits = plan(START + "G1 X10\nX9.998\nX9.996\nX9.99\nX0\nM2\n")
+    assert of_axis(edits, "X")[1][:2] == (1, 1.0)
+
+
+def test_at_the_beginning_of_a_chain_a_change_waits_for_the_first_rapid() -> None:
+    edits = plan(START + "G92 X0 Y0\nG0 Y5\nG0 Y6\nG1 X5\nM2\n")
+    assert of_axis(edits, "X")[0] == (1, 1.0, 1.0)
+
+
+def test_a_tool_change_separates() -> None:
+    edits = plan(START + "G1 X10\nM6 T1\nG0 X0\nG1 X5\nG0 X0\nM2\n")
+    assert signs(edits, "X") == [1, 0, 1, 1, 0]
+    assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, 1.0, -1.0), (2, 1.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("motion", "why"),
+    [
+        ("G2 X5 Y5 Z-2 I5 J0\nG0 Z5\nM6 T2\n", ""),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 Z-2 I5 J0", "begins where Z is not known"),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 I5 J0", ""),
+    ],
+)
+def test_motions_that_cannot_be_divided(motion: str, why: str) -> None:
+    edits = plan(f"{START}Z2\n{motion}\nM2\n")
+    told = [said for said in edits.warnings if "carries no lasting offset" in said]
+    assert [why in said for said in told] == ([True] if why else [])
+
+
+def test_a_stop_in_the_middle_of_a_feed_costs_its_ramps() -> None:
+    saw = START + "".join(f"G1 X{10 * (n % 2)}\n" for n in range(1, 40)) + "M2\n"
+    circles = START + "G3 X0 Y0 I-3.1 J0\n" * 20 + "M2\n"
+    # Both have 40 changes in 40 seconds; in the corners of the saw the machine stops anyway.
+    assert len(plan(saw, max_slowdown=0.08).stops) == len(plan(saw).stops) == 40
+    told = plan(circles, max_slowdown=0.08)
+    assert not told.stops
+    assert "--max-slowdown" in told.warnings[0]
+
+
+def test_the_dead_band_is_raised_before_an_axis_is_given_up() -> None:
+    # Many excursions of 10 µm, below half the lost motion, and one large one.
+    small = "".join(f"G1 X{20 + n * 1}\nX{20 + n * 1 - 0.01}\n" for n in range(60))
+    text = START + small + "G1 X-40\nM2\n"
+    edits = plan(text, max_slowdown=0.01)
+    assert 3 <= len(edits.stops) < 10
+    assert any("not followed" in said and "--max-slowdown" in said for said in edits.warnings)
+    assert len(plan(text).stops) > 100
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("G21 G90\nG0 X0\nG95 G1 X10 F0.1\nX0\nM2\n", "feed"),
+        ("G21 G90 F600\nG0 X0 Y0\nG1 X10\nG20\nX0\nM2\n", "inches"),
+        ("G21 G90 F600\nG10 L2 P1 R30\nG0 X0 Y0\nG1 X10\nX0\nM2\n", "turns the work system"),
+        ("N1 G21 G90 F600*1\nN2 G0 X0*2\nN3 G1 X10*3\nN4 X0*4\nM2\n", "checksum"),
+    ],
+)
+def test_what_is_left_alone_is_named(text: str, why: str) -> None:
+    edits = plan(text, dialect="grbl")
+    assert not edits.stops
+    assert not edits.offset.any()
+    assert any(why in said for said in edits.warnings)
+
+
+def test_amplitudes_are_on_the_grid_of_the_program_s_unit() -> None:
+    inch = plan("G20 G90 F10\nG0 X0\nG1 X1\nX0\nM2\n", dialect="grbl")
+    assert inch.amplitude["X"] / 25.4e-3 == pytest.approx(0.00118, abs=1e-12)
+
+
+def test_too_few_decimals_are_refused() -> None:
+    coarse = find_dialect("grbl")
+    coarse = replace(coarse, capabilities=replace(coarse.capabilities, decimals=2))
+    program = read_program((START + "G1 X5\nX0\nM2\n").encode(), "part.ngc")
+    with pytest.raises(InputError, match="decimals of grbl are too few for an offset of axis X"):
+        plan_offsets(program, STEPPER, coarse, SpliceOptions())
+
+
+def test_double_compensation_is_warned_of() -> None:
+    linuxcnc = plan(START + "G1 X5\nX0\nM2\n")
+    assert any("BACKLASH" in said for said in linuxcnc.warnings)
+    assert any("friction" in said for said in linuxcnc.warnings)
+    marlin = plan("M425 F1\n" + START + "G1 X5\nX0\nM2\n", dialect="grbl")
+    assert any("M425" in said for said in marlin.warnings) or not marlin.stops
+
+
+def test_axes_inside_their_loop_carry_nothing() -> None:
+    edits = plan(START + "G1 X10\nX4\nM2\n", machine=read_machine("paper"))
+    assert (edits.stops, edits.amplitude, edits.warnings) == ((), {}, ())
+    assert not edits.offset.any()

@@ -1,0 +1,201 @@
+"""The head of compensated programs, and the way back to the original."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.splicing import compensate
+
+from ph_post.errors import InputError
+from ph_post.gcode.splice import write
+from ph_post.gcode.splice.header import Declaration, declaration_lines, read_declaration
+from ph_post.gcode.splice.merge import merge
+from ph_post.gcode.splice.payload import Payload, payload_lines, read_payload
+from ph_post.gcode.splice.record import Dip, Edits, Shift, Stop
+from ph_post.gcode.splice.rewrite import assemble, read_styles, write_numbers
+from ph_post.gcode.splice.undo import undo
+from ph_post.io.machinefile import read_machine
+
+MM = 1e-3
+INCH = 25.4e-3
+STEPPER = read_machine("stepper")
+PROGRAM = b"%\nO12 (slot)\nG21 G90 G17 F600\nG0 X0 Y0\nG1 X10\nY3\nX0\nG0 X9\nM2\n%\n"
+
+FULL = Declaration(
+    version="0.1.0", digest="0123456789abcdef" * 4, machine="old mill, no. 2", machine_digest="ab" * 8,
+    options_digest="cd" * 8, units=INCH, offset={"X": 0.001181 * INCH, "Y": 0.0005 * INCH},
+    pulse={"Z": 0.0012 * INCH}, stops=12, dips=3, dwell=0.01, decimals=5, chord_tolerance=0.001 * MM,
+    block_time=5e-3, path_mode="G64 P0.00004 Q0", notes=("rapids are left alone",),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [70, 255])
+@pytest.mark.parametrize("before", ["", "%\n", "%\r\nO5\r\n"])
+def test_a_head_is_read_as_it_was_written(width: int, before: str) -> None:
+    lines = declaration_lines(FULL, width)
+    assert max(map(len, lines)) <= width
+    found = read_declaration((before + "\n".join(lines) + "\n(ph-post: +1 -0 X up)\nG0 X0\n").encode())
+    assert found is not None
+    assert found.offset == pytest.approx(FULL.offset, rel=1e-12)
+    assert found.pulse == pytest.approx(FULL.pulse, rel=1e-12)
+    exact = {"offset": {}, "pulse": {}, "chord_tolerance": 0.0, "block_time": 0.0}
+    assert replace(found, **exact) == replace(FULL, **exact)
+    assert (found.chord_tolerance, found.block_time) == pytest.approx((1e-6, 5e-3))
+
+
+def test_the_head_stands_behind_percent_and_number() -> None:
+    text = compensate(PROGRAM, STEPPER).text.decode().splitlines()
+    assert text[:2] == ["%", "O12 (slot)"]
+    assert re.fullmatch(r"\(ph-post .* compensated this program\)", text[2])
+
+
+def test_other_programs_declare_nothing() -> None:
+    assert read_declaration(PROGRAM) is None
+    assert read_declaration(b"(ph-post 0.1.0, strategy auto)\nG0 X0\n") is None
+
+
+def test_a_damaged_head_is_refused() -> None:
+    text = compensate(PROGRAM, STEPPER).text.replace(b"original sha256", b"original sha")
+    with pytest.raises(InputError, match="head of the compensated program is damaged"):
+        read_declaration(text)
+
+
+def test_the_same_job_is_told_by_version_machine_and_options() -> None:
+    assert FULL.same_job(replace(FULL, stops=1, digest=""))
+    for change in ({"version": "0.2.0"}, {"machine_digest": "ee" * 8}, {"options_digest": ""}):
+        assert not FULL.same_job(replace(FULL, **change))
+
+
+def test_a_second_compensation_is_refused() -> None:
+    once = compensate(PROGRAM, STEPPER).text
+    with pytest.raises(InputError, match="marks of an earlier compensation"):
+        compensate(once, STEPPER)
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+@pytest.mark.parametrize("last", [True, False])
+def test_undo_gives_every_byte_back(end: bytes, last: bool) -> None:
+    data = PROGRAM.replace(b"\n", end) if last else PROGRAM.replace(b"\n", end)[: -len(end)]
+    found = compensate(data, STEPPER).text
+    assert found.count(end) > data.count(end)
+    assert undo(found, "slot.ngc") == data
+
+
+def test_a_program_that_was_not_compensated_cannot_be_undone() -> None:
+    with pytest.raises(InputError, match=r"^slot.ngc: there is nothing to undo"):
+        undo(PROGRAM, "slot.ngc")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"X10.03", b"X10.04"),
+        (b"Y2.96", b"Y2.96 Z1"),
+        (b"G0 X9", b"G0 X9\nG0 X9"),
+        (b"Y3\n", b""),
+        (b"+4 -0", b"+3 -0"),
+        (b"+4 -0", b"+4 -1"),
+        (b"(ph-post: undo 1/", b"(ph-post: undo 2/"),
+        (b"undo 1/1 eJ", b"undo 1/1 AA"),
+        (b"M2", b"M30"),
+    ],
+)
+def test_a_program_changed_by_hand_is_not_undone(old: bytes, new: bytes) -> None:
+    text = compensate(PROGRAM, STEPPER).text
+    damaged = text.replace(old, new)
+    if damaged != text:
+        with pytest.raises(InputError, match="undo"):
+            undo(damaged, "slot.ngc")
+
+
+def test_where_the_inverse_fails_the_whole_original_is_packed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(write, "restore", lambda text, name: b"")
+    found = compensate(PROGRAM, STEPPER).text
+    assert read_payload(found, "slot.ngc")[0].whole == PROGRAM
+    assert undo(found, "slot.ngc") == PROGRAM
+
+
+@pytest.mark.parametrize("width", [60, 70, 255])
+@pytest.mark.parametrize("size", [0, 10, 3000, 200_000])
+def test_payloads_of_any_size(width: int, size: int) -> None:
+    payload = Payload(removed=np.random.default_rng(1).bytes(size), delta=((-25, 3),), odd={3: b"1 0"})
+    lines = payload_lines(payload, width)
+    assert max(map(len, lines)) <= width
+    assert read_payload("\n".join(["M2", *lines]).encode(), "a")[0] == payload
+
+
+@pytest.mark.parametrize(
+    ("text", "digits", "decimals", "odd"),
+    [
+        ("X10", 10, 0, False),
+        ("X10.", 10, 0, False),
+        ("X-0.50", -50, 2, False),
+        ("X+.5", 5, 1, False),
+        ("X007.25", 725, 2, False),
+        ("X0", 0, 0, False),
+        ("X.0", 0, 1, False),
+        ("X-0", 0, 0, True),
+        ("X 1 0", 10, 0, True),
+        ("X1 .5", 15, 1, True),
+        ("X-123456789.123456", -123456789123456, 6, False),
+    ],
+)
+def test_styles_of_numbers(text: str, digits: int, decimals: int, odd: bool) -> None:
+    data = np.frombuffer(text.encode(), np.uint8)
+    one = np.array([digits]), np.array([decimals])
+    style, found = read_styles(data, np.array([0]), np.array([len(text)]), *one)
+    assert bool(found[0]) == odd
+    if not odd:
+        pool, bounds = write_numbers(one[0], style)
+        assert pool.tobytes().decode() == text[1:]
+        assert bounds.tolist() == [0, len(text) - 1]
+
+
+def test_spans_are_put_in_place_of_others() -> None:
+    data, pool = (np.frombuffer(text, np.uint8) for text in (b"abcdef", b"123"))
+    first, last = np.array([0, 1, 3]), np.array([1, 3, 3])
+    out = assemble(data, np.array([0, 2, 4]), np.array([0, 3, 6]), pool, first, last)
+    assert out.tobytes() == b"1ab23d"
+
+
+def _stop(axis: str, motion: int, share: float, pause: float = 0.01) -> Stop:
+    return Stop(
+        motion=motion, share=share, pause=pause,
+        shifts=(Shift(axis=axis, travel=1e-5, velocity=0.01, pause=0.01),),
+    )  # fmt: skip
+
+
+def test_changes_of_different_axes_are_merged() -> None:
+    offset = np.zeros((3, 3))
+    x, y = offset.copy(), offset.copy()
+    x[:, 0], y[:, 1] = 1e-5, 2e-5
+    a = Edits(
+        offset=x, stops=(_stop("X", 1, 0.5), _stop("X", 2, 1.0)), amplitude={"X": 1e-5}, warnings=("w",)
+    )
+    b = Edits(
+        offset=y, stops=(_stop("Y", 0, 1.0), _stop("Y", 2, 1.0, 0.03)), pulse={"Y": 1e-5}, warnings=("w", "v")
+    )
+    both = merge(a, b)
+    assert [(stop.motion, stop.share) for stop in both.stops] == [(0, 1.0), (1, 0.5), (2, 1.0)]
+    assert [shift.axis for shift in both.stops[2].shifts] == ["X", "Y"]
+    assert both.stops[2].pause == 0.03
+    assert both.offset.tolist() == (x + y).tolist()
+    assert (both.amplitude, both.pulse, both.warnings) == ({"X": 1e-5}, {"Y": 1e-5}, ("w", "v"))
+
+
+def test_one_axis_or_one_stretch_twice_is_refused() -> None:
+    offset = np.zeros((3, 3))
+    a = Edits(offset=offset, amplitude={"X": 1e-5})
+    with pytest.raises(InputError, match="both shift axis X"):
+        merge(a, a)
+    one = Edits(offset=offset, dips=(_dip(0.2, 0.5),))
+    assert len(merge(one, Edits(offset=offset, dips=(_dip(0.5, 0.7),))).dips) == 2
+    with pytest.raises(InputError, match="two feeds"):
+        merge(one, Edits(offset=offset, dips=(_dip(0.4, 0.7),)))
+
+
+def _dip(low: float, high: float) -> Dip:
+    return Dip(motion=np.array([1, 1]), share=np.array([low, high]), duration=np.array([1.0]))

@@ -1,0 +1,258 @@
+"""Changes written into programs: hunks, modal words, splits, feed dips, and lines that stay as they are."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from support.part_programs import distances, samples
+from support.splicing import Compensated, compensate, with_edits
+
+from ph_post.errors import InputError
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.record import RAPID
+from ph_post.gcode.splice.record import Dip, Edits, Shift, Stop
+from ph_post.gcode.splice.undo import undo
+from ph_post.io.machinefile import read_machine
+
+MM = 1e-3
+STEPPER = read_machine("stepper")
+START = "G21 G90 G17 F600\nG0 X0 Y0\n"
+
+
+def lines(found: Compensated) -> list[str]:
+    """Lines of a result without its comments."""
+    return [one for one in found.text.decode().splitlines() if not one.startswith(("(ph-post", "(  "))]
+
+
+def changed(text: str, *, dialect: str = "linuxcnc", **edits: object) -> Compensated:
+    """Write changes that are told on motions."""
+    program = read_program(text.encode(), "part.ngc")
+    offset = np.zeros((program.motions.kind.size, 3))
+    found = with_edits(program, Edits(**{"offset": offset, **edits}), STEPPER, dialect)
+    assert not edits or undo(found.text, "part.ngc") == program.data
+    return found
+
+
+def dip(motion: list[int], share: list[float], duration: list[float]) -> Dip:
+    return Dip(motion=np.array(motion), share=np.array(share), duration=np.array(duration))
+
+
+def pulse(motion: int, share: float, size: float = 0.01 * MM) -> Stop:
+    out = Shift(axis="X", travel=size, velocity=0.004, pause=0.02)
+    back = Shift(axis="X", travel=-size, velocity=0.004, pause=0.02)
+    return Stop(motion=motion, share=share, pause=0.01, shifts=(out, back))
+
+
+def test_without_changes_the_bytes_are_the_same() -> None:
+    text = "%\r\n o1 (x)\r\n g0x1\r\n\r\n"
+    assert changed(text).text == text.encode()
+
+
+def test_a_pulse_behind_a_line() -> None:
+    found = changed(START + "G1 X10\nY5\nM2\n", stops=(pulse(1, 1.0),))
+    assert lines(found)[3:-1] == [
+        "G4 P0.01", "G1 X10.01 F240", "G4 P0.02", "G1 X10 F240", "G4 P0.02", "F600", "Y5",
+    ]  # fmt: skip
+
+
+def test_f_is_what_it_was() -> None:
+    text = "G21 G90 F123.4567\nG0 X0 Y0\nG1 X10\nY5\nM2\n"
+    found = changed(text, stops=(pulse(1, 1.0), pulse(2, 0.5)))
+    result = read_program(found.text, "result.ngc")
+    assert result.feed_word[-2] == 123.4567
+    cuts = [line for line in lines(found) if line.startswith(("G1 Y", "Y"))]
+    assert cuts == ["Y2.5F123.4567", "G1 Y5 F123.4567"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "line", "expected"),
+    [("G2 X10 I5", "X20 I5", "G2 X20 I5"), ("G3 X10 R9", "N7 X20R9", "N7 G3 X20R9")],
+)
+def test_a_line_that_relies_on_the_mode_is_told_it(mode: str, line: str, expected: str) -> None:
+    found = changed(f"{START}{mode}\n(a remark)\nM8\n{line}\nM2\n", stops=(pulse(1, 1.0),))
+    assert expected in [one.replace("N7 G3 X", "N7 G3 X") for one in lines(found)]
+    result = read_program(found.text, "result.ngc")
+    assert result.motions.angle[-1] == pytest.approx(read_program(
+        f"{START}{mode}\n{line}\nM2\n".encode(), "part.ngc").motions.angle[-1])  # fmt: skip
+
+
+def test_a_rapid_that_relies_on_the_mode_stays_one() -> None:
+    found = changed("G21 G90 F600\nG0 X0 Y0\nX5\nY5\nM2\n", stops=(pulse(1, 1.0),))
+    assert lines(found)[-3:] == ["G0", "Y5", "M2"]
+    assert read_program(found.text, "result.ngc").motions.kind[-1] == RAPID
+
+
+def test_the_program_s_end_stays_behind_the_jog() -> None:
+    found = changed("G21 G90 F600\nG0 X0 Y0\nN5 G1 X5 M9 M2 (end)\n", stops=(pulse(1, 1.0),))
+    assert lines(found)[2] == "N5 G1 X5 M9  (end)"
+    assert lines(found)[-2:] == ["F600", "M2"]
+
+
+def test_words_of_a_divided_block_are_executed_once_and_in_order() -> None:
+    found = changed("G21 G90\nG0 X0 Y0\nN5 G1 X8 F600 M8 S9 M0 (half)\nM2\n", stops=(pulse(1, 0.5),))
+    text = lines(found)
+    assert text[2] == "N5 G1 X4 F600 M8 S9  (half)"
+    assert text[-3:] == ["G1 X8 F600", "M0", "M2"]
+    for word in ("M8", "S9", "M0", "N5"):
+        assert "\n".join(text).count(word) == 1
+
+
+@pytest.mark.parametrize("share", [0.125, 0.37, 0.5, 0.9])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        "G1 X7 Y3.3 Z1",
+        "G2 X10 Y0 I5 J0",
+        "G3 I-4 J3",
+        "G3 X6 Y2 Z-4 R5",
+        "G3 X6 Y2 R-5",
+        "G2 X0 Y0 Z5 I3 J1 P3",
+        "G5 X10 Y4 I3 J3 P-2 Q5",
+        "G5.1 X10 Y0 I4 J4",
+    ],
+)
+@pytest.mark.parametrize("before", ["", "G91\n", "G90.1\n"])
+def test_a_divided_motion_goes_the_same_way(motion: str, share: float, before: str) -> None:
+    text = f"G21 G90 G17 F600\nG0 X0 Y0 Z0\n{before}{motion}\nG90\nG1 X0 Y0\nM2\n"
+    found = changed(text, stops=(pulse(1, share),))
+    path, _ = samples(found.program, 400)
+    result, owner = samples(read_program(found.text, "result.ngc"), 40)
+    motions = read_program(found.text, "result.ngc").motions
+    jogs = np.isclose(np.linalg.norm(motions.end - motions.start, axis=1), 0.01 * MM, rtol=1e-4)
+    assert distances(result[~jogs[owner]], path).max() < 5e-9 + _chord(path)
+    assert motions.end[-2] == pytest.approx(found.program.motions.end[-2], abs=1e-9)
+
+
+def _chord(path: np.ndarray) -> float:
+    """How far chords of so many samples may be off on these curves."""
+    return float(np.square(np.linalg.norm(np.diff(path, axis=0), axis=1)).max() / (8 * 2 * MM))
+
+
+def test_parts_under_g93_share_its_time() -> None:
+    found = changed("G21 G90 G93\nG0 X0 Y0\nG1 X10 F10\nM2\n", stops=(pulse(1, 0.25),))
+    durations = read_program(found.text, "result.ngc").motions.duration
+    # 6 s in parts of a quarter and three; each jog of 0.01 mm takes 2.5 ms at 4 mm/s.
+    assert durations[1:] == pytest.approx([1.5, 2.5e-3, 2.5e-3, 4.5], rel=1e-6)
+
+
+def test_jogs_under_g91_are_steps() -> None:
+    found = changed("G21 G91 F600\nG0 X1\nG1 X10\nG1 Y5\nM2\n", stops=(pulse(1, 1.0),))
+    assert [line for line in lines(found) if line.startswith("G1 X")] == [
+        "G1 X10", "G1 X0.01 F240", "G1 X-0.01 F240",
+    ]  # fmt: skip
+
+
+def test_a_dip_keeps_its_times_and_leaves_the_rest() -> None:
+    text = START + "G1 X10\nY10 (on)\nX5\nM2\n"
+    found = changed(text, dips=(dip([1, 1, 1, 2, 2], [0.8, 0.9, 1.0, 0.1, 0.2], [0.2, 0.3, 0.3, 0.2]),))
+    assert lines(found)[2:-2] == [
+        "G1 X8", "G1 X9 F300", "G1 X10 F200", "Y1 (on)", "G1 Y2 F300", "G1 Y10 F600",
+    ]  # fmt: skip
+    assert lines(found)[-2:] == ["X5", "M2"]
+
+
+def test_a_dip_over_a_joint_shares_its_time_by_length() -> None:
+    found = changed(START + "G1 X10\nG2 X20 I5\nM2\n", dips=(dip([1, 2], [0.5, 0.5], [2.0]),))
+    result = read_program(found.text, "result.ngc").motions
+    arc = 5.0 * np.pi / 2
+    assert result.feed[2:4] * 2.0 / MM == pytest.approx(5.0 + arc, rel=1e-6)
+    assert result.feed[[1, 4]] == pytest.approx(10.0 * MM)
+
+
+def test_a_stop_inside_a_dip() -> None:
+    found = changed(START + "G1 X10\nM2\n", dips=(dip([1, 1], [0.2, 0.8], [1.2]),), stops=(pulse(1, 0.5),))
+    feeds = [round(feed / MM, 6) for feed in read_program(found.text, "result.ngc").motions.feed.tolist()]
+    assert feeds == [0.0, 10.0, 5.0, 4.0, 4.0, 5.0, 10.0]
+
+
+def test_dips_leave_exact_stops_only_where_they_are() -> None:
+    text = "G21 G90 F600 G61.1\nG0 X0 Y0\nG1 X10\nX20\nM2\n"
+    found = changed(text, dips=(dip([1, 1], [0.2, 0.8], [1.2]),))
+    exact = read_program(found.text, "result.ngc").motions.exact.tolist()
+    assert exact == [1, 1, 0, 1, 1]
+    assert "G64 P0.001 Q0" in lines(found)
+    with pytest.raises(InputError, match=r"part\.ngc:3: grbl has no words to leave exact stops"):
+        changed(text.replace("61.1", "61"), dialect="grbl", dips=(dip([1, 1], [0.2, 0.8], [1.2]),))
+
+
+def test_the_tolerance_of_a_dip_is_in_the_program_s_unit() -> None:
+    found = changed("G20 G90 F60 G61\nG0 X0 Y0\nG1 X10\nM2\n", dips=(dip([1, 1], [0.2, 0.8], [8.0]),))
+    assert "G64 P0.000039 Q0" in lines(found)
+
+
+def test_places_within_a_rounding_of_an_end_are_moved_there() -> None:
+    found = changed(START + "G3 X0 Y0 I-10\nM2\n", stops=(pulse(1, 1e-9), pulse(1, 1.0 - 1e-9)))
+    assert len([line for line in lines(found) if line.startswith("G3")]) == 1
+
+
+def test_a_rapid_that_carries_a_change_between_two_stops() -> None:
+    # Y is shifted before the rapid, which takes X from none to -0.02 mm; then X goes to +0.02 mm.
+    offset = np.array([[0.0, 0.0, 0.0], [0.02, -0.01, 0.0], [0.0, 0.0, 0.0]]) * MM
+    y = Shift(axis="Y", travel=-0.01 * MM, velocity=0.004, pause=0.02)
+    x = Shift(axis="X", travel=0.04 * MM, velocity=0.004, pause=0.02)
+    stops = (
+        Stop(motion=1, share=0.0, pause=0.01, shifts=(y,)),
+        Stop(motion=1, share=1.0, pause=0.01, shifts=(x,)),
+    )
+    found = changed("G0 X9 Y0\nG0 X5 Y5\nG0 X0 Y0\nM2\n", offset=offset, stops=stops)
+    moves = [line for line in lines(found) if line.startswith("G")]
+    assert moves[1:] == [
+        "G4 P0.01", "G1 Y-0.01 F240", "G4 P0.02", "G0 X4.98 Y4.99", "G4 P0.01", "G1 X5.02 F240",
+        "G4 P0.02", "G0 X0 Y0",
+    ]  # fmt: skip
+
+
+def test_a_rapid_is_not_divided() -> None:
+    with pytest.raises(InputError, match=r"part\.ngc:2: a rapid cannot be divided"):
+        changed("G0 X0 Y0\nG0 X5\nG1 X6 F60\nM2\n", stops=(pulse(1, 0.5),))
+
+
+def test_what_follows_from_an_unknown_place_is_not_written() -> None:
+    with pytest.raises(InputError, match=r"part\.ngc:3: a place inside a motion that begins where Z"):
+        changed("G0 X0 Y0\nF600\nG2 X10 Z-2 I5 J0\nM2\n", stops=(pulse(1, 0.5),))
+
+
+def test_terse_dialects_are_written_tersely() -> None:
+    found = changed("G21G90F600\nG0X0Y0\nG1X10\nM2\n", dialect="grbl", stops=(pulse(1, 0.5),))
+    assert "G1X5.01F240" in lines(found)
+    assert max(len(line) for line in found.text.decode().splitlines()) <= 70
+
+
+def test_many_shifts_at_one_place_are_told_in_a_line_that_is_not_too_long() -> None:
+    text = "".join(f"G3 X0 Y0 I{n + 5} J{n}\n" for n in range(4))
+    found = compensate((START + text + "M2\n").encode(), STEPPER, dialect="grbl")
+    assert max(len(line) for line in found.text.decode().splitlines()) <= 70
+
+
+def test_a_line_that_comes_out_too_long_is_refused() -> None:
+    text = START + "G1X10 (" + "x" * 62 + ")\nX0\nM2\n"
+    with pytest.raises(InputError, match="a line comes out too long for grbl"):
+        compensate(text.encode(), STEPPER, dialect="grbl")
+
+
+def test_numbers_keep_their_manner() -> None:
+    text = START + "X+.5\nX 1 0.\nX-0.010\nX007.5\nX-.01\nX.0\nX20\nx+0.00\nG1 X10.00000\nM2\n"
+    found = compensate(text.encode(), STEPPER)
+    words = [line for line in lines(found) if re.match(r"(?i)X|G1 X10.0.000", line)]
+    assert words == [
+        "X+.53", "X10.03", "X-0.040", "X007.53", "X-.04", "X.03", "X20.03", "x-0.03", "G1 X10.03000",
+    ]  # fmt: skip
+    assert undo(found.text, "part.ngc") == text.encode()
+
+
+def test_words_in_comments_and_deleted_blocks_stay() -> None:
+    text = START + "G1 X10 (X10 Y3) ; X5\n; X7\n/X3\nX0\nM2\n"
+    found = compensate(text.encode(), STEPPER)
+    assert "G1 X10.03 (X10 Y3) ; X5" in lines(found)
+    assert {"; X7", "/X3"} <= set(lines(found))
+    # Before the block that may be skipped the axis is where the program has it.
+    assert lines(found)[lines(found).index("; X7") - 3].startswith("G1 X10 F")
+
+
+def test_a_program_in_two_units_carries_no_offset() -> None:
+    program = read_program(b"G21 G90 F60\nG0 X0\nG1 X5\nG20\nX1\nM2\n", "part.ngc")
+    offset = np.full((3, 3), 0.01 * MM)
+    with pytest.raises(InputError, match="in mm and in inches"):
+        with_edits(program, Edits(offset=offset), STEPPER, "linuxcnc")
