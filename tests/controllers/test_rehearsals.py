@@ -11,10 +11,11 @@ from support.shop import PROGRAMS
 
 pytestmark = pytest.mark.skipif(not HERE, reason=WHY_NOT)
 
-BEHIND = [(program, machine) for machine in ("bench_motor", "bench_stepper") for program in PROGRAMS]
+SHAPES = ("circle", "slot", "pocket", "eight")
+BEHIND = [(program, machine) for machine in ("bench_motor", "bench_stepper") for program in SHAPES]
 """The gap lies behind the loop: 0.05 mm of lost motion in X and Y."""
 
-JOBS = [*BEHIND, ("slot", "router"), ("circle", "stepper"), ("circle", "bench_load")]
+JOBS = [*BEHIND, ("slot", "router"), ("circle", "stepper"), ("wide circle", "bench_load")]
 """Those, two shipped machines, and one with scales on its tables."""
 
 

@@ -43,4 +43,12 @@ def figure_eight(count: int = 400) -> str:
     return "".join([*lines, UP, "M2\n"])
 
 
-PROGRAMS = {"circle": CIRCLE, "slot": SLOT, "pocket": POCKET, "eight": figure_eight()}
+WIDE_CIRCLE = f"{HEAD}G0 X20 Y0\n{DOWN}G3 X20 Y0 I-20 J0 F900\n{UP}M2\n"
+
+PROGRAMS = {
+    "circle": CIRCLE,
+    "slot": SLOT,
+    "pocket": POCKET,
+    "eight": figure_eight(),
+    "wide circle": WIDE_CIRCLE,
+}
