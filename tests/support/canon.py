@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -59,8 +60,6 @@ def number_lines(text: str) -> str:
 def run_rs274(text: str) -> Canon:
     """Canonical calls of a program, by line where :func:`number_lines` numbered them."""
     done = _run(text)
-    for _ in range(2):  # a bus error now and then, on whatever program
-        done = _run(text) if done.returncode < 0 else done
     canon = Canon()
     errors = [line for line in done.stderr.splitlines() if line != "executing"]
     canon.refusal = "\n".join(errors)
@@ -90,7 +89,11 @@ def _run(text: str) -> subprocess.CompletedProcess[str]:
         file.write_text(text, encoding="utf-8", newline="")
         table.write_text("".join(f"T{n} P{n} Z{n} D0\n" for n in range(1, 101)), encoding="utf-8")
         line = [str(RS274), "-t", str(table), "-g", str(file)]
-        return subprocess.run(line, capture_output=True, text=True, check=False, cwd=folder, timeout=60)
+        # It keeps its tools in a file in the home folder, which runs side by side would share.
+        home = {**os.environ, "HOME": folder}
+        return subprocess.run(
+            line, capture_output=True, text=True, check=False, cwd=folder, env=home, timeout=60
+        )
 
 
 def assert_agrees(program: PartProgram, canon: Canon) -> None:

@@ -139,6 +139,11 @@ def test_the_reversal_is_at_the_extreme_not_where_the_dead_band_is_left() -> Non
     assert of_axis(edits, "X")[1][:2] == (1, 1.0)
 
 
+def test_at_the_beginning_of_a_chain_a_change_waits_for_the_first_rapid() -> None:
+    edits = plan(START + "G92 X0 Y0\nG0 Y5\nG0 Y6\nG1 X5\nM2\n")
+    assert of_axis(edits, "X")[0] == (1, 1.0, 1.0)
+
+
 def test_a_tool_change_separates() -> None:
     edits = plan(START + "G1 X10\nM6 T1\nG0 X0\nG1 X5\nG0 X0\nM2\n")
     assert signs(edits, "X") == [1, 0, 1, 1, 0]

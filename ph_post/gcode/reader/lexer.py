@@ -87,7 +87,7 @@ def _read_number(data: Any, i: int, end: int) -> Any:
     sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
     i = _skip_blanks(data, i, end)
     if i < end and (data[i] == 43 or data[i] == 45):
-        sign = 44 - np.int64(data[i])
+        sign = -1 if data[i] == 45 else 1
         i += 1
     long = False
     while i < end:

@@ -103,7 +103,8 @@ def _is_meant(letter: str, value: float, why: int) -> bool:
     if why in (codes.EXPRESSION, codes.O_WORD):
         return np.isnan(value) if why == codes.EXPRESSION else letter == "O"
     if why == codes.UNKNOWN_G:
-        return letter == "G" and not (value < codes.GROUP.size / 10 and codes.GROUP[round(10 * value)] >= 0)
+        known = 0.0 <= value < 99.9 and codes.GROUP[round(10 * value)] >= 0
+        return letter == "G" and not (known and abs(10.0 * value - round(10.0 * value)) < 1e-6)
     if why in (codes.UNKNOWN_M, codes.SUBPROGRAM, codes.SAVED_STATE):
         return letter == "M" and not (value in range(codes.M_GROUP.size) and codes.M_GROUP[int(value)] >= 0)
     return letter in _LETTERS.get(why, "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -46,12 +47,12 @@ class Wording:
     def __init__(self, program: PartProgram, motion: int, modal: Modal, decimals: int, fine: int) -> None:
         self.program, self.motion, self.modal = program, motion, modal
         self._coarse, self._fine = decimals, fine
-        self._at = self._point(0.0)
-        self._last = np.zeros(3, dtype=np.int64)
-        self._own = letters(program, int(program.motions.block[motion]))
-        block = int(program.motions.block[motion])
-        self._named = "I" in self._own or "J" in self._own or "K" in self._own
-        self.block = block
+        self._last = self._at = np.zeros(3, dtype=np.int64)
+        self.block = int(program.motions.block[motion])
+
+    @cached_property
+    def _own(self) -> dict[str, int]:
+        return letters(self.program, self.block)
 
     def begin(self, offset: IntArray) -> None:
         """Tell the offset, in steps, with which the motion begins."""
@@ -60,7 +61,7 @@ class Wording:
     def _steps(self, length: Array, coarse: bool) -> IntArray:
         """Lengths [m] as whole steps of the finest decimal."""
         decimals = self._coarse if coarse else self._fine
-        count = np.rint(np.nan_to_num(length) / self.modal.units * 10.0**decimals)
+        count = np.rint(np.where(np.isnan(length), 0.0, length) / self.modal.units * 10.0**decimals)
         return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
 
     def _point(self, share: float) -> IntArray:
@@ -82,6 +83,8 @@ class Wording:
 
     def part(self, part: Part, offset: IntArray) -> dict[str, str]:
         """Words of a part by letter while an offset is carried; empty ones are not to be written."""
+        if part.low == 0.0:
+            self._at = self._point(0.0)
         end = self._point(part.high)
         shift = offset * 10 ** (self._fine - self._coarse)
         kind = self.program.motions.kind[self.motion]
@@ -119,7 +122,7 @@ class Wording:
         """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
         motions, k = self.program.motions, self.motion
         a, b, _ = PLANE_AXES[int(motions.plane[k])]
-        center = self._steps(motions.center[k], coarse=not self._named)
+        center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
         words = {}
         for axis, count in ((a, center[0]), (b, center[1])):
             base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
