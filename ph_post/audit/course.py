@@ -18,7 +18,7 @@ from ph_post.units import MM
 _FINE = 20.0
 """Chords stand in for arcs within this part of the tolerance, and the bound is widened by as much."""
 
-_HALVINGS = 20
+_HALVINGS = 32
 _LONGEST = 1.0
 """Deviations are told up to this length [m]."""
 

@@ -11,7 +11,6 @@ from ph_post.gcode.splice.header import Declaration, declare
 from ph_post.gcode.splice.lasting import plan_offsets
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits
-from ph_post.gcode.splice.standing import program_units
 from ph_post.gcode.splice.write import splice
 from ph_post.types import Machine
 
@@ -41,10 +40,8 @@ def compensate(
 
 def with_edits(program: PartProgram, edits: Edits, machine: Machine, dialect: str) -> Compensated:
     """Write changes that are told beforehand."""
-    units = program_units(program)
     declaration = declare(
-        edits, machine, find_dialect(dialect), SpliceOptions(), digest=program.digest,
-        options_digest="0" * 64, units=units[0] if units else 1e-3,
-    )  # fmt: skip
+        program, edits, machine, find_dialect(dialect), SpliceOptions(), options_digest="0" * 64
+    )
     text = splice(program, edits, find_dialect(dialect), declaration)
     return Compensated(program=program, edits=edits, declaration=declaration, text=text)

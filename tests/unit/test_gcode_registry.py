@@ -27,7 +27,9 @@ def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: ())
     with pytest.raises(InputError) as error:
         registry.find_dialect("fanuc", "mill.toml: controller.dialect")
-    expected = "mill.toml: controller.dialect: no such dialect; expected grbl or grblhal or linuxcnc; got 'fanuc'"
+    expected = (
+        "mill.toml: controller.dialect: no such dialect; expected grbl or grblhal or linuxcnc; got 'fanuc'"
+    )
     assert str(error.value) == expected
 
 

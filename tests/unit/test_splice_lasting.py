@@ -139,10 +139,29 @@ def test_the_reversal_is_at_the_extreme_not_where_the_dead_band_is_left() -> Non
     assert of_axis(edits, "X")[1][:2] == (1, 1.0)
 
 
+def test_at_the_beginning_of_a_chain_a_change_waits_for_the_first_rapid() -> None:
+    edits = plan(START + "G92 X0 Y0\nG0 Y5\nG0 Y6\nG1 X5\nM2\n")
+    assert of_axis(edits, "X")[0] == (1, 1.0, 1.0)
+
+
 def test_a_tool_change_separates() -> None:
     edits = plan(START + "G1 X10\nM6 T1\nG0 X0\nG1 X5\nG0 X0\nM2\n")
     assert signs(edits, "X") == [1, 0, 1, 1, 0]
     assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, 1.0, -1.0), (2, 1.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("motion", "why"),
+    [
+        ("G2 X5 Y5 Z-2 I5 J0\nG0 Z5\nM6 T2\n", ""),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 Z-2 I5 J0", "begins where Z is not known"),
+        ("M6 T1\nG0 X0 Y0\nG2 X10 I5 J0", ""),
+    ],
+)
+def test_motions_that_cannot_be_divided(motion: str, why: str) -> None:
+    edits = plan(f"{START}Z2\n{motion}\nM2\n")
+    told = [said for said in edits.warnings if "carries no lasting offset" in said]
+    assert [why in said for said in told] == ([True] if why else [])
 
 
 def test_a_stop_in_the_middle_of_a_feed_costs_its_ramps() -> None:

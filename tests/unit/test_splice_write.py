@@ -187,9 +187,31 @@ def test_places_within_a_rounding_of_an_end_are_moved_there() -> None:
     assert len([line for line in lines(found) if line.startswith("G3")]) == 1
 
 
+def test_a_rapid_that_carries_a_change_between_two_stops() -> None:
+    # Y is shifted before the rapid, which takes X from none to -0.02 mm; then X goes to +0.02 mm.
+    offset = np.array([[0.0, 0.0, 0.0], [0.02, -0.01, 0.0], [0.0, 0.0, 0.0]]) * MM
+    y = Shift(axis="Y", travel=-0.01 * MM, velocity=0.004, pause=0.02)
+    x = Shift(axis="X", travel=0.04 * MM, velocity=0.004, pause=0.02)
+    stops = (
+        Stop(motion=1, share=0.0, pause=0.01, shifts=(y,)),
+        Stop(motion=1, share=1.0, pause=0.01, shifts=(x,)),
+    )
+    found = changed("G0 X9 Y0\nG0 X5 Y5\nG0 X0 Y0\nM2\n", offset=offset, stops=stops)
+    moves = [line for line in lines(found) if line.startswith("G")]
+    assert moves[1:] == [
+        "G4 P0.01", "G1 Y-0.01 F240", "G4 P0.02", "G0 X4.98 Y4.99", "G4 P0.01", "G1 X5.02 F240",
+        "G4 P0.02", "G0 X0 Y0",
+    ]  # fmt: skip
+
+
 def test_a_rapid_is_not_divided() -> None:
     with pytest.raises(InputError, match=r"part\.ngc:2: a rapid cannot be divided"):
         changed("G0 X0 Y0\nG0 X5\nG1 X6 F60\nM2\n", stops=(pulse(1, 0.5),))
+
+
+def test_what_follows_from_an_unknown_place_is_not_written() -> None:
+    with pytest.raises(InputError, match=r"part\.ngc:3: a place inside a motion that begins where Z"):
+        changed("G0 X0 Y0\nF600\nG2 X10 Z-2 I5 J0\nM2\n", stops=(pulse(1, 0.5),))
 
 
 def test_terse_dialects_are_written_tersely() -> None:

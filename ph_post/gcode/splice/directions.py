@@ -143,6 +143,11 @@ def _change(view: Any, feed: Any, exact: Any, span: Any, sign: int, row: Any) ->
         return
     row[MOTION], row[SHARE] = k0, share0
     if share0 == 0.0:
+        # At the beginning of a chain: behind the first rapid, if there is one before the axis moves.
+        for k in range(k0, k1 + (share1 == 1.0)):
+            if view[0][k] == RAPID:
+                row[MOTION], row[SHARE] = k, 1.0
+                return
         return
     if share0 < 1.0:
         row[PASSED] = feed[k0]

@@ -166,6 +166,10 @@ class HunkWriter:
                 self._first(block, exchange, add, words, part)
             else:
                 self._line(words, part, offset)
+            if self._program.motions.kind[task.motion] == RAPID:
+                # A rapid has changed the offset by its own word.
+                offset[:] = self._carried.word[task.motion]
+                words.begin(offset)
             if part.duration is not None and "feed" not in self._hunk.label:
                 self._hunk.label.append("feed")
             if part.high in stops:

@@ -23,6 +23,9 @@ class Part(msgspec.Struct, frozen=True, kw_only=True):
     duration: float | None = None
 
 
+_WHOLE = Part(low=0.0, high=1.0)
+
+
 class Task(msgspec.Struct, frozen=True, kw_only=True):
     """What is done at one motion: `parts` in order, and `stops` by the share at which they stand."""
 
@@ -66,20 +69,25 @@ def _pieces(dip: Dip, motions: Motions) -> Iterable[tuple[int, Part]]:
 
 
 def _task(motion: int, timed: list[Part], stops: list[Stop], motions: Motions, step: float) -> Task:
+    if not timed and all(stop.share in (0.0, 1.0) for stop in stops):
+        return Task(motion=motion, parts=(_WHOLE,), stops=_placed(stops, {0.0: 0.0, 1.0: 1.0}))
     wanted = sorted({0.0, 1.0, *(stop.share for stop in stops), *(e for p in timed for e in (p.low, p.high))})
     length = part_length(motions, motion, 0.0, 1.0)
     least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
     seat = _seats(wanted, least)
     edges = sorted(set(seat.values()))
-    parts = tuple(_part(low, high, timed, seat) for low, high in pairwise(edges)) or (
-        Part(low=0.0, high=1.0),
-    )
+    parts = tuple(_part(low, high, timed, seat) for low, high in pairwise(edges))
+    return Task(motion=motion, parts=parts, stops=_placed(stops, seat))
+
+
+def _placed(stops: list[Stop], seat: dict[float, float]) -> dict[float, Stop]:
+    """Gather stops by the share at which they come to stand; those at one place become one."""
     placed: dict[float, Stop] = {}
     for stop in stops:
         at = seat[stop.share]
         held = placed.get(at)
         placed[at] = stop if held is None else _joined(held, stop)
-    return Task(motion=motion, parts=parts, stops=placed)
+    return placed
 
 
 def _seats(wanted: list[float], least: float) -> dict[float, float]:

@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.reader.record import CUBIC, RAPID, PartProgram
+from ph_post.gcode.reader.record import RAPID, PartProgram
 from ph_post.gcode.splice.cost import motion_times, stop_cost
 from ph_post.gcode.splice.directions import CARRIED, CHAIN, MOTION, SHARE, SIGN, find_changes
+from ph_post.gcode.splice.dividing import why_whole
 from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.parts import split_cubic
-from ph_post.gcode.splice.standing import cutting_feed, has_rotary
+from ph_post.gcode.splice.standing import cutting_feed
 from ph_post.gcode.splice.view import chain_spans, motion_view
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM
@@ -102,26 +102,11 @@ class Search:
         for name, rows in changes.items():
             inside = rows[(rows[:, SHARE] > 0.0) & (rows[:, SHARE] < 1.0)]
             for motion, share, chain in inside[:, [MOTION, SHARE, CHAIN]].tolist():
-                why = self._undivided(int(motion), share)
+                why = why_whole(self.program, self.dialect, int(motion), share)
                 if why and self.open[name][int(chain)]:
                     self.give_up(name, int(chain), why)
                     found = True
         return found
-
-    def _undivided(self, motion: int, share: float) -> str:
-        line = self.program.motions.block[motion] + 1
-        if has_rotary(self.program, motion):
-            return f"line {line} moves other axes too, and cannot be divided"
-        if self.program.motions.kind[motion] != CUBIC:
-            return ""
-        if not self.dialect.capabilities.cubic_splines:
-            return f"line {line} would have to be divided, and {self.dialect.name} has no G5"
-        if self.dialect.spline_deviation is None:
-            return ""
-        parts = np.array(split_cubic(self.program.motions.control[motion], [0.0, share, 1.0]))[:, :, :2]
-        if np.isfinite(self.dialect.spline_deviation(parts)).all():
-            return ""
-        return f"the parts of the G5 in line {line} could not be trusted to {self.dialect.name}"
 
 
 def affordable(search: Search, options: SpliceOptions) -> tuple[dict[str, Array], list[str]]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import numpy as np
 
-from ph_post.gcode.reader.record import RAPID, ByteArray, PartProgram
+from ph_post.gcode.reader.record import RAPID, PartProgram
 from ph_post.gcode.splice.record import Edits, Stop
+from ph_post.simulate.compiling import compiled
 from ph_post.types import IntArray
 
 AXES = "XYZ"
@@ -59,25 +62,34 @@ def changed_words(program: PartProgram, found: Carried) -> Changed:
     words, motions = program.words, program.motions
     owner = np.full(program.blocks, -1, dtype=np.int64)
     owner[motions.block] = np.arange(motions.block.size)
-    candidate = np.flatnonzero(_axis_of(words.letter) >= 0)
-    motion, axis = owner[words.block[candidate]], _axis_of(words.letter[candidate])
-    center = words.letter[candidate] < ord("X")
     absolute, arc_absolute = (
         np.array([getattr(modal, name) for modal in program.modal], dtype=np.bool_)[program.state]
         for name in ("absolute", "arc_absolute")
     )
-    block = words.block[candidate]
     # Under G91 only a rapid changes an offset by its own word.
     step = np.where((motions.kind == RAPID)[:, np.newaxis], found.word - found.before, 0)
-    moved = np.where(absolute[block], found.word[motion, axis], step[motion, axis])
-    shift = np.where(center, np.where(arc_absolute[block], found.word[motion, axis], 0), moved)
-    known = (motion >= 0) & (words.decimals[candidate] >= 0)
-    return Changed(candidate=candidate, delta=np.where(known, shift, 0))
+    candidate, delta = _gather(
+        (words.letter, words.block, words.decimals), owner, absolute, arc_absolute, found.word, step
+    )
+    return Changed(candidate=candidate, delta=delta)
 
 
-def _axis_of(letter: ByteArray) -> IntArray:
-    """Axis of X, Y, Z and of I, J, K; -1 of other letters."""
-    table = np.full(256, -1, dtype=np.int64)
-    for axis, names in enumerate(("XI", "YJ", "ZK")):
-        table[[ord(name) for name in names]] = axis
-    return np.asarray(table[letter])
+@compiled
+def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, word: Any, step: Any) -> Any:
+    """Words of X, Y, Z, I, J and K, and what is added to each, where its number is plain."""
+    letter, block, decimals = words
+    candidate, delta, count = np.empty(letter.size, np.int64), np.zeros(letter.size, np.int64), 0
+    for w in range(letter.size):
+        end = 88 <= letter[w] <= 90
+        if not (end or 73 <= letter[w] <= 75):
+            continue
+        line, motion = block[w], owner[block[w]]
+        candidate[count] = w
+        if motion >= 0 and decimals[w] >= 0:
+            if end:
+                axis = letter[w] - 88
+                delta[count] = word[motion, axis] if absolute[line] else step[motion, axis]
+            elif arc_absolute[line]:
+                delta[count] = word[motion, letter[w] - 73]
+        count += 1
+    return candidate[:count], delta[:count]

@@ -12,9 +12,6 @@ from ph_post.gcode.reader.record import CUBIC, NURBS, RAPID, PartProgram
 from ph_post.gcode.splice.view import chain_spans
 from ph_post.types import Array, BoolArray
 
-ROTARY: Final = tuple(ord(letter) for letter in "ABCUVW")
-"""Axes that are not shifted, but move with those that are."""
-
 _OWN: Final = {
     "linuxcnc": "BACKLASH in LinuxCNC's ini file",
     "grblhal": "the backlash settings of grblHAL ($160 on), where it was built with them,",
@@ -68,12 +65,6 @@ def program_units(program: PartProgram) -> list[float]:
     """Units [m] in which a program moves."""
     used = np.unique(program.state[program.motions.block])
     return sorted({program.modal[number].units for number in used.tolist()})
-
-
-def has_rotary(program: PartProgram, motion: int) -> bool:
-    """Whether axes other than X, Y and Z move in the block of a motion."""
-    own = program.words_of(int(program.motions.block[motion]))
-    return any(int(program.words.letter[word]) in ROTARY for word in own)
 
 
 def double_compensation(program: PartProgram, dialect: str) -> list[str]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
+from ph_post.errors import InputError
 from ph_post.gcode.format import decimal_text
 from ph_post.gcode.reader.record import ARC, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.gcode.splice.blocktext import letters
@@ -45,12 +47,12 @@ class Wording:
     def __init__(self, program: PartProgram, motion: int, modal: Modal, decimals: int, fine: int) -> None:
         self.program, self.motion, self.modal = program, motion, modal
         self._coarse, self._fine = decimals, fine
-        self._at = self._point(0.0)
-        self._last = np.zeros(3, dtype=np.int64)
-        self._own = letters(program, int(program.motions.block[motion]))
-        block = int(program.motions.block[motion])
-        self._named = "I" in self._own or "J" in self._own or "K" in self._own
-        self.block = block
+        self._last = self._at = np.zeros(3, dtype=np.int64)
+        self.block = int(program.motions.block[motion])
+
+    @cached_property
+    def _own(self) -> dict[str, int]:
+        return letters(self.program, self.block)
 
     def begin(self, offset: IntArray) -> None:
         """Tell the offset, in steps, with which the motion begins."""
@@ -59,7 +61,7 @@ class Wording:
     def _steps(self, length: Array, coarse: bool) -> IntArray:
         """Lengths [m] as whole steps of the finest decimal."""
         decimals = self._coarse if coarse else self._fine
-        count = np.rint(np.nan_to_num(length) / self.modal.units * 10.0**decimals)
+        count = np.rint(np.where(np.isnan(length), 0.0, length) / self.modal.units * 10.0**decimals)
         return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
 
     def _point(self, share: float) -> IntArray:
@@ -73,6 +75,7 @@ class Wording:
         """Word that moves an axis to an offset, in steps of the coarse decimals, at a place of the motion."""
         offset = offset * 10 ** (self._fine - self._coarse)
         if self.modal.absolute:
+            self._require(axis, place(self.program.motions, self.motion, share))
             return AXES[axis] + self._text(self._point(share)[axis] + offset[axis])
         count = offset[axis] - self._last[axis] * 10 ** (self._fine - self._coarse)
         self._last[axis] = offset[axis] // 10 ** (self._fine - self._coarse)
@@ -80,9 +83,15 @@ class Wording:
 
     def part(self, part: Part, offset: IntArray) -> dict[str, str]:
         """Words of a part by letter while an offset is carried; empty ones are not to be written."""
+        if part.low == 0.0:
+            self._at = self._point(0.0)
         end = self._point(part.high)
         shift = offset * 10 ** (self._fine - self._coarse)
         kind = self.program.motions.kind[self.motion]
+        for axis in self._axes(kind):
+            self._require(
+                axis, self.program.motions.start[self.motion], self.program.motions.end[self.motion]
+            )
         words = {AXES[axis]: self._end_word(axis, end, shift) for axis in self._axes(kind)}
         if kind == ARC:
             words |= self._arc_words(part, shift)
@@ -90,6 +99,12 @@ class Wording:
             words |= self._cubic_words(part, end)
         self._at = end
         return words
+
+    def _require(self, axis: int, *points: Array) -> None:
+        """Refuse to write what follows from a position that is not known."""
+        if any(np.isnan(point[axis]) for point in points):
+            where = f"{self.program.name}:{self.block + 1}"
+            raise InputError(where, f"a place inside a motion that begins where {AXES[axis]} is not known")
 
     def _axes(self, kind: int) -> list[int]:
         """Axes that are written: those of the block, of curves those of the plane as well."""
@@ -107,7 +122,7 @@ class Wording:
         """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
         motions, k = self.program.motions, self.motion
         a, b, _ = PLANE_AXES[int(motions.plane[k])]
-        center = self._steps(motions.center[k], coarse=not self._named)
+        center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
         words = {}
         for axis, count in ((a, center[0]), (b, center[1])):
             base = -shift[axis] if self.modal.arc_absolute else self._at[axis]

@@ -32,6 +32,9 @@ from ph_post.gcode.splice.undo import restore
 from ph_post.types import Array, IntArray
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
+_WIDEST: Final = 10**7
+"""Offsets, in steps, that are counted in a table of their own."""
+
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
 
@@ -109,7 +112,7 @@ def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
     """Add to every number what its word changes by."""
     words, shifted = program.words, np.flatnonzero(changed.delta)
     word = changed.candidate[shifted]
-    table, row = np.unique(changed.delta[shifted], return_inverse=True)
+    table, row = _distinct(changed.delta[shifted])
     delta = np.array([_trimmed(count, decimals) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
     digits, places = words.digits[word], words.decimals[word]
     if word.size and (np.abs(digits).max() > _LARGEST or places.max() > DECIMALS // 2):
@@ -131,6 +134,20 @@ def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
         candidate=changed.candidate, word=word, pool=pool, bounds=bounds, style=style, odd=odd, code=code,
         delta=pairs,
     )  # fmt: skip
+
+
+def _distinct(delta: IntArray) -> tuple[IntArray, IntArray]:
+    """Distinct values, of which there are few, and the number of each value among them."""
+    if delta.size == 0:
+        return delta, delta
+    low = int(delta.min())
+    if int(delta.max()) - low > _WIDEST:
+        table, row = np.unique(delta, return_inverse=True)
+        return table, row
+    found = np.flatnonzero(np.bincount(delta - low))
+    number = np.zeros(int(found[-1]) + 1, dtype=np.int64)
+    number[found] = np.arange(found.size)
+    return found + low, number[delta - low]
 
 
 def _trimmed(count: int, decimals: int) -> tuple[int, int]:
