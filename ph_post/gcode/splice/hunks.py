@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import msgspec
+import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
@@ -115,13 +116,13 @@ class HunkWriter:
     def _behind(self, task: Task, block: int) -> None:
         """Write the stop at the end of a motion behind its line, which stays."""
         self._open(block + 1, 0, block)
-        offset = self._carried.word[task.motion].copy()
+        offset = self._carried.word[task.motion].astype(np.int64)
         self._stop(task.stops[1.0], self._wording(task.motion, block, offset), 1.0, offset)
 
     def _replaced(self, task: Task, block: int) -> None:
         """Write what comes before a motion and, unless its line can stay, the motion itself."""
         stops = dict(task.stops)
-        offset = self._carried.before[task.motion].copy()
+        offset = self._carried.before(task.motion)
         self._open(block, 0, block - 1)
         if 0.0 in stops:
             self._stop(stops.pop(0.0), self._wording(task.motion, block - 1, offset), 0.0, offset)
