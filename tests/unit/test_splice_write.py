@@ -187,6 +187,14 @@ def test_places_within_a_rounding_of_an_end_are_moved_there() -> None:
     assert len([line for line in lines(found) if line.startswith("G3")]) == 1
 
 
+def test_a_lasting_change_at_a_place_that_is_moved_to_the_end() -> None:
+    offset = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.0]]) * MM
+    shift = Shift(axis="X", travel=0.02 * MM, velocity=0.004, pause=0.02)
+    stop = Stop(motion=1, share=1.0 - 1e-9, pause=0.01, shifts=(shift,))
+    found = changed("G0 X9 Y0\nG1 X5 Y5 F60\nG0 X0\nM2\n", offset=offset, stops=(stop,))
+    assert lines(found)[1:4] == ["G1 X5 Y5 F60", "G4 P0.01", "G1 X5.02 F240"]
+
+
 def test_a_rapid_that_carries_a_change_between_two_stops() -> None:
     # Y is shifted before the rapid, which takes X from none to -0.02 mm; then X goes to +0.02 mm.
     offset = np.array([[0.0, 0.0, 0.0], [0.02, -0.01, 0.0], [0.0, 0.0, 0.0]]) * MM

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.gcode.reader.record import RAPID, PartProgram
-from ph_post.gcode.splice.record import Edits, Stop
+from ph_post.gcode.splice.record import Stop
+from ph_post.gcode.splice.schedule import Task
 from ph_post.simulate.compiling import compiled, inner
-from ph_post.types import IntArray
+from ph_post.types import Array, IntArray
 
 AXES = "XYZ"
 
@@ -37,13 +39,13 @@ class Changed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     delta: IntArray
 
 
-def carried(edits: Edits, step: float) -> Carried:
-    """Round offsets to steps [m] and tell what the words of every motion carry."""
-    after = np.rint(edits.offset / step).astype(np.int32)
+def carried(offset: Array, tasks: Sequence[Task], step: float) -> Carried:
+    """Round offsets to steps [m] and tell what the words of every motion carry, its stops where they are."""
+    after = np.rint(offset / step).astype(np.int32)
     word = after.copy()
-    for stop in edits.stops:
-        if stop.share >= 1.0:
-            word[stop.motion] -= lasting(stop, step).astype(np.int32)
+    for task in tasks:
+        if 1.0 in task.stops:
+            word[task.motion] -= lasting(task.stops[1.0], step).astype(np.int32)
     return Carried(after=after, word=word)
 
 

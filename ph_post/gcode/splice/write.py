@@ -94,13 +94,14 @@ def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: De
         raise InputError(program.name, "a lasting offset in a program in mm and in inches")
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
-    found = carried(edits, step)
+    tasks = schedule(edits, program.motions, step)
+    found = carried(edits.offset, tasks, step)
     numbers = _numbers(program, changed_words(program, found), decimals)
     writer = HunkWriter(
         program, dialect, found, decimals, declaration.chord_tolerance,
         lambda block: numbers.text(program, block),
     )  # fmt: skip
-    hunks = sorted(writer.write(schedule(edits, program.motions, step)), key=lambda hunk: hunk.block)
+    hunks = sorted(writer.write(tasks), key=lambda hunk: hunk.block)
     body, payload = _body(program, numbers, hunks, dialect, declaration)
     text = _closed(program, body, payload, dialect)
     if restore(text, program.name) == program.data:
