@@ -35,6 +35,7 @@ from ph_post.gcode.splice.standing import (
     program_troubles,
     program_units,
     tell_blocked,
+    tell_unknown,
 )
 from ph_post.gcode.splice.view import chain_spans
 from ph_post.types import Array, Axis, BoolArray, Machine, frozen, sealed
@@ -90,7 +91,8 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
             found = _edits_of(program, machine.axes[name], amplitude[name], rows, nothing.offset)
             edits = merge(edits, found)
     edits = replace(edits, offset=sealed(offset))
-    return _with_warnings(edits, program, dialect, [*tell_blocked(program, blocked), *said_of_time])
+    told = [*tell_blocked(program, blocked), *tell_unknown(program, amplitude), *said_of_time]
+    return _with_warnings(edits, program, dialect, told)
 
 
 def _open_chains(program: PartProgram, blocked: dict[str, BoolArray]) -> BoolArray:
