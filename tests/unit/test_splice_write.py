@@ -57,6 +57,25 @@ def test_a_pulse_behind_a_line() -> None:
     ]  # fmt: skip
 
 
+def test_a_rest_changes_nothing_else() -> None:
+    rest = Stop(motion=1, share=1.0, pause=0.25, shifts=())
+    found = changed(START + "G2 X10 I5\nX20 I5\nM2\n", stops=(rest,))
+    assert lines(found)[2:] == ["G2 X10 I5", "G4 P0.25", "X20 I5", "M2"]
+
+
+def test_shifts_that_are_no_whole_steps_come_back() -> None:
+    shifts = tuple(
+        Shift(axis="X", travel=travel * 1e-9, velocity=0.004, pause=0.0) for travel in (0.6, 0.6, 0.6, -1.8)
+    )
+    found = changed(START + "G1 X10\nM2\n", stops=(Stop(motion=1, share=1.0, pause=0.0, shifts=shifts),))
+    assert [line.split()[1] for line in lines(found)[3:-2]] == [
+        "X10.000001",
+        "X10.000001",
+        "X10.000002",
+        "X10",
+    ]
+
+
 def test_f_is_what_it_was() -> None:
     text = "G21 G90 F123.4567\nG0 X0 Y0\nG1 X10\nY5\nM2\n"
     found = changed(text, stops=(pulse(1, 1.0), pulse(2, 0.5)))

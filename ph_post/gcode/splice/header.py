@@ -65,14 +65,14 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
 
 def declare(
     program: PartProgram, edits: Edits, machine: Machine, dialect: Dialect, options: SpliceOptions, *,
-    options_digest: str, notes: tuple[str, ...] = (),
+    options_digest: str, path_mode: str = "", notes: tuple[str, ...] = (),
 ) -> Declaration:  # fmt: skip
     """Gather what a program with these changes has to declare.
 
-    `options_digest` is the hash of all that the user asked for.
+    `options_digest` is the hash of all that the user asked for; `path_mode` and `notes` as the head is to
+    have them.
     """
     units = next(iter(program_units(program)), MM)
-    blends = dialect.path_mode if edits.dips else None
     return Declaration(
         version=package_version(),
         digest=program.digest,
@@ -88,7 +88,7 @@ def declare(
         decimals=word_decimals(dialect, units),
         chord_tolerance=options.chord_tolerance,
         block_time=options.block_time,
-        path_mode=blends(options.chord_tolerance * MM / units) if blends else "",
+        path_mode=path_mode,
         notes=notes,
     )
 

@@ -51,10 +51,10 @@ def carried(offset: Array, tasks: Sequence[Task], step: float) -> Carried:
 
 def lasting(stop: Stop, step: float) -> IntArray:
     """Sum of the shifts of a stop in steps, shape (3,)."""
-    total = np.zeros(3, dtype=np.int64)
+    total = np.zeros(3)
     for shift in stop.shifts:
-        total[AXES.index(shift.axis)] += round(shift.travel / step)
-    return total
+        total[AXES.index(shift.axis)] += shift.travel
+    return np.rint(total / step).astype(np.int64)
 
 
 def changed_words(program: PartProgram, found: Carried) -> Changed:
