@@ -13,7 +13,7 @@ from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import BoolArray, IntArray
 
 _MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*")
-_BEGINS = b"(ph-post: +"
+_BEGINS = re.compile(rb"\(ph-post: \+")
 
 NO_HUNK = -1
 """The hunk of a line outside all of them."""
@@ -89,21 +89,16 @@ def _markers(
     A line of the same bytes that the original has in that place is the original's.
     """
     found: list[tuple[int, int, int]] = []
-    place, shift = compensated.data.find(_BEGINS), declared.last - declared.first
-    starts = compensated.lines
-    while place >= 0:
-        line = int(np.searchsorted(starts, place, side="right")) - 1
-        match = _MARKER.fullmatch(compensated.text(line)) if starts[line] == place else None
-        outside = not found or line >= found[-1][0] + 1 + found[-1][1]
-        if (
-            match is not None
-            and outside
-            and line >= declared.last
-            and not _has(original, line - shift, match[0])
-        ):
-            found.append((line, int(match[1]), int(match[2])))
-            shift += 1 + found[-1][1] - found[-1][2]
-        place = compensated.data.find(_BEGINS, place + 1)
+    begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int64)
+    lines = np.searchsorted(compensated.lines, begins, side="right") - 1
+    behind, shift = declared.last, declared.last - declared.first
+    for line in lines[compensated.lines[lines] == begins].tolist():
+        match = _MARKER.fullmatch(compensated.text(line)) if line >= behind else None
+        if match is None or _has(original, line - shift, match[0]):
+            continue
+        added, removed = int(match[1]), int(match[2])
+        found.append((line, added, removed))
+        behind, shift = line + 1 + added, shift + 1 + added - removed
     return found
 
 

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 
 from ph_post.audit.case import Case
 from ph_post.audit.frechet import follow
 from ph_post.audit.orders import Dwells
+from ph_post.audit.outline import outline
 from ph_post.audit.pairing import EXACT, Pairing, declared_ways, dwell_beside, is_declared, millimetres
-from ph_post.audit.stretches import Side, Stretches, find_stretches
-from ph_post.gcode.reader.record import LINE
+from ph_post.audit.stretches import Side, Stretches, doubtful, find_stretches
+from ph_post.gcode.reader.record import LINE, Motions
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
 
 _FINE = 20.0
 """Chords stand in for arcs within this part of the tolerance, and the bound is widened by as much."""
 
-_HALVINGS = 20
+_HALVINGS = 32
 _LONGEST = 1.0
 """Deviations are told up to this length [m]."""
 
@@ -24,33 +26,85 @@ _TOLD = 20
 """Of so many stretches the deviation is worked out."""
 
 
+class _Way(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The polylines of the stretches of one program, less what is added to the axes.
+
+    `points` (n, 3) [m], those of stretch r from ``first[r]`` on; `owner` (n,) the motion that a point is of,
+    -1 where a stretch has none.
+    """
+
+    points: Array
+    first: IntArray
+    owner: IntArray
+
+
 def check_course(case: Case, pairing: Pairing, dwells: Dwells) -> Stretches:
     """Compare the stretches of all hunks with what they replace; `dwells` are the added ones."""
-    sagitta = case.bound / _FINE
-    found = find_stretches(case.original.motions, case.compensated.motions, pairing, sagitta)
+    one, other = case.original.motions, case.compensated.motions
+    found = find_stretches(one, other, pairing)
     case.findings.count("stretches", found.hunk.size)
-    stuck = _follow(found, np.full(found.hunk.size, case.bound + 2.0 * sagitta))
-    ends = np.abs(_last(found.old) - _last(found.new))
-    off = np.any(ends > 0.5 * _grid(case, found)[:, None] + EXACT, axis=1)
     doubts = _doubtful_jogs(case, pairing, dwells)
-    for rank, place in enumerate(np.flatnonzero((stuck >= 0) | off).tolist()):
-        if _tell_jogs(case, doubts, found, place):
-            continue
-        if stuck[place] >= 0:
-            deviation = _deviation(found, place) if rank < _TOLD else None
-            _tell_way(case, found, place, int(stuck[place]), deviation)
-        else:
-            _tell_end(case, int(found.hunk[place]), ends[place])
+    told = _check_ways(case, doubtful(one, other, found, case.bound), doubts)
+    gap = np.abs(_last(one, other, found))
+    off = np.any(gap > 0.5 * _grid(case, found)[:, None] + EXACT, axis=1)
+    for place in np.flatnonzero(off).tolist():
+        if int(found.hunk[place]) not in told and not _tell_jogs(case, doubts, found, place):
+            _tell_end(case, int(found.hunk[place]), gap[place])
     return found
 
 
-def _follow(found: Stretches, bound: Array) -> IntArray:
-    return follow(found.old.points, found.old.point_first, found.new.points, found.new.point_first, bound)
+def _check_ways(case: Case, closer: Stretches, doubts: BoolArray) -> set[int]:
+    """Compare the ways of the stretches that need a closer look; returns the hunks that failed."""
+    if not closer.hunk.size:
+        return set()
+    sagitta = case.bound / _FINE
+    old, new = (
+        _way(program.motions, side, sagitta)
+        for program, side in ((case.original, closer.old), (case.compensated, closer.new))
+    )
+    old, new = _filled(old, new), _filled(new, old)
+    bound = np.full(closer.hunk.size, case.bound + 2.0 * sagitta)
+    stuck = follow(old.points, old.first, new.points, new.first, bound)
+    failed = np.flatnonzero(stuck >= 0)
+    for rank, place in enumerate(failed.tolist()):
+        if not _tell_jogs(case, doubts, closer, place):
+            deviation = _deviation(old, new, place) if rank < _TOLD else None
+            _tell_way(case, int(closer.hunk[place]), new, place, int(stuck[place]), deviation)
+    return set(closer.hunk[failed].tolist())
 
 
-def _last(side: Side) -> Array:
-    """Last points of all stretches."""
-    return np.asarray(side.points[side.point_first[1:] - 1])
+def _way(motions: Motions, side: Side, sagitta: float) -> _Way:
+    lines = outline(motions, side.motion, sagitta)
+    owner = np.repeat(np.arange(side.motion.size), np.diff(lines.first))
+    points = np.nan_to_num(lines.points) - side.shift[owner]
+    return _Way(points=points, first=lines.first[side.first], owner=side.motion[owner])
+
+
+def _filled(way: _Way, other: _Way) -> _Way:
+    """Give stretches without a motion a point: the first of the other program's."""
+    empty = np.flatnonzero(np.diff(way.first) == 0)
+    added = np.zeros(way.first.size, dtype=np.int64)
+    added[empty + 1] = 1
+    return _Way(
+        points=np.insert(way.points, way.first[empty], other.points[other.first[empty]], axis=0),
+        first=way.first + np.cumsum(added),
+        owner=np.insert(way.owner, way.first[empty], -1),
+    )
+
+
+def _last(one: Motions, other: Motions, found: Stretches) -> Array:
+    """Tell by what stretches end elsewhere [m]; a stretch without a motion ends where it begins."""
+    ends = []
+    for motions, side in ((one, found.old), (other, found.new)):
+        first, last = np.zeros((found.hunk.size, 3)), np.zeros((found.hunk.size, 3))
+        there = np.flatnonzero(np.diff(side.first) > 0)
+        low, high = side.first[there], side.first[there + 1] - 1
+        first[there] = np.nan_to_num(motions.start[side.motion[low]]) - side.shift[low]
+        last[there] = np.nan_to_num(motions.end[side.motion[high]]) - side.shift[high]
+        ends.append((first, last, np.diff(side.first) == 0))
+    (old_first, old_last, no_old), (new_first, new_last, no_new) = ends
+    old_last = np.where(no_old[:, None], new_first, old_last)
+    return np.asarray(np.where(no_new[:, None], old_first, new_last) - old_last)
 
 
 def _grid(case: Case, found: Stretches) -> Array:
@@ -100,11 +154,10 @@ def _tell_end(case: Case, hunk: int, ends: Array) -> None:
     )  # fmt: skip
 
 
-def _tell_way(case: Case, found: Stretches, place: int, stuck: int, deviation: float | None) -> None:
+def _tell_way(case: Case, hunk: int, new: _Way, place: int, stuck: int, deviation: float | None) -> None:
     """Say where a stretch leaves the original's way, and by how much."""
-    hunk, new = int(found.hunk[place]), found.new
-    owner = new.owner[min(new.point_first[place] + stuck, new.point_first[place + 1] - 1)]
-    block = case.compensated.motions.block[new.motion[owner]] if owner >= 0 else case.lines.hunks.marker[hunk]
+    owner = new.owner[min(new.first[place] + stuck, new.first[place + 1] - 1)]
+    block = case.compensated.motions.block[owner] if owner >= 0 else case.lines.hunks.marker[hunk]
     case.findings.add(
         "path", "the tool does not go where the original does", original=_replaced(case, hunk),
         compensated=int(block), expected=f"within {case.bound / MM:.4g} mm",
@@ -112,15 +165,13 @@ def _tell_way(case: Case, found: Stretches, place: int, stuck: int, deviation: f
     )  # fmt: skip
 
 
-def _deviation(found: Stretches, place: int) -> float:
+def _deviation(old: _Way, new: _Way, place: int) -> float:
     """How far the ways of a stretch are apart, in order [m]; no more than a metre."""
-    one, other = (
-        side.points[side.point_first[place] : side.point_first[place + 1]] for side in (found.old, found.new)
-    )
+    one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
+    ends = np.array([0, len(one)]), np.array([0, len(other)])
     low, high = 0.0, _LONGEST
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        ends = np.array([0, len(one)]), np.array([0, len(other)])
         apart = follow(one, ends[0], other, ends[1], np.array([middle]))[0] >= 0
         low, high = (middle, high) if apart else (low, middle)
     return high

@@ -34,6 +34,7 @@ _KNOWN = {
     "dwell": re.compile(
         r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*"
     ),
+    "dwells": re.compile(r"dwells up to ([.\d]+) s, ([.\d]+) s in all"),
     "units": re.compile(r"units (mm|inch)"),
     "note": re.compile(r"note.*"),
 }
@@ -55,7 +56,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     """What the header declares.
 
     `first`, `last` its lines, `tail` the first of the undo lines at the end (the number of lines where there
-    are none). `offsets` and `pulses` by axis; `dwell` [s] and `block_time` [s]; `decimals` of lengths;
+    are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike with the
+    `longest` and their sum `dwelt` [s]; `block_time` [s]; `decimals` of lengths;
     `chord` tolerance [m]; `stops`, `dips` their numbers. `faults` what could not be read, with its line.
     """
 
@@ -70,6 +72,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     stops: int | None = None
     dips: int | None = None
     dwell: float | None = None
+    longest: float | None = None
+    dwelt: float | None = None
     decimals: int | None = None
     chord: float | None = None
     block_time: float | None = None
@@ -154,6 +158,9 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     elif name == "dwell":
         fields["dwell"], fields["decimals"] = float(match[1]), int(match[2])
         fields["chord"], fields["block_time"] = float(match[3]) * LENGTH_UNITS["mm"], float(match[4]) * MS
+
+    elif name == "dwells":
+        fields["longest"], fields["dwelt"] = float(match[1]), float(match[2])
 
 
 def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, str]]]:

@@ -14,6 +14,9 @@ from ph_post.units import MM, MM_PER_MIN
 _ROUNDING = 1e-4
 """Feeds may be above the original's by this part of themselves: their last digit."""
 
+_TIMED = 0.01
+"""The same under inverse time, where a feed is a length over a time, and lengths of arcs are rounded."""
+
 _SLOWER = 0.02
 """A feed that is lower than the original's by this part of it is a dip, and not rounding."""
 
@@ -26,12 +29,14 @@ _NOTHING = 1e-12
 
 def check_feeds(case: Case, found: Stretches) -> None:
     """Compare the feed of every cutting move in a hunk with the largest of the original's beside it."""
-    run = _stretch_of(found.new)
+    run = found.new.stretch()
     mine = np.flatnonzero(np.diff(found.old.first)[run] > 0)
     bound = _feeds_beside(case, found, mine)
     feed = _feeds(case.compensated.motions, found.new)[mine]
     grid = 2.0 * MM * 10.0 ** -(case.declared.decimals if case.declared.decimals is not None else 0)
-    right = feed <= bound * (1.0 + _ROUNDING + grid / np.maximum(found.new.length[mine], _NOTHING))
+    timed = case.compensated.motions.duration[found.new.motion[mine]] > 0.0
+    spare = np.where(timed, _TIMED, _ROUNDING) + grid / np.maximum(found.new.length[mine], _NOTHING)
+    right = feed <= bound * (1.0 + spare)
     right |= np.isnan(feed) & np.isnan(bound)
     case.findings.count("feeds", mine.size)
     slower = np.flatnonzero(feed < bound * (1.0 - _SLOWER))
@@ -49,39 +54,16 @@ def check_feeds(case: Case, found: Stretches) -> None:
 
 def _feeds_beside(case: Case, found: Stretches, mine: IntArray) -> Array:
     """Largest feed of the original along each of the moves [m/s]."""
-    low, high = (side[mine] for side in _places(found.new))
-    old_low, old_high = _places(found.old)
-    total = np.maximum(_totals(found.new)[_stretch_of(found.new)[mine]], case.bound)
+    run = found.new.stretch()[mine]
+    low, high = (side[mine] for side in found.new.places())
+    old_low, old_high = found.old.places()
     # Lengths differ by what the tolerance allows: a move does not count as beside what it only touches.
-    reach = np.minimum(_NEAR + case.bound / total, 0.25 * (high - low))
-    first = np.searchsorted(old_high, low + reach)
-    last = np.searchsorted(old_low, high - reach)
-    feeds = _feeds(case.original.motions, found.old)
-    return _largest(feeds, np.minimum(first, feeds.size - 1), last)
-
-
-def _stretch_of(side: Side) -> IntArray:
-    """Return the number of the stretch of each motion."""
-    return np.repeat(np.arange(side.first.size - 1), np.diff(side.first))
-
-
-def _totals(side: Side) -> Array:
-    """Length of each stretch [m]."""
-    return np.asarray(
-        np.bincount(_stretch_of(side), weights=side.length, minlength=side.first.size - 1), dtype=np.float64
-    )
-
-
-def _places(side: Side) -> tuple[Array, Array]:
-    """Where each motion begins and ends: number of its stretch and share of that stretch's length."""
-    run = _stretch_of(side)
-    if not run.size:
-        return np.zeros(0), np.zeros(0)
-    total = np.maximum(_totals(side), _NOTHING)[run]
-    sums = np.cumsum(side.length)
-    begins = np.append(0.0, sums)[side.first[:-1]][run]
-    high = (sums - begins) / total
-    return run + np.clip(high - side.length / total, 0.0, 1.0), run + np.clip(high, 0.0, 1.0)
+    reach = _NEAR + case.bound / np.maximum(found.new.totals()[run], case.bound)
+    reach = np.minimum(reach, 0.25 * (high - low))
+    begin, end = found.old.first[run], found.old.first[run + 1]
+    first = np.clip(np.searchsorted(old_high, low + reach), begin, end - 1)
+    last = np.clip(np.searchsorted(old_low, high - reach), first + 1, end)
+    return _largest(_feeds(case.original.motions, found.old), first, last)
 
 
 def _feeds(motions: Motions, side: Side) -> Array:
@@ -92,29 +74,33 @@ def _feeds(motions: Motions, side: Side) -> Array:
 
 
 def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
-    """Largest of the values in each of the ranges ``[first, last)``, of one value at least."""
+    """Largest of the values in each of the ranges ``[first, last)``, none of which is empty."""
     if not first.size:
         return np.zeros(0)
-    last = np.maximum(last, first + 1)
     ends = np.column_stack([first, last]).ravel()
     return np.asarray(np.maximum.reduceat(np.append(values, -np.inf), ends)[::2])
 
 
 def check_jogs(case: Case, pairing: Pairing, machine: Machine) -> None:
     """Demand of every jog a feed that its axis can reach on its way, inside its limits."""
-    motions = case.compensated.motions
-    for motion in np.flatnonzero(pairing.jog).tolist():
-        way = np.nan_to_num(np.abs(motions.end[motion] - motions.start[motion]))
-        name, block = AXES[int(np.argmax(way))], int(motions.block[motion])
+    motions, jogs = case.compensated.motions, np.flatnonzero(pairing.jog)
+    ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
+    timed = motions.duration[jogs]
+    axis, length = np.argmax(ways, axis=1), np.max(ways, axis=1, initial=0.0)
+    with np.errstate(divide="ignore"):
+        feed = np.where(timed > 0.0, length / timed, motions.feed[jogs])
+    for column in np.unique(axis).tolist():
+        name, own = AXES[column], np.flatnonzero(axis == column)
         if name not in machine.axes:
+            block = int(motions.block[jogs[own[0]]])
             case.findings.add("limits", f"the machine has no axis {name}", compensated=block)
             continue
-        limits, length, timed = machine.axes[name].limits, float(way.max()), motions.duration[motion]
-        feed = length / timed if timed > 0.0 else motions.feed[motion]
-        most = min(limits.velocity, float(np.sqrt(limits.acceleration * length)))
-        if not feed <= most * (1.0 + _ROUNDING):
+        limits = machine.axes[name].limits
+        most = np.minimum(limits.velocity, np.sqrt(limits.acceleration * length[own]))
+        for place in np.flatnonzero(~(feed[own] <= most * (1.0 + _ROUNDING))).tolist():
             case.findings.add(
                 "limits", f"the jog of {name} is faster than the machine can be on its way",
-                compensated=block, expected=f"<= {most / MM_PER_MIN:.6g} mm/min",
-                got=f"{feed / MM_PER_MIN:.6g} mm/min",
+                compensated=int(motions.block[jogs[own[place]]]),
+                expected=f"<= {most[place] / MM_PER_MIN:.6g} mm/min",
+                got=f"{feed[own[place]] / MM_PER_MIN:.6g} mm/min",
             )  # fmt: skip

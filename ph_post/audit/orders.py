@@ -35,7 +35,7 @@ class Dwells(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def find_dwells(program: PartProgram) -> Dwells:
     """All G4 of a program."""
     words = program.words
-    block = np.unique(words.block[(words.letter == _G) & (words.value == 4.0)])
+    block = words.block[(words.letter == _G) & (words.value == 4.0)]
     duration = np.full(program.blocks, np.nan)
     seconds = words.letter == _P
     duration[words.block[seconds]] = words.value[seconds]
@@ -121,14 +121,30 @@ def check_dwells(case: Case) -> Dwells:
             "command", "a dwell of a replaced line is lost", expected=f"G4 P{seconds:g}",
             compensated=int(case.lines.hunks.marker[hunk]),
         )  # fmt: skip
-    expected = case.declared.dwell if case.declared.dwell is not None else np.nan
-    for place in np.flatnonzero(added & ~(np.abs(new.duration - expected) <= _ALIKE)).tolist():
+    found = Dwells(block=new.block[added], duration=new.duration[added])
+    _check_times(case, found)
+    case.findings.count("dwells", found.block.size)
+    return found
+
+
+def _check_times(case: Case, dwells: Dwells) -> None:
+    """Hold dwells to the declared times: one for all, or a shortest, a longest, and their sum."""
+    declared = case.declared
+    least = declared.dwell if declared.dwell is not None else np.nan
+    most = declared.longest if declared.longest is not None else least
+    fits = (dwells.duration >= least - _ALIKE) & (dwells.duration <= most + _ALIKE)
+    told = f"{least:.7g} s" if most == least else f"{least:.7g} to {most:.7g} s"
+    for place in np.flatnonzero(~fits).tolist():
         case.findings.add(
-            "dwell", "a dwell is not as long as declared", compensated=int(new.block[place]),
-            expected=f"{expected:g} s", got=f"{new.duration[place]:g} s",
+            "dwell", "a dwell is not as long as declared", compensated=int(dwells.block[place]),
+            expected=told, got=f"{dwells.duration[place]:.7g} s",
         )  # fmt: skip
-    case.findings.count("dwells", int(added.sum()))
-    return Dwells(block=new.block[added], duration=new.duration[added])
+    total = float(dwells.duration.sum())
+    if declared.dwelt is not None and not abs(total - declared.dwelt) <= _ALIKE * (1 + dwells.block.size):
+        case.findings.add(
+            "dwell", "the dwells are not as long in all as declared", compensated=declared.first,
+            expected=f"{declared.dwelt:.9g} s", got=f"{total:.9g} s",
+        )  # fmt: skip
 
 
 def _replaced_dwells(case: Case) -> list[tuple[int, float]]:

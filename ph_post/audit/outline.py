@@ -10,9 +10,13 @@ import numpy as np
 from ph_post.audit.align import expand
 from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, PLANE_AXES, Motions
 from ph_post.types import Array, IntArray
+from ph_post.units import MM
 
 _LEAST = 2
 """An arc has at least so many chords a half turn, however small it is."""
+
+_LENGTH_SAGITTA = 1e-3 * MM
+"""How far the chords leave a spline whose length is taken [m]."""
 
 _PIECES = 4096
 """A spline is never cut into more chords than this."""
@@ -51,11 +55,36 @@ def outline(motions: Motions, which: IntArray, sagitta: float) -> Outline:
     share = number / pieces[motion]
     start, end = motions.start[which][motion], motions.end[which][motion]
     points = np.asarray(start + (end - start) * share[:, None])
-    _bend(motions, which, arcs, motion, share, points)
+    rows = np.flatnonzero(motions.kind[which[motion]] == ARC)
+    _bend(motions, which[motion[rows]], share[rows], points, rows)
     points[first[1:] - 1] = motions.end[which]
     for place, curve in curves.items():
         points[first[place] : first[place + 1]] = curve
     return Outline(points=points, first=first)
+
+
+def motion_lengths(motions: Motions, which: IntArray) -> Array:
+    """Lengths of motions [m]; coordinates that are not known do not count."""
+    length = np.linalg.norm(np.nan_to_num(motions.end[which] - motions.start[which]), axis=1)
+    arcs = np.flatnonzero(motions.kind[which] == ARC)
+    third = plane_columns(motions, which[arcs])[:, 2:]
+    rise = np.take_along_axis(motions.end[which[arcs]] - motions.start[which[arcs]], third, axis=1)[:, 0]
+    radius = 0.5 * np.add(*radii(motions, which[arcs]))
+    length[arcs] = np.hypot(radius * motions.angle[which[arcs]], np.nan_to_num(rise))
+    curves = np.flatnonzero(np.isin(motions.kind[which], (CUBIC, NURBS)))
+    for place in curves.tolist():
+        points = _curve_points(motions, int(which[place]), _LENGTH_SAGITTA)
+        length[place] = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    return np.asarray(length)
+
+
+def places_on(motions: Motions, which: IntArray, share: Array) -> Array:
+    """Points (k, 3) [m] of lines and arcs at a share of each; of splines, of the line between their ends."""
+    start, end = motions.start[which], motions.end[which]
+    points = np.asarray(start + (end - start) * share[:, None])
+    arcs = np.flatnonzero(motions.kind[which] == ARC)
+    _bend(motions, which[arcs], share[arcs], points, arcs)
+    return points
 
 
 def plane_columns(motions: Motions, which: IntArray) -> IntArray:
@@ -82,21 +111,15 @@ def _arc_pieces(motions: Motions, arcs: IntArray, sagitta: float) -> IntArray:
     return np.maximum(1, np.ceil(np.abs(motions.angle[arcs]) / step)).astype(np.int64)
 
 
-def _bend(
-    motions: Motions, which: IntArray, arcs: IntArray, motion: IntArray, share: Array, points: Array
-) -> None:
-    """Put the points of arcs on their circles; a radius that changes does so evenly."""
-    is_arc = np.zeros(which.size, dtype=bool)
-    is_arc[arcs] = True
-    rows = np.flatnonzero(is_arc[motion])
-    number = which[motion[rows]]
-    columns = plane_columns(motions, number)[:, :2]
-    begin, finish = radii(motions, number)
-    radius = begin + (finish - begin) * share[rows]
-    spoke = np.take_along_axis(motions.start[number], columns, axis=1) - motions.center[number]
-    turned = np.arctan2(spoke[:, 1], spoke[:, 0]) + motions.angle[number] * share[rows]
+def _bend(motions: Motions, arcs: IntArray, share: Array, points: Array, rows: IntArray) -> None:
+    """Put rows of points on the circles of their arcs; a radius that changes does so evenly."""
+    columns = plane_columns(motions, arcs)[:, :2]
+    begin, finish = radii(motions, arcs)
+    radius = begin + (finish - begin) * share
+    spoke = np.take_along_axis(motions.start[arcs], columns, axis=1) - motions.center[arcs]
+    turned = np.arctan2(spoke[:, 1], spoke[:, 0]) + motions.angle[arcs] * share
     for column, wave in ((0, np.cos), (1, np.sin)):
-        points[rows, columns[:, column]] = motions.center[number, column] + radius * wave(turned)
+        points[rows, columns[:, column]] = motions.center[arcs, column] + radius * wave(turned)
 
 
 def _curve_points(motions: Motions, motion: int, sagitta: float) -> Array:

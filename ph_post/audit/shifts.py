@@ -6,6 +6,7 @@ import numpy as np
 
 from ph_post.audit.align import NO_HUNK
 from ph_post.audit.case import Case
+from ph_post.audit.orders import Dwells
 from ph_post.audit.outline import plane_columns
 from ph_post.audit.pairing import AXES, EXACT, Pairing, declared_ways, millimetres
 from ph_post.audit.verdict import FailureKind
@@ -130,11 +131,34 @@ def check_returns(case: Case, pairing: Pairing) -> None:
             )  # fmt: skip
 
 
-def check_stops(case: Case, pairing: Pairing) -> None:
-    """As many stops as the header says: jogs with nothing but dwells between them are one stop."""
-    jog, hunk = pairing.jog, pairing.new_hunk
-    follows = np.append(False, jog[:-1] & (hunk[1:] == hunk[:-1]))[: jog.size]
-    stops = int((jog & ~follows).sum())
+def check_known(case: Case, pairing: Pairing) -> None:
+    """In a hunk no axis is moved from an unknown position, but where the original does so itself."""
+    number = max(case.lines.hunks.number, 1)
+    moved = []
+    for motions, hunk in (
+        (case.original.motions, pairing.old_hunk),
+        (case.compensated.motions, pairing.new_hunk),
+    ):
+        motion, axis = np.nonzero(
+            np.isnan(motions.start) & ~np.isnan(motions.end) & (hunk != NO_HUNK)[:, None]
+        )
+        moved.append((motion, np.bincount(3 * hunk[motion] + axis, minlength=3 * number)))
+    (_, old), (motion, new) = moved
+    for place in np.flatnonzero(new > old).tolist():
+        first = motion[pairing.new_hunk[motion] == place // 3][0]
+        case.findings.add(
+            "path", f"{AXES[place % 3]} is moved from where its position is not known",
+            compensated=int(case.compensated.motions.block[first]),
+        )  # fmt: skip
+
+
+def check_stops(case: Case, pairing: Pairing, dwells: Dwells) -> None:
+    """As many stops as the header says: added dwells with nothing but jogs between them are one stop."""
+    motions = case.compensated.motions
+    cutting = motions.block[~pairing.jog]
+    passed = np.searchsorted(cutting, dwells.block)
+    hunk = case.lines.new_hunk[dwells.block]
+    stops = len(np.unique(np.stack([hunk, passed]), axis=1).T)
     case.findings.count("stops", stops)
     case.findings.count("hunks", case.lines.hunks.number)
     if case.declared.stops is not None and stops != case.declared.stops:

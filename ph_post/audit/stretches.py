@@ -1,40 +1,57 @@
-"""The stretches inside hunks, in both programs: which motions they are, and the way they go."""
+"""The stretches inside hunks: which motions of both programs they are, and which need a closer look."""
 
 from __future__ import annotations
 
 import msgspec
 import numpy as np
 
-from ph_post.audit.align import NO_HUNK
-from ph_post.audit.outline import outline
+from ph_post.audit.align import NO_HUNK, expand
+from ph_post.audit.outline import motion_lengths, places_on, plane_columns, radii
 from ph_post.audit.pairing import Pairing
-from ph_post.gcode.reader.record import RAPID, Motions
+from ph_post.gcode.reader.record import ARC, LINE, RAPID, Motions
 from ph_post.types import Array, BoolArray, IntArray
 
 _RANK = 1 << 32
 """More than there are rapids in a hunk."""
 
+_NOTHING = 1e-12
+"""No length [m] is divided by that is smaller."""
+
 
 class Side(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The stretches of one program: `motion` (k,) all of them, those of stretch r from ``first[r]`` on.
 
-    `length` (k,) [m] of each motion. `points` (n, 3) [m], those of stretch r from ``point_first[r]`` on, less
-    what is added to the axes; `owner` (n,) the place in `motion` that a point belongs to.
+    `length` (k,) [m] of each motion, `shift` (k, 3) [m] what is added to it.
     """
 
     motion: IntArray
     first: IntArray
     length: Array
-    points: Array
-    point_first: IntArray
-    owner: IntArray
+    shift: Array
+
+    def stretch(self) -> IntArray:
+        """Return the number of the stretch of each motion."""
+        return np.repeat(np.arange(self.first.size - 1), np.diff(self.first))
+
+    def totals(self) -> Array:
+        """Return the length of each stretch [m]."""
+        sums = np.append(0.0, np.cumsum(self.length))[self.first]
+        return np.asarray(np.diff(sums))
+
+    def places(self) -> tuple[Array, Array]:
+        """Where each motion begins and ends: number of its stretch and share of that stretch's length."""
+        run = self.stretch()
+        total = np.maximum(self.totals(), _NOTHING)[run]
+        sums = np.append(0.0, np.cumsum(self.length))
+        begins = sums[self.first[:-1]][run]
+        low, high = (np.clip((ends - begins) / total, 0.0, 1.0) for ends in (sums[:-1], sums[1:]))
+        return run + low, run + high
 
 
 class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Stretches of cutting moves, r of them, in hunks, cut at the rapids; `hunk` (r,) of each.
 
-    Jogs are left out. Where a stretch has no motion in one program it has a point there: where it begins in
-    the other one.
+    Jogs are left out. A stretch may be without a motion in one of the programs.
     """
 
     hunk: IntArray
@@ -42,50 +59,126 @@ class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     new: Side
 
 
-def find_stretches(original: Motions, compensated: Motions, pairing: Pairing, sagitta: float) -> Stretches:
-    """Find all stretches, and lay polylines through them that leave the motions by at most `sagitta` [m]."""
+def find_stretches(original: Motions, compensated: Motions, pairing: Pairing) -> Stretches:
+    """Find all stretches."""
     nothing = np.zeros((original.kind.size, 3))
     old_key, old = _keys(original.kind, pairing.old_hunk, np.zeros(original.kind.size, dtype=bool))
     new_key, new = _keys(compensated.kind, pairing.new_hunk, pairing.jog)
     keys = np.union1d(old_key, new_key)
-    old_first, new_first = (np.append(np.searchsorted(own, keys), own.size) for own in (old_key, new_key))
-    one = _side(original, nothing, old, old_first, sagitta)
-    other = _side(compensated, pairing.after, new, new_first, sagitta)
-    return Stretches(hunk=keys // _RANK, old=_filled(one, other), new=_filled(other, one))
+    return Stretches(
+        hunk=keys // _RANK,
+        old=_side(original, old, np.append(np.searchsorted(old_key, keys), old.size), nothing),
+        new=_side(compensated, new, np.append(np.searchsorted(new_key, keys), new.size), pairing.after),
+    )
+
+
+def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> Side:
+    return Side(motion=which, first=first, length=motion_lengths(motions, which), shift=shift[which])
 
 
 def _keys(kind: IntArray, hunk: IntArray, without: BoolArray) -> tuple[IntArray, IntArray]:
     """Hunk and number of rapids before it there, as one number, of the motions that cut in hunks."""
     rapids = np.cumsum(kind == RAPID)
     which = np.flatnonzero((hunk != NO_HUNK) & (kind != RAPID) & ~without)
-    begins = np.append(True, hunk[1:] != hunk[:-1])
+    begins = np.append(True, hunk[1:] != hunk[:-1])[: hunk.size]
     start = np.maximum.accumulate(np.where(begins, np.arange(hunk.size), 0))[which]
     return np.asarray(hunk[which] * _RANK + rapids[which] - np.append(0, rapids)[start]), which
 
 
-def _side(motions: Motions, shift: Array, which: IntArray, first: IntArray, sagitta: float) -> Side:
-    lines = outline(motions, which, sagitta)
-    owner = np.repeat(np.arange(which.size), np.diff(lines.first))
-    steps = np.linalg.norm(np.diff(np.nan_to_num(lines.points), axis=0), axis=1)
-    steps[lines.first[1:-1] - 1] = 0.0
-    length = np.add.reduceat(np.append(steps, 0.0), lines.first[:-1]) if which.size else np.zeros(0)
-    return Side(
-        motion=which, first=first, length=length, points=np.nan_to_num(lines.points) - shift[which][owner],
-        point_first=lines.first[first], owner=owner,
-    )  # fmt: skip
+def doubtful(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:
+    """Leave out what is plainly the same: motions that were only divided, each part on its motion.
 
-
-def _filled(side: Side, other: Side) -> Side:
-    """Give stretches without a motion a point: the first of the other program's."""
-    empty = np.flatnonzero(np.diff(side.first) == 0)
-    if not empty.size:
-        return side
-    places = side.point_first[empty]
-    added = np.zeros(side.point_first.size, dtype=np.int64)
-    added[empty + 1] = 1
-    return msgspec.structs.replace(
-        side,
-        points=np.insert(side.points, places, other.points[other.point_first[empty]], axis=0),
-        point_first=side.point_first + np.cumsum(added),
-        owner=np.insert(side.owner, places, -1),
+    Parts of a line are lines and parts of an arc are arcs about its centre; both are measured against the
+    point of their motion that lies at the same share of it. What remains are stretches of neighbours.
+    """
+    owner = _owners(found)
+    fine = _divided(original, compensated, found, owner, bound)
+    run = found.old.stretch()
+    bad = np.flatnonzero(~fine)
+    begins = np.append(True, (np.diff(bad) > 1) | (np.diff(run[bad]) > 0))[: bad.size]
+    low, high = bad[begins], bad[np.append(begins[1:], True)[: bad.size]] + 1
+    new_low, new_high = (
+        np.searchsorted(owner, 2 * low + 1),
+        np.searchsorted(owner, 2 * high - 1, side="right"),
     )
+    alone = np.flatnonzero((np.diff(found.old.first) == 0) & (np.diff(found.new.first) > 0))
+    spans = np.concatenate(
+        [
+            [run[low], low, high, new_low, new_high],
+            [alone, *2 * [found.old.first[alone]], found.new.first[alone], found.new.first[alone + 1]],
+        ],
+        axis=1,
+    )  # fmt: skip
+    spans = spans[:, np.argsort(spans[0], kind="stable")]
+    return Stretches(
+        hunk=found.hunk[spans[0]],
+        old=_part(found.old, spans[1], spans[2]),
+        new=_part(found.new, spans[3], spans[4]),
+    )
+
+
+def _owners(found: Stretches) -> IntArray:
+    """Place of the original's motion that each new one is a part of, twice and one.
+
+    Twice the place of the next one for stretches that have none: the numbers never fall.
+    """
+    run = found.new.stretch()
+    low, high = found.new.places()
+    _, old_high = found.old.places()
+    first, last = found.old.first[run], found.old.first[run + 1]
+    owner = np.clip(np.searchsorted(old_high, 0.5 * (low + high)), first, np.maximum(last - 1, first))
+    return np.asarray(np.where(first < last, 2 * np.maximum.accumulate(owner) + 1, 2 * first))
+
+
+def _divided(
+    original: Motions, compensated: Motions, found: Stretches, owner: IntArray, bound: float
+) -> BoolArray:
+    """Which motions of the original, by place, are there part by part and nothing else."""
+    part = np.flatnonzero(owner % 2 == 1)
+    place, new = owner[part] // 2, found.new.motion[part]
+    old = found.old.motion[place]
+    arc = original.kind[old] == ARC
+    amount = np.where(arc, np.abs(compensated.angle[new]), found.new.length[part])
+    whole = np.bincount(place, weights=amount, minlength=found.old.motion.size)
+    sums = np.append(0.0, np.cumsum(amount))
+    begins = np.append(True, np.diff(place) > 0)[: place.size]
+    start = sums[:-1][np.maximum.accumulate(np.where(begins, np.arange(place.size), 0))]
+    scale = np.maximum(whole[place], _NOTHING)
+    shift = found.new.shift[part]
+    off = np.zeros(place.size)
+    for ends, reached in ((compensated.start, sums[:-1]), (compensated.end, sums[1:])):
+        there = places_on(original, old, np.clip((reached - start) / scale, 0.0, 1.0))
+        gap = np.nan_to_num(ends[new]) - shift - np.nan_to_num(there)
+        off = np.maximum(off, np.linalg.norm(gap, axis=1))
+    off[arc] += _bends(original, compensated, old[arc], new[arc], shift[arc], whole[place[arc]])
+    alike = (original.kind[old] == compensated.kind[new]) & (arc | (original.kind[old] == LINE))
+    many = np.bincount(place, minlength=found.old.motion.size)
+    good = np.bincount(place, weights=alike & (off <= bound), minlength=found.old.motion.size)
+    return np.asarray((many == good) & ((many > 0) | (found.old.length <= _NOTHING)))
+
+
+def _bends(
+    original: Motions, compensated: Motions, old: IntArray, new: IntArray, shift: Array, swept: Array
+) -> Array:
+    """How far a part of an arc may be off beyond its ends: by its centre, its radius and its sweep [m]."""
+    arcs = compensated.kind[new] == ARC
+    columns = plane_columns(original, old)[:, :2]
+    centre = compensated.center[new] - np.take_along_axis(shift, columns, axis=1) - original.center[old]
+    one, other = radii(original, old), radii(compensated, new)
+    radius = np.abs(other[0] - one[0]) + np.abs(one[1] - one[0]) + np.abs(other[1] - other[0])
+    sweep = np.maximum(one[0], one[1]) * np.abs(swept - np.abs(original.angle[old]))
+    same = (original.plane[old] == compensated.plane[new]) & (
+        np.sign(original.angle[old]) == np.sign(compensated.angle[new])
+    )
+    return np.asarray(
+        np.where(arcs & same, 2.0 * (np.hypot(*centre.T) + radius) + sweep, np.inf), dtype=np.float64
+    )
+
+
+def _part(side: Side, low: IntArray, high: IntArray) -> Side:
+    """Take stretches out of a side."""
+    which, _ = expand(low, high)
+    return Side(
+        motion=side.motion[which], first=np.append(0, np.cumsum(high - low)), length=side.length[which],
+        shift=side.shift[which],
+    )  # fmt: skip

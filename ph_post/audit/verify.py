@@ -20,7 +20,7 @@ from ph_post.audit.direction import check_direction
 from ph_post.audit.feeds import check_feeds, check_jogs
 from ph_post.audit.orders import check_dwells, check_orders
 from ph_post.audit.pairing import pair_motions
-from ph_post.audit.shifts import check_amounts, check_pairs, check_returns, check_stops
+from ph_post.audit.shifts import check_amounts, check_known, check_pairs, check_returns, check_stops
 from ph_post.audit.states import check_breaks, check_states
 from ph_post.audit.verdict import Findings, Verdict, shown
 from ph_post.audit.wording import check_wording
@@ -129,9 +129,10 @@ def _compare(case: Case, machine: Machine | None) -> None:
     if pairing is None:
         return
     check_pairs(case, pairing)
+    check_known(case, pairing)
     check_amounts(case, pairing)
     check_returns(case, pairing)
-    check_stops(case, pairing)
+    check_stops(case, pairing, dwells)
     found = check_course(case, pairing, dwells)
     check_feeds(case, found)
     check_direction(case, pairing)

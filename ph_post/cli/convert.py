@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
+from ph_post.cli.outputs import BACKUP
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
@@ -21,10 +22,25 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source", metavar="IN")
-@options.machine
+@options.optional_machine
 @click.option(
     "-o", "--output", metavar="OUT", help="Part program; - for standard output (the default without --table)."
 )
+@click.option("--suffix", metavar="END", help="Write part.ngc to partEND.ngc. For part programs.")
+@click.option("--in-place", is_flag=True, help="Write over IN. For part programs.")
+@click.option(
+    "--backup",
+    is_flag=False,
+    flag_value=BACKUP,
+    default=None,
+    metavar="END",
+    help=f"With --in-place: keep what was there as part.ngcEND. [{BACKUP}]",
+)
+@click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
+@click.option(
+    "--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before."
+)
+@click.option("--strict", is_flag=True, help="Refuse a program that holds anything which is not understood.")
 @click.option(
     "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
 )
@@ -56,13 +72,19 @@ if TYPE_CHECKING:
 )
 @options.common
 def command(
-    source: str, machine: str, output: str | None, table: str | None, as_json: bool, **how: Any
+    source: str, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
 ) -> int:
-    """Convert a path file into a compensated part program and/or an interpolator table.
+    """Convert a path file or a part program into a compensated one, a path file also into a table.
 
-    IN is a path file (.json), the name of a shipped one, or - for standard input. Without -o and --table the
-    program goes to standard output. Files are written whole or not at all; what was reduced, shortened or
-    left alone is said on standard error.
+    IN is a path file (.json), the name of a shipped one, a part program, or - for standard input. Without -o
+    and --table the program goes to standard output. Files are written whole or not at all; what was reduced,
+    shortened or left alone is said on standard error.
+
+    With --table a part program is taken as a path. With -o only what has to change of it is changed: numbers
+    of axes that carry a lasting offset, and stretches around turning points, each behind a comment that tells
+    its lines; all other bytes stay. What is not understood is passed through and named (--strict: refused).
+    The outcome is verified before it is written. Converted a second time it stays as it is, and --undo gives
+    the original back.
 
     A table leads the path by what the servos lag behind it (not with the strategies none, linear and step),
     and carries axes through their gaps sample by sample. A program cannot, and jogs them at full stops; so it
@@ -77,19 +99,34 @@ def command(
       ph-post convert oval -m mill -o oval.ngc
       ph-post convert part.json -m router.toml --ratio 0.3 --table part.csv -o part.ngc
       ph-post convert circle -m paper --start moving --table - > circle.csv
+      ph-post convert part.ngc -m router -o part_compensated.ngc
+      ph-post convert part.ngc -m router --in-place --backup
+      cat part.ngc | ph-post convert - -m router -o - | sender
+      ph-post convert part_compensated.ngc --undo -o part.ngc
     """
     from ph_post.cli.job import default_strategy, load_and_analyse
+    from ph_post.cli.programs import convert_program
     from ph_post.io.atomic import write_atomically
+    from ph_post.io.inputs import is_program
+    from ph_post.io.shipped import or_shipped
+    from ph_post.io.source import read_raw
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json, print_plans
 
+    raw = read_raw(or_shipped("paths", source))
+    if is_program(raw) and table is None:
+        everything = {**how, "machine": machine, "output": output, "table": table}
+        return convert_program(source, raw.data, everything, as_json=as_json)
+    _refuse_program_options(how, output if is_program(raw) else None)
+    if machine is None:
+        raise click.UsageError("Missing option '-m' / '--machine'")
     _check_outputs(output, table, as_json)
     how["strategy"] = how["strategy"] or default_strategy(how)
     program = output or (None if table is not None or as_json else "-")
     view = None
     with Progress() as stage:
         analysis = load_and_analyse(
-            source, machine, how["tolerance"], stage,
+            raw, machine, how["tolerance"], stage,
             feed=how["feed"], dialect=how["dialect"], intervals=how["interval_table"],
         )  # fmt: skip
         plans = _plans(analysis, how, table is not None or program is None, program is not None, stage)
@@ -101,6 +138,16 @@ def command(
         print_json(view)
     print_plans({str(carrier): plan for carrier, plan in plans.items()}, products)
     return 0
+
+
+def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
+    """Refuse what only an existing program can be asked for, and to splice one and sample it in one go."""
+    if program is not None:
+        raise click.UsageError("of a part program either -o or --table is made at a time; got both")
+    names = ("suffix", "in_place", "backup", "undo", "force", "strict")
+    given = [f"--{name.replace('_', '-')}" for name in names if how[name]]
+    if given:
+        raise click.UsageError(f"{given[0]} is for a part program that is written as one")
 
 
 def _plans(

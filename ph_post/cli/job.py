@@ -22,6 +22,7 @@ from ph_post.io.inputs import read_input
 from ph_post.io.intervalfile import read_intervals
 from ph_post.io.machinefile import read_machine
 from ph_post.io.shipped import or_shipped
+from ph_post.io.source import Raw
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN
 
@@ -30,7 +31,7 @@ BASELINES: Final = frozenset(("none", "linear", "step"))
 
 
 def load(
-    source: str, machine: str | None, feed: float | None = None, dialect: str | None = None
+    source: str | Raw, machine: str | None, feed: float | None = None, dialect: str | None = None
 ) -> tuple[Path, Machine | None]:
     """Read a path file or a part program, and a machine file.
 
@@ -42,7 +43,7 @@ def load(
     InputError
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
-    path, warnings = read_input(or_shipped("paths", source))
+    path, warnings = read_input(source if isinstance(source, Raw) else or_shipped("paths", source))
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
     if feed is not None:
@@ -67,7 +68,7 @@ def require_drives(axes: Sequence[str], what: str, drives: Machine, machine: str
 
 
 def load_and_analyse(
-    source: str,
+    source: str | Raw,
     machine: str | None,
     tolerance: float,
     stage: Callable[[str], None],

@@ -12,7 +12,18 @@ import click
 
 from ph_post.errors import PhPostError
 
-COMMANDS = ("convert", "inspect", "simulate", "compare", "verify", "diff", "sweep", "demo", "paper")
+COMMANDS = (
+    "convert",
+    "inspect",
+    "simulate",
+    "compare",
+    "verify",
+    "diff",
+    "rehearse",
+    "sweep",
+    "demo",
+    "paper",
+)
 """Every command, in the order of the help page; each lives in the module of its name."""
 
 

@@ -104,9 +104,9 @@ def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: flo
         side = min(needed, room)
         if side < needed or feed.lowest(window.s, side) < SLOWEST * cruise:
             return f"no room: {needed / MM:.3g} mm of steady feed on either side are needed"
-    if side <= SAME_PLACE:
-        return "no room for it: the path starts or ends here, or the motion stops"
     lowest, half = feed.lowest(window.s, side), side / longer
+    if side <= SAME_PLACE or lowest <= 0.0:
+        return "no room for it: the path starts or ends here, or the motion stops"
     notes = tuple(_notes(window, wish, side, most, half / (lowest * mean)))
     return Site(window=index, s=window.s, half=half, cruise=lowest, shape=wish.shape, wish=wish, notes=notes)
 

@@ -32,8 +32,10 @@ def is_program(raw: Raw) -> bool:
     return ending in ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
 
 
-def read_input(source: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
+def read_input(source: str | os.PathLike[str] | Raw) -> tuple[Path, tuple[str, ...]]:
     """Read a path file, or the longest path of a part program; ``-`` is standard input.
+
+    What was read already, to tell one from the other, is taken as it is.
 
     Returns
     -------
@@ -46,7 +48,7 @@ def read_input(source: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
     InputError
         One line naming file and place, what was expected and what was found.
     """
-    raw = read_raw(source)
+    raw = source if isinstance(source, Raw) else read_raw(source)
     if not is_program(raw):
         return path_of(decoded(raw)), ()
     program = read_program(raw.data, raw.name)

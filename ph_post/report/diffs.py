@@ -109,8 +109,9 @@ def print_comparison(found: Comparison, programs: Programs) -> None:
     """Print what differs: first in short, then blocks, path, feed, time and the rest."""
     for line in summary(found, programs):
         click.secho(line, bold=True)
-    for words in (*found.declared[0], *found.declared[1]):
-        click.echo(words)
+    for name, declared in zip("AB", found.declared, strict=True):
+        for words in declared:
+            click.echo(f"{name}: {words}")
     _print_blocks(found, programs)
     _print_path(found)
     _print_feeds(found.feeds)

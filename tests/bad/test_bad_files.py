@@ -12,7 +12,7 @@ from ph_post.io.pathfile import read_path
 HERE = Path(__file__).parent
 CIRCLE = HERE.parents[1] / "paths" / "circle.json"
 READERS = {"paths": (read_path, ".json"), "machines": (read_machine, ".toml")}
-CASES = sorted(HERE.glob("*/*.error"))
+CASES = sorted(case for folder in READERS for case in HERE.glob(f"{folder}/*.error"))
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.parent.name}/{case.stem}")

@@ -1,8 +1,9 @@
-"""LinuxCNC's own interpreter as a reference: the canonical calls of ``rs274 -g``, compared with the reader."""
+"""LinuxCNC's own interpreter as a reference: the canonical calls of ``rs274 -g``, beside the reader's."""
 
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -58,21 +59,11 @@ def number_lines(text: str) -> str:
 
 def run_rs274(text: str) -> Canon:
     """Canonical calls of a program, by line where :func:`number_lines` numbered them."""
-    with tempfile.TemporaryDirectory() as folder:
-        file, table = Path(folder, "program.ngc"), Path(folder, "tool.tbl")
-        file.write_text(text, encoding="utf-8", newline="")
-        table.write_text("".join(f"T{n} P{n} Z{n} D0\n" for n in range(1, 101)), encoding="utf-8")
-        done = subprocess.run(
-            [str(RS274), "-t", str(table), "-g", str(file)],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=folder,
-            timeout=60,
-        )
+    done = _run(text)
     canon = Canon()
     errors = [line for line in done.stderr.splitlines() if line != "executing"]
     canon.refusal = "\n".join(errors)
+    assert errors or done.returncode == 0, f"rs274 ended with {done.returncode}"
     units, plane, feed = 1e-3, 17, 0.0
     for match in map(CALL.match, done.stdout.splitlines()):
         if match is None:
@@ -92,6 +83,19 @@ def run_rs274(text: str) -> Canon:
     return canon
 
 
+def _run(text: str) -> subprocess.CompletedProcess[str]:
+    with tempfile.TemporaryDirectory() as folder:
+        file, table = Path(folder, "program.ngc"), Path(folder, "tool.tbl")
+        file.write_text(text, encoding="utf-8", newline="")
+        table.write_text("".join(f"T{n} P{n} Z{n} D0\n" for n in range(1, 101)), encoding="utf-8")
+        line = [str(RS274), "-t", str(table), "-g", str(file)]
+        # It keeps its tools in a file in the home folder, which runs side by side would share.
+        home = {**os.environ, "HOME": folder}
+        return subprocess.run(
+            line, capture_output=True, text=True, check=False, cwd=folder, env=home, timeout=60
+        )
+
+
 def assert_agrees(program: PartProgram, canon: Canon) -> None:
     """Every motion of the reader is rs274's, and rs274 has no other outside of what was passed through."""
     motions = program.motions
@@ -99,7 +103,8 @@ def assert_agrees(program: PartProgram, canon: Canon) -> None:
     passed |= {block for block in range(program.blocks) if ELSEWHERE.search(program.text(block))}
     moves = [move for move in canon.moves if move.line not in passed and not _is_bare(program, move)]
     lines = [int(block) for block in motions.block]
-    assert [move.line for move in moves] == lines
+    found = [move.line for move in moves]
+    assert found == lines, f"rs274 moves on lines {found}, the reader on {lines}"
     for row, move in enumerate(moves):
         _assert_same(program, row, move)
 

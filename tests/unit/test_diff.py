@@ -1,14 +1,18 @@
 """``ph-post diff``: what differs between programs whose differences are known."""
 
 import json
+import math
 import re
 
 import pytest
+from support.corpus import compensated, stepper
 from support.streams import without_progress
 
 from ph_post.audit.diff.compare import compare_programs
 from ph_post.cli.main import main
 from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.registry import find_dialect
+from ph_post.io.machinefile import read_machine
 
 PART = """%
 (part)
@@ -162,14 +166,46 @@ def test_a_tolerance_forgives_what_is_nearer():
     assert compared("G1 X20 Y20", "G1 X20 Y20.0004").max_deviation == pytest.approx(4e-7, rel=1e-6)
 
 
-def test_rapid_moves_count_where_a_machine_tells_their_speed():
-    from ph_post.io.machinefile import read_machine
+def test_a_machine_tells_how_long_and_how_far_off():
+    """A stepper machine is off by half its play on each axis: at most by 0.03 mm in X and 0.04 mm in Y."""
+    text = "G21 G90 G17 G94 G61\nG0 X0 Y0 Z0\nG1 X30 F600\nG3 X30 Y10 J5\nG1 X0\nG1 Y0\nM2\n"
+    found = compared("F600", "F300", text, machine=read_machine("stepper"))
+    a, b = found.timing
+    assert a.model == b.model == "controller"
+    # 70 mm and half a circle of 5 mm radius, and some ramps.
+    cut = 70.0 + 5.0 * math.pi
+    assert cut / 10.0 < a.total < cut / 10.0 + 1.0
+    assert cut / 5.0 < b.total < cut / 5.0 + 1.0
+    assert [error.max for error in found.errors] == pytest.approx([0.05e-3, 0.05e-3], rel=0.01)
+    assert compared("F600", "F300", text).errors is None
 
-    text = "G21 G90 G17 G94\nG0 X0 Y0 Z0\nG0 X100\nG1 X0 F6000\nM2\n"
-    stepper = read_machine("stepper")
-    found = compared("F6000", "F6001", text, machine=stepper)
-    assert found.timing[0].rapids == pytest.approx(0.1 / stepper.axes["X"].limits.velocity)
-    assert compared("F6000", "F6001", text).timing[0].rapids is None
+
+def test_what_is_declared_is_said_and_taken_off():
+    data = PART.encode()
+    program = read_program(data, "part")
+    output = read_program(compensated(program, stepper(), find_dialect("linuxcnc")), "part")
+    found = compare_programs(program, output)
+    assert not found.same
+    assert found.undone == 0.0
+    assert found.declared[0] == ()
+    assert "X is commanded 0.025 mm ahead in the direction it moves" in found.declared[1]
+    # Three axes carry 0.025 mm each, and an axis is seated from three halves of its gap before its place.
+    assert 0.025e-3 <= found.max_deviation <= 0.2e-3
+
+
+def test_what_was_edited_before_it_was_compensated_is_told_apart():
+    program = read_program(PART.replace("G1 X20 Y20", "G1 X20 Y20.5").encode(), "edited")
+    output = read_program(compensated(program, stepper(), find_dialect("linuxcnc")), "part")
+    found = compare_programs(read_program(PART.encode(), "part"), output)
+    assert found.undone == pytest.approx(0.5e-3, rel=1e-6)
+
+
+def test_a_declaration_that_cannot_be_taken_off_is_said():
+    program = read_program(PART.encode(), "part")
+    output = compensated(program, stepper(), find_dialect("linuxcnc")).replace(b"M8", b"M7")
+    found = compare_programs(program, read_program(output, "part"))
+    assert any("cannot be taken off" in words for words in found.declared[1])
+    assert found.undone is None
 
 
 @pytest.fixture

@@ -120,6 +120,16 @@ def test_splines_are_exact() -> None:
     assert shoulder == pytest.approx(np.array([[7.0, -2.0]]), abs=1e-9)
 
 
+def test_the_share_of_a_cubic_is_its_parameter() -> None:
+    # along a line, but unevenly: x = 3 · 4 u (1 - u)² + 3 · 5 u² (1 - u) + 9 u³
+    path = path_of(Tape((0, 0, 0)).cubic([(0, 0, 0), (4, 0, 0), (5, 0, 0), (9, 0, 0)]))
+    u = np.linspace(0.0, 1.0, 11)
+    x = 12.0 * u * (1 - u) ** 2 + 15.0 * u**2 * (1 - u) + 9.0 * u**3
+    motion = np.zeros(11, dtype=np.int64)
+    assert path.to_path(motion, u) == pytest.approx(x * MM, abs=1e-12)
+    assert path.to_motions(x * MM)[1] == pytest.approx(u, abs=1e-9)
+
+
 def test_reversals_across_blocks_lines_rapids_and_planes() -> None:
     tape = (
         Tape((0, 0, 5))

@@ -6,12 +6,14 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.audit.diff.declared import Declared, apart_without
+from ph_post.audit.diff.forecast import Forecast, forecast
 from ph_post.audit.diff.orders import compare_orders
 from ph_post.audit.diff.outline import outline_of
-from ph_post.audit.diff.pace import compare_feeds, compare_times, pace_of
+from ph_post.audit.diff.pace import Pace, compare_feeds, compare_times, pace_of
 from ph_post.audit.diff.record import Comparison, Deviation, Span
 from ph_post.audit.diff.text import compare_blocks
-from ph_post.audit.diff.travel import Travel, compare_paths, farthest
+from ph_post.audit.diff.travel import Travel, compare_paths, farthest, largest_deviation
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM
@@ -34,29 +36,41 @@ def compare_programs(
     tolerance : float, optional
         Paths no farther apart than this are the same [m].
     machine : Machine, optional
-        Whose limits tell how long rapid moves take.
+        On whose controller and drives both are run.
     """
     programs = (a, b)
+    declared = (Declared(a), Declared(b))
     travel = compare_paths(outline_of(a.motions), outline_of(b.motions))
-    paces = tuple(pace_of(one, path, machine) for one, path in zip(programs, travel.outlines, strict=True))
-    pair = (paces[0], paces[1])
+    asked = (pace_of(a, travel.outlines[0]), pace_of(b, travel.outlines[1]))
+    expected = None if machine is None else _forecasts(programs, declared, asked, machine)
+    paces = asked if expected is None else (expected[0].pace, expected[1].pace)
     deviations = list_deviations(travel, programs, tolerance)
     most = largest_deviation(travel)
-    apart = max(tolerance, SLACK * most) if most is not None else np.inf
+    if deviations:
+        most = max(one.amount for one in deviations)
+    apart = np.inf if most is None else max(tolerance, SLACK * most)
     return Comparison(
         identical=a.data == b.data, tolerance=tolerance, blocks=compare_blocks(a, b), travel=travel,
-        max_deviation=most if not deviations else max(most or 0.0, *(one.amount for one in deviations)),
-        deviations=deviations, feeds=compare_feeds(travel, programs, pair),
-        timing=(pair[0].timing, pair[1].timing), times=compare_times(travel, programs, pair),
-        orders=compare_orders(a, b, travel, apart), notes=_notes(programs),
+        max_deviation=most, deviations=deviations, feeds=compare_feeds(travel, programs, asked),
+        timing=(paces[0].timing, paces[1].timing), times=compare_times(travel, programs, paces),
+        retimed=bool(compare_times(travel, programs, asked)),
+        orders=compare_orders(a, b, travel, apart),
+        declared=(declared[0].words, declared[1].words), undone=apart_without(declared),
+        errors=None if expected is None else (expected[0].error, expected[1].error), notes=_notes(programs),
     )  # fmt: skip
 
 
-def largest_deviation(travel: Travel) -> float | None:
-    """Return how far the samples of either path are from the other at most [m]; None without a path."""
-    if travel.sides is None:
-        return None if len(travel.gaps) else 0.0
-    return max(float(side.deviation.max(initial=0.0)) for side in travel.sides)
+def _forecasts(
+    programs: tuple[PartProgram, PartProgram],
+    declared: tuple[Declared, Declared],
+    paces: tuple[Pace, Pace],
+    machine: Machine,
+) -> tuple[Forecast, Forecast]:
+    a, b = (
+        forecast(program, one.original, pace, machine)
+        for program, one, pace in zip(programs, declared, paces, strict=True)
+    )
+    return a, b
 
 
 def list_deviations(

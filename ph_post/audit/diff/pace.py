@@ -10,14 +10,20 @@ import numpy as np
 from ph_post.audit.diff.outline import Outline
 from ph_post.audit.diff.record import FeedChange, Span, TimeChange, Timing
 from ph_post.audit.diff.travel import Side, Travel
-from ph_post.gcode.reader.record import RAPID, Motions, PartProgram
-from ph_post.types import Array, BoolArray, IntArray, Machine
+from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.types import Array, BoolArray, IntArray
 
 SAME_FEED: Final = 1e-9
 """Feeds that differ by no more, relatively, are the same."""
 
+CLEAR: Final = 4.0
+"""So many times what the paths are apart has a motion to run beside another for its feed to count."""
+
 SAME_TIME: Final = 1e-9
 """Times that differ by no more are the same [s]."""
+
+SAME_PERIODS: Final = 0.01
+"""The same as a controller runs it [s]: where it does not stop, a motion ends in one period or another."""
 
 
 class Pace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -33,8 +39,8 @@ class Pace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     timing: Timing
 
 
-def pace_of(program: PartProgram, outline: Outline, machine: Machine | None) -> Pace:
-    """Work out speeds and times from lengths and feeds; rapid moves count with the limits of a machine."""
+def pace_of(program: PartProgram, outline: Outline) -> Pace:
+    """Work out speeds and times from lengths and feeds; rapid moves, whose speed is not told, take none."""
     motions, lengths = program.motions, outline.lengths()
     rapid = motions.kind == RAPID
     timed = motions.duration > 0.0
@@ -43,22 +49,13 @@ def pace_of(program: PartProgram, outline: Outline, machine: Machine | None) -> 
         speed = np.where(rapid, np.inf, speed)
         time = np.where(lengths > 0.0, lengths / speed, 0.0)
     time = np.where(timed & ~rapid, motions.duration, time)
-    fast = np.zeros(rapid.size) if machine is None else _rapid_times(motions, rapid, machine)
     time = np.where(np.isfinite(time), time, 0.0)
     pause = _pauses(program)
     cutting, dwells = float(time[~rapid].sum()), float(pause.sum())
     timing = Timing(
-        total=cutting + dwells + float(fast.sum()), cutting=cutting, dwells=dwells,
-        rapids=None if machine is None else float(fast.sum()), model="length over feed",
-    )  # fmt: skip
-    return Pace(speed=speed, time=time + fast, pause=pause, timing=timing)
-
-
-def _rapid_times(motions: Motions, rapid: BoolArray, machine: Machine) -> Array:
-    """Return the times of rapid moves at the axes' highest speeds; 0 for others [s]."""
-    highest = [machine.axes[name].limits.velocity if name in machine.axes else np.inf for name in "XYZ"]
-    way = np.abs(np.nan_to_num(motions.end - motions.start))
-    return np.where(rapid, (way / np.array(highest)).max(axis=1, initial=0.0), 0.0)
+        total=cutting + dwells, cutting=cutting, dwells=dwells, rapids=None, model="length over feed"
+    )
+    return Pace(speed=speed, time=time, pause=pause, timing=timing)
 
 
 def _pauses(program: PartProgram) -> Array:
@@ -94,12 +91,19 @@ def compare_feeds(
 
 
 def _beside(side: Side, other: Outline) -> IntArray:
-    """Motions of one path, and those of the other that lie beside them."""
+    """Motions of one path, and those of the other beside which they run for longer than they are apart."""
     piece, mine = side.samples.piece, side.motion()
-    along = (piece[1:] == piece[:-1]) & (side.foot_ways[1:] > side.foot_ways[:-1])
-    middle = 0.5 * (side.foot_ways[1:] + side.foot_ways[:-1])[along]
+    advance = np.diff(side.foot_ways)
+    along = np.flatnonzero((piece[1:] == piece[:-1]) & (advance > 0.0))
+    middle = side.foot_ways[along] + 0.5 * advance[along]
     there = np.clip(np.searchsorted(other.s, middle, side="right") - 1, 0, len(other.table) - 1)
-    return np.unique(np.stack([mine[1:][along], other.motion[there]], axis=1), axis=0)
+    pairs, number = np.unique(
+        np.stack([mine[along], other.motion[there]], axis=1), axis=0, return_inverse=True
+    )
+    together = np.bincount(number, advance[along], minlength=len(pairs))
+    apart = np.zeros(len(pairs))
+    np.maximum.at(apart, number, side.deviation[along])
+    return np.asarray(pairs[together > CLEAR * apart])
 
 
 def _unlike(one: Array, other: Array) -> BoolArray:
@@ -139,7 +143,8 @@ def compare_times(
     """Return the stretches that take another time, neighbours together."""
     rows = units(travel)
     times = [_spent(paces[k], rows[:, 2 * k : 2 * k + 2]) for k in (0, 1)]
-    differs = np.abs(times[0] - times[1]) > SAME_TIME * np.maximum(1.0, times[0])
+    least = SAME_TIME if paces[0].timing.model == "length over feed" else SAME_PERIODS
+    differs = np.abs(times[0] - times[1]) > least * np.maximum(1.0, times[0])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], differs, [False]])))
     return tuple(
         TimeChange(

@@ -90,9 +90,10 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Two programs compared.
 
     `identical` byte for byte; `travel` the paths, `deviations`, `feeds`, `times`, `orders` what differs along
-    them. `max_deviation` [m] is None where one of the programs has no motion. `declared` says what the
-    programs say of their own compensation; `undone` [m] how far they are apart without it, None where none is
-    declared. `errors` are the predicted contour errors, None where they were not asked for or not found.
+    them, `retimed` whether feeds and dwells ask for other times. `max_deviation` [m] is None where one of the
+    programs has no motion. `declared` says what the programs say of their own compensation; `undone` [m] how
+    far they are apart without it, None where none is declared. `errors` are the predicted contour errors,
+    None where they were not asked for or not found.
     """
 
     identical: bool
@@ -104,6 +105,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     feeds: tuple[FeedChange, ...]
     timing: tuple[Timing, Timing]
     times: tuple[TimeChange, ...]
+    retimed: bool
     orders: tuple[Order, ...]
     declared: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     undone: float | None = None
@@ -114,4 +116,4 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def same(self) -> bool:
         """Whether a machine does the same with both: path, feed, time, and everything beside them."""
         apart = self.max_deviation is None and len(self.travel.gaps) > 0
-        return not (apart or self.deviations or self.feeds or self.times or self.orders)
+        return not (apart or self.deviations or self.feeds or self.retimed or self.orders)

@@ -25,9 +25,9 @@ _ODD: Final = re.compile(rb"[/#\[\]%<>]|^[ \t]*(?:N\d+)?[ \t]*O", re.IGNORECASE 
 def compare_blocks(a: PartProgram, b: PartProgram) -> tuple[BlockChange, ...]:
     """Return the blocks that differ, neighbours together, in the order of the first program."""
     written = [_hashes(program) for program in (a, b)]
-    says = [block_keys(program) for program in (a, b)]
+    says = (block_keys(a), block_keys(b))
     found = align(says[0], says[1])
-    changes = [_change(says, row) for row in gaps_of(found, says[1].size).tolist()]
+    changes = _changes((a, b), (says[0], says[1]), found)
     here = np.flatnonzero(found >= 0)
     respelt = here[written[0][here] != written[1][found[here]]]
     changes += [
@@ -73,7 +73,35 @@ def _hashes(program: PartProgram) -> IntArray:
     return np.array([hash(data[first:end].rstrip(b"\r\n")) for first, end in bounds], dtype=np.int64)
 
 
-def _change(says: list[IntArray], row: list[int]) -> BlockChange:
+def _changes(
+    programs: tuple[PartProgram, PartProgram], says: tuple[IntArray, IntArray], found: IntArray
+) -> list[BlockChange]:
+    """Pair blocks that differ only in numbers of axes, and tell what was added and removed between them."""
+    here = np.flatnonzero(found >= 0)
+    shapes = [_shapes(program) for program in programs]
+    for shape, rows in ((shapes[0], here), (shapes[1], found[here])):
+        shape[rows] = -1 - np.arange(here.size)
+    pairs = align(shapes[0], shapes[1])
+    changes = [_change(says, row) for row in gaps_of(pairs, shapes[1].size).tolist()]
+    changed = np.flatnonzero((pairs >= 0) & (found < 0))
+    return changes + [
+        _change(says, [first, last + 1, int(pairs[first]), int(pairs[last]) + 1])
+        for first, last in _runs(changed, pairs)
+    ]
+
+
+def _shapes(program: PartProgram) -> IntArray:
+    """Hash what every block does: its letters, with the numbers of G, M and T words; never below zero."""
+    words = program.words
+    kept = words.letter != _N
+    told = np.isin(words.letter, list(b"GMT"))
+    mixed = hash_columns(words.letter[kept].astype(np.int64), np.where(told, words.value, 0.0)[kept])
+    keys = np.zeros(program.blocks, dtype=np.uint64)
+    np.add.at(keys, words.block[kept], mixed.view(np.uint64))
+    return (keys >> np.uint64(1)).view(np.int64)
+
+
+def _change(says: tuple[IntArray, IntArray], row: list[int]) -> BlockChange:
     """Tell what a gap of the alignment is."""
     a0, a1, b0, b1 = row
     kind: BlockKind = "added" if a0 == a1 else "removed" if b0 == b1 else "changed"

@@ -195,6 +195,13 @@ def _way(outline: Outline, piece: IntArray, u: Array) -> Array:
     return np.asarray(outline.s[piece] + u * np.diff(outline.s)[piece])
 
 
+def largest_deviation(travel: Travel) -> float | None:
+    """Return how far the samples of either path are from the other at most [m]; None without a path."""
+    if travel.sides is None:
+        return None if len(travel.gaps) else 0.0
+    return max(float(side.deviation.max(initial=0.0)) for side in travel.sides)
+
+
 def farthest(travel: Travel, number: int, rows: IntArray) -> tuple[Array, Array]:
     """Look closer around samples of one path for what is farthest off.
 

@@ -75,6 +75,11 @@ class CutPath:
         gaps = [self._machine.axes[name].gap.lost_motion for name in command.axes]
         return follow(self._shapes, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
 
+    def command_distance(self, command: Command, place: Array) -> Array:
+        """How far a command itself is from the path in every row [m]."""
+        position = self._in_space(command.axes, command.position)
+        return distances(self._shapes, self.starts, position, place, np.full(len(position), SLACK))
+
     def distance(self, run: Run, place: Array) -> Array:
         """How far the table is from the path in every row of a run [m]."""
         executed = self._in_space(run.axes, run.executed)

@@ -49,6 +49,16 @@ def moves_of(program: PartProgram, limits: Array) -> Legs:
     return _with_length(_linked(programmed(program, limits), program, limits))
 
 
+def moved_axes(program: PartProgram) -> tuple[str, ...]:
+    """Name the axes that a program moves."""
+    start, end = _ends(program)
+    moves = (start != end).any(axis=0)
+    for number, (first, second, _) in PLANE_AXES.items():
+        turns = (program.motions.kind == ARC) & (program.motions.plane == number)
+        moves[[first, second]] |= bool(turns.any())
+    return tuple(name for name, does in zip(AXES, moves, strict=True) if does)
+
+
 def programmed(program: PartProgram, limits: Array) -> Legs:
     """List the motions of a program as they are written, a leg each."""
     start, end = _ends(program)

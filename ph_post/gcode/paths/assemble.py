@@ -9,7 +9,7 @@ import numpy as np
 from ph_post.gcode.fitting.fit import fit_polyline
 from ph_post.gcode.fitting.record import ROUND, Fit
 from ph_post.gcode.paths.curves import curves_of
-from ph_post.gcode.reader.record import LINE, RAPID, Motions
+from ph_post.gcode.reader.record import CUBIC, LINE, RAPID, Motions
 from ph_post.geometry.base import MEETS, PiecewiseCurve
 from ph_post.geometry.composite import Composite
 from ph_post.geometry.curves import Arc
@@ -24,7 +24,7 @@ controllers follow a feed no better, and a curve would fall apart where every li
 
 def assemble(
     motions: Motions, rows: IntArray, columns: tuple[int, ...], tolerance: float
-) -> tuple[tuple[Segment, ...], Array]:
+) -> tuple[tuple[Segment, ...], Array, dict[int, PiecewiseCurve]]:
     """Segments of the motions `rows`, in the axes `columns`; and the arc length at their beginnings and end.
 
     Parameters
@@ -42,6 +42,8 @@ def assemble(
     segments : tuple of Segment
     s : Array, shape (k + 1,)
         Arc length [m].
+    cubics : dict
+        The curves of G5 and G5.1 by row.
     """
     return _Assembly(motions, rows, columns, tolerance).result()
 
@@ -69,6 +71,7 @@ class _Assembly:
             self.loops.setdefault(int(self.before[row]), []).append(row)
         self.feed = self._feeds(start, end)
         self.segments: list[Segment] = []
+        self.cubics: dict[int, PiecewiseCurve] = {}
         self.pieces = 0
         self.first_piece = np.zeros(rows.size, dtype=np.int64)
         """Piece of the track on which every row begins."""
@@ -78,7 +81,8 @@ class _Assembly:
         """Pieces of the fit, from and to, that begin with such a piece of the track."""
         self.tolerance = tolerance
 
-    def result(self) -> tuple[tuple[Segment, ...], Array]:
+    def result(self) -> tuple[tuple[Segment, ...], Array, dict[int, PiecewiseCurve]]:
+        """Return what :func:`assemble` does."""
         if len(self.points) > 1:
             self._walk(self._fit())
         self._loops_at(len(self.points) - 1)
@@ -86,7 +90,7 @@ class _Assembly:
         s = np.empty(self.rows.size + 1)
         s[:-1] = track.arc_length(self.first_piece, self.foot)
         s[-1] = track.length
-        return tuple(self.segments), sealed(np.maximum.accumulate(s))
+        return tuple(self.segments), sealed(np.maximum.accumulate(s)), self.cubics
 
     def _path(self) -> Path:
         return Path(
@@ -189,6 +193,8 @@ class _Assembly:
 
     def _add(self, curves: list[PiecewiseCurve], row: int) -> None:
         self.first_piece[row] = self.pieces
+        if self.motions.kind[self.rows[row]] == CUBIC:
+            (self.cubics[row],) = curves
         for curve in curves:
             self._segment(curve, row)
 

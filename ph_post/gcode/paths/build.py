@@ -58,6 +58,13 @@ def left_out(program: PartProgram) -> tuple[str, ...]:
     )
 
 
+def moving_axes(program: PartProgram) -> tuple[str, ...]:
+    """Name the axes that a program is known to move."""
+    motions = program.motions
+    moved = (motions.start != motions.end) & ~np.isnan(motions.end)
+    return tuple(AXES[column] for column in np.flatnonzero(moved.any(axis=0)))
+
+
 def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[ProgramPath, tuple[str, ...]]:
     """Return the longest path of a program, and words about what it does not show.
 
@@ -157,7 +164,7 @@ def _path(
     motions = program.motions
     rows = _goes(motions, rows)
     columns = _columns(motions, rows)
-    segments, s = assemble(motions, rows, columns, tolerance)
+    segments, s, cubics = assemble(motions, rows, columns, tolerance)
     feeds = [one.feed for one in segments if one.feed is not None]
     path = Path(
         name=PurePath(program.name).stem,
@@ -168,4 +175,4 @@ def _path(
         segments=segments,
         digest=program.digest,
     )
-    return ProgramPath(path=path, chain=chain, motion=rows, s=s, warnings=warnings)
+    return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)

@@ -1,4 +1,8 @@
-"""Modal groups of G and M words as RS274/NGC has them, and numbers by which compiled code tells things."""
+"""Modal groups of G and M words as RS274/NGC has them, and numbers by which compiled code tells things.
+
+What is compiled is kept on disk until its own file changes: whoever changes a number here has to touch
+``modes.py``, ``tasks.py`` and ``moves.py`` too.
+"""
 
 from __future__ import annotations
 

@@ -71,7 +71,8 @@ def refuse(name: str, data: bytes, lines: IntArray, fault: Fault, end: int | Non
     first = int(lines[fault.block])
     column = len(data[first : fault.place].decode("utf-8", "replace")) + 1
     where = f"{name}:{fault.block + 1}:{column}"
-    word = _plain(data[fault.place : end or fault.place + 1])
+    word = _plain(data[fault.place : end] if end is not None else data[fault.place : fault.place + 4])
+    word = word if end is not None else word[:1]
     got = fault.got or word or "the end of the line"
     if fault.code == BINARY:
         return InputError(where, "not a part program", expected="text", got="a zero byte")

@@ -13,21 +13,13 @@ import numpy as np
 from ph_post.simulate.compiling import compiled, inner
 
 PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM = 1, 2, 4, 8, 16, 32, 64
-"""What stands on a line beside plain words: bits of its trait. `OTHER`: a comma or a number that is too long
-to be kept exactly; `SYSTEM`: a line for the controller itself, which begins with ``$``."""
+"""What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
+or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
+with ``$``."""
 
-(
-    NO_NUMBER,
-    BAD_CHARACTER,
-    OPEN_COMMENT,
-    CLOSED_COMMENT,
-    BRACKET,
-    EXPONENT,
-    NO_LETTER,
-    AFTER_PERCENT,
-    CHECKSUM,
-) = range(1, 10)
-"""Why the text is not read any further."""
+(NO_NUMBER, BAD_CHARACTER, OPEN_COMMENT, CLOSED_COMMENT, BRACKET, EXPONENT, NO_LETTER, AFTER_PERCENT,
+ CHECKSUM, FULL) = range(1, 11)  # fmt: skip
+"""Why the text is not read any further. `FULL`: there is no room for more words."""
 
 _POWERS = 10.0 ** np.arange(23)
 """Powers of ten that are exact."""
@@ -56,16 +48,16 @@ def split_lines(data: Any) -> Any:
 
 
 @compiled
-def count_letters(data: Any) -> Any:
-    """How many letters stand outside comments: no fewer than there are words."""
+def count_letters(data: Any, everywhere: bool) -> Any:
+    """How many letters stand outside comments, or `everywhere`: then no fewer than there are words."""
     count, closer = 0, 0
     for c in data:
         if closer:
             if c == closer or c in (10, 13):
                 closer = 0
-        elif c == 40:
+        elif c == 40 and not everywhere:
             closer = 41
-        elif c == 59:
+        elif c == 59 and not everywhere:
             closer = 10
         elif 65 <= (c & 0xDF) <= 90:
             count += 1
@@ -95,7 +87,7 @@ def _read_number(data: Any, i: int, end: int) -> Any:
     sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
     i = _skip_blanks(data, i, end)
     if i < end and (data[i] == 43 or data[i] == 45):
-        sign = 44 - data[i]
+        sign = -1 if data[i] == 45 else 1
         i += 1
     long = False
     while i < end:
@@ -124,7 +116,7 @@ def _close_bracket(data: Any, i: int, end: int) -> Any:
     """Place behind the bracket that closes the one at `i`, -1 where the line has none."""
     depth = 0
     while i < end:
-        depth += (data[i] == 91) - (data[i] == 93)
+        depth += int(data[i] == 91) - int(data[i] == 93)
         i += 1
         if depth == 0:
             return i
@@ -246,8 +238,8 @@ def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
         if _is_expression(data, i + 1, end):
             after, places = _skip_expression(data, _skip_blanks(data, i + 1, end), end), 0
         return after, POLAR, BRACKET if after < 0 else NO_NUMBER if places == -1 else 0
-    if c == 44 and i + 1 < end and _is_letter(data[i + 1]):
-        after, _, places = _read_number(data, i + 2, end)
+    if c == 36 or (c == 44 and i + 1 < end and _is_letter(data[i + 1])):
+        after, _, places = _read_number(data, i + (1 if c == 36 else 2), end)
         return after, OTHER, NO_NUMBER if places == -1 else 0
     if c == 42:
         after, _, places = _read_number(data, i + 1, end)
@@ -267,6 +259,8 @@ def _read_line(data: Any, first: int, end: int, row: int, block: int, out: Any) 
     while i < end and open_at < 0:
         at = i
         if _is_letter(data[i]):
+            if row == letters.size:
+                return row, trait, FULL, i
             if _is_exponent(data, i, end, letters[row - 1] if row > begin else 0):
                 return row, trait, EXPONENT, i
             i, count, places, found, why = _read_word(data, i, end)
@@ -292,9 +286,10 @@ def _power(places: int) -> Any:
 
 @compiled
 def lex(data: Any, lines: Any, out: Any, traits: Any) -> Any:
-    """Read all words: their number, the line after the last one read, why it ends there (0: all read), where.
+    """Read all words: their number, the line behind them, why reading ends there (0: all is read), where.
 
-    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing ``%``.
+    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing
+    ``%``.
     """
     row, opened = 0, False
     for block in range(lines.size - 1):

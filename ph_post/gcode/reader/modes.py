@@ -31,6 +31,7 @@ from ph_post.gcode.reader.codes import (
     FRAMES,
     GROUP,
     KNOWN_SHIFT,
+    LENGTH,
     LENIENT_LINE,
     LETTER_F,
     LETTER_G,
@@ -185,7 +186,7 @@ def _set_m(code: int, values: Any, present: int, state: Any) -> Any:
     elif code == 9:
         state[MIST] = state[FLOOD] = 0.0
     elif code == 6:
-        state[TOOL] = state[PREPARED]
+        state[TOOL] = _plain(values[LETTER_T]) if (present >> LETTER_T) & 1 else state[PREPARED]
     elif code == 61:
         state[TOOL] = _plain(values[LETTER_Q]) if (present >> LETTER_Q) & 1 else UNKNOWN
     return TOOL_CHANGE if code in (6, 60, 61) else 0
@@ -246,7 +247,8 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
         odd = UNKNOWN_G  # G50 X Z is no end of a scaling
     _apply_numbers(values, present, given, before[UNITS], before[FEED_MODE], state)
     moved = given[12] >= 0 and state[SYSTEM] != before[SYSTEM]
-    mark |= FRAME_CHANGE if given[16] >= 0 or given[8] >= 0 or moved else 0
+    moved = moved or (given[8] >= 0 and (given[8] != 490 or before[LENGTH] != 490.0))
+    mark |= FRAME_CHANGE if given[16] >= 0 or moved else 0
     return mark, max(why, odd), computed, 0, -1
 
 
@@ -275,11 +277,11 @@ def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
         return O_WORD
     if trait & lexer.PARAMETER:
         return PARAMETER
+    if trait & lexer.OTHER:
+        return COMMA
     if trait & lexer.EXPRESSION or computed:
         return EXPRESSION
-    if trait & lexer.POLAR:
-        return POLAR
-    return COMMA if trait & lexer.OTHER else why
+    return POLAR if trait & lexer.POLAR else why
 
 
 @inner
@@ -345,7 +347,7 @@ def _grown(table: Any) -> Any:
     slots = np.full(8 * table.shape[0], -1, np.int64)
     for row in range(table.shape[0]):
         state = larger[row]
-        _intern(state, larger[:0], slots, row)
+        _intern(state, larger, slots, row)
     return larger, slots
 
 

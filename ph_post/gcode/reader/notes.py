@@ -31,12 +31,25 @@ _TEXTS: Final = {
     codes.CONTROLLER_LINE: "line for the controller itself",
     codes.OTHER_FRAME: "motion in a turned, scaled, polar or diameter frame",
     codes.THREAD: "motion tied to the spindle",
-    codes.COMMA: "word with a comma, or with more digits than are kept",
+    codes.COMMA: "word of one controller, or of more digits than are kept",
     codes.DWELL_AXES: "dwell with axis words",
     codes.SPLINE_PLANE: "spline in another plane than G17",
     codes.SAVED_STATE: "modal state brought back",
     codes.LONE_SPLINE: "spline that is not whole",
 }
+_LETTERS: Final = {
+    codes.FURTHER_AXIS: "ABCUVW",
+    codes.UNUSED_WORD: "ABCDEHIJKLPQRUVW",
+    codes.CYCLE: "GXYZ",
+    codes.THREAD: "GXYZ",
+    codes.COMPENSATED: "GXYZ",
+    codes.NO_MOTION_MODE: "XYZABCUVW",
+    codes.UNSURE_MODE: "GXYZABCUVW",
+    codes.DWELL_AXES: "XYZABCUVW",
+}
+"""Letters of the words that are meant where the letter tells."""
+_SHOWN: Final = 40
+"""Characters of a word that a note shows."""
 _KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
     (codes.TOOL_CHANGE, "tool change"),
     (codes.PROBE, "probe"),
@@ -47,7 +60,7 @@ _KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
 _NOT_UNDERSTOOD: Final = len(_KINDS)
 
 
-def find_notes(lexed: Lexed, whys: ByteArray) -> tuple[Note, ...]:
+def find_notes(lexed: Lexed, data: bytes, whys: ByteArray) -> tuple[Note, ...]:
     """One note for each stretch of blocks that are passed through for the same reason."""
     blocks = np.flatnonzero(whys)
     if not blocks.size:
@@ -59,17 +72,42 @@ def find_notes(lexed: Lexed, whys: ByteArray) -> tuple[Note, ...]:
     new = np.flatnonzero(np.r_[True, (np.diff(rank) > 1) | (np.diff(whys[blocks]) != 0)])
     last = np.r_[new[1:] - 1, blocks.size - 1]
     return tuple(
-        _note(lexed, int(blocks[low]), int(blocks[high]), int(whys[blocks[low]]))
+        _note(lexed, data, int(blocks[low]), int(blocks[high]), int(whys[blocks[low]]))
         for low, high in zip(new, last, strict=True)
     )
 
 
-def _note(lexed: Lexed, first: int, last: int, why: int) -> Note:
-    column = 1
-    words = np.searchsorted(lexed.words.block, [first, first + 1])
-    if words[0] < words[1]:
-        column = int(lexed.words.start[words[0]] - lexed.lines[first]) + 1
-    return Note(first=first, last=last, column=column, what=_TEXTS[why])
+def _note(lexed: Lexed, data: bytes, first: int, last: int, why: int) -> Note:
+    """Name a stretch by the word on its first line for which it is passed through."""
+    start, end = find_place(lexed, data, first, why)
+    text = data[start:end].decode("utf-8", "replace").strip()
+    column = len(data[int(lexed.lines[first]) : start].decode("utf-8", "replace")) + 1
+    named = f"{_TEXTS[why]}: {text if len(text) <= _SHOWN else text[:_SHOWN] + '...'}"
+    return Note(first=first, last=last, column=column, what=named)
+
+
+def find_place(lexed: Lexed, data: bytes, block: int, why: int) -> tuple[int, int]:
+    """Bytes of the word that a note is about; of the line where it is about no word."""
+    words = lexed.words
+    rows = range(*np.searchsorted(words.block, [block, block + 1]))
+    named = [row for row in rows if _is_meant(chr(words.letter[row]), float(words.value[row]), why)]
+    if named:
+        return int(words.start[named[0]]), int(words.end[named[0]])
+    low, high = int(lexed.lines[block]), int(lexed.lines[block + 1])
+    line = data[low:high]
+    return low + len(line) - len(line.lstrip()), high
+
+
+def _is_meant(letter: str, value: float, why: int) -> bool:
+    """Whether a word is one for which a block is passed through."""
+    if why in (codes.EXPRESSION, codes.O_WORD):
+        return np.isnan(value) if why == codes.EXPRESSION else letter == "O"
+    if why == codes.UNKNOWN_G:
+        known = 0.0 <= value < 99.9 and codes.GROUP[round(10 * value)] >= 0
+        return letter == "G" and not (known and abs(10.0 * value - round(10.0 * value)) < 1e-6)
+    if why in (codes.UNKNOWN_M, codes.SUBPROGRAM, codes.SAVED_STATE):
+        return letter == "M" and not (value in range(codes.M_GROUP.size) and codes.M_GROUP[int(value)] >= 0)
+    return letter in _LETTERS.get(why, "")
 
 
 def find_breaks(motion_block: IntArray, marks: ByteArray, whys: ByteArray, end: int) -> tuple[Break, ...]:

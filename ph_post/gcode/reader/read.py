@@ -10,12 +10,12 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader import codes, splines
-from ph_post.gcode.reader.arcs import solve_arcs
+from ph_post.gcode.reader.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
 from ph_post.gcode.reader.faults import NOT_UNDERSTOOD, Fault, refuse
 from ph_post.gcode.reader.modal import make_modal, number_text
 from ph_post.gcode.reader.modes import resolve
 from ph_post.gcode.reader.moves import trace
-from ph_post.gcode.reader.notes import find_breaks, find_notes
+from ph_post.gcode.reader.notes import find_breaks, find_notes, find_place
 from ph_post.gcode.reader.owords import find_stretches
 from ph_post.gcode.reader.record import CUBIC, NURBS, ByteArray, Motions, Note, PartProgram
 from ph_post.gcode.reader.tasks import choose
@@ -71,9 +71,9 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
     motions, fault = _follow(lexed, blocks)
     faults = [one for one in (fault, blocks.fault) if one is not None]
     first = min(faults, key=lambda one: one.block, default=None)
-    notes = find_notes(lexed, blocks.whys)
+    notes = find_notes(lexed, data, blocks.whys)
     if strict and notes and (first is None or notes[0].first < first.block):
-        raise _refuse_note(name, data, lexed, notes[0])
+        raise _refuse_note(name, data, lexed, notes[0], int(blocks.whys[notes[0].first]))
     if first is not None:
         raise refuse(name, data, lines, first, _word_end(lexed, first))
     breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
@@ -133,8 +133,9 @@ def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> 
     words = lexed.words
     if word < 0:
         low, high = np.searchsorted(words.block, [block, block + 1])
-        named = [k for k in range(low, high) if chr(words.letter[k]) in "GXYZ" and words.value[k] < 6]
-        word = named[0] if named else int(low)
+        motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
+        axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
+        word = [*motions, *axes, int(low)][0]
     return Fault(block=block, place=int(words.start[word]), code=code, got=got)
 
 
@@ -146,10 +147,10 @@ def _word_end(lexed: Lexed, fault: Fault) -> int | None:
     return None
 
 
-def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note) -> InputError:
-    place = int(lexed.lines[note.first]) + note.column - 1
-    fault = Fault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
-    return refuse(name, data, lexed.lines, fault, _word_end(lexed, fault))
+def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> InputError:
+    start, end = find_place(lexed, data, note.first, why)
+    fault = Fault(block=note.first, place=start, code=NOT_UNDERSTOOD, got=note.what)
+    return refuse(name, data, lexed.lines, fault, end)
 
 
 def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
@@ -165,7 +166,8 @@ def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
     row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
     fault = None
     if why:
-        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii)
+        told = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
+        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if told else ""
         fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
     control, nurbs = drawn
     whole: dict[str, Any] = {

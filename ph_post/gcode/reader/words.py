@@ -48,16 +48,16 @@ def find_lines(data: bytes) -> tuple[IntArray, Fault | None]:
 def read_words(data: bytes, lines: IntArray) -> Lexed:
     """Read the words of a program up to its closing ``%`` or to the first fault."""
     text = np.frombuffer(data, np.uint8)
-    size = int(lexer.count_letters(text))
-    out = (
-        np.empty(size, np.int64),
-        np.empty(size, np.uint8),
-        np.empty(size, np.int64),
-        np.empty(size, np.int64),
-        np.empty(size),
-        np.empty(size, np.int64),
-        np.empty(size, np.int64),
-    )
+    lexed = _read_words(text, lines, int(lexer.count_letters(text, False)))
+    if lexed.fault is not None and lexed.fault.code == lexer.FULL:  # what looks like a comment is in a name
+        lexed = _read_words(text, lines, int(lexer.count_letters(text, True)))
+    return lexed
+
+
+def _read_words(text: ByteArray, lines: IntArray, room: int) -> Lexed:
+    blocks, letters, digits = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int64)
+    starts, ends, decimals = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+    out = (blocks, letters, starts, ends, np.empty(room), digits, decimals)
     traits = np.zeros(lines.size - 1, np.uint8)
     count, end, why, place = lexer.lex(text, lines, out, traits)
     fault = Fault(block=int(end), place=int(place), code=int(why)) if why else None

@@ -10,7 +10,7 @@ import msgspec
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.format import comment_lines, decimal_text
+from ph_post.gcode.format import comment_lines, decimal_text, significant_text
 from ph_post.gcode.header import package_version
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.splice.grid import word_decimals
@@ -49,6 +49,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     stops: int = 0
     dips: int = 0
     dwell: float = 0.0
+    longest: float = 0.0
+    dwelt: float = 0.0
     decimals: int = 0
     chord_tolerance: float = 0.0
     block_time: float = 0.0
@@ -73,6 +75,7 @@ def declare(
     have them.
     """
     units = next(iter(program_units(program)), MM)
+    pauses = _pauses(edits, dialect)
     return Declaration(
         version=package_version(),
         digest=program.digest,
@@ -84,7 +87,9 @@ def declare(
         pulse=dict(edits.pulse),
         stops=len(edits.stops),
         dips=len(edits.dips),
-        dwell=max((stop.pause for stop in edits.stops), default=0.0),
+        dwell=min(pauses, default=0.0),
+        longest=max(pauses, default=0.0),
+        dwelt=sum(pauses),
         decimals=word_decimals(dialect, units),
         chord_tolerance=options.chord_tolerance,
         block_time=options.block_time,
@@ -105,8 +110,13 @@ def declaration_lines(declaration: Declaration, max_line: int) -> list[str]:
         *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
         *(f"pulse {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
         f"{one.stops} stops, {one.dips} dips",
-        f"dwell {one.dwell:g} s, decimals {one.decimals}, chord tolerance {one.chord_tolerance / MM:g} mm,"
-        f" block time {one.block_time / MS:g} ms{mode}",
+        f"dwell {_seconds(one.dwell)} s, decimals {one.decimals},"
+        f" chord tolerance {one.chord_tolerance / MM:g} mm, block time {one.block_time / MS:g} ms{mode}",
+        *(
+            [f"dwells up to {_seconds(one.longest)} s, {_seconds(one.dwelt)} s in all"]
+            if one.longest > one.dwell
+            else []
+        ),
         *(f"note {note}" for note in one.notes),
     ]
     head = comment_lines(f"ph-post {one.version} compensated this program", max_line)
@@ -163,8 +173,18 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
 def _value(name: str, text: str | None) -> Any:
     if name in ("stops", "dips", "decimals"):
         return int(str(text))
-    scale = {"dwell": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
+    scale = {"dwell": 1.0, "longest": 1.0, "dwelt": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
     return (text or "") if scale is None else float(str(text)) * scale
+
+
+def _pauses(edits: Edits, dialect: Dialect) -> list[float]:
+    """Return every dwell [s] as the dialect's digits have it."""
+    told = (pause for stop in edits.stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    return [float(significant_text(pause, dialect.feed_digits)) for pause in told]
+
+
+def _seconds(time: float) -> str:
+    return decimal_text(round(time * 10**_PLACES), _PLACES)
 
 
 def _length(size: float, units: float) -> str:
@@ -187,4 +207,5 @@ _FACTS = (
         ),
         ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
     ),
+    (re.compile(r"dwells up to (\S+) s, (\S+) s in all"), ("longest", "dwelt")),
 )

@@ -239,8 +239,10 @@ class HunkWriter:
             return self._digits(MINUTE / (part.duration or whole))
         if part.duration is None:
             return self._feeds.after(words.block)
-        length = part_length(motions, k, part.low, part.high)
-        return self._digits(length / part.duration / words.modal.units * MINUTE)
+        speed = part_length(motions, k, part.low, part.high) / part.duration
+        # An arc whose radii disagree by their last digit is longer than the one that was planned.
+        own = float(motions.feed[k])
+        return self._digits((min(speed, own) if own > 0.0 else speed) / words.modal.units * MINUTE)
 
     def _path_mode(self, motion: int, part: Part, modal: Modal) -> None:
         """Let the controller blend blocks of known time in an exact-stop program, and no others."""

@@ -1,0 +1,177 @@
+"""A part program compensated, and passed by the judge before anybody gets it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.audit.verdict import Verdict
+from ph_post.audit.verify import verify
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.strategies.base import silent
+from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.header import package_version
+from ph_post.gcode.paths.build import paths_of
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.splice.header import Declaration, declare, read_declaration
+from ph_post.gcode.splice.lasting import plan_offsets
+from ph_post.gcode.splice.merge import merge
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.splice.record import Edits
+from ph_post.gcode.splice.undo import undo
+from ph_post.gcode.splice.windows import OFFSETS, WindowPlan, plan_windows
+from ph_post.gcode.splice.write import splice
+from ph_post.types import Machine, frozen
+
+SHOWN: Final = 3
+"""Failures that are told where a program does not pass."""
+
+
+class Request(msgspec.Struct, frozen=True, kw_only=True):
+    """What is asked of a compensation.
+
+    `plan` tells the strategy and its limits, `splice` how it is written; with `force` a program that was
+    compensated otherwise before is taken back to its original first.
+    """
+
+    plan: PlanOptions
+    splice: SpliceOptions
+    force: bool = False
+
+    def digest(self, dialect: str) -> str:
+        """Hash of all that decides what is written, but the program and the machine's own file."""
+        return hashlib.sha256(msgspec.json.encode([self.plan, self.splice, dialect])).hexdigest()
+
+
+class Delivery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part program before and after.
+
+    `before` is the original, recovered where the input was compensated before; `after` what is to be
+    written, the same where nothing is changed. `edits` are the changes and `windows` the plans behind those
+    of axes inside their loops; `verdict` is the judge's, None where nothing was changed. `done` says that the
+    input was this very compensation already.
+    """
+
+    before: PartProgram
+    after: PartProgram
+    edits: Edits | None = None
+    windows: tuple[WindowPlan, ...] = ()
+    verdict: Verdict | None = None
+    done: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+def deliver(
+    program: PartProgram, machine: Machine, request: Request, tell: Callable[[str], None] = silent
+) -> Delivery:
+    """Compensate a part program for a machine.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+        Its dialect tells the words of new lines.
+    request : Request
+    tell : callable, optional
+        Told what a long job is at.
+
+    Returns
+    -------
+    Delivery
+
+    Raises
+    ------
+    InputError
+        Where the program was compensated for something else before, or a change cannot be written.
+    PhPostError
+        Where the outcome does not pass :func:`ph_post.audit.verify.verify`: nothing is to be written then.
+    """
+    original = _original(program, machine, request)
+    if original is not program and not request.force:
+        return Delivery(before=original, after=program, done=True)
+    edits, windows = _plan(original, machine, request, tell)
+    if not _changes(edits):
+        return Delivery(before=original, after=original, edits=edits, windows=windows)
+    tell("writing")
+    data = splice(
+        original, edits, find_dialect(machine.dialect), _declaration(original, edits, machine, request)
+    )
+    tell("verifying")
+    after = read_program(data, original.name)
+    verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
+    if not verdict.ok:
+        raise _refusal(original.name, verdict)
+    return Delivery(before=original, after=after, edits=edits, windows=windows, verdict=verdict)
+
+
+def _original(program: PartProgram, machine: Machine, request: Request) -> PartProgram:
+    """Return the program as it was before any compensation: the input itself where there was none."""
+    found = read_declaration(program.data)
+    if found is None:
+        return program
+    asked = (package_version(), machine.digest, request.digest(machine.dialect))
+    had = (found.version, found.machine_digest, found.options_digest)
+    same = had[0] == asked[0] and all(new.startswith(old) for old, new in zip(had, asked, strict=True))
+    if not same and not request.force:
+        raise InputError(
+            program.name, f"compensated before, by ph-post {found.version} for {found.machine}",
+            expected="the original, or --force to begin again from it, or --undo",
+        )  # fmt: skip
+    return read_program(undo(program.data, program.name), program.name)
+
+
+def _plan(
+    program: PartProgram, machine: Machine, request: Request, tell: Callable[[str], None]
+) -> tuple[Edits, tuple[WindowPlan, ...]]:
+    """Plan lasting offsets of axes behind their loop, then what the strategy does for the others.
+
+    They share the time allowed by the number of their axes.
+    """
+    lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    if request.plan.strategy == "none":
+        return lasting, ()
+    gaps = [axis.feedback for axis in machine.axes.values() if axis.gap.lost_motion > 0.0]
+    crossed = request.plan.strategy in OFFSETS and not request.plan.feed_only
+    behind = sum(feedback != "load" for feedback in gaps) if crossed else 0
+    if behind:
+        tell("planning lasting offsets")
+        share = request.splice.max_slowdown * behind / len(gaps)
+        options = replace(request.splice, max_slowdown=share)
+        lasting = plan_offsets(program, machine, find_dialect(machine.dialect), options)
+    if behind == len(gaps):
+        return lasting, ()
+    share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
+    tell("fitting the path")
+    found = plan_windows(
+        program, paths_of(program), machine, replace(request.plan, max_slowdown=share),
+        request.splice.tolerance, tell, request.splice.block_time,
+    )  # fmt: skip
+    return merge(lasting, found.edits), found.plans
+
+
+def _changes(edits: Edits) -> bool:
+    return bool(edits.stops or edits.dips or np.any(edits.offset))
+
+
+def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: Request) -> Declaration:
+    dialect = find_dialect(machine.dialect)
+    mode = dialect.path_mode(request.splice.chord_tolerance) if edits.dips and dialect.path_mode else ""
+    return declare(
+        program, edits, machine, dialect, request.splice,
+        options_digest=request.digest(machine.dialect), path_mode=mode,
+    )  # fmt: skip
+
+
+def _refusal(name: str, verdict: Verdict) -> PhPostError:
+    first = "; ".join(one.sentence() for one in verdict.failures[:SHOWN])
+    more = f" and {verdict.found - SHOWN} more" if verdict.found > SHOWN else ""
+    return PhPostError(
+        f"{name}: the compensated program does not pass its own check, and is not written: {first}{more}"
+    )

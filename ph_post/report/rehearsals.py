@@ -1,0 +1,107 @@
+"""What a rehearsal showed, as text, as JSON and as a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ph_post.audit.rehearse import Execution, Rehearsal
+from ph_post.report.figures import AFTER, BEFORE, MARK, new_figure
+from ph_post.report.tables import format_table
+from ph_post.simulate.contour import ContourError
+from ph_post.units import MM, MM_PER_MIN
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def rehearsal_view(found: Rehearsal) -> dict[str, Any]:
+    """Return a rehearsal as a JSON object; lengths in mm, times in s."""
+    real = found.real
+    before = real if found.before is None else found.before
+    return {
+        "speed": {"rms": found.speed, "max": found.speed_worst, "windows": found.windows},
+        "path": {"max": found.path / MM, "allowed": None if found.allowed is None else found.allowed / MM},
+        "time": {"plan": found.plan.time, "controller": real.time, "before": before.time},
+        "error": {
+            "before": _error_view(before.error.error),
+            "after": _error_view(real.error.error),
+            "planned": _error_view(found.plan.error.error),
+            "before_worst": _error_view(before.error.error_worst),
+            "after_worst": _error_view(real.error.error_worst),
+            "backlash": None if found.backlash is None else _error_view(found.backlash.error.error),
+        },
+        "lockstep": found.lockstep,
+    }
+
+
+def _error_view(error: ContourError | None) -> dict[str, float] | None:
+    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}
+
+
+def rehearsal_lines(found: Rehearsal, name: str) -> list[str]:
+    """Say in lines what a machinist asks: is it as planned, and how good will the part be."""
+    real = found.real
+    part = 100.0 * (real.time / found.plan.time - 1.0)
+    lines = [
+        f"{name}: {real.time:.3f} s on LinuxCNC, {part:+.2f} % of the plan",
+        f"speed: {100.0 * found.speed:.2f} % rms off the plan in {found.windows} windows",
+        f"path: {found.path / MM:.4f} mm off the program's at most, {_allowed_words(found)}",
+        _error_table(found),
+    ]
+    if not found.lockstep:
+        lines.append(
+            "run as time passes on the wall: how long dwells take depends on how busy this computer is"
+        )
+    return lines
+
+
+def _allowed_words(found: Rehearsal) -> str:
+    if found.allowed is None:
+        return "where its path mode does not bound it"
+    return f"where its path mode allows {found.allowed / MM:.4f} mm"
+
+
+def _error_table(found: Rehearsal) -> str:
+    rows = [("planned", found.plan), ("rehearsed", found.real), ("original", found.before)]
+    rows.append(("original, LinuxCNC's BACKLASH", found.backlash))
+    header = ("contour error [mm]", "max", "rms", "worst max", "s")
+    return format_table(header, [_error_row(name, one) for name, one in rows if one is not None])
+
+
+def _error_row(name: str, execution: Execution) -> tuple[str, ...]:
+    error, worst = execution.error.error, execution.error.error_worst
+    if error is None or worst is None:
+        return (name, "-", "-", "-", f"{execution.time:.3f}")
+    shown = (f"{value / MM:.4f}" for value in (error.max, error.rms, worst.max))
+    return (name, *shown, f"{execution.time:.3f}")
+
+
+def draw_rehearsal(found: Rehearsal, name: str) -> Figure:
+    """Draw contour error and speed along time, of what was rehearsed, planned, and of the original."""
+    figure = new_figure(11.0, 6.0)
+    above, below = figure.subplots(2, 1, sharex=True)
+    shown: list[tuple[str, Execution | None, str, float]] = [
+        ("original", found.before, BEFORE, 0.9),
+        ("original, LinuxCNC's BACKLASH", found.backlash, MARK, 0.9),
+        ("rehearsed", found.real, AFTER, 1.0),
+    ]
+    for label, execution, colour, width in shown:
+        if execution is not None:
+            _draw_error(above, execution, label, colour, width)
+    command, planned = found.real.command, found.plan.command
+    below.plot(planned.t, planned.feed / MM_PER_MIN, color=BEFORE, linewidth=1.8, label="planned")
+    below.plot(command.t, command.feed / MM_PER_MIN, color=AFTER, linewidth=0.8, label="rehearsed")
+    above.set(ylabel="contour error [mm]")
+    below.set(xlabel="t [s]", ylabel="feed [mm/min]")
+    for axes in (above, below):
+        axes.legend(loc="upper right", fontsize="small")
+    figure.suptitle(name)
+    return figure
+
+
+def _draw_error(axes: Axes, execution: Execution, label: str, colour: str, width: float) -> None:
+    error = np.where(execution.error.counted, execution.error.distance / MM, np.nan)
+    axes.plot(execution.command.t, error, color=colour, linewidth=width, label=label)

@@ -1,0 +1,97 @@
+"""Random programs, compensated by the writer: no false alarm, and no number that can be changed unseen."""
+
+import random
+
+import numpy as np
+import pytest
+from support.part_programs import random_program
+from support.splicing import compensate
+
+from ph_post.audit.verify import verify
+from ph_post.errors import InputError
+from ph_post.gcode.reader.read import read_program
+from ph_post.io.machinefile import read_machine
+from ph_post.units import MM
+
+TOLERANCE = 0.005 * MM
+MACHINES = ("router", "stepper")
+DIALECTS = ("linuxcnc", "grbl")
+
+FELT = 0.02 * MM
+"""A coordinate that is changed by more than this is outside every tolerance [m]."""
+
+
+def compensated(seed):
+    rng = random.Random(seed)
+    data = random_program(rng, moves=30, tools=False)
+    machine = read_machine(MACHINES[seed % 2])
+    return data, machine, compensate(data, machine, dialect=DIALECTS[seed // 2 % 2]).text
+
+
+def judged(original, text, machine):
+    programs = (read_program(original, "original"), read_program(text, "compensated"))
+    return verify(*programs, tolerance=TOLERANCE, machine=machine)
+
+
+@pytest.mark.parametrize("start", range(0, 100, 20))
+def test_what_the_writer_writes_is_accepted(start):
+    changed = 0
+    for seed in range(start, start + 20):
+        original, machine, text = compensated(seed)
+        verdict = judged(original, text, machine)
+        assert [failure.sentence() for failure in verdict.failures] == [], seed
+        changed += text != original
+    assert changed > 10
+
+
+@pytest.mark.parametrize("start", range(0, 40, 20))
+def test_no_number_can_be_changed_unseen(start):
+    """A digit of a coordinate, by what can be felt, or of G, M, S and T: whichever it is, it is noticed."""
+    tried = 0
+    for seed in range(start, start + 20):
+        original, machine, text = compensated(seed)
+        rng = random.Random(seed)
+        for damaged in (damage(rng, text) for _ in range(8)):
+            if damaged is None:
+                continue
+            tried += 1
+            try:
+                verdict = judged(original, damaged, machine)
+            except InputError:
+                continue
+            assert not verdict.ok, (seed, difference(text, damaged))
+    assert tried > 40
+
+
+def damage(rng, text):
+    """Change one digit of a word outside comments; None where that changes too little."""
+    program = read_program(text, "compensated")
+    words = program.words
+    chosen = np.flatnonzero(np.isin(words.letter, np.frombuffer(b"XYZGMST", dtype=np.uint8)))
+    word = int(rng.choice(chosen.tolist()))
+    places = [
+        place for place in range(words.start[word] + 1, words.end[word]) if text[place : place + 1].isdigit()
+    ]
+    place = rng.choice(places)
+    digit = rng.choice([digit for digit in "0123456789" if digit != chr(text[place])])
+    number = (
+        text[words.start[word] + 1 : place] + digit.encode() + text[place + 1 : words.end[word]]
+    ).decode()
+    if is_jog(program, int(words.block[word])):
+        return None
+    change = abs(float(number.replace(" ", "")) - words.value[word])
+    units = program.modal_after(int(words.block[word])).units
+    if change == 0 or (chr(words.letter[word]) in "XYZ" and change * units < FELT):
+        return None
+    return text[:place] + digit.encode() + text[place + 1 :]
+
+
+def is_jog(program, block):
+    """Whether a line stands between two dwells: a pulse may well be shorter than the longest one."""
+    return all(
+        program.text(line).startswith(b"G4") for line in (block - 1, block + 1) if line < program.blocks
+    )
+
+
+def difference(one, other):
+    return next((a, b) for a, b in zip(one.splitlines(), other.splitlines(), strict=True) if a != b)

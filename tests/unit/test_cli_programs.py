@@ -1,0 +1,199 @@
+"""`convert` on part programs as other programs see it: places, streams, exit status, nothing half-written."""
+
+import io
+import json
+import os
+import pathlib
+import sys
+
+import pytest
+from support.streams import without_progress
+
+from ph_post.cli.main import main
+
+CIRCLE = b"""%
+G21 G17 G90 G64 P0.005
+S12000 M3 (spindle)
+G0 X30 Y0 Z5
+G0 X20 Y0
+G1 Z-1 F300
+G3 X20 Y0 I-20 J0 F1200
+G0 Z5
+M5
+M2
+%
+"""
+ROOMY = ("-m", "stepper", "--max-slowdown", "1", "--no-simulation")
+
+
+@pytest.fixture
+def circle(tmp_path):
+    place = tmp_path / "circle.ngc"
+    place.write_bytes(CIRCLE)
+    return place
+
+
+@pytest.fixture
+def feed(monkeypatch):
+    """Put bytes on standard input."""
+
+    def put(data: bytes) -> None:
+        monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+
+    return put
+
+
+def run(capfdbinary, *arguments):
+    status = main([str(argument) for argument in arguments])
+    streams = capfdbinary.readouterr()
+    return status, streams.out, without_progress(streams.err.decode())
+
+
+def test_a_program_is_compensated_once_and_given_back(circle, tmp_path, capfdbinary):
+    out, again, back = (tmp_path / name for name in ("out.ngc", "again.ngc", "back.ngc"))
+    status, printed, said = run(capfdbinary, "convert", circle, *ROOMY, "-o", out)
+    assert (status, printed) == (0, b"")
+    assert "carries 0.03 mm" in said
+    assert f"wrote {out}" in said
+    assert b"(ph-post: offset X 0.03 mm)" in out.read_bytes()
+    status, _, said = run(capfdbinary, "convert", out, *ROOMY, "-o", again)
+    assert status == 0
+    assert "compensated already" in said
+    assert again.read_bytes() == out.read_bytes()
+    assert run(capfdbinary, "convert", out, "--undo", "-o", back)[0] == 0
+    assert back.read_bytes() == CIRCLE
+
+
+def test_another_machine_needs_force(circle, tmp_path, capfdbinary):
+    first, second, direct = (tmp_path / name for name in ("a.ngc", "b.ngc", "c.ngc"))
+    run(capfdbinary, "convert", circle, *ROOMY, "-o", first)
+    other = ("-m", "router", *ROOMY[2:])
+    status, _, said = run(capfdbinary, "convert", first, *other, "-o", second)
+    assert status == 2
+    assert "--force" in said
+    assert not second.exists()
+    assert run(capfdbinary, "convert", first, *other, "--force", "-o", second)[0] == 0
+    assert run(capfdbinary, "convert", circle, *other, "-o", direct)[0] == 0
+    assert second.read_bytes() == direct.read_bytes()
+
+
+def test_standard_input_to_standard_output(circle, tmp_path, capfdbinary, feed):
+    out = tmp_path / "out.ngc"
+    run(capfdbinary, "convert", circle, *ROOMY, "-o", out)
+    feed(CIRCLE)
+    status, printed, _ = run(capfdbinary, "convert", "-", *ROOMY, "-o", "-")
+    assert status == 0
+    assert printed == out.read_bytes()
+
+
+def test_in_place_with_a_backup_and_beside(circle, capfdbinary):
+    assert run(capfdbinary, "convert", circle, *ROOMY, "--suffix", "_bl")[0] == 0
+    beside = circle.with_name("circle_bl.ngc").read_bytes()
+    assert circle.read_bytes() == CIRCLE
+    assert run(capfdbinary, "convert", circle, *ROOMY, "--in-place", "--backup")[0] == 0
+    assert circle.read_bytes() == beside
+    assert circle.with_name("circle.ngc.bak").read_bytes() == CIRCLE
+    assert run(capfdbinary, "convert", circle, "--undo", "--in-place")[0] == 0
+    assert circle.read_bytes() == CIRCLE
+
+
+def test_where_nothing_is_to_be_done_the_bytes_stay(circle, tmp_path, capfdbinary):
+    out = tmp_path / "out.ngc"
+    status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "--strategy", "none", "-o", out)
+    assert status == 0
+    assert "nothing to change" in said
+    assert out.read_bytes() == CIRCLE
+
+
+def test_json_tells_times_errors_and_what_was_done(circle, tmp_path, capfdbinary):
+    out = tmp_path / "out.ngc"
+    status, printed, _ = run(capfdbinary, "convert", circle, *ROOMY[:-1], "-o", out, "--json")
+    assert status == 0
+    view = json.loads(printed)
+    assert view["verified"] is True
+    assert view["cycle_time"]["after"] > view["cycle_time"]["before"]
+    # Without compensation the table stays behind by half the lost motion, 0.04 mm on Y, and more of it on X.
+    assert view["error"]["after"]["max"] < 0.2 * view["error"]["before"]["max"]
+    assert view["offsets"] == pytest.approx({"X": 0.03, "Y": 0.04, "Z": 0.015})
+    turning = [(one["axis"], one["strategy"]) for one in view["windows"] if one["kind"] == "smooth"]
+    assert turning == [("Y", "takeup"), ("X", "takeup"), ("Y", "takeup")]
+
+
+def test_strict_refuses_what_the_others_pass_through(tmp_path, capfdbinary):
+    place, out = tmp_path / "a.ngc", tmp_path / "out.ngc"
+    place.write_bytes(CIRCLE.replace(b"M5\n", b"#1=5\nM5\n"))
+    status, _, said = run(capfdbinary, "convert", place, *ROOMY, "-o", out)
+    assert status == 0
+    assert f"{place}:9: " in said
+    assert b"#1=5\n" in out.read_bytes()
+    out.unlink()
+    status, _, said = run(capfdbinary, "convert", place, *ROOMY, "--strict", "-o", out)
+    assert status == 2
+    assert said.startswith(f"ph-post: {place}:9:1: ")
+    assert not out.exists()
+
+
+def test_bad_input_is_told_with_a_caret_and_leaves_the_output(tmp_path, capfdbinary):
+    place, out = tmp_path / "a.ngc", tmp_path / "out.ngc"
+    place.write_bytes(CIRCLE.replace(b"G3 X20", b"G3 X25"))
+    out.write_bytes(b"kept")
+    status, _, said = run(capfdbinary, "convert", place, *ROOMY, "-o", out)
+    lines = said.splitlines()
+    assert status == 2
+    assert lines[0].startswith(f"ph-post: {place}:7:")
+    assert lines[1].strip() == "G3 X25 Y0 I-20 J0 F1200"
+    assert set(lines[2].strip()) == {"^"}
+    assert out.read_bytes() == b"kept"
+
+
+@pytest.mark.parametrize("step", ["replace", "fsync"])
+def test_a_crash_leaves_the_original_or_the_finished_file(circle, capfdbinary, monkeypatch, step):
+    def crash(*_arguments, **_named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(*((pathlib.Path, step) if step == "replace" else (os, step)), crash)
+    assert run(capfdbinary, "convert", circle, *ROOMY, "--in-place")[0] == 130
+    assert circle.read_bytes() == CIRCLE
+    assert [one.name for one in circle.parent.iterdir()] == ["circle.ngc"]
+
+
+def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbinary, monkeypatch):
+    from ph_post.audit import deliver
+
+    honest = deliver.splice
+    monkeypatch.setattr(deliver, "splice", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
+    out = tmp_path / "out.ngc"
+    status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "-o", out)
+    assert status == 2
+    assert "does not pass its own check" in said
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--feed", "100"), "--feed is for path files"),
+        (("--safe-z", "5"), "--safe-z is for path files"),
+        (("--start", "moving"), "--start moving is for path files"),
+        (("--strategy", "retrograde"), "--strategy retrograde is for path files"),
+        (("-o", "a", "--suffix", "b"), "got -o and --suffix"),
+        (("-o", "-", "--json"), "one product"),
+        (("--table", "t.csv", "-o", "a"), "either -o or --table"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(circle, capfdbinary, options, said):
+    status, printed, told = run(capfdbinary, "convert", circle, "-m", "stepper", *options)
+    assert (status, printed) == (2, b"")
+    assert said in told
+
+
+def test_a_machine_is_needed(circle, capfdbinary):
+    status, _, said = run(capfdbinary, "convert", circle, "-o", "-")
+    assert status == 2
+    assert "--machine" in said
+
+
+def test_a_path_file_has_nothing_to_undo(capfdbinary):
+    status, _, said = run(capfdbinary, "convert", "circle", "--undo")
+    assert status == 2
+    assert "--undo is for a part program" in said

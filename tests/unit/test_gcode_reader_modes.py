@@ -1,0 +1,246 @@
+"""Modal states, breaks and positions that get lost, against what the words mean by the book."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ph_post.errors import InputError
+from ph_post.gcode.reader.read import read_program
+
+HEAD = "G21 G90 G17 G94 F600\nG0 X0 Y0 Z0\n"
+
+
+def read(body, head=HEAD):
+    return read_program((head + body).encode(), "a.ngc")
+
+
+def ends(program):
+    """Ends of the motions behind the head [mm]."""
+    return (program.motions.end[1:] * 1e3).round(9).tolist()
+
+
+def kinds(program):
+    return [(one.kind, one.block, one.motion) for one in program.breaks[1:-1]]
+
+
+def test_a_program_begins_in_millimetres_and_in_the_plane_of_x_and_y():
+    modal = read_program(b"(nothing)\n", "a").modal_after(0)
+    assert (modal.plane, modal.units, modal.absolute, modal.feed_mode) == (17, 1e-3, True, 94)
+    assert modal.motion is modal.system is modal.path is modal.spindle is modal.tool is None
+
+
+def test_every_group_keeps_its_last_word():
+    program = read(
+        "G18 G20 G91 G90.1 G93 G40 G49 G98 G64 P0.01 Q0 G59.3 T3 S1200 M4 M7 M8\nM6\nM5 M9\nG61.1 G43 H1\n"
+    )
+    first, changed, quiet, last = (program.modal_after(block) for block in range(2, 6))
+    assert (first.plane, first.units, first.absolute, first.arc_absolute) == (18, 0.0254, False, True)
+    assert (first.feed_mode, first.compensation, first.length, first.retract) == (93, "G40", "G49", "G98")
+    assert (first.path, first.system, first.prepared, first.tool) == ("G64 P0.01 Q0", "G59.3", 3.0, None)
+    assert (first.speed, first.spindle, first.mist, first.flood) == (1200.0, "M4", True, True)
+    assert (changed.tool, quiet.spindle, quiet.mist, quiet.flood) == (3.0, "M5", False, False)
+    assert (last.path, last.length, last.motion) == ("G61.1", "G43", "G0")
+
+
+def test_a_tool_is_prepared_before_it_is_changed_wherever_it_stands():
+    program = read("T1\nM6 T2\nM6\nM61 Q7\nM61 Q#1\n")
+    tools = [program.modal_after(block) for block in range(2, 7)]
+    assert [(modal.tool, modal.prepared) for modal in tools] == [(None, 1), (2, 2), (2, 2), (7, 2), (None, 2)]
+
+
+def test_states_that_are_the_same_are_kept_once():
+    program = read("M8\nM9\n" * 500)
+    assert len(program.modal) < 10
+    assert program.state[3::2].tolist() == program.state[3:4].tolist() * 500
+
+
+def test_more_states_than_there_was_room_for_are_all_kept():
+    program = read("".join(f"S{number}\n" for number in range(1000)))
+    assert [program.modal_after(2 + number).speed for number in range(1000)] == [
+        float(n) for n in range(1000)
+    ]
+
+
+def test_feed_is_kept_as_written_and_changes_its_number_with_the_units():
+    program = read("G20\nG1 X1\nF10\nG21\n")
+    assert program.feed_word.tolist() == pytest.approx([600, 600, 600 / 25.4, 600 / 25.4, 10, 254])
+    assert program.motions.feed[1] == pytest.approx(0.01)
+
+
+def test_feed_beside_other_units_is_not_guessed():
+    program = read("G20 F10\nG1 X1\n")
+    assert math.isnan(program.motions.feed[1])
+
+
+def test_a_motion_under_g93_has_its_time():
+    program = read("G93 G1 X5 F2\nG94 F100\n")
+    assert program.motions.duration.tolist() == [0.0, 30.0]
+    assert math.isnan(program.motions.feed[1])
+
+
+def test_a_feed_per_revolution_is_not_told():
+    assert math.isnan(read("S100 M3\nG95 F0.1 G1 X5\n").motions.feed[1])
+
+
+@pytest.mark.parametrize(("word", "exact"), [("G61", 1), ("G61.1", 1), ("G64", 0), ("G64 P0.1", 0)])
+def test_exact_stop_is_told(word, exact):
+    assert read(f"{word}\nG1 X1\n").motions.exact.tolist() == [0, exact]
+
+
+def test_increments_add_up_and_a_single_axis_leaves_the_others():
+    program = read("G91 G1 X1 Y2\nZ-1\nX1\nG90 X0\n")
+    assert ends(program) == [[1, 2, 0], [1, 2, -1], [2, 2, -1], [0, 2, -1]]
+
+
+def test_inches_are_inches():
+    np.testing.assert_allclose(read("G20 G1 X1 Y-0.5\n").motions.end[1], [0.0254, -0.0127, 0.0], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [
+        ("T1 M6", "tool change"),
+        ("M61 Q1", "tool change"),
+        ("G28", "home"),
+        ("G30 Z5", "home"),
+        ("G38.2 Z-5 F10", "probe"),
+        ("G54", "frame"),
+        ("G43 H1", "frame"),
+        ("G49", "frame"),
+        ("G10 L2 P1 X0", "frame"),
+        ("G52 X5", "frame"),
+        ("G92.1", "frame"),
+        ("G92.3", "frame"),
+        ("G1 A90", "not understood"),
+        ("G81 X1 Z-5 R1", "not understood"),
+        ("G1 X#5", "not understood"),
+        ("M98 P5", "not understood"),
+        ("M106", "not understood"),
+        ("G187", "not understood"),
+    ],
+)
+def test_behind_a_break_the_place_is_known_by_absolute_words_only(words, kind):
+    program = read(f"G1 X1\n{words}\nG90 G0 X7\n")
+    assert kinds(program) == [(kind, 3, 2)]
+    if words == "M98 P5":  # a subprogram may leave any mode behind, so nothing is known of what follows
+        assert program.motions.block.size == 2
+        return
+    assert program.motions.chain.tolist() == [0, 0, 1]
+    assert np.isnan(program.motions.start[-1]).all()
+    np.testing.assert_array_equal(program.motions.end[-1], [7e-3, np.nan, np.nan])
+
+
+def test_what_is_seen_through_breaks_nothing():
+    between = "(a)\n\nM3 S1\nM8\nF100\nG4 P1\nG64\nM0\nG17\nG91.1\nT5\n;\nM48\nG40\nG80\n"
+    program = read(f"G1 X1\n{between}G1 X2\n")
+    assert kinds(program) == []
+    assert program.motions.chain.tolist() == [0, 0, 0]
+
+
+def test_machine_coordinates_lose_the_axes_that_they_name():
+    program = read("G53 G0 Z0\nG0 X5\n")
+    assert kinds(program) == [("machine coordinates", 2, 1)]
+    np.testing.assert_array_equal(program.motions.end[1:], [[5e-3, 0.0, np.nan]])
+
+
+def test_a_work_system_that_is_active_changes_nothing():
+    assert kinds(read("G54\nG1 X1\nG54\nG1 X2\n")) == [("frame", 2, 1)]
+
+
+def test_g92_gives_the_place_another_name():
+    program = read("G1 X1 Y2\nG92 X10\nG91 G1 X1 Y1\n")
+    assert kinds(program) == [("frame", 3, 2)]
+    assert ends(program)[-1] == [11, 3, 0]
+
+
+def test_a_break_stands_before_the_motion_on_its_line_and_the_end_behind_it():
+    program = read("T1 M6 G43 G0 Z5\nG0 Z10 M30\nG1 X99 X98\n")
+    assert kinds(program) == [("tool change", 2, 1)]
+    assert (program.breaks[-1].kind, program.breaks[-1].block, program.breaks[-1].motion) == ("end", 3, 3)
+    assert program.motions.chain.tolist() == [0, 1, 1]
+
+
+@pytest.mark.parametrize("end", ["M2", "M30", "%"])
+def test_behind_the_end_nothing_is_read(end):
+    program = read_program(f"%\n{HEAD}G1 X1\n{end}\nX1 X2 (\n".encode(), "a")
+    assert program.motions.block.tolist() == [2, 3]
+    assert program.breaks[-1].block == 4
+    assert program.state.size == program.feed_word.size == program.blocks == 6
+    assert program.feed_word[-1] == 600.0
+
+
+def test_a_full_circle_goes_on_for_its_turns():
+    motions = read("G3 I5 P3\nG2 X10 I5 P2\n").motions
+    np.testing.assert_allclose(motions.angle[1:], [6 * math.pi, -3 * math.pi])
+
+
+@pytest.mark.parametrize(
+    ("plane", "words", "center", "angle"),
+    [
+        ("G17", "G3 X-5 Y5 I-5 J0", (-5, 0), math.pi / 2),
+        ("G18", "G3 Z-5 X5 K-5 I0", (-5, 0), math.pi / 2),
+        ("G19", "G2 Y-5 Z5 J-5", (-5, 0), -3 * math.pi / 2),
+        ("G17", "G2 X3 Y-1 R5", None, None),
+        ("G18", "G3 X3 Z-1 R-5", None, None),
+    ],
+)
+def test_arcs_turn_in_the_sense_of_their_plane(plane, words, center, angle):
+    motions = read(f"{plane} {words}\n").motions
+    axes = {"G17": [0, 1], "G18": [2, 0], "G19": [1, 2]}[plane]
+    start, end, middle = motions.start[1, axes], motions.end[1, axes], motions.center[1]
+    if center is None:
+        radius, long = 5e-3, "R-" in words
+        np.testing.assert_allclose(np.linalg.norm([start - middle, end - middle], axis=1), radius, rtol=1e-12)
+        assert (abs(motions.angle[1]) > math.pi) == long
+        assert (motions.angle[1] > 0) == words.startswith("G3")
+    else:
+        np.testing.assert_allclose(middle * 1e3, center, atol=1e-12)
+        assert motions.angle[1] == pytest.approx(angle)
+    turn = motions.angle[1]
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    np.testing.assert_allclose(middle + rotation @ (start - middle), end, atol=1e-15)
+
+
+def test_an_arc_of_almost_nothing_is_no_circle():
+    motions = read("G1 X0 Y0\nG3 X0 Y0.0001 I-1000\nG2 X0 Y0.0001 I-1000\n").motions
+    assert motions.angle[2] == pytest.approx(1e-7, rel=1e-6)
+    assert motions.angle[3] == -math.tau
+
+
+def test_radii_may_differ_as_linuxcnc_lets_them():
+    read("G2 X10.02 Y0 I5 J0\n")
+    read("G2 X1000.4 Y0 I500 J0\n")
+    with pytest.raises(InputError, match="radii of the arc differ"):
+        read("G2 X10.06 Y0 I5 J0\n")
+
+
+def test_splines_have_their_control_points():
+    program = read("G5 X10 Y0 I1 J2 P-3 Q4\nG5 X20 Y0 P-1 Q-1\nG5.1 X30 Y0 I6 J3\n")
+    control = {
+        row: (points[:, :2] * 1e3).round(9).tolist() for row, points in program.motions.control.items()
+    }
+    assert control[1] == [[0, 0], [1, 2], [7, 4], [10, 0]]
+    assert control[2] == [[10, 0], [13, -4], [19, -1], [20, 0]]
+    assert control[3] == [[20, 0], [24, 2], pytest.approx([82 / 3, 2]), [30, 0]]
+
+
+def test_a_nurbs_has_its_points_and_weights():
+    program = read("G5.2 P2 L4\nX1 Y1 P1\nX2 Y1 P3\nX3 Y0 P1\nG5.3\nG1 X9\n")
+    order, points, weights = program.motions.nurbs[1]
+    assert order == 4
+    assert (points * 1e3).round(9).tolist() == [[0, 0, 0], [1, 1, 0], [2, 1, 0], [3, 0, 0]]
+    assert weights.tolist() == [2, 1, 3, 1]
+    assert program.motions.kind.tolist() == [0, 4, 1]
+    assert program.motions.start[2].tolist() == program.motions.end[1].tolist()
+
+
+def test_numbers_are_kept_exactly_with_blanks_signs_and_without_digits_on_one_side():
+    words = read_program(b"g0 x +1 0.2 50 y-.5 z5. f-0\n", "a").words
+    assert words.letter.tobytes() == b"GXYZF"
+    assert list(zip(words.digits.tolist(), words.decimals.tolist(), strict=True)) == [
+        (0, 0), (10250, 3), (-5, 1), (5, 0), (0, 0),
+    ]  # fmt: skip
+    assert [b"g0 x +1 0.2 50 y-.5 z5. f-0"[a:b] for a, b in zip(words.start, words.end, strict=True)] == [
+        b"g0", b"x +1 0.2 50", b"y-.5", b"z5.", b"f-0",
+    ]  # fmt: skip

@@ -1,0 +1,257 @@
+"""``verify`` as a function and as a command: what it says, and what it holds a program to."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.compensated import bracket, headed, planes, relative
+
+from ph_post.audit.frechet import follow
+from ph_post.audit.verdict import KEPT, Findings
+from ph_post.audit.verify import verify
+from ph_post.cli.main import main
+from ph_post.gcode.reader.read import read_program
+from ph_post.io.machinefile import read_machine
+from ph_post.units import MM
+
+TOLERANCE = 0.005 * MM
+
+CORNER = "G21 G90 G94\nG0 X0 Y0\nG1 X10 F600 (out)\nG3 X10 Y10 I0 J5 F500 (round)\nM2\n"
+"""X turns inside the arc, at (15, 5)."""
+
+CORNER_HUNK = (
+    "{header}G21 G90 G94\nG0 X0.025 Y0\nG1 X10.025 F600 (out)\n(ph-post: +{added} -1 X turns)\n{hunk}"
+    "(ph-post: +4 -0 X back)\nG4 P0.01\nG1 X10 F400\nG4 P0.01\nF500\nM2\n"
+)
+HUNK = "G3 X15.025 Y5 I0 J5 F500 (round)\nG4 P0.01\nG1 X14.975 F400\nG4 P0.01\nG3 X9.975 Y10 I-5 J0 F500\n"
+
+
+def judged(original, compensated, machine=None, tolerance=TOLERANCE):
+    programs = (read_program(original, "original"), read_program(compensated, "compensated"))
+    return verify(*programs, tolerance=tolerance, machine=machine)
+
+
+def corner(hunk=HUNK, original=CORNER):
+    """A program whose only arc is divided, the hunk given."""
+    text = CORNER_HUNK.replace("{added}", str(hunk.count("\n"))).replace("{hunk}", hunk)
+    return headed(original, text, "(ph-post: offset X 0.025 mm)", stops=2, dips=0)
+
+
+def kinds(verdict):
+    return [failure.kind for failure in verdict.failures]
+
+
+def test_the_same_bytes_need_no_header():
+    data, _ = bracket()
+    assert judged(data, data).ok
+
+
+def test_other_bytes_need_one():
+    data, _ = bracket()
+    verdict = judged(data, data.replace(b"X20", b"X21"))
+    (failure,) = verdict.failures
+    assert (failure.kind, failure.original, failure.compensated) == ("undeclared", 12, 12)
+    assert "G1 X20 F600" in failure.expected
+    assert "G1 X21 F600" in failure.got
+
+
+def test_an_arc_divided_where_its_axis_turns():
+    assert kinds(judged(*corner())) == []
+
+
+def test_comments_of_replaced_lines_stay():
+    assert kinds(judged(*corner(HUNK.replace(" (round)", "")))) == ["comment"]
+
+
+def test_block_delete_of_replaced_lines_stays():
+    assert "comment" in kinds(judged(*corner(HUNK.replace("G3 X9", "/G3 X9"))))
+
+
+def test_commands_of_replaced_lines_stay_once_and_in_order():
+    original = CORNER.replace("(round)", "M8 S200 (round)")
+    fine = HUNK.replace("(round)", "M8 S200 (round)")
+    assert kinds(judged(*corner(fine, original))) == []
+    assert "command" in kinds(judged(*corner(fine.replace("M8 ", ""), original)))
+    assert "command" in kinds(judged(*corner(fine.replace("I-5", "M8 I-5"), original)))
+
+
+def test_failures_name_lines_from_one():
+    original, compensated = bracket()
+    verdict = judged(original, compensated.replace(b"Y10 (side)", b"Y11 (side)"))
+    line = compensated.splitlines().index(b"Y10 (side)") + 1
+    first = verdict.failures[0]
+    assert (first.kind, first.original, first.compensated) == ("text", 13, line)
+    assert first.sentence() == (
+        f"text: original line 13, compensated line {line}: the line differs outside what is declared;"
+        " expected 'Y10 (side)'; got 'Y11 (side)'"
+    )
+
+
+def test_a_deviation_is_told_in_millimetres():
+    original, compensated = bracket()
+    verdict = judged(original, compensated.replace(b"X16 F150\nX20", b"X16 Y0.02 F150\nX20 Y0"))
+    (failure,) = [one for one in verdict.failures if one.kind == "path"]
+    assert failure.got == "0.02 mm, in the order of travel"
+
+
+def test_the_tolerance_is_an_upper_bound():
+    """The header promises 1 µm: a larger tolerance does not loosen that, a smaller one tightens it."""
+    original, compensated = bracket()
+    bent = compensated.replace(b"X16 F150\nX20", b"X16 Y0.0012 F150\nX20 Y0")
+    assert judged(original, bent).ok
+    assert kinds(judged(original, bent, tolerance=0.001 * MM)) == ["path"]
+    farther = compensated.replace(b"X16 F150\nX20", b"X16 Y0.002 F150\nX20 Y0")
+    assert kinds(judged(original, farther, tolerance=0.1 * MM)) == ["path"]
+
+
+MACHINE = """name = "bench"
+[controller]
+dialect = "linuxcnc"
+servo_period_ms = 1.0
+[axes.X]
+feedback = "motor"
+b = 0.0004
+c = 0.02
+lost_motion_mm = 0.05
+max_velocity_mm_s = 100
+max_acceleration_mm_s2 = 1000
+max_jerk_mm_s3 = 50000
+"""
+
+
+def bench(tmp_path, **changes):
+    """A machine for :func:`corner`; a jog of 0.05 mm reaches sqrt(1000 * 0.05) = 7.07 mm/s, 424 mm/min."""
+    text = MACHINE
+    for old, new in changes.values():
+        assert old in text
+        text = text.replace(old, new)
+    file = tmp_path / "bench.toml"
+    file.write_text(text)
+    return read_machine(str(file))
+
+
+def for_machine(machine, hunk=HUNK):
+    original, compensated = corner(hunk)
+    told = f"bench, sha256 {machine.digest[:16]}".encode()
+    return original, compensated.replace(b"bench, sha256 0123456789abcdef", told).replace(
+        b"G1 X10 F400", b"G1 X10 F290"
+    )
+
+
+def test_jogs_keep_the_limits_of_the_machine(tmp_path):
+    machine = bench(tmp_path)
+    assert kinds(judged(*for_machine(machine), machine)) == []
+    assert kinds(judged(*for_machine(machine, HUNK.replace("F400", "F424")), machine)) == []
+    assert kinds(judged(*for_machine(machine, HUNK.replace("F400", "F426")), machine)) == ["limits"]
+
+
+def test_the_declaration_is_held_to_the_machine(tmp_path):
+    machine = bench(tmp_path)
+    original, compensated = for_machine(machine)
+    other = bench(tmp_path, gap=("lost_motion_mm = 0.05", "lost_motion_mm = 0.06"))
+    assert kinds(judged(original, compensated, other)) == ["machine", "machine"]
+    scaled = read_machine("mill")
+    assert "machine" in kinds(judged(original, compensated, scaled))
+
+
+def test_many_failures_are_counted_and_not_all_kept():
+    findings = Findings()
+    for line in range(KEPT + 5):
+        findings.add("text", "wrong", original=line)
+    verdict = findings.verdict()
+    assert (len(verdict.failures), verdict.found, verdict.ok) == (KEPT, KEPT + 5, False)
+
+
+def written(tmp_path: Path, pair) -> list[str]:
+    files = []
+    for name, data in zip(("part.ngc", "part_compensated.ngc"), pair, strict=True):
+        (tmp_path / name).write_bytes(data)
+        files.append(str(tmp_path / name))
+    return files
+
+
+@pytest.mark.parametrize("maker", [bracket, relative, planes])
+def test_the_command_says_that_it_holds(maker, tmp_path, capsys):
+    assert main(["verify", *written(tmp_path, maker())]) == 0
+    assert capsys.readouterr().out.startswith("ok: only what is declared was changed\nchecked: ")
+
+
+def test_the_command_lists_failures(tmp_path, capsys):
+    original, compensated = bracket()
+    files = written(tmp_path, (original, compensated.replace(b"F600\nN20", b"F601\nN20")))
+    assert main(["verify", *files]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("state: ")
+    assert lines[-2].startswith("failed: ")
+
+
+def test_the_command_shortens_long_lists(tmp_path, capsys):
+    original, compensated = bracket()
+    compensated = compensated.replace(b"\n", b" \n")
+    assert main(["verify", *written(tmp_path, (original, compensated))]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[20].startswith("and ")
+    assert lines[20].endswith(" more")
+
+
+def test_the_command_as_json(tmp_path, capsys):
+    original, compensated = bracket()
+    files = written(tmp_path, (original, compensated.replace(b"Y10 (side)", b"Y11 (side)")))
+    assert main(["verify", *files, "--json"]) == 1
+    view = json.loads(capsys.readouterr().out)
+    assert view["ok"] is False
+    assert view["failures"][0].keys() == {"kind", "original", "compensated", "what", "expected", "got"}
+    assert view["checked"]["jogs"] == 4
+
+
+def test_bad_input_is_no_verdict(tmp_path, capsys):
+    original, compensated = bracket()
+    files = written(tmp_path, (original, compensated.replace(b"(side)", b"(side")))
+    assert main(["verify", *files]) == 2
+    assert "comment" in capsys.readouterr().err
+    assert main(["verify", files[0], str(tmp_path / "nothing.ngc")]) == 2
+    assert main(["verify", "-", "-"]) == 2
+
+
+def test_following_is_decided_as_by_the_discrete_distance():
+    """Against the discrete Fréchet distance of fine samples, by its recursion in full."""
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        p, q = (rng.normal(size=(rng.integers(2, 6), 3)).cumsum(axis=0) for _ in range(2))
+        fine = discrete(sampled(p), sampled(q))
+        # Samples are 1/40 of a segment apart: the discrete distance is too large by no more than that.
+        step = max(np.linalg.norm(np.diff(one, axis=0), axis=1).max() for one in (p, q)) / 40
+        assert followed(p, q, 1.001 * fine)
+        assert not followed(p, q, 0.999 * (fine - step))
+
+
+def test_a_way_back_is_noticed_where_it_is_longer_than_the_bound():
+    line = np.array([[0.0, 0, 0], [1, 0, 0]])
+    back = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.4, 0, 0], [1, 0, 0]])
+    assert followed(line, back, 0.0501)
+    assert not followed(line, back, 0.0499)
+
+
+def followed(p, q, bound):
+    ends = np.array([0, len(p)]), np.array([0, len(q)])
+    return follow(p, ends[0], q, ends[1], np.array([bound]))[0] < 0
+
+
+def sampled(points):
+    share = np.linspace(0.0, 1.0, 41)[1:, None]
+    rows = [a + share * (b - a) for a, b in pairwise(points)]
+    return np.concatenate([points[:1], *rows])
+
+
+def discrete(p, q):
+    """Discrete Fréchet distance (Eiter, Mannila 1994)."""
+    apart = np.linalg.norm(p[:, None] - q[None], axis=2)
+    best = np.full_like(apart, np.inf)
+    for i in range(len(p)):
+        for j in range(len(q)):
+            before = [best[i - 1, j]] * (i > 0) + [best[i, j - 1]] * (j > 0)
+            before += [best[i - 1, j - 1]] * (i > 0 and j > 0)
+            best[i, j] = max(apart[i, j], min(before, default=0.0))
+    return best[-1, -1]
