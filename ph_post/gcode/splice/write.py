@@ -23,7 +23,7 @@ from ph_post.gcode.splice.blocktext import line_end
 from ph_post.gcode.splice.grid import word_decimals
 from ph_post.gcode.splice.header import MARK, Declaration, declaration_lines
 from ph_post.gcode.splice.hunks import Hunk, HunkWriter
-from ph_post.gcode.splice.payload import Payload, payload_lines
+from ph_post.gcode.splice.payload import Payload, payload_lines, payload_start
 from ph_post.gcode.splice.record import Edits
 from ph_post.gcode.splice.rewrite import MOST_DECIMALS, assemble, shift_numbers
 from ph_post.gcode.splice.schedule import schedule
@@ -89,6 +89,14 @@ def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: De
     if MARK.encode() in program.data:
         raise InputError(program.name, "the program holds the marks of an earlier compensation",
                          expected="the original (see --undo)")  # fmt: skip
+    text = _written(program, edits, dialect, declaration)
+    if _comes_back(text, program):
+        return text
+    return _closed(program, text[: payload_start(text)], Payload(whole=program.data), dialect)
+
+
+def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
+    """Write the new text; all that is needed for that is given up with it."""
     units = program_units(program)
     if len(units) > 1 and np.any(edits.offset):
         raise InputError(program.name, "a lasting offset in a program in mm and in inches")
@@ -102,11 +110,15 @@ def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: De
         lambda block: numbers.text(program, block),
     )  # fmt: skip
     hunks = sorted(writer.write(tasks), key=lambda hunk: hunk.block)
-    body, payload = _body(program, numbers, hunks, dialect, declaration)
-    text = _closed(program, body, payload, dialect)
-    if restore(text, program.name) == program.data:
-        return text
-    return _closed(program, body, Payload(whole=program.data), dialect)
+    return _closed(program, *_body(program, numbers, hunks, dialect, declaration), dialect)
+
+
+def _comes_back(text: bytes, program: PartProgram) -> bool:
+    """Whether the inverse gives the original, byte for byte."""
+    try:
+        return restore(text, program.name) == program.data
+    except InputError:
+        return False
 
 
 def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
