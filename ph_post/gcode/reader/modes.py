@@ -234,7 +234,8 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
     letter, value = words
     values, where, codes, given = room
     present, g, m, computed, refused = _gather(letter, value, low, high, values, where, codes)
-    given[:] = -1
+    for group in range(given.size):
+        given[group] = -1
     if refused >= 0:
         return 0, 0, computed, TWICE, refused
     odd, refused, word = _apply_g(value, codes, g, state, given)
@@ -326,6 +327,15 @@ def _flags(given: Any, state: Any) -> Any:
 
 
 @inner
+def _is_row(table: Any, row: int, state: Any) -> Any:
+    """Whether a row of `table` holds the state's modes; in a loop, as whole arrays take long to compile."""
+    for column in range(MODES):  # noqa: SIM110 - compiled
+        if table[row, column] != state[column]:
+            return False
+    return True
+
+
+@inner
 def _intern(state: Any, table: Any, slots: Any, count: int) -> Any:
     """Find the row of `table` that holds the state's modes, made where there is none."""
     code = np.uint64(1469598103934665603)
@@ -334,22 +344,21 @@ def _intern(state: Any, table: Any, slots: Any, count: int) -> Any:
     slot = np.int64((code >> np.uint64(20)) % np.uint64(slots.size))
     while slots[slot] >= 0:
         row = slots[slot]
-        if (table[row] == state[:MODES]).all():
+        if _is_row(table, row, state):
             return row
         slot = (slot + 1) % slots.size
     slots[slot] = count
-    table[count] = state[:MODES]
+    for column in range(MODES):
+        table[count, column] = state[column]
     return count
 
 
 @inner
 def _grown(table: Any) -> Any:
     larger = np.empty((2 * table.shape[0], MODES))
-    larger[: table.shape[0]] = table
     slots = np.full(8 * table.shape[0], -1, np.int64)
     for row in range(table.shape[0]):
-        state = larger[row]
-        _intern(state, larger, slots, row)
+        _intern(table[row], larger, slots, row)
     return larger, slots
 
 
@@ -403,7 +412,8 @@ def resolve(words: Any, traits: Any, stretches: Any, end: int, columns: Any) -> 
             _forget_columns(state, stretches[at, 2])
             at += stretches[at, 1] == block
         elif high > low or traits[block]:
-            before[:] = state
+            for column in range(STATE):
+                before[column] = state[column]
             parts = (letter, value)
             marks[block], whys[block], refused, word = _run_block(
                 parts, low, high, traits[block], state, before, room
@@ -411,7 +421,7 @@ def resolve(words: Any, traits: Any, stretches: Any, end: int, columns: Any) -> 
             zeros[block] = room[3][0]
             motions[block] = _after(state, room[3], before)
             flags[block] = _flags(room[3], state)
-        if (table[row] != state[:MODES]).any():
+        if not _is_row(table, row, state):
             if count == table.shape[0]:
                 table, slots = _grown(table)
             row = _intern(state, table, slots, count)
