@@ -21,6 +21,12 @@ _FREE = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1, 61.0, 61.1, 64.0, 90.0, 91.0, 90.1, 
 
 _G, _P = ord("G"), ord("P")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+_LEAST = 0.01
+"""In a shorter dwell [s] a controller may not stand still, and blend away what is between two of them."""
+
+_ROUNDING = 1e-4
+"""Dwells may be longer than declared by this part of themselves: their last digit."""
+
 _ALIKE = 1e-9
 """Dwells [s] this close are the same number."""
 
@@ -109,7 +115,7 @@ def _deleted(text: bytes) -> bool:
 
 
 def check_dwells(case: Case) -> Dwells:
-    """Demand the declared time of dwells in hunks that are not the replaced lines'; return those."""
+    """Demand dwells in hunks that are no longer than declared, but for the replaced lines'; return them."""
     new, hunk_of = find_dwells(case.compensated), case.lines.new_hunk
     added = hunk_of[new.block] != NO_HUNK
     for hunk, seconds in _replaced_dwells(case):
@@ -121,11 +127,14 @@ def check_dwells(case: Case) -> Dwells:
             "command", "a dwell of a replaced line is lost", expected=f"G4 P{seconds:g}",
             compensated=int(case.lines.hunks.marker[hunk]),
         )  # fmt: skip
-    expected = case.declared.dwell if case.declared.dwell is not None else np.nan
-    for place in np.flatnonzero(added & ~(np.abs(new.duration - expected) <= _ALIKE)).tolist():
+    most = case.declared.dwell if case.declared.dwell is not None else np.nan
+    fine = (new.duration <= most * (1.0 + _ROUNDING)) & (
+        new.duration >= min(most, _LEAST) * (1.0 - _ROUNDING)
+    )
+    for place in np.flatnonzero(added & ~fine).tolist():
         case.findings.add(
-            "dwell", "a dwell is not as long as declared", compensated=int(new.block[place]),
-            expected=f"{expected:g} s", got=f"{new.duration[place]:g} s",
+            "dwell", "a dwell is not as declared", compensated=int(new.block[place]),
+            expected=f"{min(most, _LEAST):g} to {most:g} s", got=f"{new.duration[place]:g} s",
         )  # fmt: skip
     case.findings.count("dwells", int(added.sum()))
     return Dwells(block=new.block[added], duration=new.duration[added])

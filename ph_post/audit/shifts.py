@@ -6,6 +6,7 @@ import numpy as np
 
 from ph_post.audit.align import NO_HUNK
 from ph_post.audit.case import Case
+from ph_post.audit.orders import Dwells
 from ph_post.audit.outline import plane_columns
 from ph_post.audit.pairing import AXES, EXACT, Pairing, declared_ways, millimetres
 from ph_post.audit.verdict import FailureKind
@@ -151,11 +152,11 @@ def check_known(case: Case, pairing: Pairing) -> None:
         )  # fmt: skip
 
 
-def check_stops(case: Case, pairing: Pairing) -> None:
-    """As many stops as the header says: jogs with nothing but dwells between them are one stop."""
-    jog, hunk = pairing.jog, pairing.new_hunk
-    follows = np.append(False, jog[:-1] & (hunk[1:] == hunk[:-1]))[: jog.size]
-    stops = int((jog & ~follows).sum())
+def check_stops(case: Case, pairing: Pairing, dwells: Dwells) -> None:
+    """As many stops as the header says: dwells with nothing but jogs between them are one stop."""
+    moves = case.compensated.motions.block[~pairing.jog]
+    place, hunk = np.searchsorted(moves, dwells.block), case.lines.new_hunk[dwells.block]
+    stops = int(((np.diff(place) > 0) | (np.diff(hunk) != 0)).sum()) + bool(place.size)
     case.findings.count("stops", stops)
     case.findings.count("hunks", case.lines.hunks.number)
     if case.declared.stops is not None and stops != case.declared.stops:

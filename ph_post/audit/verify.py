@@ -132,7 +132,7 @@ def _compare(case: Case, machine: Machine | None) -> None:
     check_known(case, pairing)
     check_amounts(case, pairing)
     check_returns(case, pairing)
-    check_stops(case, pairing)
+    check_stops(case, pairing, dwells)
     found = check_course(case, pairing, dwells)
     check_feeds(case, found)
     check_direction(case, pairing)
