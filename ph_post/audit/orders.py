@@ -21,9 +21,6 @@ _FREE = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1, 61.0, 61.1, 64.0, 90.0, 91.0, 90.1, 
 
 _G, _P = ord("G"), ord("P")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
-_LEAST = 0.01
-"""In a shorter dwell [s] a controller may not stand still, and blend away what is between two of them."""
-
 _ROUNDING = 1e-4
 """Dwells may be longer than declared by this part of themselves: their last digit."""
 
@@ -128,13 +125,11 @@ def check_dwells(case: Case) -> Dwells:
             compensated=int(case.lines.hunks.marker[hunk]),
         )  # fmt: skip
     most = case.declared.dwell if case.declared.dwell is not None else np.nan
-    fine = (new.duration <= most * (1.0 + _ROUNDING)) & (
-        new.duration >= min(most, _LEAST) * (1.0 - _ROUNDING)
-    )
+    fine = (new.duration <= most * (1.0 + _ROUNDING)) & (new.duration > 0.0)
     for place in np.flatnonzero(added & ~fine).tolist():
         case.findings.add(
             "dwell", "a dwell is not as declared", compensated=int(new.block[place]),
-            expected=f"{min(most, _LEAST):g} to {most:g} s", got=f"{new.duration[place]:g} s",
+            expected=f"> 0 and <= {most:g} s", got=f"{new.duration[place]:g} s",
         )  # fmt: skip
     case.findings.count("dwells", int(added.sum()))
     return Dwells(block=new.block[added], duration=new.duration[added])

@@ -108,7 +108,7 @@ BRACKET = {
     "jog lost": (OUTWARD, "G4 P0.01\n(none)\nG4 P0.01\nF600\n", "offset"),
     "dwell before a jog lost": (OUTWARD, "(none)\nG1 X19.975 F1000\nG4 P0.01\nF600\n", "jog"),
     "dwell behind a jog lost": (OUTWARD, "G4 P0.01\nG1 X19.975 F1000\n(none)\nF600\n", "jog"),
-    "dwell too short to stand still": ("G4 P0.01\nG1 X19.975", "G4 P0.001\nG1 X19.975", "dwell"),
+    "dwell too short to stand still": ("G4 P0.01\nG1 X19.975", "G4 P0.001\nG1 X19.975", "jog"),
     "dwell longer than declared": ("G4 P0.01\nG1 X19.975", "G4 P1.01\nG1 X19.975", "dwell"),
     "F lost behind a stop": (OUTWARD, OUTWARD.replace("F600", "(F600)"), "state"),
     "F of another number behind a stop": (OUTWARD, OUTWARD.replace("F600", "F700"), "state"),
