@@ -5,7 +5,7 @@ import math
 import re
 
 import pytest
-from support.corpus import compensated, stepper
+from support.corpus import compensated, entries, stepper
 from support.streams import without_progress
 
 from ph_post.audit.diff.compare import compare_programs
@@ -274,3 +274,26 @@ def test_a_script_in_a_comment_stays_text(capsys, tmp_path):
     b.write_text(PART.replace("(part)", "(</script><script>alert[1]</script>)"))
     run(capsys, "diff", str(a), str(b), "--html", str(page))
     assert page.read_text().count("</script>") == 1
+
+
+FREECAD = [
+    entry
+    for entry in entries()
+    if entry.name.startswith("freecad/") and "adaptive" not in entry.name and "helix" not in entry.name
+]
+
+
+@pytest.mark.parametrize("entry", FREECAD, ids=lambda entry: entry.name)
+def test_compensated_programs_differ_by_what_they_declare(entry):
+    """Three axes carry 0.025 mm each, and come onto their flanks from 0.075 mm beside their places."""
+    program = read_program(entry.file.read_bytes(), entry.name)
+    output = read_program(compensated(program, stepper(), find_dialect(entry.dialect)), entry.name)
+    found = compare_programs(program, output)
+    assert found.orders == ()
+    if output.data == program.data:
+        assert found.same
+        return
+    assert found.undone == 0.0
+    assert 0.025e-3 - 1e-9 <= found.max_deviation <= 0.075e-3 * math.sqrt(3.0)
+    back = compare_programs(output, program)
+    assert back.max_deviation == pytest.approx(found.max_deviation, rel=1e-9)

@@ -159,3 +159,21 @@ def test_kinds_of_motions_are_told_apart_from_what_they_cut():
     assert (a.kind == LINE).all()
     b = replace(b, feed=2.0 * b.feed)
     assert compare_paths(outline_of(a), outline_of(b)).gaps.size == 0
+
+
+def test_a_program_that_repeats_itself_is_not_led_astray_by_one_equal_move():
+    """Three equal passes, every line of the second program shifted but for one of the third pass."""
+    a, b = Tool(), Tool()
+    for number in range(3):
+        for x, y in SQUARE:
+            a.line(x, y)
+            own = number == 2 and y == 10
+            b.line(x + (0.0 if own else 0.025), y)
+    for one, other in ((a, b), (b, a)):
+        assert max(apart(one, other)) < 0.03
+
+
+def test_motions_without_a_length_tell_no_place():
+    a = Tool().line(10, 0).line(10, 0).line(20, 0)
+    b = Tool().line(10, 0).line(20, 0).line(20, 0)
+    assert apart(a, b) == pytest.approx((0.0, 0.0), abs=1e-12)

@@ -79,9 +79,14 @@ def feet(
         nearest = _nearest(points[k], first, last, samples)
         least = _square(points[k], samples[nearest, 0], samples[nearest, 1], samples[nearest, 2])
         found[k], on[k], at[k] = samples[nearest], piece[nearest], u[nearest]
-        # Two samples may stand at one joint: both sides of either are looked at.
-        for j in range(nearest - 1, nearest + 3):
-            if 0 < j < piece.size and piece[j - 1] == piece[j] and u[j - 1] < u[j]:
+        if last - first > PROBES:
+            first, last = max(first, nearest - PROBES // 2), min(last, nearest + PROBES // 2)
+        # A sample stands between two parts, and at a joint there are two samples: so two more on either side.
+        for j in range(max(first - 1, 1), min(last + 3, piece.size)):
+            if piece[j - 1] == piece[j] and u[j - 1] < u[j]:
+                near = math.sqrt(_square(points[k], samples[j, 0], samples[j, 1], samples[j, 2]))
+                if near - (ways[j] - ways[j - 1]) >= math.sqrt(least):
+                    continue
                 v = _foot(points[k], table[piece[j]], control, u[j - 1], u[j])
                 x, y, z = place(table[piece[j]], control, v)
                 distance = _square(points[k], x, y, z)

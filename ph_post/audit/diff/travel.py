@@ -24,6 +24,9 @@ BUDGET: Final = 400_000
 CURVED: Final = 32
 """Samples of an arc's half turn, and of a spline."""
 
+SLIGHT: Final = 0.1
+"""Runs of same motions belong together where the lag differs by less than this part of their lengths."""
+
 FINER: Final = 32
 """Points that are tried around the sample that is farthest off."""
 
@@ -78,7 +81,7 @@ class Travel(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def compare_paths(a: Outline, b: Outline) -> Travel:
     """Compare two paths: what is the same motion needs no look, the rest is aligned and measured."""
-    found = align(_keys(a), _keys(b))
+    found = _without_strays(align(_keys(a, 1), _keys(b, 2)), a, b)
     gaps = gaps_of(found, b.first.size - 1)
     if not (len(a.table) and len(b.table)):
         return Travel(outlines=(a, b), found=found, gaps=gaps, sides=None)
@@ -89,8 +92,47 @@ def compare_paths(a: Outline, b: Outline) -> Travel:
     return Travel(outlines=(a, b), found=found, gaps=gaps, sides=sides)
 
 
-def _keys(outline: Outline) -> IntArray:
-    """Hash the geometry of every motion."""
+def _without_strays(found: IntArray, a: Outline, b: Outline) -> IntArray:
+    """Give up runs of same motions that lead astray.
+
+    A program that repeats itself has the same motion at many places. Where the paths have to run apart to
+    meet in such a motion, and back again behind it, and both ways are longer than what is the same there, it
+    is not the same place. The alignment of all samples finds the right one.
+    """
+    here = np.flatnonzero(found >= 0)
+    if here.size == 0:
+        return found
+    lag = a.s[a.first[here]] - b.s[b.first[found[here]]]
+    heads = np.flatnonzero(np.diff(here, prepend=-2) + np.diff(found[here], prepend=-2) > 2)
+    lengths = np.add.reduceat(a.lengths()[here], heads)
+    ends = np.append(heads[1:], here.size)
+    kept = found.copy()
+    for row in _strays(lag[heads].tolist(), lengths.tolist(), a.length - b.length):
+        kept[here[heads[row] : ends[row]]] = -1
+    return kept
+
+
+def _strays(lags: list[float], lengths: list[float], last: float) -> list[int]:
+    """Return the runs of same motions to which the lag of a path behind the other goes and comes back."""
+    groups: list[tuple[float, float, list[int]]] = []
+    strays: list[int] = []
+    for row, lag in enumerate([*lags, last]):
+        new = (lag, lengths[row], [row]) if row < len(lags) else (lag, 0.0, [])
+        while groups:
+            before = groups[-2][0] if len(groups) > 1 else 0.0
+            out, back = groups[-1][0] - before, lag - groups[-1][0]
+            if out * back >= 0.0 or 2.0 * min(abs(out), abs(back)) <= groups[-1][1]:
+                break
+            strays += groups.pop()[2]
+        if groups and abs(lag - groups[-1][0]) <= SLIGHT * min(new[1], groups[-1][1]):
+            known = groups.pop()
+            new = (known[0], known[1] + new[1], known[2] + new[2])
+        groups.append(new)
+    return strays
+
+
+def _keys(outline: Outline, own: int) -> IntArray:
+    """Hash the geometry of every motion; those without a length are like no other, as they tell no place."""
     table = outline.table.copy()
     table[:, :ANGLE] = np.rint(table[:, :ANGLE] / GRID)
     table[:, ANGLE] = np.rint(table[:, ANGLE] / GRID)
@@ -100,9 +142,10 @@ def _keys(outline: Outline) -> IntArray:
         control = outline.control[int(row[FIRST]) : int(row[FIRST] + row[ORDER])]
         table[k, FIRST] = float(hash(np.rint(control / GRID).tobytes()) % (1 << 52))
     keys = hash_columns(*table.T)
-    if len(keys) == outline.first.size - 1:
-        return keys
-    return _together(keys, outline.first)
+    if len(keys) != outline.first.size - 1:
+        keys = _together(keys, outline.first)
+    number = np.arange(keys.size)
+    return np.where(outline.lengths() > 0.0, keys, hash_columns(number, np.full_like(number, own)))
 
 
 def _together(keys: IntArray, first: IntArray) -> IntArray:

@@ -328,10 +328,10 @@ def _flags(given: Any, state: Any) -> Any:
 @inner
 def _same(table: Any, row: int, state: Any) -> bool:
     """Whether a row holds the state's modes; loops, as they compile in a tenth of the time of slices."""
+    same = True
     for column in range(MODES):
-        if table[row, column] != state[column]:
-            return False
-    return True
+        same = same and table[row, column] == state[column]
+    return same
 
 
 @inner

@@ -161,10 +161,7 @@ def trace(words: Any, modal: Any, end: int, columns: Any, curves: Any) -> Any:  
             continue
         _aim(values, modes, position, target)
         if task == NURBS_POINT:
-            if not np.isnan(values[LETTER_X]):
-                _copy(target, pen)
-            elif not drawing:
-                _copy(position, pen)
+            _copy(target if not np.isnan(values[LETTER_X]) else pen if drawing else position, pen)
             drawing = True
             continue
         if task == NURBS_END:
