@@ -96,10 +96,7 @@ def compensated(
     else:
         how = PlanOptions(strategy=strategy, carrier="program", inverse_dynamics=False, effort=0.01)
         edits = plan_windows(program, paths_of(program), machine, how, options.tolerance).edits
-    units = program.modal_after(int(program.motions.block[0])).units if program.motions.block.size else 1e-3
-    declaration = declare(
-        edits, machine, dialect, options, digest=program.digest, options_digest="0" * 64, units=units
-    )
+    declaration = declare(program, edits, machine, dialect, options, options_digest="0" * 64)
     return splice(program, edits, dialect, declaration)
 
 
