@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from support.canonical import canonical_calls
@@ -93,6 +93,7 @@ def _compare_lines(before: str, after: str, allowed: dict[str, float]) -> None:
 
 
 @given(seeds)
+@example(1062)  # a stop so near the end of an arc that it is moved there
 @relaxed
 def test_a_machine_with_play_cuts_the_original_path(seed: int) -> None:
     found = compensated(seed, tools=False)

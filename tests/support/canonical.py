@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 from dataclasses import dataclass
@@ -25,7 +26,11 @@ def canonical_calls(program: bytes, folder: Path) -> Calls | None:
     source = folder / "program.ngc"
     source.write_bytes(program)
     command = ["rs274", "-v", str(folder / "rs274.var"), "-g", str(source)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, timeout=60)
+    # Its table of tools lies in the home folder, where interpreters that run side by side would share it.
+    home = {**os.environ, "HOME": str(folder)}
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=folder, timeout=60, env=home
+    )
     if done.returncode != 0:
         return None
     calls = [_NUMBER.sub("", line) for line in done.stdout.splitlines() if _NUMBER.match(line)]

@@ -34,7 +34,7 @@ BY_HAND = {
     "machine coordinates": "G0 X1 Y2 Z3\nG53 G0 Z0\nX5 Y5\nG1 X6 Y6 Z1\nG53 G1 X0\nG1 X5",
     "tool lengths": "T1 M6\nG43 H2 G0 X1 Y1 Z5\nG1 Z1\nG43.1 Z3\nG0 Z9\nG49\nG0 Z1",
     "probing": "G0 X0 Y0 Z5\nG38.2 Z-5\nG0 X1 Y1 Z5\nG38.3 Z1\nG0 Z4",
-    "cycles": "G0 X0 Y0 Z5\nG81 X1 Y1 Z-1 R1\nX2\nG80\nG0 X0 Y0 Z5\nG98 G83 X1 Z-2 R1 Q1\nG1 X0 Y0 Z0",
+    "cycles": "G0 X0 Y0 Z5\nG81 X1 Y1 Z-1 R1\nX2\nG80 G0 X0 Y0 Z5\nG98 G83 X1 Z-2 R1 Q1\nG1 X0 Y0 Z0",
     "small words": "g0x1y1z1\ng1 x 1 0 . 5\n g 1 y + 3 z - .5\nG01 X1. Y.5\n/G1 X5\nG1 X7 (a) Y8 ; b\n%",
     "words of no motion": "G0 X1 Y1 Z1\nG1\nG0\nG1 F50\nM3 S100\nX2\nG4 P1\nX3\nG61\nX4\nG64 P0.1\nX5",
     "parameters": "G0 X1 Y1 Z1\n#1=5\nG1 X#1\nG1 X2 Y2\nZ[#1+2]\nG1 X1 Y1 Z1\nX3",

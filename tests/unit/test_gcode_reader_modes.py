@@ -93,6 +93,13 @@ def test_increments_add_up_and_a_single_axis_leaves_the_others():
     assert ends(program) == [[1, 2, 0], [1, 2, -1], [2, 2, -1], [0, 2, -1]]
 
 
+@pytest.mark.parametrize("words", ["G80 G0", "G0 G80"])
+def test_a_cycle_is_ended_beside_another_motion(words):
+    program = read(f"G81 X1 Z-1 R1\n{words} X5\nX6\n")
+    np.testing.assert_array_equal(program.motions.end[1:, 0], [5e-3, 6e-3])
+    assert program.modal_after(3).motion == "G0"
+
+
 def test_inches_are_inches():
     np.testing.assert_allclose(read("G20 G1 X1 Y-0.5\n").motions.end[1], [0.0254, -0.0127, 0.0], rtol=1e-15)
 
@@ -132,7 +139,8 @@ def test_behind_a_break_the_place_is_known_by_absolute_words_only(words, kind):
 
 
 def test_what_is_seen_through_breaks_nothing():
-    between = "(a)\n\nM3 S1\nM8\nF100\nG4 P1\nG64\nM0\nG17\nG91.1\nT5\n;\nM48\nG40\nG80\n"
+    users = "M64 P1\nM19 R90\nM68 E0 Q5\nG96 D100 S5\nG97 S1\n"
+    between = f"(a)\n\nM3 S1\n{users}M8\nF100\nG4 P1\nG64\nM0\nG17\nG91.1\nT5\n;\nM48\nG40\nG80\n"
     program = read(f"G1 X1\n{between}G1 X2\n")
     assert kinds(program) == []
     assert program.motions.chain.tolist() == [0, 0, 0]

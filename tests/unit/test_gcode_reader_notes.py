@@ -39,6 +39,8 @@ def notes(program):
         ("G1.05\nG100\n", [(2, 3, 1, "unknown G word: G1.05")]),
         ("M3 M106 S5\n", [(2, 2, 4, "unknown M word: M106")]),
         ("G1 X5 R2\n", [(2, 2, 7, "word that no other on the line uses: R2")]),
+        ("P2\nH1\nM8 K0\n", [(2, 4, 1, "word that no other on the line uses: P2")]),
+        ("G54\nG54 P3\n", [(3, 3, 5, "word that no other on the line uses: P3")]),
         ("G33 Z-5 K1\n", [(2, 2, 1, "motion tied to the spindle: G33")]),
         ("$H\n", [(2, 2, 1, "line for the controller itself: $H")]),
         ("G68 X0 Y0 R30\nG69\n", [(2, 2, 1, f"{FRAME}: G68 X0 Y0 R30")]),

@@ -11,6 +11,7 @@ from support.motions import Tape
 
 from ph_post.errors import InputError
 from ph_post.gcode.paths.build import left_out, main_path, paths_of
+from ph_post.gcode.paths.parts import divide
 from ph_post.gcode.paths.record import ProgramPath
 from ph_post.geometry.track import Track
 from ph_post.turning import certify, find_turning_points
@@ -277,3 +278,45 @@ def test_many_lines_are_one_segment() -> None:
 def test_the_digest_is_the_programs() -> None:
     program = msgspec.structs.replace(Tape((0, 0, 0)).line((5, 5, 0)).program(), digest="abc")
     assert paths_of(program)[0].path.digest == "abc"
+
+
+def test_parts_of_a_path_are_the_path() -> None:
+    tape = Tape((0, 0, 0))
+    for k in range(6):
+        tape.line((40, 20 * k, 0)).arc((40, 20 * k + 10, 0), (40, 20 * k + 5), 180)
+        tape.rows[-1]["center"] = (40e-3, (20 * k + 5) * 1e-3)
+        tape.line((0, 20 * k + 10, 0)).rapid((0, 20 * k + 20, 0))
+    path = path_of(tape)
+    track = Track(path.path)
+    counted = np.array([point.s for point in find_turning_points(track) if point.kind == "smooth"])
+    parts = divide(path, track, counted, 2)
+    assert len(parts) >= 3
+    assert np.concatenate([part.motion for part in parts]).tolist() == path.motion.tolist()
+    assert sum(part.s[-1] for part in parts) == pytest.approx(path.s[-1], rel=1e-12)
+    begin = 0.0
+    for part in parts:
+        s = np.linspace(0.0, part.s[-1], 50)
+        assert place(part, s) == pytest.approx(place(path, begin + s), abs=1e-9)
+        motion, share = part.to_motions(s[1:-1])
+        whole, there = path.to_motions(begin + s[1:-1])
+        assert (motion.tolist(), share) == (whole.tolist(), pytest.approx(there, abs=1e-9))
+        begin += float(part.s[-1])
+
+
+def test_a_path_without_a_rest_stays_whole() -> None:
+    path = path_of(Tape((10, 0, 0)).arc((10, 0, 0), (0, 0), 360).arc((10, 0, 0), (0, 0), 360))
+    track = Track(path.path)
+    assert divide(path, track, np.linspace(0.0, track.length, 20), 1) == (path,)
+
+
+def test_parts_end_inside_runs_of_lines() -> None:
+    rng = np.random.default_rng(3)
+    points = np.round(rng.uniform(0.0, 50.0, (40, 3)), 3)
+    path = path_of(Tape(points[0]).lines(points[1:]))
+    track = Track(path.path)
+    parts = divide(path, track, path.s[1:], 5)
+    assert len(parts) > 3
+    for part in parts:
+        first, last = place(part, [0.0, part.s[-1]])
+        assert first == pytest.approx(points[part.motion[0]], abs=1e-9)
+        assert last == pytest.approx(points[part.motion[-1] + 1], abs=1e-9)

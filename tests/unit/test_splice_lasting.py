@@ -200,6 +200,15 @@ def test_what_is_left_alone_is_named(text: str, why: str) -> None:
     assert any(why in said for said in edits.warnings)
 
 
+def test_steps_from_an_unknown_place_are_named() -> None:
+    edits = plan("G21 G91 F600\nG0 X5\nG1 X10\nX-4\nM2\n")
+    assert not edits.stops
+    assert edits.warnings == (
+        "axis X carries no lasting offset at 3 motions, the first in line 2: they begin where its position"
+        " is not known",
+    )
+
+
 def test_amplitudes_are_on_the_grid_of_the_program_s_unit() -> None:
     inch = plan("G20 G90 F10\nG0 X0\nG1 X1\nX0\nM2\n", dialect="grbl")
     assert inch.amplitude["X"] / 25.4e-3 == pytest.approx(0.00118, abs=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ph_post.gcode.splice.header import Declaration, declaration_lines, read_dec
 from ph_post.gcode.splice.merge import merge
 from ph_post.gcode.splice.payload import Payload, payload_lines, read_payload
 from ph_post.gcode.splice.record import Dip, Edits, Shift, Stop
-from ph_post.gcode.splice.rewrite import assemble, read_styles, write_numbers
+from ph_post.gcode.splice.rewrite import assemble, shift_numbers, unshift_numbers
 from ph_post.gcode.splice.undo import undo
 from ph_post.io.machinefile import read_machine
 
@@ -145,20 +146,35 @@ def test_payloads_of_any_size(width: int, size: int) -> None:
 )
 def test_styles_of_numbers(text: str, digits: int, decimals: int, odd: bool) -> None:
     data = np.frombuffer(text.encode(), np.uint8)
-    one = np.array([digits]), np.array([decimals])
-    style, found = read_styles(data, np.array([0]), np.array([len(text)]), *one)
+    columns = tuple(np.array([one]) for one in (0, len(text), digits, decimals))
+    first, nothing = np.zeros(1, dtype=np.int64), np.array([[0, 0]])
+    pool, bounds, style, found = shift_numbers(data, columns, first, first, nothing)
     assert bool(found[0]) == odd
     if not odd:
-        pool, bounds = write_numbers(one[0], style)
         assert pool.tobytes().decode() == text[1:]
         assert bounds.tolist() == [0, len(text) - 1]
+        back, _, wrong = unshift_numbers(columns[2], columns[3], first, first, nothing, style)
+        assert (back.tobytes().decode(), wrong) == (text[1:], 0)
+
+
+@pytest.mark.parametrize("shift", [(25, 3), (-7, 6), (1, 0), (-123456789, 7)])
+@pytest.mark.parametrize("number", ["0", "-0.025", "99.99", ".5", "+7.", "-12345.678901", "0012.30"])
+def test_sums_are_exact(number: str, shift: tuple[int, int]) -> None:
+    decimals = len(number.partition(".")[2])
+    digits = int(number.replace(".", ""))
+    data = np.frombuffer(f"X{number}".encode(), np.uint8)
+    columns = tuple(np.array([one]) for one in (0, data.size, digits, decimals))
+    first, table = np.zeros(1, dtype=np.int64), np.array([shift])
+    text = shift_numbers(data, columns, first, first, table)[0].tobytes().decode()
+    assert Decimal(text) == Decimal(number) + Decimal(shift[0]).scaleb(-shift[1])
+    assert len(text.partition(".")[2]) == max(decimals, shift[1])
 
 
 def test_spans_are_put_in_place_of_others() -> None:
-    data, pool = (np.frombuffer(text, np.uint8) for text in (b"abcdef", b"123"))
-    first, last = np.array([0, 1, 3]), np.array([1, 3, 3])
-    out = assemble(data, np.array([0, 2, 4]), np.array([0, 3, 6]), pool, first, last)
-    assert out.tobytes() == b"1ab23d"
+    data, pool, text = (np.frombuffer(one, np.uint8) for one in (b"abcdefgh", b"123", b"LINE"))
+    lines = np.array([[0, 0, 0, 1], [4, 6, 1, 4], [8, 8, 4, 4]])
+    start, end, bounds = np.array([1, 4, 6]), np.array([2, 6, 8]), np.array([0, 1, 1, 3])
+    assert assemble(data, start, end, pool, bounds, lines, text).tobytes() == b"La1cdINE23"
 
 
 def _stop(axis: str, motion: int, share: float, pause: float = 0.01) -> Stop:

@@ -207,3 +207,18 @@ def test_an_axis_without_a_gap_needs_no_plan() -> None:
     drives = read_machine("mill")
     axes = {name: replace(one, gap=replace(one.gap, lost_motion=0.0)) for name, one in drives.axes.items()}
     assert planned(SLOT, replace(drives, axes=axes), strategy="auto").plans == ()
+
+
+def test_a_long_program_is_planned_in_parts_that_share_the_time() -> None:
+    passes = "".join(
+        f"G0 X0 Y{40 * k}\nG1 X40 F1000\nG3 X40 Y{40 * k + 20} I0 J10\nG1 X0\nG3 X0 Y{40 * k} I0 J-10\n"
+        for k in range(9)
+    )
+    text = f"G21 G90 G17\n{passes}M2\n"
+    found = planned(text, "mill", strategy="dwell", max_slowdown=1.0)
+    assert len(found.plans) > 1
+    motions = np.concatenate([made.path.motion for made in found.plans])
+    assert (np.diff(motions) == 1).all()
+    # both half circles of every pass are turned in half-way, in parts as in a whole
+    arcs = [stop.motion for stop in found.edits.stops if 0.0 < stop.share < 1.0]
+    assert arcs == [k for k in range(45) if k % 5 in (2, 4)]

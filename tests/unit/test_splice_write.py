@@ -57,6 +57,25 @@ def test_a_pulse_behind_a_line() -> None:
     ]  # fmt: skip
 
 
+def test_a_rest_changes_nothing_else() -> None:
+    rest = Stop(motion=1, share=1.0, pause=0.25, shifts=())
+    found = changed(START + "G2 X10 I5\nX20 I5\nM2\n", stops=(rest,))
+    assert lines(found)[2:] == ["G2 X10 I5", "G4 P0.25", "X20 I5", "M2"]
+
+
+def test_shifts_that_are_no_whole_steps_come_back() -> None:
+    shifts = tuple(
+        Shift(axis="X", travel=travel * 1e-9, velocity=0.004, pause=0.0) for travel in (0.6, 0.6, 0.6, -1.8)
+    )
+    found = changed(START + "G1 X10\nM2\n", stops=(Stop(motion=1, share=1.0, pause=0.0, shifts=shifts),))
+    assert [line.split()[1] for line in lines(found)[3:-2]] == [
+        "X10.000001",
+        "X10.000001",
+        "X10.000002",
+        "X10",
+    ]
+
+
 def test_f_is_what_it_was() -> None:
     text = "G21 G90 F123.4567\nG0 X0 Y0\nG1 X10\nY5\nM2\n"
     found = changed(text, stops=(pulse(1, 1.0), pulse(2, 0.5)))
@@ -185,6 +204,14 @@ def test_the_tolerance_of_a_dip_is_in_the_program_s_unit() -> None:
 def test_places_within_a_rounding_of_an_end_are_moved_there() -> None:
     found = changed(START + "G3 X0 Y0 I-10\nM2\n", stops=(pulse(1, 1e-9), pulse(1, 1.0 - 1e-9)))
     assert len([line for line in lines(found) if line.startswith("G3")]) == 1
+
+
+def test_a_lasting_change_at_a_place_that_is_moved_to_the_end() -> None:
+    offset = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.0]]) * MM
+    shift = Shift(axis="X", travel=0.02 * MM, velocity=0.004, pause=0.02)
+    stop = Stop(motion=1, share=1.0 - 1e-9, pause=0.01, shifts=(shift,))
+    found = changed("G0 X9 Y0\nG1 X5 Y5 F60\nG0 X0\nM2\n", offset=offset, stops=(stop,))
+    assert lines(found)[1:4] == ["G1 X5 Y5 F60", "G4 P0.01", "G1 X5.02 F240"]
 
 
 def test_a_rapid_that_carries_a_change_between_two_stops() -> None:

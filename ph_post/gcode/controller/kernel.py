@@ -13,7 +13,30 @@ import math
 
 import numpy as np
 
-from ph_post.gcode.controller.legs import BLEND, EXACT, STOP, TANGENT, Legs
+from ph_post.gcode.controller.legs import (
+    ASKED,
+    BLEND,
+    CAN,
+    DRAINS,
+    EXACT,
+    EXTENT,
+    FIRST,
+    LEAD,
+    MOTION,
+    ORIGIN,
+    PAUSE,
+    PUSH,
+    RADIUS,
+    RAPID,
+    RISE,
+    SECOND,
+    SHARE0,
+    SHARE1,
+    STOP,
+    SWEEP,
+    TANGENT,
+    TOLERANCE,
+)
 from ph_post.simulate.compiling import compiled, inner
 from ph_post.types import Array, IntArray
 
@@ -65,25 +88,25 @@ COLUMNS = 24
 
 
 @inner
-def _tangent(legs: Legs, row: int, at_end: bool, out: Array) -> None:
+def _tangent(legs: Array, row: int, at_end: bool, out: Array) -> None:
     """Put the unit tangent of a leg at one of its ends into `out`."""
-    if legs.radius[row] == 0.0:
+    if legs[row, RADIUS] == 0.0:
         for k in range(3):
-            out[k] = legs.first[row, k]
+            out[k] = legs[row, FIRST + k]
         return
-    angle = legs.sweep[row] if at_end else 0.0
-    turn = 1.0 if legs.sweep[row] > 0.0 else -1.0
+    angle = legs[row, SWEEP] if at_end else 0.0
+    turn = 1.0 if legs[row, SWEEP] > 0.0 else -1.0
     c, s = math.cos(angle), math.sin(angle)
-    way = legs.length[row] - legs.lead[row]
+    way = legs[row, EXTENT] - legs[row, LEAD]
     norm = 0.0
     for k in range(3):
         out[k] = (
-            legs.radius[row]
-            * abs(legs.sweep[row])
+            legs[row, RADIUS]
+            * abs(legs[row, SWEEP])
             * turn
-            * (c * legs.second[row, k] - s * legs.first[row, k])
+            * (c * legs[row, SECOND + k] - s * legs[row, FIRST + k])
         )
-        out[k] += legs.rise[row, k]
+        out[k] += legs[row, RISE + k]
         norm += out[k] * out[k]
     norm = math.sqrt(norm) if way > 0.0 else 1.0
     for k in range(3):
@@ -107,15 +130,15 @@ def _along(table: Array, row: int) -> float:
 
 
 @inner
-def _finish(legs: Legs, table: Array, row: int, period: float) -> None:
+def _finish(legs: Array, table: Array, row: int, period: float) -> None:
     """Fix a leg whose length will not change any more."""
     table[row, MOST] = min(table[row, MOST], table[row, LENGTH] / period)
     if table[row, KIND] != ARC:
         return
     bound = _acceleration(table, row)
-    way2 = legs.length[row] ** 2
-    flat = legs.radius[row] * abs(legs.sweep[row])
-    effective = legs.radius[row] * (way2 / max(flat * flat, 1e-300))
+    way2 = legs[row, EXTENT] ** 2
+    flat = legs[row, RADIUS] * abs(legs[row, SWEEP])
+    effective = legs[row, RADIUS] * (way2 / max(flat * flat, 1e-300))
     needed = table[row, MOST] ** 2 / max(effective, 1e-300)
     if needed > ACROSS * bound:
         table[row, MOST] = math.sqrt(ACROSS * bound * effective)
@@ -135,7 +158,7 @@ def _kink(one: Array, two: Array, speed: float, push: float, period: float, limi
 
 @inner
 def _blend_speeds(
-    legs: Legs, table: Array, row: int, one: Array, two: Array, part: float
+    legs: Array, table: Array, row: int, one: Array, two: Array, part: float
 ) -> tuple[float, float]:
     """Speed below which a leg lets the next one start, and the speed that passes the corner then.
 
@@ -151,47 +174,30 @@ def _blend_speeds(
     this, after = min(reach_this, time * acc_this), min(reach_next, time * acc_next)
     dot = min(max(one[0] * two[0] + one[1] * two[1] + one[2] * two[2], -1.0), 1.0)
     theta = 0.5 * math.acos(-dot)
-    if legs.tolerance[row] > 0.0 and math.cos(theta) > 1e-3:
-        bound = 2.0 * math.sqrt(acc_this * legs.tolerance[row] / math.cos(theta))
+    if legs[row, TOLERANCE] > 0.0 and math.cos(theta) > 1e-3:
+        bound = 2.0 * math.sqrt(acc_this * legs[row, TOLERANCE] / math.cos(theta))
         this, after = min(this, bound), min(after, bound)
     return this, 0.5 * math.sin(theta) * (this + after)
 
 
 @inner
-def _copy(moves: Legs, source: int, legs: Legs, row: int) -> None:
-    for k in range(3):
-        legs.origin[row, k] = moves.origin[source, k]
-        legs.first[row, k] = moves.first[source, k]
-        legs.second[row, k] = moves.second[source, k]
-        legs.rise[row, k] = moves.rise[source, k]
-    legs.radius[row], legs.sweep[row] = moves.radius[source], moves.sweep[source]
-    legs.length[row], legs.lead[row] = moves.length[source], moves.lead[source]
-    legs.speed[row], legs.most[row], legs.push[row] = (
-        moves.speed[source],
-        moves.most[source],
-        moves.push[source],
-    )
-    legs.rapid[row], legs.tolerance[row] = moves.rapid[source], moves.tolerance[source]
-    legs.motion[row], legs.pause[row], legs.drains[row] = (
-        moves.motion[source],
-        moves.pause[source],
-        moves.drains[source],
-    )
-    legs.share0[row], legs.share1[row] = moves.share0[source], moves.share1[source]
+def _copy(moves: Array, source: int, legs: Array, row: int) -> None:
+    for k in range(moves.shape[1]):
+        legs[row, k] = moves[source, k]
 
 
 @inner
-def _enter(legs: Legs, table: Array, row: int, period: float) -> None:
+def _enter(legs: Array, table: Array, row: int, period: float) -> None:
     """Begin the row of the working table of a leg that enters the queue."""
     for k in range(COLUMNS):
         table[row, k] = 0.0
-    table[row, KIND] = ARC if legs.radius[row] > 0.0 else LINE
-    table[row, ACC], table[row, SPEED] = legs.push[row], legs.speed[row]
-    table[row, LENGTH] = table[row, NOMINAL] = legs.length[row]
-    table[row, MOST] = min(legs.most[row], legs.length[row] / period)
+    table[row, KIND] = ARC if legs[row, RADIUS] > 0.0 else LINE
+    table[row, ACC], table[row, SPEED] = legs[row, PUSH], legs[row, ASKED]
+    table[row, LENGTH] = table[row, NOMINAL] = legs[row, EXTENT]
+    table[row, MOST] = min(legs[row, CAN], legs[row, EXTENT] / period)
     table[row, END] = BLEND
-    if legs.tolerance[row] < 0.0:
-        table[row, END] = EXACT if legs.tolerance[row] > -2.0 else STOP
+    if legs[row, TOLERANCE] < 0.0:
+        table[row, END] = EXACT if legs[row, TOLERANCE] > -2.0 else STOP
     table[row, KINK_SPEED], table[row, RATIO], table[row, CYCLE] = -1.0, ALONG, period
 
 
@@ -218,7 +224,7 @@ def _least_extent(one: Array, two: Array, limits: Array, column: int) -> float:
 
 @inner
 def _rounding(
-    legs: Legs, table: Array, row: int, one: Array, two: Array, limits: Array
+    legs: Array, table: Array, row: int, one: Array, two: Array, limits: Array
 ) -> tuple[float, float, float, float]:
     """Arc that rounds the corner between two legs: radius, cut off either leg, speed and acceleration.
 
@@ -234,12 +240,12 @@ def _rounding(
     push = _least_extent(one, two, limits, 1)
     allowed = QUARTER * min(table[row, NOMINAL], table[row + 1, NOMINAL])
     for k in (row, row + 1):
-        if legs.tolerance[k] > 0.0:
-            allowed = min(allowed, legs.tolerance[k])
+        if legs[k, TOLERANCE] > 0.0:
+            allowed = min(allowed, legs[k, TOLERANCE])
     longest = min(table[row, LENGTH], 0.5 * table[row, NOMINAL], 0.5 * table[row + 1, LENGTH])
     for k in (row, row + 1):
-        if legs.radius[k] > 0.0:
-            longest = min(longest, math.sqrt(2.0 * legs.radius[k] * OFF_TANGENT))
+        if legs[k, RADIUS] > 0.0:
+            longest = min(longest, math.sqrt(2.0 * legs[k, RADIUS] * OFF_TANGENT))
     way = min(longest, math.cos(theta) * allowed / (1.0 - math.sin(theta)))
     radius = math.tan(theta) * way
     fast = max(min(table[row, SPEED], table[row, MOST]), min(table[row + 1, SPEED], table[row + 1, MOST]))
@@ -253,13 +259,13 @@ def _rounding(
 
 
 @inner
-def _turns_in_plane(legs: Legs, row: int, one: Array, two: Array) -> bool:
+def _turns_in_plane(legs: Array, row: int, one: Array, two: Array) -> bool:
     """Whether a leg lies in the plane of two directions."""
-    if legs.radius[row] == 0.0:
+    if legs[row, RADIUS] == 0.0:
         return True
     normal, axis, across = np.empty(3), np.empty(3), np.empty(3)
     _cross(one, two, normal)
-    _cross(legs.first[row], legs.second[row], axis)
+    _cross(legs[row, FIRST : FIRST + 3], legs[row, SECOND : SECOND + 3], axis)
     _cross(normal, axis, across)
     size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
     return math.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2) < LEAST_ANGLE * size
@@ -267,7 +273,12 @@ def _turns_in_plane(legs: Legs, row: int, one: Array, two: Array) -> bool:
 
 @inner
 def _round(
-    legs: Legs, table: Array, row: int, arc: tuple[float, float, float, float], tangents: Array, period: float
+    legs: Array,
+    table: Array,
+    row: int,
+    arc: tuple[float, float, float, float],
+    tangents: Array,
+    period: float,
 ) -> int:
     """Put a rounding between a leg and the one behind it; the number of the latter then."""
     radius, cut, speed, push = arc
@@ -279,100 +290,100 @@ def _round(
     _copy(legs, row, legs, row + 1)
     corner = np.empty(3)
     for k in range(3):
-        corner[k] = _place(legs, row, legs.length[row], k)
-    legs.length[row] -= cut
-    if legs.radius[row] > 0.0:
-        legs.sweep[row] *= legs.length[row] / (legs.length[row] + cut)
+        corner[k] = _place(legs, row, legs[row, EXTENT], k)
+    legs[row, EXTENT] -= cut
+    if legs[row, RADIUS] > 0.0:
+        legs[row, SWEEP] *= legs[row, EXTENT] / (legs[row, EXTENT] + cut)
         for k in range(3):
-            legs.rise[row, k] *= legs.length[row] / (legs.length[row] + cut)
+            legs[row, RISE + k] *= legs[row, EXTENT] / (legs[row, EXTENT] + cut)
     _cut_beginning(legs, row + 2, cut)
-    table[row + 2, LENGTH] = legs.length[row + 2]
+    table[row + 2, LENGTH] = legs[row + 2, EXTENT]
     size = math.sqrt(max(1.0 - dot * dot, 1e-300))
     for k in range(3):
         inward = (two[k] - dot * one[k]) / size
-        legs.origin[row + 1, k] = corner[k] - cut * one[k] + radius * inward
-        legs.first[row + 1, k] = -inward
-        legs.second[row + 1, k] = one[k]
-        legs.rise[row + 1, k] = 0.0
-    legs.radius[row + 1], legs.sweep[row + 1] = radius, sweep
-    legs.length[row + 1], legs.lead[row + 1] = radius * sweep, 0.0
-    legs.speed[row + 1] = max(min(table[row, SPEED], table[row, MOST]), legs.speed[row + 2])
-    legs.most[row + 1], legs.push[row + 1] = speed, push
-    legs.pause[row + 1], legs.drains[row + 1] = 0.0, 0.0
-    legs.share0[row + 1] = legs.share1[row + 1] = legs.share1[row]
+        legs[row + 1, ORIGIN + k] = corner[k] - cut * one[k] + radius * inward
+        legs[row + 1, FIRST + k] = -inward
+        legs[row + 1, SECOND + k] = one[k]
+        legs[row + 1, RISE + k] = 0.0
+    legs[row + 1, RADIUS], legs[row + 1, SWEEP] = radius, sweep
+    legs[row + 1, EXTENT], legs[row + 1, LEAD] = radius * sweep, 0.0
+    legs[row + 1, ASKED] = max(min(table[row, SPEED], table[row, MOST]), legs[row + 2, ASKED])
+    legs[row + 1, CAN], legs[row + 1, PUSH] = speed, push
+    legs[row + 1, PAUSE], legs[row + 1, DRAINS] = 0.0, 0.0
+    legs[row + 1, SHARE0] = legs[row + 1, SHARE1] = legs[row, SHARE1]
     _enter(legs, table, row + 1, period)
     table[row + 1, KIND], table[row + 1, END] = ROUNDING, TANGENT
-    table[row, LENGTH], table[row, END] = legs.length[row], TANGENT
+    table[row, LENGTH], table[row, END] = legs[row, EXTENT], TANGENT
     table[row, KINK_SPEED], table[row, LESS] = -1.0, 0.0
     nominal = table[row, NOMINAL]
     _finish(legs, table, row, period)
     table[row, NOMINAL] = nominal
-    if table[row, KIND] == LINE and legs.length[row] < GAP_CYCLES * period * speed:
+    if table[row, KIND] == LINE and legs[row, EXTENT] < GAP_CYCLES * period * speed:
         return _swallow(legs, table, row)
     return row + 2
 
 
 @inner
-def _cut_beginning(legs: Legs, row: int, cut: float) -> None:
+def _cut_beginning(legs: Array, row: int, cut: float) -> None:
     """Take a piece off the beginning of a leg."""
-    length = legs.length[row]
-    if legs.radius[row] == 0.0:
+    length = legs[row, EXTENT]
+    if legs[row, RADIUS] == 0.0:
         for k in range(3):
-            legs.origin[row, k] += cut * legs.first[row, k]
+            legs[row, ORIGIN + k] += cut * legs[row, FIRST + k]
     else:
-        angle = legs.sweep[row] * cut / length
+        angle = legs[row, SWEEP] * cut / length
         c, s = math.cos(angle), math.sin(angle)
         for k in range(3):
-            first, second = legs.first[row, k], legs.second[row, k]
-            legs.first[row, k], legs.second[row, k] = c * first + s * second, c * second - s * first
-            legs.origin[row, k] += legs.rise[row, k] * cut / length
-            legs.rise[row, k] *= 1.0 - cut / length
-        legs.sweep[row] -= angle
-    legs.length[row] = length - cut
+            first, second = legs[row, FIRST + k], legs[row, SECOND + k]
+            legs[row, FIRST + k], legs[row, SECOND + k] = c * first + s * second, c * second - s * first
+            legs[row, ORIGIN + k] += legs[row, RISE + k] * cut / length
+            legs[row, RISE + k] *= 1.0 - cut / length
+        legs[row, SWEEP] -= angle
+    legs[row, EXTENT] = length - cut
 
 
 @inner
-def _swallow(legs: Legs, table: Array, row: int) -> int:
+def _swallow(legs: Array, table: Array, row: int) -> int:
     """Make what is left of a line the beginning of the rounding behind it; the number of the leg after it."""
-    lead = legs.length[row]
+    lead = legs[row, EXTENT]
     before = table[row, BLENDS]
     less = table[row, LESS_BEFORE]
-    pause, drains, share0 = legs.pause[row], legs.drains[row], legs.share0[row]
+    pause, drains, share0 = legs[row, PAUSE], legs[row, DRAINS], legs[row, SHARE0]
     for target in (row, row + 1):
         _copy(legs, target + 1, legs, target)
         for k in range(COLUMNS):
             table[target, k] = table[target + 1, k]
-    legs.lead[row], legs.length[row] = lead, legs.length[row] + lead
-    legs.pause[row], legs.drains[row], legs.share0[row] = pause, drains, share0
-    table[row, LENGTH] = table[row, NOMINAL] = legs.length[row]
+    legs[row, LEAD], legs[row, EXTENT] = lead, legs[row, EXTENT] + lead
+    legs[row, PAUSE], legs[row, DRAINS], legs[row, SHARE0] = pause, drains, share0
+    table[row, LENGTH] = table[row, NOMINAL] = legs[row, EXTENT]
     table[row, BLENDS], table[row, LESS_BEFORE] = before, less
     return row + 1
 
 
 @inner
-def _place(legs: Legs, row: int, s: float, k: int) -> float:
+def _place(legs: Array, row: int, s: float, k: int) -> float:
     """Coordinate k of the point of a leg at s from its beginning."""
     place: float
-    radius = legs.radius[row]
+    radius = legs[row, RADIUS]
     if radius == 0.0:
-        place = legs.origin[row, k] + s * legs.first[row, k]
+        place = legs[row, ORIGIN + k] + s * legs[row, FIRST + k]
         return place
-    lead = legs.lead[row]
+    lead = legs[row, LEAD]
     if s < lead:
-        place = legs.origin[row, k] + radius * legs.first[row, k] + (s - lead) * legs.second[row, k]
+        place = legs[row, ORIGIN + k] + radius * legs[row, FIRST + k] + (s - lead) * legs[row, SECOND + k]
         return place
-    part = (s - lead) / (legs.length[row] - lead)
-    angle = legs.sweep[row] * part
-    turned = math.cos(angle) * legs.first[row, k] + math.sin(angle) * legs.second[row, k]
-    place = legs.origin[row, k] + radius * turned + part * legs.rise[row, k]
+    part = (s - lead) / (legs[row, EXTENT] - lead)
+    angle = legs[row, SWEEP] * part
+    turned = math.cos(angle) * legs[row, FIRST + k] + math.sin(angle) * legs[row, SECOND + k]
+    place = legs[row, ORIGIN + k] + radius * turned + part * legs[row, RISE + k]
     return place
 
 
 @inner
-def _join(legs: Legs, table: Array, row: int, tangents: Array, limits: Array, period: float) -> int:
+def _join(legs: Array, table: Array, row: int, tangents: Array, limits: Array, period: float) -> int:
     """Decide how a leg ends, now that the next one is known; the number of the latter then."""
     after = row + 1
-    if table[row, END] == STOP or legs.rapid[row] != legs.rapid[after]:
+    if table[row, END] == STOP or legs[row, RAPID] != legs[after, RAPID]:
         table[row, END] = STOP
         _finish(legs, table, row, period)
         return after
@@ -446,7 +457,7 @@ def _look_ahead(table: Array, begin: int, end: int, period: float) -> None:
 
 
 @compiled
-def plan_legs(moves: Legs, legs: Legs, table: Array, limits: Array, period: float) -> int:
+def plan_legs(moves: Array, legs: Array, table: Array, limits: Array, period: float) -> int:
     """Fill the planner's queue with the moves of a program; the number of legs that come of them.
 
     Parameters
@@ -464,8 +475,8 @@ def plan_legs(moves: Legs, legs: Legs, table: Array, limits: Array, period: floa
     """
     count, begin = 0, 0
     tangents = np.empty((2, 3))
-    for source in range(moves.length.size):
-        if moves.drains[source] > 0.0:
+    for source in range(moves.shape[0]):
+        if moves[source, DRAINS] > 0.0:
             _look_ahead(table, begin, count, period)
             begin = count
         _copy(moves, source, legs, count)
@@ -571,11 +582,11 @@ def _activate(table: Array, row: int, rapid: float) -> None:
 
 
 @inner
-def _cycle(legs: Legs, table: Array, row: int, end: int, tangents: Array, period: float) -> int:
+def _cycle(legs: Array, table: Array, row: int, end: int, tangents: Array, period: float) -> int:
     """Run the planner for one period; the leg that is active then."""
     after = row + 1 if row + 1 < end else -1
     if table[row, ACTIVE] == 0.0:
-        _activate(table, row, legs.rapid[row])
+        _activate(table, row, legs[row, RAPID])
     if table[row, SPLIT] > 0.0 and table[row, REMOVE] == 0.0:
         used = table[row, CYCLE]
         table[row, DONE], table[row, REMOVE] = table[row, LENGTH], 1.0
@@ -599,7 +610,7 @@ def _cycle(legs: Legs, table: Array, row: int, end: int, tangents: Array, period
 
 @compiled
 def run_legs(
-    legs: Legs,
+    legs: Array,
     table: Array,
     count: int,
     period: float,
@@ -644,7 +655,7 @@ def run_legs(
             filled += 1
             continue
         end = row + 1
-        while end < count and legs.drains[end] == 0.0 and end < row + 3:
+        while end < count and legs[end, DRAINS] == 0.0 and end < row + 3:
             end += 1
         new = _cycle(legs, table, row, end, tangents, period)
         for k in range(3):
@@ -655,8 +666,8 @@ def run_legs(
             place[filled, k] = state[k] = at[k]
         lead = row + 1 if row + 1 < end and table[row + 1, DONE] > 0.0 and new > row else row
         part = table[lead, DONE] / table[lead, LENGTH]
-        motion[filled] = int(legs.motion[lead])
-        share[filled] = legs.share0[lead] + part * (legs.share1[lead] - legs.share0[lead])
+        motion[filled] = int(legs[lead, MOTION])
+        share[filled] = legs[lead, SHARE0] + part * (legs[lead, SHARE1] - legs[lead, SHARE0])
         state[4] = motion[filled]
         filled += 1
         if new > row:

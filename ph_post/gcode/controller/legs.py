@@ -45,6 +45,12 @@ class Legs(NamedTuple):
     drains: Array
 
 
+# Columns of a table of legs; the first four are vectors.
+ORIGIN, FIRST, SECOND, RISE = range(0, 12, 3)
+RADIUS, SWEEP, EXTENT, LEAD, ASKED, CAN, PUSH, RAPID, TOLERANCE, MOTION, SHARE0, SHARE1, PAUSE, DRAINS = (
+    range(12, 26)
+)
+
 VECTORS = 4
 """The first so many columns are vectors."""
 
@@ -53,3 +59,8 @@ def make_legs(count: int) -> Legs:
     """Return so many empty rows."""
     vectors = [np.zeros((count, 3)) for _ in range(VECTORS)]
     return Legs(*vectors, *(np.zeros(count) for _ in Legs._fields[VECTORS:]))
+
+
+def table_of(legs: Legs) -> Array:
+    """Put legs into one table, shape (n, 26): columns in the order of the fields."""
+    return np.column_stack(list(legs))

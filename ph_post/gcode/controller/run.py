@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from ph_post.gcode.controller.kernel import COLUMNS, plan_legs, run_legs
-from ph_post.gcode.controller.legs import Legs, make_legs
+from ph_post.gcode.controller.legs import DRAINS, FIRST, ORIGIN, PAUSE, RADIUS, table_of
 from ph_post.gcode.controller.moves import AXES, limit_table, moves_of
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, Command, IntArray, Machine, frozen, sealed
@@ -43,8 +43,8 @@ def run_program(program: PartProgram, machine: Machine) -> Command:
     """
     limits = limit_table(machine)
     period = machine.servo_period
-    moves = moves_of(program, limits)
-    legs, table = make_legs(2 * moves.length.size), np.zeros((2 * moves.length.size, COLUMNS))
+    moves = table_of(moves_of(program, limits))
+    legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
     count = plan_legs(moves, legs, table, limits, period)
     rows = _run(legs, table, count, period)
     return _command(rows, machine)
@@ -54,10 +54,11 @@ AnyArray = TypeVar("AnyArray", Array, IntArray)
 Rows = tuple[Array, IntArray, Array]
 
 
-def _run(legs: Legs, table: Array, count: int, period: float) -> Rows:
+def _run(legs: Array, table: Array, count: int, period: float) -> Rows:
     """Position, motion and share of every period."""
-    pause = np.ceil(legs.pause[:count] / period - 1e-6) + DWELL
-    rests = np.where(legs.pause[:count] > 0.0, pause, legs.drains[:count] * DRAINED).astype(np.int64)
+    pause = legs[:count, PAUSE]
+    dwell = np.ceil(pause / period - 1e-6) + DWELL
+    rests = np.where(pause > 0.0, dwell, legs[:count, DRAINS] * DRAINED).astype(np.int64)
     state = np.array([*_beginning(legs, count), 0.0, -1.0])
     rests[:1] = 0
     leg, parts = 0, [(_beginning(legs, count)[None, :], np.array([-1]), np.zeros(1))]
@@ -81,11 +82,12 @@ def _smoothed(position: Array) -> Array:
     return np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in wide.T], axis=1)
 
 
-def _beginning(legs: Legs, count: int) -> Array:
+def _beginning(legs: Array, count: int) -> Array:
     """Where the first leg begins."""
     if count == 0:
         return np.zeros(3)
-    return np.asarray(legs.origin[0] + legs.radius[0] * legs.first[0] * (legs.radius[0] > 0.0))
+    first: Array = legs[0]
+    return np.asarray(first[ORIGIN : ORIGIN + 3] + first[RADIUS] * first[FIRST : FIRST + 3])
 
 
 def _command(rows: Rows, machine: Machine) -> Command:

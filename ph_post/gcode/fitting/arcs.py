@@ -150,13 +150,14 @@ def _found(
 @inner
 def _bulge(points: Array, i: int, j: int) -> float:
     """Height of the parabola over the chord from i to j that is as high on the mean as the vertices are."""
-    chord, total, along = np.zeros(3), np.zeros(3), 0.0
+    chord, total, along, size = np.zeros(3), np.zeros(3), 0.0, 0.0
     for axis in range(3):
         chord[axis] = points[j, axis] - points[i, axis]
         for k in range(i + 1, j):
             total[axis] += points[k, axis] - points[i, axis]
         along += total[axis] * chord[axis]
-    square, size = 0.0, (chord * chord).sum()
+        size += chord[axis] * chord[axis]
+    square = 0.0
     for axis in range(3):
         square += (total[axis] - along / size * chord[axis]) ** 2
     return 1.5 * math.sqrt(square) / (j - i - 1)
@@ -178,12 +179,15 @@ def _end_tangents(points: Array, i: int, j: int, kind: int, circle: Array, out: 
     for end in range(2):
         k = i if end == 0 else j
         if kind == STRAIGHT:
-            out[end] = points[j] - points[i]
+            for axis in range(3):
+                out[end, axis] = points[j, axis] - points[i, axis]
         else:
             out[end, 0] = -circle[3] * (points[k, 1] - circle[1])
             out[end, 1] = circle[3] * (points[k, 0] - circle[0])
             out[end, 2] = 0.0
-        out[end] /= math.sqrt(out[end, 0] ** 2 + out[end, 1] ** 2 + out[end, 2] ** 2)
+        size = math.sqrt(out[end, 0] ** 2 + out[end, 1] ** 2 + out[end, 2] ** 2)
+        for axis in range(3):
+            out[end, axis] /= size
 
 
 @inner
@@ -197,6 +201,17 @@ def _is_flat(points: Array, first: int, last: int) -> bool:
     for k in range(first + 1, last + 1):
         flat = flat and points[k, 2] == points[first, 2]
     return flat
+
+
+@inner
+def _set_tangents(tangent: Array, ends: Array, a: int, b: int, first: int, last: int) -> None:
+    """Give the vertices a and b the tangents of what runs between them, on both sides inside a run."""
+    for axis in range(3):
+        tangent[a, 1, axis], tangent[b, 0, axis] = ends[0, axis], ends[1, axis]
+        if a > first:
+            tangent[a, 0, axis] = ends[0, axis]
+        if b < last:
+            tangent[b, 1, axis] = ends[1, axis]
 
 
 @compiled
@@ -246,13 +261,10 @@ def _scan(
             if count > 0 and lasts[count - 1] == a and _apart(ends[0], tangent[a, 0]) > MEETS_AT:
                 i, joined = i + spilt, False
                 continue
-            tangent[a, 1], tangent[b, 0] = ends[0], ends[1]
-            if a > first:
-                tangent[a, 0] = ends[0]
-            if b < last:
-                tangent[b, 1] = ends[1]
+            _set_tangents(tangent, ends, a, b, first, last)
             kinds[count], firsts[count], lasts[count] = kind, a, b
-            circles[count] = circle
+            for k in range(4):
+                circles[count, k] = circle[k]
             count += 1
             i, joined = b, wide
         first = last

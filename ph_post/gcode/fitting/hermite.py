@@ -76,7 +76,9 @@ def _interpolate(
         ahead1 += step * tangent[j, 0, axis]
     if min(ahead0, ahead1) < AHEAD * math.sqrt(chord) or chord == 0.0:
         return 0
-    d0, d1 = size * tangent[i, 1], size * tangent[j, 0]
+    d0, d1 = np.empty(3), np.empty(3)
+    for axis in range(3):
+        d0[axis], d1[axis] = size * tangent[i, 1, axis], size * tangent[j, 0, axis]
     if flat and tangent[i, 1, 2] == 0.0 and tangent[j, 0, 2] == 0.0:
         _ph_quintic(points, i, j, d0, d1, control, speed)
         return 5

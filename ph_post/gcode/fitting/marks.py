@@ -147,7 +147,8 @@ def _lines(points: Array, node: IntArray, length: Array, corner: BoolArray, tole
         # a run of stretches that may sample a curve ends before a line and at a corner
         if k == m or line[k] or (corner[k] and k > first):
             if k - first < FEWEST:
-                line[first:k] = True
+                for inside in range(first, k):
+                    line[inside] = True
             first = k
         if k < m and line[k]:
             first = k + 1
@@ -194,7 +195,8 @@ def _mark(points: Array, tolerance: float, sharp: BoolArray) -> tuple[BoolArray,
     corners, lines = np.zeros(len(points), dtype=np.bool_), np.zeros(len(points) - 1, dtype=np.bool_)
     for k in range(m):
         corners[node[k]] = corner[k]
-        lines[node[k] : node[k + 1]] = line[k]
+        for step in range(node[k], node[k + 1]):
+            lines[step] = line[k]
     corners[-1] = True
     return corners, lines
 

@@ -52,7 +52,7 @@ def _stencil(along: Array, first: int, last: int, k: int, base: float, out: IntA
 @inner
 def _differentiate(points: Array, along: Array, which: IntArray, count: int, out: Array) -> None:
     """Write the unit tangent at vertex which[0]: the derivative of the polynomial through all (Lagrange)."""
-    out[:] = 0.0
+    out[0] = out[1] = out[2] = 0.0
     here = along[which[0]]
     for j in range(1, count):
         x = along[which[j]] - here
@@ -64,7 +64,8 @@ def _differentiate(points: Array, along: Array, which: IntArray, count: int, out
         for axis in range(3):
             out[axis] += weight * (points[which[j], axis] - points[which[0], axis])
     size = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
-    out /= size
+    for axis in range(3):
+        out[axis] /= size
 
 
 @inner
@@ -109,7 +110,8 @@ def _tangents(
             side = 0 if k == last else 1
             _differentiate(points, along, which, count, tangent[k, side])
             if first < k < last:
-                tangent[k, 0] = tangent[k, 1]
+                for axis in range(3):
+                    tangent[k, 0, axis] = tangent[k, 1, axis]
         if first > 0 and lines[first - 1] and not corners[first]:
             _chord(points, first - 1, first, tangent[first, 1])
         if last < n - 1 and lines[last] and not corners[last]:
@@ -124,7 +126,8 @@ def _chord(points: Array, i: int, j: int, out: Array) -> None:
     for axis in range(3):
         out[axis] = points[j, axis] - points[i, axis]
         size += out[axis] ** 2
-    out /= math.sqrt(size)
+    for axis in range(3):
+        out[axis] /= math.sqrt(size)
 
 
 def find_tangents(

@@ -44,6 +44,12 @@ def _spread(letter: Any, value: Any, low: int, high: int, values: Any) -> Any:
 
 
 @inner
+def _copy(source: Any, target: Any) -> None:
+    for column in range(3):
+        target[column] = source[column]
+
+
+@inner
 def _aim(values: Any, modes: Any, position: Any, target: Any) -> None:
     """Where a block's X, Y and Z lead from a position [m]."""
     for axis in range(3):
@@ -155,11 +161,11 @@ def trace(words: Any, modal: Any, end: int, columns: Any, curves: Any) -> Any:  
             continue
         _aim(values, modes, position, target)
         if task == NURBS_POINT:
-            pen[:] = target if not np.isnan(values[LETTER_X]) else pen if drawing else position
+            _copy(target if not np.isnan(values[LETTER_X]) else pen if drawing else position, pen)
             drawing = True
             continue
         if task == NURBS_END:
-            target[:] = pen
+            _copy(pen, target)
         drawing = False
         if task > LINE and not _known(task, modes, position, target):
             whys[block] = ARC_FROM_NOWHERE if task <= ARC_CCW else SPLINE_FROM_NOWHERE
@@ -169,6 +175,6 @@ def trace(words: Any, modal: Any, end: int, columns: Any, curves: Any) -> Any:  
             continue
         write_at = (row, block, task)
         _write_motion(write_at, values, modes, position, target, feeds[block], columns, curves)
-        position[:] = target
+        _copy(target, position)
         row += 1
     return row

@@ -41,6 +41,7 @@ from ph_post.gcode.reader.codes import (
     LETTER_I,
     LETTER_J,
     LETTER_K,
+    LETTER_M,
     LETTER_P,
     LETTER_R,
     LETTER_S,
@@ -211,6 +212,15 @@ def _doubt(task: int, used: int, present: int, flags: int, modes: Any) -> Any:
 
 
 @inner
+def _is_odd(present: int, flags: int) -> Any:
+    """Whether a block without a motion has letters that none of its words uses."""
+    rest = present & ~ALWAYS
+    if flags & LENIENT_LINE or (present >> LETTER_M) & 1:
+        rest &= ~LENIENT
+    return rest != 0
+
+
+@inner
 def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> Any:
     """Tell what a block does: task, break, why not understood, why refused, the word."""
     zero, motion, flags, feed = block
@@ -228,6 +238,8 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> An
             refused, word = _arc_fault(values, present, where, modes)
         if why == 0 and refused == 0 and task >= LINE:
             refused, word = _feed_fault(present, where, modes, feed, flags >> KNOWN_SHIFT)
+    if why == 0 and refused == 0 and task == REST and zero < 0 and _is_odd(present, flags):
+        why = UNUSED_WORD
     if modes[COMPENSATION] > 400.0:
         why, refused = COMPENSATED, 0
     return task, mark, why, refused, word

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import msgspec
+import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
@@ -19,10 +20,13 @@ from ph_post.gcode.splice import blocktext
 from ph_post.gcode.splice.parts import part_length
 from ph_post.gcode.splice.record import Stop
 from ph_post.gcode.splice.schedule import Part, Task
-from ph_post.gcode.splice.shifted import AXES, Carried
+from ph_post.gcode.splice.shifted import AXES, Carried, lasting
 from ph_post.gcode.splice.wording import Wording, fine_decimals
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM
+
+_LEAST_PAUSE = 1e-6
+"""Dwells that are shorter [s] are rounding."""
 
 
 class Hunk(msgspec.Struct, kw_only=True):
@@ -115,13 +119,13 @@ class HunkWriter:
     def _behind(self, task: Task, block: int) -> None:
         """Write the stop at the end of a motion behind its line, which stays."""
         self._open(block + 1, 0, block)
-        offset = self._carried.word[task.motion].copy()
+        offset = self._carried.word[task.motion].astype(np.int64)
         self._stop(task.stops[1.0], self._wording(task.motion, block, offset), 1.0, offset)
 
     def _replaced(self, task: Task, block: int) -> None:
         """Write what comes before a motion and, unless its line can stay, the motion itself."""
         stops = dict(task.stops)
-        offset = self._carried.before[task.motion].copy()
+        offset = self._carried.before(task.motion)
         self._open(block, 0, block - 1)
         if 0.0 in stops:
             self._stop(stops.pop(0.0), self._wording(task.motion, block - 1, offset), 0.0, offset)
@@ -261,25 +265,34 @@ class HunkWriter:
         lines, modal = self._hunk.lines, words.modal
         step = modal.units * 10.0**-self._decimals
         self._label(stop, offset, step)
-        lines.append(self._joined("G4", f"P{self._digits(stop.pause)}"))
+        self._rest(stop.pause)
+        # Each sum is rounded, not each step: what is out and back again then comes back.
+        base, moved = offset.copy(), np.zeros(3)
         for shift in stop.shifts:
             axis = AXES.index(shift.axis)
-            offset[axis] += round(shift.travel / step)
+            moved[axis] += shift.travel
+            offset[axis] = base[axis] + round(moved[axis] / step)
             rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
-            self._feed = self._digits(rate)
+            self._feed, self._mode = self._digits(rate), "G1"
             lines.append(self._joined("G1", words.jog(axis, offset, share), f"F{self._feed}"))
-            lines.append(self._joined("G4", f"P{self._digits(shift.pause)}"))
-        self._mode = "G1"
+            self._rest(shift.pause)
+
+    def _rest(self, pause: float) -> None:
+        """Write a dwell, if there is one."""
+        assert self._hunk is not None
+        if pause >= _LEAST_PAUSE:
+            self._hunk.lines.append(self._joined("G4", f"P{self._digits(pause)}"))
 
     def _label(self, stop: Stop, offset: IntArray, step: float) -> None:
         assert self._hunk is not None
+        after = offset + lasting(stop, step)
         for axis, name in enumerate(AXES):
-            ways = [round(shift.travel / step) for shift in stop.shifts if shift.axis == name]
-            if not ways:
-                continue
-            after = offset[axis] + sum(ways)
-            what = "pulse" if sum(ways) == 0 else "back" if after == 0 else "up" if after > 0 else "down"
-            self._hunk.label.append(f"{name} {what}")
+            if any(shift.axis == name for shift in stop.shifts):
+                way = int(np.sign(after[axis]))
+                what = "pulse" if after[axis] == offset[axis] else ("back", "up", "down")[way]
+                self._hunk.label.append(f"{name} {what}")
+        if not stop.shifts:
+            self._hunk.label.append("rest")
 
     def _digits(self, value: float) -> str:
         return significant_text(value, self._dialect.feed_digits)

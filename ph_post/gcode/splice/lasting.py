@@ -13,6 +13,7 @@ apart: until the axis moves again only friction holds the table, on whichever fl
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -34,9 +35,10 @@ from ph_post.gcode.splice.standing import (
     program_troubles,
     program_units,
     tell_blocked,
+    tell_unknown,
 )
 from ph_post.gcode.splice.view import chain_spans
-from ph_post.types import Array, Axis, BoolArray, Machine, frozen
+from ph_post.types import Array, Axis, BoolArray, Machine, frozen, sealed
 
 AXES: Final = "XYZ"
 
@@ -81,10 +83,16 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     blocked = blocked_chains(program)
     search = Search(program, machine, dialect, amplitude, _open_chains(program, blocked))
     changes, said_of_time = affordable(search, options)
-    edits = nothing
+    offset, edits = np.zeros(nothing.offset.shape), nothing
     for name, rows in changes.items():
-        edits = merge(edits, _edits_of(program, machine.axes[name], amplitude[name], rows))
-    return _with_warnings(edits, program, dialect, [*tell_blocked(program, blocked), *said_of_time])
+        column = offset[:, AXES.index(name)]
+        _fill(column, rows, amplitude[name])
+        if column.any():
+            found = _edits_of(program, machine.axes[name], amplitude[name], rows, nothing.offset)
+            edits = merge(edits, found)
+    edits = replace(edits, offset=sealed(offset))
+    told = [*tell_blocked(program, blocked), *tell_unknown(program, amplitude), *said_of_time]
+    return _with_warnings(edits, program, dialect, told)
 
 
 def _open_chains(program: PartProgram, blocked: dict[str, BoolArray]) -> BoolArray:
@@ -96,20 +104,18 @@ def _open_chains(program: PartProgram, blocked: dict[str, BoolArray]) -> BoolArr
     return np.asarray(cuts)
 
 
-def _edits_of(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> Edits:
-    """Turn the changes of one axis into offsets and stops; the last change of every chain is to none."""
-    count = program.motions.kind.size
-    offset = np.zeros((count, 3))
-    if len(rows) == 0:
-        return Edits(offset=frozen(offset))
-    latest = np.searchsorted(rows[:, MOTION], np.arange(count), side="right") - 1
-    sign = np.where(latest >= 0, rows[latest, SIGN], 0.0)
-    offset[:, AXES.index(axis.name)] = sign * amplitude
+def _fill(offset: Array, rows: Array, amplitude: float) -> None:
+    """Write the offset of one axis at the end of every motion; each change lasts until the next."""
+    starts = np.append(rows[:, MOTION], offset.size).astype(np.int64).tolist()
+    for (low, high), sign in zip(pairwise(starts), rows[:, SIGN].tolist(), strict=True):
+        offset[low:high] = sign * amplitude
+
+
+def _edits_of(program: PartProgram, axis: Axis, amplitude: float, rows: Array, nothing: Array) -> Edits:
+    """Turn the changes of one axis into stops; the last change of every chain is to none."""
     stops, seated = _stops(program, axis, amplitude, rows)
-    if not (stops or offset.any()):
-        return Edits(offset=frozen(offset))
     return Edits(
-        offset=frozen(offset), stops=stops, amplitude={axis.name: amplitude},
+        offset=nothing, stops=stops, amplitude={axis.name: amplitude},
         pulse={axis.name: SEAT * amplitude} if seated else {},
     )  # fmt: skip
 

@@ -6,7 +6,7 @@ from itertools import groupby
 
 from ph_post.errors import InputError
 from ph_post.gcode.splice.record import Dip, Edits, Stop
-from ph_post.types import frozen
+from ph_post.types import sealed
 
 
 def merge(a: Edits, b: Edits) -> Edits:
@@ -21,7 +21,7 @@ def merge(a: Edits, b: Edits) -> Edits:
     if shared:
         raise InputError("merge", f"both shift axis {shared[0]}", expected="axes apart", got=shared[0])
     return Edits(
-        offset=frozen(a.offset + b.offset),
+        offset=a.offset if a.offset is b.offset and not a.offset.any() else sealed(a.offset + b.offset),
         stops=_merged_stops((*a.stops, *b.stops)),
         dips=_merged_dips((*a.dips, *b.dips)),
         amplitude={**a.amplitude, **b.amplitude},

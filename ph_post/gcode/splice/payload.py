@@ -50,6 +50,11 @@ def payload_lines(payload: Payload, max_line: int) -> list[str]:
     return [f"{MARK}undo {n + 1}/{count} {text[n * width : (n + 1) * width]})" for n in range(count)]
 
 
+def payload_start(data: bytes) -> int:
+    """Place at which the lines of the payload begin, -1 where there are none."""
+    return data.rfind(_FIRST)
+
+
 def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
     """Return the payload of a program, and the place where its lines begin.
 
@@ -58,7 +63,7 @@ def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
     InputError
         Where lines are missing or damaged.
     """
-    begin = data.rfind(_FIRST)
+    begin = payload_start(data)
     if begin < 0:
         raise InputError(name, "the lines at the end that undo the compensation are missing")
     rows = _LINE.findall(data, begin)

@@ -1,8 +1,8 @@
 """Numbers of words rewritten where they stand, in exact decimal arithmetic, and text put together again.
 
-How a number is written besides its value is its style, four bit fields: decimals, whether it has a point,
-whether it has a leading plus, and how many digits it has before the point at least (0 for ``.5``). A number
-that no style tells, as ``1 0`` or ``-0``, is odd.
+How a number is written besides its value is its style, four bit fields: decimals (5 bits), whether it has a
+point, whether it has a leading plus, and how many digits it has before the point at least (0 for ``.5``). A
+number that no style tells, as ``1 0`` or ``-0``, is odd.
 """
 
 from __future__ import annotations
@@ -13,18 +13,15 @@ import numpy as np
 
 from ph_post.simulate.compiling import compiled, inner
 
-_POINT: Final = 32
-_PLUS: Final = 64
-_WIDTH: Final = 128
-DECIMALS: Final = _POINT - 1
-"""Mask of the decimals in a style."""
+MOST_DECIMALS: Final = 15
+"""Numbers with more decimals than this are not shifted."""
 
 LONGEST: Final = 48
 """No number comes out longer than this."""
 
 
 @inner
-def _compose(digits: int, style: int, out: Any, at: int) -> int:
+def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
     """Write a number, digits / 10^decimals, in a style to `out` from `at` on; the place behind it."""
     decimals, width = style & 31, style >> 7
     if digits < 0:
@@ -51,70 +48,131 @@ def _compose(digits: int, style: int, out: Any, at: int) -> int:
     return at + size + point
 
 
-@compiled
-def read_styles(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> Any:
-    """Tell the style of the numbers of words, and which are odd; arrays of shape (n,)."""
-    style, odd = np.empty(start.size, np.int64), np.zeros(start.size, np.uint8)
-    text = np.empty(LONGEST + 64, np.uint8)
-    for n in range(start.size):
-        plus, point, before = 0, 0, 0
-        for i in range(start[n] + 1, end[n]):
-            if data[i] == 43:
-                plus = 1
-            elif data[i] == 46:
-                point = 1
-            elif 48 <= data[i] <= 57 and point == 0:
-                before += 1
-        natural, whole = 1, abs(digits[n])
-        for _ in range(decimals[n]):
-            whole //= 10
-        zero = whole == 0
-        while whole > 9:
-            natural, whole = natural + 1, whole // 10
-        width = 1 if before == natural else before
-        if zero and before == 0:
-            width = 0
-        style[n] = min(decimals[n], 31) + 32 * point + 64 * plus + 128 * min(width, 31)
-        size = _compose(digits[n], style[n], text, 0)
-        odd[n] = size != end[n] - start[n] - 1
-        if not odd[n]:
-            for i in range(size):
-                if text[i] != data[start[n] + 1 + i]:
-                    odd[n] = 1
-                    break
+@inner
+def _read_style(data: Any, start: int, end: int, digits: int, decimals: int, text: Any) -> Any:
+    """Tell the style of a word's number, and whether it is odd."""
+    plus, point, before = 0, 0, 0
+    for i in range(start + 1, end):
+        if data[i] == 43:
+            plus = 1
+        elif data[i] == 46:
+            point = 1
+        elif 48 <= data[i] <= 57 and point == 0:
+            before += 1
+    natural, whole = 1, abs(digits)
+    for _ in range(decimals):
+        whole //= 10
+    zero = whole == 0
+    while whole > 9:
+        natural, whole = natural + 1, whole // 10
+    width = 0 if zero and before == 0 else 1 if before == natural else before
+    style = min(decimals, 31) + 32 * point + 64 * plus + 128 * min(width, 31)
+    size = _compose(digits, style, text, 0)
+    odd = size != end - start - 1
+    for i in range(size):
+        odd = odd or text[i] != data[start + 1 + i]
     return style, odd
 
 
 @compiled
-def write_numbers(digits: Any, style: Any) -> Any:
-    """Write numbers one after the other: the text, and where each begins (n + 1,)."""
-    pool, starts = np.empty(LONGEST * digits.size + LONGEST, np.uint8), np.zeros(digits.size + 1, np.int64)
-    for n in range(digits.size):
-        starts[n + 1] = _compose(digits[n], style[n], pool, starts[n])
-    return pool[: starts[-1]].copy(), starts
+def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -> Any:
+    """Add offsets to the numbers of words.
+
+    Parameters
+    ----------
+    data : uint8 array
+    columns : tuple
+        `start`, `end`, `digits` and `decimals` of all words.
+    word : int array, shape (n,)
+        The words that change.
+    number : int array, shape (n,)
+        Row of `table` that is added to each.
+    table : int array, shape (k, 2)
+        Steps, and the decimals of a step.
+
+    Returns
+    -------
+    pool, bounds : uint8 array, int array (n + 1,)
+        New text, and where that of each number begins.
+    style, odd : uint16 array, uint8 array, shape (n,)
+        How the numbers stood there.
+    """
+    start, end, digits, decimals = columns
+    count = word.size
+    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
+    style, odd = np.empty(count, np.uint16), np.zeros(count, np.uint8)
+    text = np.empty(LONGEST + 64, np.uint8)
+    for n in range(count):
+        w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
+        manner, strange = _read_style(data, start[w], end[w], digits[w], decimals[w], text)
+        style[n], odd[n] = manner, strange
+        wide = max(decimals[w], places)
+        value = digits[w] * _power(wide - decimals[w]) + steps * _power(wide - places)
+        bounds[n + 1] = _compose(value, (manner >> 5 << 5) | wide, pool, bounds[n])
+    return pool[: bounds[-1]].copy(), bounds, style, odd
+
+
+@inner
+def _power(places: int) -> Any:
+    power = np.int64(1)
+    for _ in range(places):
+        power *= 10
+    return power
 
 
 @compiled
-def assemble(data: Any, start: Any, end: Any, pool: Any, first: Any, last: Any) -> Any:
-    """Put other bytes in place of spans of a text.
+def unshift_numbers(digits: Any, decimals: Any, word: Any, number: Any, table: Any, style: Any) -> Any:
+    """Take offsets back: text and bounds as in :func:`shift_numbers`, and how many numbers do not fit."""
+    count, wrong = word.size, 0
+    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
+    for n in range(count):
+        w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
+        manner = np.int64(style[n])
+        less = decimals[w] - (manner & 31)
+        if decimals[w] < places or less < 0:
+            wrong += 1
+            continue
+        value, power = digits[w] - steps * _power(decimals[w] - places), _power(less)
+        wrong += value % power != 0
+        bounds[n + 1] = _compose(value // power, manner, pool, bounds[n])
+    return pool[: bounds[-1]].copy(), bounds, wrong
+
+
+@compiled
+def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any, text: Any) -> Any:
+    """Put numbers and lines in the place of others.
 
     Parameters
     ----------
     data : uint8 array
     start, end : int arrays, shape (n,)
-        The spans, in order and apart.
-    pool : uint8 array
-    first, last : int arrays, shape (n,)
-        What stands in `pool` for each of them.
+        Spans of numbers, in order; those inside a span of lines are passed over.
+    pool, bounds : uint8 array, int array (n + 1,)
+        What stands in their place.
+    lines : int array, shape (k, 4)
+        Spans of lines, in order: start, end, and the start and end of what stands in their place in `text`.
+    text : uint8 array
     """
-    out = np.empty(data.size + (last - first).sum() - (end - start).sum(), np.uint8)
-    at, done = 0, 0
-    for n in range(start.size):
-        for i in range(done, start[n]):
-            out[at], at = data[i], at + 1
-        for i in range(first[n], last[n]):
-            out[at], at = pool[i], at + 1
-        done = end[n]
-    for i in range(done, data.size):
-        out[at], at = data[i], at + 1
-    return out
+    out = np.empty(data.size + pool.size + text.size, np.uint8)
+    at, done, n = 0, 0, 0
+    for k in range(lines.shape[0] + 1):
+        until = lines[k, 0] if k < lines.shape[0] else data.size
+        while n < start.size and start[n] < until:
+            if start[n] >= done:
+                at = _copy(data, done, start[n], out, at)
+                at = _copy(pool, bounds[n], bounds[n + 1], out, at)
+                done = end[n]
+            n += 1
+        at = _copy(data, done, until, out, at)
+        done = until
+        if k < lines.shape[0]:
+            at = _copy(text, lines[k, 2], lines[k, 3], out, at)
+            done = lines[k, 1]
+    return out[:at]
+
+
+@inner
+def _copy(source: Any, low: int, high: int, out: Any, at: int) -> int:
+    for i in range(low, high):
+        out[at], at = source[i], at + 1
+    return at

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
@@ -99,6 +99,21 @@ def _continued(program: PartProgram) -> BoolArray:
         letters = {int(words.letter[word]) for word in program.words_of(int(motions.block[motion]))}
         marks[motion] = not letters & {ord("I"), ord("J")}
     return marks
+
+
+def tell_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
+    """Name axes that move from places that are not known, as under G91 from where the machine stands."""
+    words, motions = program.words, program.motions
+    told = []
+    for name in axes:
+        named = np.isin(motions.block, words.block[words.letter == ord(name)])
+        lost = motions.block[named & np.isnan(motions.end[:, "XYZ".index(name)])]
+        if lost.size:
+            told.append(
+                f"axis {name} carries no lasting offset at {lost.size} motions, the first in line"
+                f" {lost[0] + 1}: they begin where its position is not known"
+            )
+    return told
 
 
 def tell_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: int = 12) -> list[str]:

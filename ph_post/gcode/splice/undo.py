@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import re
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.lexer import split_lines
-from ph_post.gcode.reader.record import Words
+from ph_post.gcode.reader.record import ByteArray
 from ph_post.gcode.reader.words import read_words
 from ph_post.gcode.splice.header import read_declaration
 from ph_post.gcode.splice.payload import Payload, read_payload
-from ph_post.gcode.splice.rewrite import DECIMALS, assemble, write_numbers
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.gcode.splice.rewrite import assemble, unshift_numbers
+from ph_post.types import BoolArray, IntArray
 
 HUNK: Final = re.compile(rb"\(ph-post: \+(\d+) -(\d+)[^)\r\n]*\)")
 """Comment line before a changed stretch."""
+
+_LINES: Final = 50_000
+"""So many lines are restored at a time."""
+
+_BEGUN: Final = b"N1\n"
 
 CANDIDATES: Final = tuple(ord(letter) for letter in "XYZIJK")
 """Letters of words that a lasting offset can change."""
@@ -46,96 +52,117 @@ def restore(data: bytes, name: str) -> bytes:
     payload, end = read_payload(data, name)
     if payload.whole is not None:
         return payload.whole
-    body = np.frombuffer(data[:end], np.uint8)
-    lines = split_lines(body)
-    added, places, counts = _hunks(data[:end], lines)
-    added[payload.head[0] : payload.head[0] + payload.head[1]] = True
-    words = read_words(data[:end], lines).words
     try:
-        starts, ends, pool, bounds = _numbers(words, added, payload)
-        line_spans = _lines(lines, added, places, counts, payload, pool.size)
+        text = _Restorer(data, end, payload).run()
     except (IndexError, ValueError) as error:
         raise InputError(
             name, "the program was changed after it was compensated, and cannot be undone"
         ) from error
-    starts = np.concatenate([starts, line_spans[0]])
-    ends = np.concatenate([ends, line_spans[1]])
-    first = np.concatenate([bounds[:-1], line_spans[2]])
-    last = np.concatenate([bounds[1:], line_spans[3]])
-    order = np.argsort(starts, kind="stable")
-    pool = np.concatenate([pool, np.frombuffer(payload.removed, np.uint8)])
-    text: bytes = assemble(body, starts[order], ends[order], pool, first[order], last[order]).tobytes()
-    return text[: len(text) - _end_size(text)] if payload.bare else text
+    return text[: len(text) - (2 if text.endswith(b"\r\n") else 1)] if payload.bare else text
 
 
-def _end_size(text: bytes) -> int:
-    return 2 if text.endswith(b"\r\n") else 1
+class _Restorer:
+    """Takes a change back, some lines at a time, so that only their words are held.
+
+    Parameters
+    ----------
+    data : bytes
+    end : int
+        Where the lines of the payload begin.
+    payload : Payload
+    """
+
+    def __init__(self, data: bytes, end: int, payload: Payload) -> None:
+        self._data, self._payload = data, payload
+        self._lines = split_lines(np.frombuffer(data, np.uint8)[:end])
+        self._added, self._spans = self._find_hunks(end)
+        self._codes = np.frombuffer(payload.code, np.uint8)
+        self._styles = np.frombuffer(payload.style, "<u2")
+        self._table = np.array(payload.delta, dtype=np.int64).reshape(-1, 2)
+        self._removed = np.frombuffer(payload.removed, np.uint8)
+        self._code = self._style = 0
+        self._closed = False
+
+    def run(self) -> bytes:
+        """Return the original.
+
+        Raises
+        ------
+        ValueError
+            Where the text is not what the payload was made for.
+        """
+        last = self._lines.size - 1
+        text = b"".join(self._part(low, min(low + _LINES, last)) for low in range(0, last, _LINES))
+        if self._code != self._codes.size:
+            raise ValueError(self._code)
+        return text
+
+    def _find_hunks(self, end: int) -> tuple[BoolArray, IntArray]:
+        """Mark the lines that were added, and tell by line what they took the place of (n, 2)."""
+        removed = np.append(0, np.cumsum([len(one) for one in _split(self._payload.removed)]))
+        added = np.zeros(self._lines.size - 1, dtype=np.bool_)
+        spans, done = np.zeros((added.size, 2), dtype=np.int64), 0
+        added[self._payload.head[0] : sum(self._payload.head)] = True
+        for found in HUNK.finditer(self._data, 0, end):
+            line = int(np.searchsorted(self._lines, found.start(), side="right")) - 1
+            if not added[line]:
+                added[line : line + 1 + int(found.group(1))] = True
+                spans[line] = removed[done], removed[done + int(found.group(2))]
+                done += int(found.group(2))
+        if done != removed.size - 1:
+            raise ValueError(done)
+        return added, spans
+
+    def _part(self, low: int, high: int) -> bytes:
+        """Restore the lines from `low` up to `high`."""
+        base = int(self._lines[low])
+        # A word before it shows that the text has begun, so that a percent sign ends it.
+        before = _BEGUN if low else b""
+        data = before + self._data[base : self._lines[high]]
+        lines = self._lines[low : high + 1] - base + len(before)
+        added = self._added[low:high]
+        marked = np.flatnonzero(added)
+        spans = np.column_stack([lines[marked], lines[marked + 1], self._spans[low:high][marked]])
+        if before:
+            lines, added = np.append(0, lines), np.append(False, added)
+        start, stop, pool, bounds = self._numbers(data, lines, added)
+        body = np.frombuffer(data, np.uint8)
+        text: bytes = assemble(body, start, stop, pool, bounds, spans, self._removed).tobytes()
+        return text[len(before) :]
+
+    def _numbers(self, data: bytes, lines: IntArray, added: BoolArray) -> tuple[IntArray, ...]:
+        """Spans of the changed numbers, and the text that stood there."""
+        if self._closed:
+            nothing = np.zeros(0, dtype=np.int64)
+            return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
+        lexed = read_words(data, lines)
+        self._closed, words = lexed.end < lines.size - 1, lexed.words
+        candidate = np.flatnonzero(np.isin(words.letter, CANDIDATES) & ~added[words.block])
+        code = self._codes[self._code : self._code + candidate.size]
+        if code.size != candidate.size:
+            raise ValueError(code.size)
+        word, number = candidate[code > 0], code[code > 0] - np.uint8(1)
+        style = self._styles[self._style : self._style + word.size]
+        pool, bounds, wrong = unshift_numbers(words.digits, words.decimals, word, number, self._table, style)
+        if wrong:
+            raise ValueError(wrong)
+        odd = {n - self._style: text for n, text in self._payload.odd.items()}
+        odd = {n: text for n, text in odd.items() if 0 <= n < word.size}
+        if odd:
+            pool, bounds = _with_odd(pool, bounds, odd)
+        self._code, self._style = self._code + candidate.size, self._style + word.size
+        return words.start[word] + 1, words.end[word], pool, bounds
 
 
-def _hunks(data: bytes, lines: IntArray) -> tuple[BoolArray, list[int], list[int]]:
-    """Mark the lines that were added; lines of hunks, and how many lines each stands in place of."""
-    added = np.zeros(lines.size - 1, dtype=np.bool_)
-    places, counts = [], []
-    for found in HUNK.finditer(data):
-        line = int(np.searchsorted(lines, found.start(), side="right")) - 1
-        if not added[line]:
-            added[line : line + 1 + int(found.group(1))] = True
-            places.append(line)
-            counts.append(int(found.group(2)))
-    return added, places, counts
+def _split(text: bytes) -> list[bytes]:
+    lines = split_lines(np.frombuffer(text, np.uint8)).tolist()
+    return [text[low:high] for low, high in pairwise(lines)]
 
 
-def _numbers(words: Words, added: BoolArray, payload: Payload) -> tuple[IntArray, IntArray, Array, IntArray]:
-    """Spans of the changed numbers, and the text that stood there."""
-    candidate = np.flatnonzero(np.isin(words.letter, CANDIDATES) & ~added[words.block])
-    code = np.frombuffer(payload.code, np.uint8)
-    if code.size != candidate.size:
-        raise ValueError(code.size)
-    changed = candidate[code > 0]
-    rows = np.array(payload.delta, dtype=np.int64).reshape(-1, 2)[code[code > 0].astype(np.int64) - 1]
-    style = np.frombuffer(payload.style, np.uint16).astype(np.int64)
-    digits = original_digits(words.digits[changed], words.decimals[changed], rows[:, 0], rows[:, 1], style)
-    pool, bounds = write_numbers(digits, style)
-    if payload.odd:
-        pool, bounds = _with_odd(pool, bounds, payload.odd)
-    return words.start[changed] + 1, words.end[changed], pool, bounds
-
-
-def original_digits(
-    digits: IntArray, decimals: IntArray, delta: IntArray, places: IntArray, style: IntArray
-) -> IntArray:
-    """Subtract offsets, `delta` / 10^`places`, from numbers, and bring them to the decimals they had."""
-    value = digits - delta * 10 ** (decimals - places)
-    original, rest = np.divmod(value, 10 ** (decimals - (style & DECIMALS)))
-    if rest.any():
-        raise ValueError(rest.max())
-    return np.asarray(original)
-
-
-def _with_odd(pool: Array, bounds: IntArray, odd: dict[int, bytes]) -> tuple[Array, IntArray]:
+def _with_odd(pool: ByteArray, bounds: IntArray, odd: dict[int, bytes]) -> tuple[ByteArray, IntArray]:
     """Put the text of odd numbers in the place of what their style tells."""
-    texts = [
-        pool[low:high].tobytes() for low, high in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
-    ]
+    texts = [pool[low:high].tobytes() for low, high in pairwise(bounds.tolist())]
     for number, text in odd.items():
         texts[number] = text
     sizes = np.array([len(text) for text in texts], dtype=np.int64)
     return np.frombuffer(b"".join(texts), np.uint8), np.append(0, np.cumsum(sizes))
-
-
-def _lines(
-    lines: IntArray, added: BoolArray, places: list[int], counts: list[int], payload: Payload, base: int
-) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Spans of the added lines, and where in the pool stands what they took the place of."""
-    removed = (
-        split_lines(np.frombuffer(payload.removed, np.uint8)) if payload.removed else np.zeros(1, np.int64)
-    )
-    if sum(counts) != removed.size - 1:
-        raise ValueError(sum(counts))
-    marked = np.flatnonzero(added)
-    first = np.zeros(marked.size, dtype=np.int64)
-    last = np.zeros(marked.size, dtype=np.int64)
-    before = np.append(0, np.cumsum(counts)).astype(np.int64)
-    at = np.searchsorted(marked, np.array(places, dtype=np.int64))
-    first[at], last[at] = base + removed[before[:-1]], base + removed[before[1:]]
-    return lines[marked], lines[marked + 1], first, last

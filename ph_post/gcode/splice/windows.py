@@ -19,20 +19,26 @@ from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.base import silent
 from ph_post.gcode.options import BLOCK_TIME
 from ph_post.gcode.paths.build import line_words
+from ph_post.gcode.paths.parts import divide
 from ph_post.gcode.paths.record import ProgramPath
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.splice.record import Dip, Edits, Stop
 from ph_post.gcode.splice.standing import blocked_chains, program_troubles
 from ph_post.gcode.splice.view import chain_spans
 from ph_post.gcode.splice.windowedits import LeftAlone, window_edits
+from ph_post.geometry.track import Track
 from ph_post.types import Machine, Path, Plan, frozen
 
 OFFSETS: Final = frozenset(("auto", "takeup"))
 """Strategies that give axes behind their loop a lasting offset; all others modulate the feed."""
 
+WINDOWS: Final = 10
+"""So many windows and a rest behind them make a part: what a proof by simulation finds worse than the plain
+program is given up within a part, and no part is long to simulate."""
+
 
 class WindowPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The plan of one path of a program, on the machine it was planned for."""
+    """The plan of a path of a program, or of a part of one between two rests."""
 
     path: ProgramPath
     analysis: Analysis
@@ -40,7 +46,7 @@ class WindowPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class WindowEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the windows of a program change, and the plans that say why: one a path that was planned."""
+    """What the windows of a program change, and the plans that say why, one a part that was planned."""
 
     edits: Edits
     plans: tuple[WindowPlan, ...]
@@ -68,7 +74,8 @@ def plan_windows(
         Of :func:`ph_post.gcode.paths.build.paths_of`.
     machine : Machine
     options : PlanOptions
-        The strategy and its bounds. A search is shared out among paths by their length.
+        The strategy and its bounds. Long paths are planned in parts, from rest to rest; a search and the time
+        that may be added are shared out among them by their windows.
     tolerance : float
         ε of the windows [m].
     tell : callable, optional
@@ -86,31 +93,86 @@ def plan_windows(
     if troubles:
         words = tuple(f"no window of the program is changed: {trouble}" for trouble in troubles)
         return WindowEdits(edits=replace(edits, warnings=words), plans=())
-    reasons = _reasons(program)
-    wanted = [(one, planned_machine(machine, one.path, options)) for one in paths]
-    worth = [(one, drives) for one, drives in wanted if _has_gap(drives, one.path)]
-    total = sum(float(one.s[-1]) for one, _ in worth if one.chain not in reasons)
+    reasons, said = _reasons(program), []
+    parts: list[_Part] = []
+    for one in paths:
+        found = _parts(one, planned_machine(machine, one.path, options), tolerance)
+        if found and one.chain in reasons:
+            said.append(f"{_where(program, one)}: windows left alone: {reasons[one.chain]}")
+        else:
+            parts += found
     stops: list[Stop] = []
     dips: list[Dip] = []
     plans: list[WindowPlan] = []
-    said: list[str] = []
-    for one, drives in worth:
-        where = line_words(*program.motions.block[one.motion[[0, -1]]].tolist())
-        if one.chain in reasons:
-            said.append(f"{where}: windows left alone: {reasons[one.chain]}")
-            continue
-        chosen = _own_options(options, float(one.s[-1]) / total)
-        made = _planned(one, drives, chosen, tolerance, _telling(tell, where))
-        found = window_edits(program.motions, one, made.plan, block_time)
-        stops += found.stops
-        dips += found.dips
+    for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
+        where = _where(program, part.path)
+        made = _planned(part, chosen, tolerance, _telling(tell, where))
+        done = window_edits(program.motions, part.path, made.plan, block_time)
+        stops += done.stops
+        dips += done.dips
         plans.append(made)
         said += [f"{where}: {word}" for word in made.plan.warnings]
-        said += [_words(program, made, left) for left in found.left]
+        said += [_words(program, made, left) for left in done.left]
     edits = replace(
         edits, stops=tuple(stops), dips=tuple(dips), pulse=_pulses(stops), warnings=tuple(dict.fromkeys(said))
     )
     return WindowEdits(edits=edits, plans=tuple(plans))
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part of a path that is planned by itself, on its machine: its windows' number, its time [s]."""
+
+    path: ProgramPath
+    machine: Machine
+    windows: int
+    time: float
+
+
+def _parts(path: ProgramPath, machine: Machine, tolerance: float) -> list[_Part]:
+    """Divide a path, and leave out what has no window at which a gap is crossed."""
+    if not any(machine.axes[name].gap.lost_motion > 0.0 for name in path.path.axes):
+        return []
+    found = analyse(path.path, None, tolerance)
+    points = found.turning_points
+    s = np.array([
+        window.s
+        for window in found.windows
+        if any(machine.axes[points[k].axis].gap.lost_motion > 0.0 for k in window.members)
+    ])  # fmt: skip
+    parts, begin = [], 0.0
+    for one in divide(path, found.track, s, WINDOWS):
+        end = begin + float(one.s[-1])
+        count = int(((s >= begin) & (s <= end)).sum())
+        if count:
+            parts.append(_Part(path=one, machine=machine, windows=count, time=_time(one.path, machine)))
+        begin = end
+    return parts
+
+
+def _time(path: Path, machine: Machine) -> float:
+    """Time [s] of a path at its feeds, rapids as fast as the slowest axis may go."""
+    track = Track(path)
+    rapid = min(machine.axes[name].limits.velocity for name in path.axes)
+    feeds = [rapid if one.rapid else one.feed or path.feed for one in path.segments]
+    return float((np.diff(track.starts) / np.array(feeds)[track.segment]).sum())
+
+
+def _shared_out(options: PlanOptions, parts: Sequence[_Part]) -> list[PlanOptions]:
+    """Options of every part: it begins and ends at rest, and effort and time are shared out by windows."""
+    windows, time = sum(part.windows for part in parts), sum(part.time for part in parts)
+    return [
+        replace(
+            options, carrier="program", start="rest", inverse_dynamics=False,
+            effort=options.effort * part.windows / windows,
+            max_slowdown=options.max_slowdown * (part.windows / windows) * (time / part.time),
+        )
+        for part in parts
+    ]  # fmt: skip
+
+
+def _where(program: PartProgram, path: ProgramPath) -> str:
+    first, last = program.motions.block[path.motion[[0, -1]]].tolist()
+    return line_words(first, last)
 
 
 def _telling(tell: Callable[[str], None], where: str) -> Callable[[str], None]:
@@ -132,24 +194,10 @@ def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machi
     return replace(machine, axes=axes)
 
 
-def _has_gap(machine: Machine, path: Path) -> bool:
-    return any(machine.axes[name].gap.lost_motion > 0.0 for name in path.axes)
-
-
-def _own_options(options: PlanOptions, share: float) -> PlanOptions:
-    """Options for one path: begun and ended at rest, and searched with its share of the effort."""
-    return replace(
-        options, carrier="program", start="rest", inverse_dynamics=False, effort=options.effort * share
-    )
-
-
-def _planned(
-    path: ProgramPath, machine: Machine, options: PlanOptions, tolerance: float, tell: Callable[[str], None]
-) -> WindowPlan:
-    tell("locating turning points, windows and backlash intervals")
-    analysis = analyse(path.path, machine, tolerance)
+def _planned(part: _Part, options: PlanOptions, tolerance: float, tell: Callable[[str], None]) -> WindowPlan:
+    analysis = analyse(part.path.path, part.machine, tolerance)
     tell("planning")
-    return WindowPlan(path=path, analysis=analysis, plan=make_plan(analysis, options, tell))
+    return WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, options, tell))
 
 
 def _reasons(program: PartProgram) -> dict[int, str]:

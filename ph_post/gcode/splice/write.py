@@ -12,6 +12,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
@@ -22,11 +23,11 @@ from ph_post.gcode.splice.blocktext import line_end
 from ph_post.gcode.splice.grid import word_decimals
 from ph_post.gcode.splice.header import MARK, Declaration, declaration_lines
 from ph_post.gcode.splice.hunks import Hunk, HunkWriter
-from ph_post.gcode.splice.payload import Payload, payload_lines
+from ph_post.gcode.splice.payload import Payload, payload_lines, payload_start
 from ph_post.gcode.splice.record import Edits
-from ph_post.gcode.splice.rewrite import DECIMALS, assemble, read_styles, write_numbers
+from ph_post.gcode.splice.rewrite import MOST_DECIMALS, assemble, shift_numbers
 from ph_post.gcode.splice.schedule import schedule
-from ph_post.gcode.splice.shifted import Changed, carried, changed_words
+from ph_post.gcode.splice.shifted import Changed, carried, changed_words, number_codes
 from ph_post.gcode.splice.standing import program_units
 from ph_post.gcode.splice.undo import restore
 from ph_post.types import Array, IntArray
@@ -42,13 +43,12 @@ _LARGEST: Final = 10**13
 class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Changed numbers by word: new text in `pool`, `first` to `last`; and what the inverse needs."""
 
-    candidate: IntArray
     word: IntArray
+    number: ByteArray
     pool: ByteArray
     bounds: IntArray
-    style: IntArray
+    style: NDArray[np.uint16]
     odd: ByteArray
-    code: ByteArray
     delta: tuple[tuple[int, int], ...]
 
     def text(self, program: PartProgram, block: int) -> dict[int, str]:
@@ -89,65 +89,72 @@ def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: De
     if MARK.encode() in program.data:
         raise InputError(program.name, "the program holds the marks of an earlier compensation",
                          expected="the original (see --undo)")  # fmt: skip
+    text = _written(program, edits, dialect, declaration)
+    if _comes_back(text, program):
+        return text
+    return _closed(program, text[: payload_start(text)], Payload(whole=program.data), dialect)
+
+
+def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
+    """Write the new text; all that is needed for that is given up with it."""
     units = program_units(program)
     if len(units) > 1 and np.any(edits.offset):
         raise InputError(program.name, "a lasting offset in a program in mm and in inches")
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
-    found = carried(edits, step)
+    tasks = schedule(edits, program.motions, step)
+    found = carried(edits.offset, tasks, step)
     numbers = _numbers(program, changed_words(program, found), decimals)
     writer = HunkWriter(
         program, dialect, found, decimals, declaration.chord_tolerance,
         lambda block: numbers.text(program, block),
     )  # fmt: skip
-    hunks = sorted(writer.write(schedule(edits, program.motions, step)), key=lambda hunk: hunk.block)
-    body, payload = _body(program, numbers, hunks, dialect, declaration)
-    text = _closed(program, body, payload, dialect)
-    if restore(text, program.name) == program.data:
-        return text
-    return _closed(program, body, Payload(whole=program.data), dialect)
+    hunks = sorted(writer.write(tasks), key=lambda hunk: hunk.block)
+    return _closed(program, *_body(program, numbers, hunks, dialect, declaration), dialect)
+
+
+def _comes_back(text: bytes, program: PartProgram) -> bool:
+    """Whether the inverse gives the original, byte for byte."""
+    try:
+        return restore(text, program.name) == program.data
+    except InputError:
+        return False
 
 
 def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
     """Add to every number what its word changes by."""
-    words, shifted = program.words, np.flatnonzero(changed.delta)
-    word = changed.candidate[shifted]
-    table, row = _distinct(changed.delta[shifted])
+    words, word = program.words, changed.word
+    if word.size:
+        _check_digits(program, word)
+    table, number = _distinct(changed.delta)
     delta = np.array([_trimmed(count, decimals) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
-    digits, places = words.digits[word], words.decimals[word]
-    if word.size and (np.abs(digits).max() > _LARGEST or places.max() > DECIMALS // 2):
-        worst = int(word[np.argmax(np.abs(digits) + _LARGEST * (places > DECIMALS // 2))])
-        raise InputError(
-            f"{program.name}:{words.block[worst] + 1}", "a number of too many digits to be shifted"
-        )
-    style, odd = read_styles(
-        np.frombuffer(program.data, np.uint8), words.start[word], words.end[word], digits, places
-    )
-    steps, step_places = delta[row, 0], delta[row, 1]
-    wide = np.maximum(places, step_places)
-    new = digits * 10 ** (wide - places) + steps * 10 ** (wide - step_places)
-    pool, bounds = write_numbers(new, (style & ~DECIMALS) | wide)
-    code = np.zeros(changed.candidate.size, dtype=np.uint8)
-    code[shifted] = row + 1
+    columns = words.start, words.end, words.digits, words.decimals
+    data = np.frombuffer(program.data, np.uint8)
+    pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
     pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
-    return _Numbers(
-        candidate=changed.candidate, word=word, pool=pool, bounds=bounds, style=style, odd=odd, code=code,
-        delta=pairs,
-    )  # fmt: skip
+    return _Numbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
 
 
-def _distinct(delta: IntArray) -> tuple[IntArray, IntArray]:
+def _check_digits(program: PartProgram, word: IntArray) -> None:
+    digits, decimals = program.words.digits[word], program.words.decimals[word]
+    if np.abs(digits).max() > _LARGEST or decimals.max() > MOST_DECIMALS:
+        worst = np.argmax((np.abs(digits) > _LARGEST) | (decimals > MOST_DECIMALS))
+        where = f"{program.name}:{program.words.block[word[worst]] + 1}"
+        raise InputError(where, "a number of too many digits to be shifted")
+
+
+def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:
     """Distinct values, of which there are few, and the number of each value among them."""
     if delta.size == 0:
-        return delta, delta
+        return delta, np.zeros(0, dtype=np.uint8)
     low = int(delta.min())
     if int(delta.max()) - low > _WIDEST:
-        table, row = np.unique(delta, return_inverse=True)
-        return table, row
+        table, number = np.unique(delta, return_inverse=True)
+        return table, number.astype(np.uint8)
     found = np.flatnonzero(np.bincount(delta - low))
-    number = np.zeros(int(found[-1]) + 1, dtype=np.int64)
-    number[found] = np.arange(found.size)
-    return found + low, number[delta - low]
+    place = np.zeros(int(found[-1]) + 1, dtype=np.uint8)
+    place[found] = np.arange(found.size)
+    return found + low, place[delta - low]
 
 
 def _trimmed(count: int, decimals: int) -> tuple[int, int]:
@@ -169,39 +176,31 @@ def _body(
     texts = [_joined(head, end), *(_joined(_told(hunk, most), end) for hunk in hunks)]
     places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
-    for hunk in hunks:
-        outside[hunk.block : hunk.block + hunk.removed] = False
-    kept = np.flatnonzero(outside[program.words.block[numbers.word]])
-    sizes = np.append(0, np.cumsum([len(text) for text in texts])) + numbers.pool.size
-    low, high = (np.array([lines[place[side]] for place in places], dtype=np.int64) for side in (0, 1))
-    start = np.concatenate([low, program.words.start[numbers.word[kept]] + 1])
-    stop = np.concatenate([high, program.words.end[numbers.word[kept]]])
-    first = np.concatenate([sizes[:-1], numbers.bounds[:-1][kept]])
-    last = np.concatenate([sizes[1:], numbers.bounds[1:][kept]])
-    order = np.argsort(start, kind="stable")
-    pool = np.concatenate([numbers.pool, np.frombuffer(b"".join(texts), np.uint8)])
-    out = assemble(np.frombuffer(data, np.uint8), start[order], stop[order], pool, first[order], last[order])
+    for first, last in places:
+        outside[first:last] = False
+    sizes = np.append(0, np.cumsum([len(text) for text in texts]))
+    spans = np.column_stack([lines[np.array(places)], sizes[:-1], sizes[1:]]).astype(np.int64)
+    words, kept = program.words, outside[program.words.block[numbers.word]]
+    out = assemble(
+        np.frombuffer(data, np.uint8), words.start[numbers.word] + 1, words.end[numbers.word],
+        numbers.pool, numbers.bounds, spans, np.frombuffer(b"".join(texts), np.uint8),
+    )  # fmt: skip
     _check_lines(program, out, dialect)
     odd = np.flatnonzero(numbers.odd[kept])
-    return out.tobytes(), Payload(
-        head=(_line_after(line, hunks), len(head)),
+    payload = Payload(
+        head=(line, len(head)),
         bare=len(data) > len(program.data),
         removed=b"".join(data[lines[a] : lines[b]] for a, b in places),
         delta=numbers.delta,
-        code=numbers.code[outside[program.words.block[numbers.candidate]]].tobytes(),
+        code=number_codes(words.letter, words.block, outside, numbers.word, numbers.number).tobytes(),
         style=numbers.style[kept].astype("<u2").tobytes(),
-        odd={int(n): _number_text(program, int(numbers.word[kept[n]])) for n in odd.tolist()},
+        odd={int(n): _number_text(program, int(numbers.word[kept][n])) for n in odd.tolist()},
     )
+    return out.tobytes(), payload
 
 
 def _number_text(program: PartProgram, word: int) -> bytes:
     return program.data[program.words.start[word] + 1 : program.words.end[word]]
-
-
-def _line_after(line: int, hunks: list[Hunk]) -> int:
-    """Line of the head in the new text: nothing is changed before it."""
-    assert all(hunk.block >= line for hunk in hunks)
-    return line
 
 
 def _told(hunk: Hunk, max_line: int) -> list[str]:

@@ -1,0 +1,169 @@
+"""The model of a controller and what is measured with it, against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from ph_post.gcode.controller.error import CutPath, program_error
+from ph_post.gcode.controller.moves import linking_of, moved_axes, tolerance_of
+from ph_post.gcode.controller.nearest import distances, shapes_of
+from ph_post.gcode.controller.run import DRAINED, DWELL, SMOOTHING, run_program
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.io.machinefile import read_machine
+from ph_post.types import Command, Machine
+
+ROUTER = read_machine("router")
+STEPPER = read_machine("stepper")
+SOME_PERIODS = SMOOTHING.size + 3
+
+
+def program(*lines: str) -> PartProgram:
+    return read_program("\n".join(["G21 G90 G17 G94", *lines, "M2", ""]).encode(), "test")
+
+
+def run(machine: Machine, *lines: str) -> Command:
+    return run_program(program(*lines), machine)
+
+
+def periods(command: Command) -> int:
+    return command.t.size - 1
+
+
+def test_a_lone_move_has_half_the_acceleration() -> None:
+    """The end of the queue may yet be blended with what comes: LinuxCNC keeps half for that."""
+    way, limits = 0.05, ROUTER.axes["X"].limits
+    seconds = way / limits.velocity + limits.velocity / (0.5 * limits.acceleration)
+    assert periods(run(ROUTER, "G0 X50")) == pytest.approx(seconds / ROUTER.servo_period, abs=SOME_PERIODS)
+
+
+def test_an_exact_stop_has_the_whole_acceleration() -> None:
+    way, limits, feed = 0.02, ROUTER.axes["X"].limits, 0.05
+    seconds = 2.0 * (way / feed + feed / limits.acceleration)
+    found = run(ROUTER, "G61.1", "G1 X20 F3000", "X0")
+    assert periods(found) == pytest.approx(seconds / ROUTER.servo_period, abs=SOME_PERIODS + 2)
+
+
+@pytest.mark.parametrize("seconds", [0.01, 0.2])
+def test_axes_rest_in_a_dwell(seconds: float) -> None:
+    found = run(ROUTER, "G1 X1 F600", f"G4 P{seconds}", "X2")
+    resting = np.count_nonzero(np.diff(found.position[:, 0])[1:-1] == 0.0)
+    spread = SMOOTHING.size - 1
+    assert resting == pytest.approx(seconds / ROUTER.servo_period + DWELL - spread, abs=2)
+
+
+def test_a_spindle_word_stops_the_axes() -> None:
+    steady, stopped = (run(ROUTER, "G1 X10 F600", word, "X20") for word in ("(M3)", "M3 S100"))
+    ramps = 0.01 / (0.5 * ROUTER.axes["X"].limits.acceleration) / ROUTER.servo_period
+    assert periods(stopped) - periods(steady) == pytest.approx(2 * ramps / 2 + DRAINED, abs=4)
+
+
+def test_arcs_keep_a_share_of_the_acceleration_across() -> None:
+    radius, axes = 0.002, (ROUTER.axes["X"], ROUTER.axes["Y"])
+    fastest = math.sqrt(math.sqrt(0.75) * min(axis.limits.acceleration for axis in axes) * radius)
+    found = run(ROUTER, "G1 X2 F60", *["G3 X2 Y0 I-2 J0 F6000"] * 3)
+    assert found.feed.max() == pytest.approx(fastest, rel=0.01)
+
+
+def test_chords_are_no_faster_than_one_a_period() -> None:
+    chord = 20e-6
+    lines = [f"X{0.02 * k:.2f}" for k in range(1, 400)]
+    found = run(ROUTER, "G64 P0.001 Q0", "G1 F6000", *lines)
+    assert found.feed.max() <= chord / ROUTER.servo_period * 1.0001
+
+
+def test_every_row_knows_its_motion() -> None:
+    found = run(ROUTER, "G64 P0.01 Q0", "G0 X10", "G1 X20 F1200", "Y10", "G3 X10 Y20 I-10", "G0 X0 Y0")
+    assert (np.diff(found.segment) >= 0).all()
+    assert found.segment[0] == -1
+    assert found.segment[-1] == 4
+    assert ((found.xi >= 0.0) & (found.xi <= 1.0)).all()
+    np.testing.assert_allclose(found.position[-1], [0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_limits_of_the_axes_hold() -> None:
+    found = run(STEPPER, "G64 P0.05", "G0 X10", "G1 X40 F1800", "Y20", "X10", "X5 Y10", "G0 X0 Y0 Z3")
+    for number, name in enumerate(found.axes):
+        speed = np.diff(found.position[:, number]) / found.period
+        assert np.abs(speed).max() <= STEPPER.axes[name].limits.velocity * 1.0001
+        push = np.abs(np.diff(speed)).max() / found.period
+        assert push <= STEPPER.axes[name].limits.acceleration * 1.01
+
+
+def test_corners_are_rounded_by_what_the_path_mode_allows() -> None:
+    lines = ("G0 X0 Y0", "G1 X20 F2400", "Y20")
+    corner = np.array([0.02, 0.0, 0.0])
+    near = {}
+    for tolerance in (0.01, 0.1):
+        found = run(ROUTER, f"G64 P{tolerance} Q0", *lines)
+        near[tolerance] = np.linalg.norm(found.position - corner, axis=1).min()
+        assert near[tolerance] <= tolerance * 1e-3 + 1e-6
+    assert near[0.1] > 3.0 * near[0.01]
+
+
+def test_a_stepper_with_a_gap_is_off_a_circle_by_half_of_it() -> None:
+    """Along the radius by (g/2)(cos - sin) in the first quadrant: most at the quadrant's ends."""
+    gap = 50e-6
+    axes = {
+        name: replace(axis, gap=replace(axis.gap, lost_motion=gap if name != "Z" else 0.0))
+        for name, axis in STEPPER.axes.items()
+    }
+    machine = replace(STEPPER, axes=axes)
+    circle = program("G0 X15 Y0", "G3 X15 Y0 I-15 J0 F600", "G3 X15 Y0 I-15 J0")
+    found = program_error(run_program(circle, machine), machine, circle)
+    assert found.error.max == pytest.approx(gap / 2, rel=0.01)
+    worst = 1.0 + max(axis.uncertainty.backlash for axis in axes.values())
+    assert found.error_worst.max == pytest.approx(worst * found.error.max, rel=0.01)
+
+
+def test_without_a_gap_a_stepper_is_on_the_path() -> None:
+    axes = {
+        name: replace(axis, gap=replace(axis.gap, lost_motion=0.0)) for name, axis in STEPPER.axes.items()
+    }
+    machine = replace(STEPPER, axes=axes)
+    slot = program("G61", "G0 X0 Y0", "G1 X10 F600", "G3 X10 Y6 J3", "G1 X0", "G3 X0 Y0 J-3")
+    found = program_error(run_program(slot, machine), machine, slot)
+    assert found.error.max < 1e-6
+
+
+def test_the_place_is_followed_there_and_back() -> None:
+    part = program("G61.1", "G1 X10 F600", "X0", "X10")
+    command = run_program(part, ROUTER)
+    leg, place = CutPath(part, ROUTER).follow(command)
+    assert place[-1] == pytest.approx(0.03, abs=1e-9)
+    assert np.diff(place).min() > -2e-6
+    assert leg[-1] == 2
+
+
+def test_distances_from_a_helix_are_those_of_a_fine_sampling() -> None:
+    path = CutPath(program("G0 X10 Y0 Z0", "G3 X10 Y0 Z-4 I-10 J0 F600"), ROUTER)
+    angle = np.linspace(0.0, math.tau, 200_001)
+    fine = np.stack([0.01 * np.cos(angle), 0.01 * np.sin(angle), -0.004 * angle / math.tau], axis=1)
+    random = np.random.default_rng(7)
+    rows = random.integers(20_000, 180_000, 50)
+    points = fine[rows] + random.normal(0.0, 5e-5, (50, 3))
+    expected = [float(np.linalg.norm(fine - point, axis=1).min()) for point in points]
+    place = path.starts[1] + rows / 200_000 * path.legs.length[1]
+    found = distances(shapes_of(path.legs), path.starts, points, place, np.full(50, 1e-3))
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("mode", "tolerance", "linking"),
+    [
+        (None, 0.0, 0.0), ("G64", 0.0, 0.0), ("G64 P0.01", 1e-5, 1e-5), ("G64 P0.01 Q0", 1e-5, 0.0),
+        ("G64 P0.02 Q0.005", 2e-5, 5e-6), ("G61", -1.0, 0.0), ("G61.1", -2.0, 0.0),
+    ],
+)  # fmt: skip
+def test_path_modes_are_read(mode: str | None, tolerance: float, linking: float) -> None:
+    assert tolerance_of(mode, 1e-3) == pytest.approx(tolerance)
+    assert linking_of(mode, 1e-3) == pytest.approx(linking)
+
+
+def test_only_axes_that_move_are_asked_for() -> None:
+    assert moved_axes(program("G0 X10 Y0", "G1 X20 F100")) == ("X",)
+    assert moved_axes(program("G0 X10 Y0", "G3 X10 Y0 I-5 J0 F100")) == ("X", "Y")
