@@ -21,6 +21,13 @@ EXACT = 1e-9
 """Lengths [m] that differ by no more are the same number: rounding of doubles, over many blocks of G91."""
 
 
+_LEAST = 0.01
+"""In a shorter dwell [s] a controller may not stand still, and blend away what is between two of them."""
+
+_ROUNDING = 1e-4
+"""Part of a dwell that its last digit may take away."""
+
+
 class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of both programs, side by side.
 
@@ -86,7 +93,9 @@ def _find_jogs(case: Case, hunk: IntArray, dwells: Dwells) -> BoolArray:
     """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
     motions = case.compensated.motions
     way = np.nan_to_num(np.abs(motions.end - motions.start))
-    ahead, behind = dwell_beside(motions.block, hunk, dwells, case.lines)
+    enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
+    long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
+    ahead, behind = dwell_beside(motions.block, hunk, long, case.lines)
     jog = np.zeros(hunk.size, dtype=bool)
     for axis, (offset, pulse) in declared_ways(case.declared).items():
         alone = np.all(np.delete(way, axis, axis=1) <= EXACT, axis=1)

@@ -72,12 +72,28 @@ def timed_dip() -> str:
     return "".join([*lines, "M2\n"])
 
 
+SPLINES = """G21 G90 G17 G64 P0.005 Q0
+G0 X0 Y0
+F1200
+G5 X20 Y10 I5 J0 P-5 Q-5
+G5 X40 Y20 P-10 Q2 I5 J5
+G5.1 X60 Y0 I5 J10
+G5.2 X60 Y0 P1 L3
+X65 Y5 P1
+X70 Y-5 P1
+X75 Y0 P1
+G5.3
+G1 X80
+M2
+"""
+
 CASES = {
     "rounded corners": (CORNERS.format(mode="G64 P0.02 Q0"), "router"),
     "corners rounded at will": (CORNERS.format(mode="G64"), "router"),
     "exact path": (CORNERS.format(mode="G61"), "mill"),
     "exact stop": (CORNERS.format(mode="G61.1"), "router"),
     "stops": (STOPS, "router"),
+    "splines": (SPLINES, "router"),
     "helix": (HELIX, "router"),
     "timed blocks": (timed_dip(), "stepper"),
     "short moves": (figure_eight(3000).replace("F400", "F2400"), "stepper"),

@@ -7,16 +7,12 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from ph_post.audit.deliver import Request, deliver
 from ph_post.compensate.options import PlanOptions
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.splice.header import declare
-from ph_post.gcode.splice.lasting import plan_offsets
 from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.windows import plan_windows
-from ph_post.gcode.splice.write import splice
 from ph_post.io.machinefile import read_machine
 from ph_post.types import Machine
 
@@ -90,14 +86,9 @@ def compensated(
     program: PartProgram, machine: Machine, dialect: Dialect, strategy: str | None = None
 ) -> bytes:
     """Write a program with the lasting offsets of a machine, or with the windows of a strategy."""
-    options = SpliceOptions()
-    if strategy is None:
-        edits = plan_offsets(program, machine, dialect, options)
-    else:
-        how = PlanOptions(strategy=strategy, carrier="program", inverse_dynamics=False, effort=0.01)
-        edits = plan_windows(program, paths_of(program), machine, how, options.tolerance).edits
-    declaration = declare(program, edits, machine, dialect, options, options_digest="0" * 64)
-    return splice(program, edits, dialect, declaration)
+    how = PlanOptions(strategy=strategy or "takeup", carrier="program", inverse_dynamics=False, effort=0.01)
+    asked = Request(plan=how, splice=SpliceOptions())
+    return deliver(program, replace(machine, dialect=dialect.name), asked).after.data
 
 
 def dialect_of(entry: Entry) -> Dialect:

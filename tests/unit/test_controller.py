@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from ph_post.errors import InputError
 from ph_post.gcode.controller.error import CutPath, program_error
 from ph_post.gcode.controller.moves import linking_of, moved_axes, tolerance_of
 from ph_post.gcode.controller.nearest import distances, shapes_of
@@ -167,3 +168,22 @@ def test_path_modes_are_read(mode: str | None, tolerance: float, linking: float)
 def test_only_axes_that_move_are_asked_for() -> None:
     assert moved_axes(program("G0 X10 Y0", "G1 X20 F100")) == ("X",)
     assert moved_axes(program("G0 X10 Y0", "G3 X10 Y0 I-5 J0 F100")) == ("X", "Y")
+
+
+def test_a_program_without_motion_has_no_path() -> None:
+    empty = program("M3 S100")
+    assert run_program(empty, ROUTER).t.size >= 1
+    with pytest.raises(InputError, match="moves nothing"):
+        CutPath(empty, ROUTER)
+
+
+def test_splines_are_as_long_as_their_curves() -> None:
+    part = program("G0 X0 Y0", "G5 X20 Y10 I5 J0 P-5 Q-5 F600")
+    u = np.linspace(0.0, 1.0, 100_001)[:, None]
+    p = [np.array(point) * 1e-3 for point in ((0, 0), (5, 0), (15, 5), (20, 10))]
+    curve = (1 - u) ** 3 * p[0] + 3 * u * (1 - u) ** 2 * p[1] + 3 * u**2 * (1 - u) * p[2] + u**3 * p[3]
+    length = np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()
+    assert CutPath(part, ROUTER).starts[-1] == pytest.approx(length, rel=1e-6)
+    command = run_program(part, ROUTER)
+    apart = np.linalg.norm(curve[None, ::100] - command.position[::50, None, :2], axis=2).min(axis=1)
+    assert apart.max() < 2e-5

@@ -1,4 +1,4 @@
-"""Real programs: what is read is what LinuxCNC reads, and compensation changes what it declares and no more."""
+"""Real programs: what is read is what LinuxCNC reads, and compensation changes only what it declares."""
 
 from __future__ import annotations
 

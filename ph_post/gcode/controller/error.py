@@ -13,6 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import maximum_filter1d
 
+from ph_post.errors import InputError
 from ph_post.gcode.controller.legs import Legs
 from ph_post.gcode.controller.moves import AXES, limit_table, programmed
 from ph_post.gcode.controller.nearest import distances, follow, shapes_of
@@ -59,11 +60,18 @@ class CutPath:
     ----------
     program : PartProgram
     machine : Machine
+
+    Raises
+    ------
+    InputError
+        Where the program has no motion.
     """
 
     def __init__(self, program: PartProgram, machine: Machine) -> None:
         legs = programmed(program, limit_table(machine))
         kept = np.flatnonzero(legs.length > 0.0)
+        if kept.size == 0:
+            raise InputError(program.name, "the program moves nothing that is understood")
         self.legs = Legs(*(np.ascontiguousarray(column[kept]) for column in legs))
         self.starts = np.concatenate([[0.0], np.cumsum(self.legs.length)])
         self._shapes = shapes_of(self.legs)

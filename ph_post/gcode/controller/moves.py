@@ -10,6 +10,7 @@ import numpy as np
 
 from ph_post.gcode.controller.legs import Legs, make_legs
 from ph_post.gcode.controller.linking import linked_ends
+from ph_post.gcode.controller.splines import with_splines
 from ph_post.gcode.reader.record import ARC, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.types import Array, BoolArray, IntArray, Limits, Machine
 
@@ -60,7 +61,12 @@ def moved_axes(program: PartProgram) -> tuple[str, ...]:
 
 
 def programmed(program: PartProgram, limits: Array) -> Legs:
-    """List the motions of a program as they are written, a leg each."""
+    """List the motions of a program as they are written: a leg each, several for a spline."""
+    return with_splines(_written(program, limits), program, limits)
+
+
+def _written(program: PartProgram, limits: Array) -> Legs:
+    """Make one leg of every motion, a straight one of a spline."""
     start, end = _ends(program)
     legs = make_legs(len(start))
     legs.motion[:], legs.share1[:] = np.arange(len(start)), 1.0

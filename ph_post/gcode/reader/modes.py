@@ -234,7 +234,8 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
     letter, value = words
     values, where, codes, given = room
     present, g, m, computed, refused = _gather(letter, value, low, high, values, where, codes)
-    given[:] = -1
+    for group in range(given.size):
+        given[group] = -1
     if refused >= 0:
         return 0, 0, computed, TWICE, refused
     odd, refused, word = _apply_g(value, codes, g, state, given)
@@ -326,12 +327,12 @@ def _flags(given: Any, state: Any) -> Any:
 
 
 @inner
-def _same(table: Any, row: int, state: Any) -> bool:
-    """Whether a row holds the state's modes; loops, as they compile in a tenth of the time of slices."""
-    same = True
-    for column in range(MODES):
-        same = same and table[row, column] == state[column]
-    return same
+def _is_row(table: Any, row: int, state: Any) -> Any:
+    """Whether a row of `table` holds the state's modes; in a loop, as whole arrays take long to compile."""
+    for column in range(MODES):  # noqa: SIM110 - compiled
+        if table[row, column] != state[column]:
+            return False
+    return True
 
 
 @inner
@@ -343,7 +344,7 @@ def _intern(state: Any, table: Any, slots: Any, count: int) -> Any:
     slot = np.int64((code >> np.uint64(20)) % np.uint64(slots.size))
     while slots[slot] >= 0:
         row = slots[slot]
-        if _same(table, row, state):
+        if _is_row(table, row, state):
             return row
         slot = (slot + 1) % slots.size
     slots[slot] = count
@@ -355,13 +356,9 @@ def _intern(state: Any, table: Any, slots: Any, count: int) -> Any:
 @inner
 def _grown(table: Any) -> Any:
     larger = np.empty((2 * table.shape[0], MODES))
-    for row in range(table.shape[0]):
-        for column in range(MODES):
-            larger[row, column] = table[row, column]
     slots = np.full(8 * table.shape[0], -1, np.int64)
     for row in range(table.shape[0]):
-        state = larger[row]
-        _intern(state, larger, slots, row)
+        _intern(table[row], larger, slots, row)
     return larger, slots
 
 
@@ -424,7 +421,7 @@ def resolve(words: Any, traits: Any, stretches: Any, end: int, columns: Any) -> 
             zeros[block] = room[3][0]
             motions[block] = _after(state, room[3], before)
             flags[block] = _flags(room[3], state)
-        if not _same(table, row, state):
+        if not _is_row(table, row, state):
             if count == table.shape[0]:
                 table, slots = _grown(table)
             row = _intern(state, table, slots, count)

@@ -180,7 +180,7 @@ def _value(name: str, text: str | None) -> Any:
 def _pauses(edits: Edits, dialect: Dialect) -> list[float]:
     """Return every dwell [s] as the dialect's digits have it."""
     told = (pause for stop in edits.stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    return [float(significant_text(pause, dialect.feed_digits)) for pause in told]
+    return [float(significant_text(pause, dialect.feed_digits)) for pause in told if pause > 0.0]
 
 
 def _seconds(time: float) -> str:

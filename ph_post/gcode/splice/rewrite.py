@@ -28,10 +28,10 @@ def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
         out[at], at = 45, at + 1
     elif style & 64:
         out[at], at = 43, at + 1
-    rest, count = abs(digits), 1
-    power = np.int64(10)
-    while rest // power > 0 and count < 19:
-        power, count = power * 10 if count < 18 else power, count + 1
+    rest, count = np.uint64(abs(digits)), 1
+    power = np.uint64(10)
+    while rest >= power and count < 19:
+        power, count = power * np.uint64(10), count + 1
     whole = max(count - decimals, 0)
     lead = max(whole, width) if width > 0 else whole
     size = lead + decimals
@@ -41,37 +41,34 @@ def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
     for n in range(size):
         if n == decimals and point:
             out[place], place = 46, place - 1
-        out[place], place = 48 + rest % 10, place - 1
-        rest //= 10
+        tenth = rest // np.uint64(10)
+        out[place], place = np.uint64(48) + (rest - tenth * np.uint64(10)), place - 1
+        rest = tenth
     if point and size == decimals:
         out[at] = 46
     return at + size + point
 
 
 @inner
-def _read_style(data: Any, start: int, end: int, digits: int, decimals: int, text: Any) -> Any:
-    """Tell the style of a word's number, and whether it is odd."""
-    plus, point, before = 0, 0, 0
+def _read_style(data: Any, start: int, end: int, digits: int, decimals: int) -> Any:
+    """Tell the style of a word's number, and whether it is odd: with blanks, or a minus before zero."""
+    plus, point, before, leading = 0, 0, 0, 0
+    odd = digits == 0 and data[start + 1] == 45
     for i in range(start + 1, end):
-        if data[i] == 43:
-            plus = 1
-        elif data[i] == 46:
+        c = data[i]
+        if 48 <= c <= 57:
+            if point == 0:
+                leading = 1 if before == 0 and c == 48 else leading
+                before += 1
+        elif c == 46:
             point = 1
-        elif 48 <= data[i] <= 57 and point == 0:
-            before += 1
-    natural, whole = 1, abs(digits)
-    for _ in range(decimals):
-        whole //= 10
-    zero = whole == 0
-    while whole > 9:
-        natural, whole = natural + 1, whole // 10
-    width = 0 if zero and before == 0 else 1 if before == natural else before
-    style = min(decimals, 31) + 32 * point + 64 * plus + 128 * min(width, 31)
-    size = _compose(digits, style, text, 0)
-    odd = size != end - start - 1
-    for i in range(size):
-        odd = odd or text[i] != data[start + 1 + i]
-    return style, odd
+        elif c == 43:
+            plus = 1
+        elif c != 45:
+            odd = True
+    width = before if before > 1 and leading else min(before, 1)
+    odd = odd or width > 31
+    return decimals | 32 * point | 64 * plus | min(width, 31) << 7, odd
 
 
 @compiled
@@ -101,10 +98,9 @@ def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -
     count = word.size
     pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
     style, odd = np.empty(count, np.uint16), np.zeros(count, np.uint8)
-    text = np.empty(LONGEST + 64, np.uint8)
     for n in range(count):
         w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
-        manner, strange = _read_style(data, start[w], end[w], digits[w], decimals[w], text)
+        manner, strange = _read_style(data, start[w], end[w], digits[w], decimals[w])
         style[n], odd[n] = manner, strange
         wide = max(decimals[w], places)
         value = digits[w] * _power(wide - decimals[w]) + steps * _power(wide - places)

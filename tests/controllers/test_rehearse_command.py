@@ -1,0 +1,54 @@
+"""``ph-post rehearse`` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from support.rehearsing import HERE, WHY_NOT
+from support.shop import SLOT
+
+from ph_post.cli.main import main
+
+pytestmark = pytest.mark.skipif(not HERE, reason=WHY_NOT)
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    place = tmp_path / "slot.ngc"
+    place.write_text(SLOT)
+    return place
+
+
+def test_json_log_and_picture(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, picture = part.with_suffix(".csv"), part.with_suffix(".png")
+    words = ["rehearse", str(part), "-m", "router", "--against", str(part), "--backlash"]
+    assert main([*words, "--json", "--log", str(log), "--plot", str(picture)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) >= {"speed", "path", "time", "error"}
+    assert found["error"]["after"] == found["error"]["before"]
+    assert found["error"]["backlash"]["rms"] < found["error"]["before"]["rms"]
+    assert found["time"]["controller"] == pytest.approx(found["time"]["plan"], rel=0.05)
+    header = next(line for line in log.read_text().splitlines() if not line.startswith("#"))
+    assert header.startswith("t,X_cmd,X_act,X_motor,Y_cmd")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_text_says_how_it_went(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["rehearse", str(part), "-m", "router"]) == 0
+    said = capsys.readouterr().out
+    assert "on LinuxCNC" in said
+    assert "rms off the plan" in said
+    assert "contour error [mm]" in said
+
+
+def test_what_linuxcnc_refuses_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "bad.ngc"
+    place.write_text("G21 G90\nG1 X1 F100\nM999\nM2\n")
+    assert main(["rehearse", str(place), "-m", "router"]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if "refuses the program" in line]
+    assert len(said) == 1
+    assert "bad.ngc:3" in said[0]
