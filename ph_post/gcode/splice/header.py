@@ -198,7 +198,8 @@ def _length(size: float, units: float) -> str:
 _HEAD = re.compile(
     rb"(?:\A|(?<=[\r\n]))\(ph-post (\S[^\r\n]*?) compensated this program\)[ \t]*(?:\r\n|\r|\n|\Z)"
 )
-_LENGTH = re.compile(r"(offset|pulse) ([XYZ]) ([-0-9.]+) (mm|inch)")
+_NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
+_LENGTH = re.compile(rf"(offset|pulse) ([XYZ]) {_NUMBER} (mm|inch)")
 _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})"), ("digest",)),
     (re.compile(r"machine (.*), sha256 ([0-9a-f]*)"), ("machine", "machine_digest")),
@@ -206,10 +207,10 @@ _FACTS = (
     (re.compile(r"(\d+) stops, (\d+) dips"), ("stops", "dips")),
     (
         re.compile(
-            r"dwell (\S+) s, decimals (\d+), chord tolerance (\S+) mm, block time (\S+) ms"
+            rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms"
             r"(?:, path mode (.*))?"
         ),
         ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
     ),
-    (re.compile(r"dwells up to (\S+) s, (\S+) s in all"), ("longest", "dwelt")),
+    (re.compile(rf"dwells up to {_NUMBER} s, {_NUMBER} s in all"), ("longest", "dwelt")),
 )
