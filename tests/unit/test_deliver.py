@@ -11,6 +11,7 @@ from ph_post.audit.deliver import Request, deliver
 from ph_post.audit.verify import verify
 from ph_post.compensate.options import PlanOptions
 from ph_post.errors import InputError
+from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits, Stop
@@ -97,3 +98,10 @@ def test_a_spline_begins_at_its_start_where_centres_are_absolute():
     """G90.1 is about arcs: I and J of a G5 are no places."""
     found = delivered("G21 G90 G90.1 G64\nG0 X0 Y0\nG1 X5 F600\nX2\nX4\nG5 X9 Y0 I1 J0 P0 Q0\nM2\n")
     assert b"G5 X9.025 Y0 I1 J0 P0 Q0" in found.after.data
+
+
+def test_a_rapid_beside_axes_that_are_nowhere_known_is_part_of_the_path():
+    """X and Y stand somewhere: a program that only drills has a path all the same."""
+    program = read_program(b"G21 G90\nG1 Z-21.5 F600\nZ-24.5\nG0 Z-22\nG1 Z-25\nM2\n", "part.ngc")
+    assert all(np.isfinite(path.s).all() for path in paths_of(program))
+    assert len(paths_of(program)) == 1

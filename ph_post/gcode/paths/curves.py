@@ -26,17 +26,18 @@ def curves_of(motions: Motions, number: int, columns: tuple[int, ...]) -> list[P
     """Curves of one motion that goes somewhere, in the axes whose columns are named.
 
     Arcs are exact where they lie in the plane of the path's first two axes, cubics and NURBS always; helices
-    and arcs in other planes are quintics (see SPAN).
+    and arcs in other planes are quintics (see SPAN). An axis that is nowhere known does not move, and is
+    taken to be at zero.
     """
     kind = int(motions.kind[number])
     if kind == CUBIC:
-        return [Bezier(motions.control[number][:, columns])]
+        return [Bezier(np.nan_to_num(motions.control[number][:, columns]))]
     if kind == NURBS:
         order, control, weights = motions.nurbs[number]
-        return [Nurbs(order - 1, _knots(order, len(control)), control[:, columns], weights)]
+        return [Nurbs(order - 1, _knots(order, len(control)), np.nan_to_num(control[:, columns]), weights)]
     if kind == ARC:
         return _arc(motions, number, columns)
-    return [Line(np.stack([motions.start[number, columns], motions.end[number, columns]]))]
+    return [Line(np.nan_to_num([motions.start[number, columns], motions.end[number, columns]]))]
 
 
 def _knots(order: int, count: int) -> Array:
@@ -47,7 +48,7 @@ def _knots(order: int, count: int) -> Array:
 
 def _arc(motions: Motions, number: int, columns: tuple[int, ...]) -> list[PiecewiseCurve]:
     first, second, _ = PLANE_AXES[int(motions.plane[number])]
-    start, end = motions.start[number, columns], motions.end[number, columns]
+    start, end = (np.nan_to_num(place[number, columns]) for place in (motions.start, motions.end))
     angle = float(motions.angle[number])
     flat = set(columns[:2]) == {first, second} and float(np.abs((end - start)[2:]).sum()) == 0.0
     center = _center(motions, number) if flat else None
@@ -81,7 +82,7 @@ def _center(motions: Motions, number: int) -> Array | None:
 def _helix(motions: Motions, number: int, columns: tuple[int, ...]) -> Composite:
     """Quintics with the places, first and second derivatives of a helix whose radius may change."""
     first, second, third = PLANE_AXES[int(motions.plane[number])]
-    start, end = motions.start[number], motions.end[number]
+    start, end = np.nan_to_num(motions.start[number]), np.nan_to_num(motions.end[number])
     center, angle = motions.center[number], float(motions.angle[number])
     ray, last = start[[first, second]] - center, end[[first, second]] - center
     radius, grows = math.hypot(*ray), math.hypot(*last) - math.hypot(*ray)
