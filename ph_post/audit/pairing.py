@@ -93,7 +93,9 @@ def _find_jogs(case: Case, hunk: PlaceArray, dwells: Dwells) -> BoolArray:
     """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
     motions = case.compensated.motions
     straight = np.flatnonzero((motions.kind == LINE) & (hunk != NO_HUNK))
-    way = np.nan_to_num(np.abs(motions.end[straight] - motions.start[straight]))
+    start, end = motions.start[straight], motions.end[straight]
+    # What comes from where it is not known moves some way, however short the others' are.
+    way = np.where(np.isnan(end), 0.0, np.where(np.isnan(start), np.inf, np.abs(end - start)))
     enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
     long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
     ahead, behind = dwell_beside(motions.block, hunk, long, case.lines)

@@ -76,7 +76,7 @@ def _check_part(case: Case, sides: tuple[_Side, _Side], part: slice) -> int:
     pairs = _Pairs(old=pairs.old[shifted], new=pairs.new[shifted])
     _check_amounts(case, pairs)
     old_kept, new_kept = _kept(original, old, pairs.old), _kept(compensated, new, pairs.new)
-    if case.lines.ends and new[-1] == case.lines.new[-1]:
+    if case.lines.ends and old[-1] == original.blocks - 1:
         text = compensated.text(int(new[-1]))
         new_kept[new_kept.size - (len(text) - len(text.rstrip(b"\r\n"))) :] = False
     for place in _differing(old_kept, new_kept, (original, old), (compensated, new)).tolist():

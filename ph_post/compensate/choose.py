@@ -17,7 +17,7 @@ from ph_post.compensate.surroundings import Surroundings, find_surroundings, hea
 from ph_post.compensate.trial import Trial
 from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal
-from ph_post.types import Axis, Crossing, Jog, Machine, Scenario
+from ph_post.types import Array, Axis, Crossing, Jog, Machine, Scenario
 
 WORK: Final = 2.0e7
 """Samples of one axis that may be simulated for a job: some ten seconds."""
@@ -32,7 +32,11 @@ KEPT: Final = 6
 """Turning points whose designs are remembered for the next one."""
 
 AS_GOOD: Final = 1.1
-"""How much worse a remembered design may be here before a new search is made."""
+"""How much worse a remembered design may be here before a new search is made; where nothing was found, how
+much the error of the plain motion may differ."""
+
+ROOMIER: Final = 1.01
+"""How much more room there may be where nothing was found, and nothing is searched."""
 
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
@@ -78,16 +82,20 @@ def searched(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...
 
 
 class Known(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What was found at a turning point."""
+    """What was found at a turning point: designs, or none that is better than the plain motion.
+
+    `plain` (scenarios,) are the errors of that [m].
+    """
 
     place: Surroundings
     drives: Drives
+    plain: Array
     found: Sequence[Found]
 
     def likens(self, place: Surroundings, drives: Drives) -> bool:
         """Whether another turning point is alike: in feed, in room, and in the drives that reverse."""
         same_feed = abs(np.log(place.cruise / self.place.cruise)) < ALIKE
-        enough = place.room >= min(self.place.room, max(one.side for one in self.found))
+        enough = place.room >= min(self.place.room, max((one.side for one in self.found), default=0.0))
         kinds = [[(axis.feedback, axis.servo, axis.gap) for axis, _ in own] for own in (drives, self.drives)]
         return bool(same_feed and enough and kinds[0] == kinds[1])
 
@@ -206,15 +214,14 @@ class _Chooser:
         if self._may_rest(drives) and not self.written:
             search.add_rest()
         for known in self.known:
-            if known.likens(place, drives) and self._serves(search, known.found):
+            if known.likens(place, drives) and self._serves(search, known):
                 return search.candidates()
         rows = trial.rows + 2.0 * case.budget / self.period
         calls = options.effort * WORK / (self.active * rows * len(trial.axes) * len(self.scenarios))
-        seeds = self.known[0].found if self.known else ()
+        seeds = next((known.found for known in self.known if known.found), ())
         found = search.explore(families, int(np.clip(calls, FEWEST, MOST)), seeds)
-        self.known = (
-            [Known(place=place, drives=drives, found=found), *self.known][:KEPT] if found else self.known
-        )
+        own = Known(place=place, drives=drives, plain=search.plain.error, found=found)
+        self.known = [own, *self.known][:KEPT]
         return found
 
     def _may_rest(self, drives: Drives) -> bool:
@@ -222,9 +229,13 @@ class _Chooser:
         return self.offsets and all(axis.feedback != "load" for axis, _ in drives)
 
     @staticmethod
-    def _serves(search: Search, known: Sequence[Found]) -> bool:
-        """Whether what was found elsewhere is as good here."""
-        for one in known:
+    def _serves(search: Search, known: Known) -> bool:
+        """Whether what was found elsewhere is as good here; or nothing, where there is no more room here."""
+        if not known.found:
+            errors = [np.log(one + FLOOR) for one in (search.plain.error, known.plain)]
+            same = bool(np.abs(errors[0] - errors[1]).max() <= np.log(AS_GOOD))
+            return same and search.case.place.room <= ROOMIER * known.place.room
+        for one in known.found:
             if one.design.stop:
                 continue
             again = search.look(one.family, one.x, one.budget)

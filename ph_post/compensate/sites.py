@@ -105,7 +105,7 @@ def find_site(index: int, window: Window, wish: Wish, feed: FeedAlong, room: flo
         if side < needed or feed.lowest(window.s, side) < SLOWEST * cruise:
             return f"no room: {needed / MM:.3g} mm of steady feed on either side are needed"
     lowest, half = feed.lowest(window.s, side), side / longer
-    if side <= SAME_PLACE or lowest <= 0.0:
+    if side <= SAME_PLACE or lowest < SLOWEST * cruise:
         return "no room for it: the path starts or ends here, or the motion stops"
     notes = tuple(_notes(window, wish, side, most, half / (lowest * mean)))
     return Site(window=index, s=window.s, half=half, cruise=lowest, shape=wish.shape, wish=wish, notes=notes)

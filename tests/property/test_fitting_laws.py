@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.motions import Tape
+from support.tape import Tape
 
 from ph_post.gcode.fitting.fit import fit_polyline
 from ph_post.gcode.fitting.record import Fit

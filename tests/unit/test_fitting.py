@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support.motions import Tape
+from support.tape import Tape
 
 from ph_post.gcode.fitting.arcs import MEETS_AT
 from ph_post.gcode.fitting.fit import fit_polyline

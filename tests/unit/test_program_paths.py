@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from support.motions import Tape
+from support.tape import Tape
 
 from ph_post.errors import InputError
 from ph_post.gcode.paths.build import left_out, main_path, paths_of

@@ -9,12 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ph_post.analysis import analyse
 from ph_post.compensate.choose import allocate
 from ph_post.compensate.families import Case, Family
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
 from ph_post.compensate.search import Bounds, Found, Search
 from ph_post.compensate.shapes import single
 from ph_post.compensate.surroundings import Surroundings
 from ph_post.compensate.trial import Design, Outcome
+from ph_post.gcode.paths.build import paths_of
+from ph_post.gcode.reader.read import read_program
+from ph_post.io.machinefile import read_machine
 
 PLAIN = np.array([1e-4, 1.5e-4, 0.8e-4])
 """Errors of the plain motion [m]: as the file has it, and in two other cases."""
@@ -141,3 +147,26 @@ def test_time_is_shared_out_as_well_as_by_trying_all_ways() -> None:
         ways = [way for way in product(*windows) if sum(one.longer for one in way) <= time]
         best = min(max(one.merit for one in way) for way in ways)
         assert max(one.merit for one in picked) == best
+
+
+SNAKE = "G21 G90 G17\nG0 X0 Y0\nG1 X40 F1000\n" + "".join(
+    f"G3 Y{20 + 40 * k} X40 I0 J10\nG1 X0\nG2 X0 Y{40 + 40 * k} I0 J10\nG1 X40\n" for k in range(3)
+)
+"""Six half circles; X turns in the middle of each, at places that are all alike."""
+
+
+def test_where_nothing_helped_no_place_that_is_alike_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    (path,) = paths_of(read_program(SNAKE.encode(), "snake.ngc"))
+    analysis = analyse(path.path, read_machine("mill"), 5e-6)
+    searched: list[float] = []
+
+    def nothing(search: Search, *_: Any) -> list[Found]:
+        searched.append(search.case.place.room)
+        return []
+
+    monkeypatch.setattr(Search, "explore", nothing)
+    make_plan(analysis, PlanOptions(strategy="takeup", carrier="program", effort=0.01))
+    assert len(analysis.windows) >= 6
+    # each place that is searched has more room than those before
+    assert 1 <= len(searched) <= 2
+    assert searched == sorted(searched)

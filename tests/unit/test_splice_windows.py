@@ -222,3 +222,16 @@ def test_a_long_program_is_planned_in_parts_that_share_the_time() -> None:
     # both half circles of every pass are turned in half-way, in parts as in a whole
     arcs = [stop.motion for stop in found.edits.stops if 0.0 < stop.share < 1.0]
     assert arcs == [k for k in range(45) if k % 5 in (2, 4)]
+
+
+def test_a_dip_that_is_shorter_than_a_block_at_an_end_of_a_motion_is_left_alone() -> None:
+    # X turns where both arcs meet: the ends of a dip are nearer to that place than half a block
+    program = program_of("G21 G90 G17\nG0 X-20 Y-20\nG1 X0 F1000\nG3 X20 Y0 I0 J20\nG3 X0 Y20 I-20 J0\nM2\n")
+    options = PlanOptions(strategy="suppress", ratio=0.9, degree=10, t_star=20.0 * MS)
+    for block_time, dips in ((10.0 * MS, 1), (100.0 * MS, 0)):
+        found = plan_windows(
+            program, paths_of(program), read_machine("mill"), options, 5e-6, block_time=block_time
+        )
+        assert len(found.edits.dips) == dips
+        short = [word for word in found.edits.warnings if "the dip would be shorter than a block" in word]
+        assert len(short) == 1 - dips

@@ -9,6 +9,7 @@ import numpy as np
 from ph_post.gcode.fitting.fit import fit_polyline
 from ph_post.gcode.fitting.record import ROUND, Fit
 from ph_post.gcode.paths.curves import curves_of
+from ph_post.gcode.paths.rounding import round_corners
 from ph_post.gcode.reader.record import CUBIC, LINE, RAPID, Motions
 from ph_post.geometry.base import MEETS, PiecewiseCurve
 from ph_post.geometry.composite import Composite
@@ -71,6 +72,8 @@ class _Assembly:
             self.loops.setdefault(int(self.before[row]), []).append(row)
         self.feed = self._feeds(start, end)
         self.segments: list[Segment] = []
+        self.smooth: list[bool] = []
+        """Whether each segment may be bent at its ends: not rapids, cubics, nor what ends in stops."""
         self.cubics: dict[int, PiecewiseCurve] = {}
         self.pieces = 0
         self.first_piece = np.zeros(rows.size, dtype=np.int64)
@@ -90,7 +93,8 @@ class _Assembly:
         s = np.empty(self.rows.size + 1)
         s[:-1] = track.arc_length(self.first_piece, self.foot)
         s[-1] = track.length
-        return tuple(self.segments), sealed(np.maximum.accumulate(s)), self.cubics
+        rounded = round_corners(track, np.maximum.accumulate(s), np.array(self.smooth), self.tolerance)
+        return rounded.segments, sealed(rounded.s), self.cubics
 
     def _path(self) -> Path:
         return Path(
@@ -201,6 +205,8 @@ class _Assembly:
     def _segment(self, curve: Curve, row: int) -> None:
         rapid = bool(self.motions.kind[self.rows[row]] == RAPID)
         self.segments.append(Segment(curve=curve, feed=None if rapid else float(self.feed[row]), rapid=rapid))
+        exact = bool(self.motions.exact[self.rows[row]])
+        self.smooth.append(not (rapid or exact or row in self.cubics))
         self.pieces += len(curve.pieces)  # type: ignore[attr-defined]
 
 

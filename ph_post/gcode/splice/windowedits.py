@@ -127,6 +127,9 @@ class _Windows:
             return
         times, s = self._cut(start, end)
         motion, share = self.path.to_motions(s)
+        if times.size < 2:
+            self._leave(window, int(motion[0]), "the dip would be shorter than a block")
+            return
         touched = self.motions.kind[motion[0] : motion[-1] + 1]
         for kind, what in ((RAPID, "a rapid"), (NURBS, "a NURBS, which is not divided")):
             if (touched == kind).any():
@@ -139,6 +142,7 @@ class _Windows:
 
         The ends of a dip and its middle, which ends a block as well, go to an end of a motion that is passed
         within half a block of them: so neither a dip nor what it leaves of a motion begins with a sliver.
+        Where both ends go to the same place, that alone is returned.
         """
         slack = 0.5 * self.block_time
         low, high = max(start - slack, 0.0), min(end + slack, self.motion.end)
@@ -155,7 +159,7 @@ class _Windows:
             np.linspace(a, b, count, endpoint=False)
             for (a, b), count in zip(pairwise(knots), counts, strict=True)
         ]
-        times = np.append(np.concatenate(parts), knots[-1])
+        times = np.concatenate([*parts, knots[-1:]])
         s = self.motion.place_and_feed(times)[0]
         # an end of a motion that was found by its time is that end
         kept = np.isin(joints, times)
