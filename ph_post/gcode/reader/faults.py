@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import codecs
+
 import msgspec
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader import arcs, codes, lexer
-from ph_post.types import IntArray
+from ph_post.gcode.reader.record import PlaceArray
 
 WIDTH = 100
 """Columns of a source line that are shown."""
@@ -55,7 +57,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     got: str = ""
 
 
-def refuse(name: str, data: bytes, lines: IntArray, fault: Fault, end: int | None = None) -> InputError:
+def refuse(name: str, data: bytes, lines: PlaceArray, fault: Fault, end: int | None = None) -> InputError:
     """Make the error of a fault, with its line and a caret under the `end` - `place` bytes it is about.
 
     Parameters
@@ -81,6 +83,8 @@ def refuse(name: str, data: bytes, lines: IntArray, fault: Fault, end: int | Non
     what, expected = _TEXTS.get(
         fault.code, ("not understood", "a program that is understood throughout (--strict)")
     )
+    if fault.code == lexer.BAD_CHARACTER and data.startswith(codecs.BOM_UTF8) and fault.place == 0:
+        what, expected, got = "byte order mark", "UTF-8 without one: controllers refuse it", "EF BB BF"
     line = _plain(data[first : int(lines[fault.block + 1])].rstrip(b"\r\n"))
     return InputError(
         where, what, expected=expected, got=got, excerpt=excerpt(line, column, max(len(word), 1))

@@ -7,14 +7,15 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.paths.build import line_words
+from ph_post.gcode.reader.record import RAPID, CodeArray, PartProgram
 from ph_post.gcode.splice.cost import motion_times, stop_cost
 from ph_post.gcode.splice.directions import CARRIED, CHAIN, MOTION, SHARE, SIGN, find_changes
 from ph_post.gcode.splice.dividing import why_whole
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.standing import cutting_feed
 from ph_post.gcode.splice.view import chain_spans, motion_view
-from ph_post.types import Array, BoolArray, IntArray, Machine
+from ph_post.types import Array, BoolArray, Machine
 from ph_post.units import MM
 
 _HALVINGS: Final = 6
@@ -93,8 +94,8 @@ class Search:
         """Leave an axis alone in a chain, and say so."""
         self.open[name][chain] = False
         block = self.program.motions.block
-        first, last = block[self.low[chain]] + 1, block[self.high[chain] - 1] + 1
-        self.warnings.append(f"axis {name} carries no lasting offset in lines {first} to {last}: {why}")
+        where = line_words(int(block[self.low[chain]]), int(block[self.high[chain] - 1]))
+        self.warnings.append(f"axis {name} carries no lasting offset in {where}: {why}")
 
     def unsplit(self, changes: dict[str, Array]) -> bool:
         """Give up where a motion cannot be divided at a change; whether there was any such place."""
@@ -184,6 +185,6 @@ def _upwards(fraction: float) -> float:
     return float(text)
 
 
-def _last_cut(kind: IntArray, low: int, high: int) -> int:
+def _last_cut(kind: CodeArray, low: int, high: int) -> int:
     """Return the last motion of a chain that is no rapid; a chain that is looked at has one."""
     return low + int(np.flatnonzero(kind[low:high] != RAPID)[-1])
