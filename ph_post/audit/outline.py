@@ -74,7 +74,7 @@ def motion_lengths(motions: Motions, which: IntArray) -> Array:
     curves = np.flatnonzero(np.isin(motions.kind[which], (CUBIC, NURBS)))
     for place in curves.tolist():
         points = _curve_points(motions, int(which[place]), _LENGTH_SAGITTA)
-        length[place] = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        length[place] = np.linalg.norm(np.nan_to_num(np.diff(points, axis=0)), axis=1).sum()
     return np.asarray(length)
 
 
@@ -129,7 +129,7 @@ def _curve_points(motions: Motions, motion: int, sagitta: float) -> Array:
     while True:
         fine = _evaluate(motions, motion, 2 * pieces)
         middle = 0.5 * (coarse[:-1] + coarse[1:])
-        if pieces >= _PIECES or float(np.abs(fine[1::2] - middle).max()) <= 0.5 * sagitta:
+        if pieces >= _PIECES or float(np.abs(np.nan_to_num(fine[1::2] - middle)).max()) <= 0.5 * sagitta:
             return fine
         pieces, coarse = 2 * pieces, fine
 

@@ -85,7 +85,10 @@ def _bulged(case: Case, pairing: Pairing) -> BoolArray:
 
 
 def _same_points(one: Array, other: Array, shift: Array) -> bool:
-    return one.shape == other.shape and bool(np.all(np.abs(other - shift - one) <= EXACT))
+    if one.shape != other.shape:
+        return False
+    off = np.abs(other - shift - one)
+    return bool(np.all((off <= EXACT) | (np.isnan(one) & np.isnan(other))))
 
 
 def check_amounts(case: Case, pairing: Pairing) -> None:
