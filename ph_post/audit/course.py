@@ -22,6 +22,9 @@ _HALVINGS = 32
 _LONGEST = 1.0
 """Deviations are told up to this length [m]."""
 
+_CELLS = 10**6
+"""Ways of more pairs of pieces than this take too long to tell how far they are apart."""
+
 _TOLD = 20
 """Of so many stretches the deviation is worked out."""
 
@@ -165,9 +168,11 @@ def _tell_way(case: Case, hunk: int, new: _Way, place: int, stuck: int, deviatio
     )  # fmt: skip
 
 
-def _deviation(old: _Way, new: _Way, place: int) -> float:
-    """How far the ways of a stretch are apart, in order [m]; no more than a metre."""
+def _deviation(old: _Way, new: _Way, place: int) -> float | None:
+    """How far the ways of a stretch are apart, in order [m], up to a metre; None where they are very long."""
     one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
+    if len(one) * len(other) > _CELLS:
+        return None
     ends = np.array([0, len(one)]), np.array([0, len(other)])
     low, high = 0.0, _LONGEST
     for _ in range(_HALVINGS):

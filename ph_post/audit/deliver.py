@@ -14,9 +14,10 @@ from ph_post.audit.verdict import Verdict
 from ph_post.audit.verify import verify
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import silent
+from ph_post.drive.required import require_drives
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.header import package_version
-from ph_post.gcode.paths.build import paths_of
+from ph_post.gcode.paths.build import moving_axes, paths_of
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
@@ -65,7 +66,6 @@ class Delivery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     windows: tuple[WindowPlan, ...] = ()
     verdict: Verdict | None = None
     done: bool = False
-    warnings: tuple[str, ...] = ()
 
 
 def deliver(
@@ -89,13 +89,15 @@ def deliver(
     Raises
     ------
     InputError
-        Where the program was compensated for something else before, or a change cannot be written.
+        Where the machine lacks an axis that the program moves, the program was compensated for something else
+        before, or a change cannot be written.
     PhPostError
         Where the outcome does not pass :func:`ph_post.audit.verify.verify`: nothing is to be written then.
     """
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return Delivery(before=original, after=program, done=True)
+    require_drives(moving_axes(original), "program", machine, machine.name)
     edits, windows = _plan(original, machine, request, tell)
     if not _changes(edits):
         return Delivery(before=original, after=original, edits=edits, windows=windows)
@@ -137,7 +139,8 @@ def _plan(
     lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
     if request.plan.strategy == "none":
         return lasting, ()
-    gaps = [axis.feedback for axis in machine.axes.values() if axis.gap.lost_motion > 0.0]
+    drives = [machine.axes[name] for name in moving_axes(program)]
+    gaps = [axis.feedback for axis in drives if axis.gap.lost_motion > 0.0]
     crossed = request.plan.strategy in OFFSETS and not request.plan.feed_only
     behind = sum(feedback != "load" for feedback in gaps) if crossed else 0
     if behind:

@@ -73,8 +73,8 @@ def motion_lengths(motions: Motions, which: IntArray) -> Array:
     length[arcs] = np.hypot(radius * motions.angle[which[arcs]], np.nan_to_num(rise))
     curves = np.flatnonzero(np.isin(motions.kind[which], (CUBIC, NURBS)))
     for place in curves.tolist():
-        points = _curve_points(motions, int(which[place]), _LENGTH_SAGITTA)
-        length[place] = np.linalg.norm(np.nan_to_num(np.diff(points, axis=0)), axis=1).sum()
+        points = np.nan_to_num(_curve_points(motions, int(which[place]), _LENGTH_SAGITTA))
+        length[place] = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     return np.asarray(length)
 
 

@@ -92,7 +92,9 @@ def _pairs(case: Case, old_hunk: IntArray, new_hunk: IntArray) -> tuple[IntArray
 def _find_jogs(case: Case, hunk: IntArray, dwells: Dwells) -> BoolArray:
     """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
     motions = case.compensated.motions
-    way = np.nan_to_num(np.abs(motions.end - motions.start))
+    way = np.abs(motions.end - motions.start)
+    # What comes from where it is not known moves some way, however short the others' are.
+    way = np.where(np.isnan(motions.end), 0.0, np.where(np.isnan(motions.start), np.inf, way))
     enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
     long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
     ahead, behind = dwell_beside(motions.block, hunk, long, case.lines)

@@ -87,8 +87,8 @@ def _bulged(case: Case, pairing: Pairing) -> BoolArray:
 def _same_points(one: Array, other: Array, shift: Array) -> bool:
     if one.shape != other.shape:
         return False
-    off = np.abs(other - shift - one)
-    return bool(np.all((off <= EXACT) | (np.isnan(one) & np.isnan(other))))
+    unknown = np.isnan(one) & np.isnan(other)
+    return bool(np.all((np.abs(other - shift - one) <= EXACT) | unknown))
 
 
 def check_amounts(case: Case, pairing: Pairing) -> None:

@@ -44,7 +44,7 @@ def check_wording(case: Case) -> None:
     _check_amounts(case, pairs)
     old_kept = _kept(original, lines.old, pairs.old)
     new_kept = _kept(compensated, lines.new, pairs.new)
-    if lines.ends and lines.new.size:
+    if lines.ends and lines.new.size and lines.old[-1] == original.blocks - 1:
         text, stop = compensated.text(int(lines.new[-1])), int(compensated.lines[lines.new[-1] + 1])
         new_kept[stop - (len(text) - len(text.rstrip(b"\r\n"))) : stop] = False
     foreign = compensated.data.find(b"\r") if b"\r" not in original.data else -1

@@ -14,7 +14,7 @@ from ph_post.compensate.options import Carrier, PlanOptions
 from ph_post.drive.effects import not_acting
 from ph_post.drive.interval import backlash_interval
 from ph_post.drive.intervaltable import IntervalTable, look_up
-from ph_post.errors import InputError
+from ph_post.drive.required import require_drives
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.writer import make_program
@@ -55,16 +55,6 @@ def load(
         drives = msgspec.structs.replace(drives, dialect=dialect)
     require_drives(path.axes, "path", drives, machine)
     return path, drives
-
-
-def require_drives(axes: Sequence[str], what: str, drives: Machine, machine: str) -> None:
-    """Refuse a machine that lacks an axis which `what` moves."""
-    for axis in axes:
-        if axis not in drives.axes:
-            raise InputError(
-                machine, f"the {what} moves axis {axis}, which has no drive", expected=f"[axes.{axis}]",
-                got=", ".join(f"[axes.{name}]" for name in drives.axes),
-            )  # fmt: skip
 
 
 def load_and_analyse(

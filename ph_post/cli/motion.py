@@ -11,11 +11,12 @@ import msgspec
 from msgspec.structs import replace
 
 from ph_post.analysis import Analysis
-from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options, require_drives
+from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
 from ph_post.compensate.comparison import limit_words
 from ph_post.compensate.limits import Violation, check_command
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.plan import make_plan
+from ph_post.drive.required import require_drives
 from ph_post.gcode.header import package_version
 from ph_post.io.logfile import log_content
 from ph_post.io.machinefile import read_machine

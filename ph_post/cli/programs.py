@@ -68,8 +68,7 @@ def _undo(source: str, data: bytes, target: Target | None) -> int:
 def _compensate(source: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
     from ph_post.audit.deliver import Request, deliver
     from ph_post.audit.outcome import weigh
-    from ph_post.cli.job import default_strategy, plan_options, require_drives
-    from ph_post.gcode.paths.build import moving_axes
+    from ph_post.cli.job import default_strategy, plan_options
     from ph_post.gcode.reader.read import read_program
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
@@ -84,7 +83,6 @@ def _compensate(source: str, data: bytes, how: dict[str, Any], target: Target | 
         if how["dialect"] is not None:
             machine = msgspec.structs.replace(machine, dialect=how["dialect"])
         program = read_program(data, source, strict=how["strict"])
-        require_drives(moving_axes(program), "program", machine, how["machine"])
         request = Request(plan=plan_options(how, "program"), splice=_splice_options(how), force=how["force"])
         found = deliver(program, machine, request, stage)
         products = {} if target is None else products_of(target, found.after.data, data)

@@ -49,7 +49,7 @@ def command(
       ph-post convert part.ngc -m router | ph-post rehearse - -m router --against part.ngc
     """
     from ph_post.audit.rehearse import original_of, rehearse
-    from ph_post.cli.job import require_drives
+    from ph_post.drive.required import require_drives
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.gcode.header import package_version
     from ph_post.io.atomic import Content, write_atomically

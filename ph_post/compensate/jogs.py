@@ -19,6 +19,9 @@ DWELL: Final = 10.0 * MS
 """Least dwell [s] before and after a jog: LinuxCNC, with a period of 1 ms, has been seen to stand still at
 both ends of jogs so separated, and to keep the time between them within 1 ms."""
 
+SETTLED: Final = 3.0
+"""After so many of its time constants c an axis has made 95 % of a crossing that was commanded."""
+
 LEAST: Final = 2.5e-3 * MM
 """Shortest jog [m]: shorter ones drown in the decimals of serial controllers and in the steps of motors. A
 smaller gap behind its loop is left alone."""
@@ -64,6 +67,21 @@ def make_jog(axis: Axis, travel: float, start: float, feed: float = math.inf) ->
 def whole_jog(axis: Axis, direction: int, start: float) -> Jog:
     """Cross the whole gap once, beginning at `start` [s]."""
     return make_jog(axis, axis.gap.lost_motion * direction, start)
+
+
+def corner_pause(axis: Axis) -> float:
+    """Return how long the path rests behind a jog in a corner, of an axis whose gap is behind its loop [s].
+
+    Going on earlier would begin with the motor still in the gap. Where an axis turns smoothly that does not
+    show, as it hardly moves at first.
+
+    Examples
+    --------
+    >>> from ph_post.io.machinefile import read_machine
+    >>> [round(corner_pause(read_machine(name).axes["X"]), 6) for name in ("stepper", "router")]
+    [0.01, 0.0501]
+    """
+    return max(DWELL, SETTLED * axis.servo.c)
 
 
 def carries_offset(axis: Axis) -> bool:

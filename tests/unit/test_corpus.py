@@ -152,6 +152,13 @@ def test_undoing_gives_every_byte_back(name, machine, strategy):
 
 
 @jobs
+def test_a_second_run_changes_nothing(name, machine, strategy):
+    _, output = programs(name, machine, strategy)
+    again = compensated(output, MACHINES[machine], dialect_of(ALL[name]), strategy)
+    assert again == output.data
+
+
+@jobs
 def test_linuxcnc_accepts_the_output_and_makes_the_same_of_what_is_not_declared(name, machine, strategy):
     if RS274 is None:
         pytest.skip("LinuxCNC's rs274 is not installed")

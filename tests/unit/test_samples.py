@@ -38,3 +38,10 @@ def test_standstill_by_feed():
     # Figure 7 at T = 6 s: V Δt with the Δt of PAPER_NOTES §1.
     travel = load("standstill_by_feed").standstill_travel(0.1308996939)
     assert travel == pytest.approx(0.1308996939 * 0.11874297, rel=1e-7)
+
+
+def test_compensate_program():
+    delivery, outcome = load("compensate_program").compensate_program("router")
+    # router.toml: half of the lost motions of 0.12, 0.08 and 0.01 mm.
+    assert delivery.edits.amplitude == pytest.approx({"X": 60e-6, "Y": 40e-6, "Z": 5e-6})
+    assert outcome.after.error.max < outcome.before.error.max / 3.0

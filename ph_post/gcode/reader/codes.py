@@ -44,6 +44,9 @@ TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END = 1, 2, 4, 8, 16, 32
  MISSING_CENTER, FOREIGN_CENTER, NO_RADIUS_END, TURNS, NO_DWELL) = range(20, 33)  # fmt: skip
 """Why a block is refused."""
 
+MOST_TURNS: Final = 1000
+"""An arc of more turns is a slip of the pen: threads have tens."""
+
 _GROUPS: Final[dict[int, tuple[int, ...]]] = {
     0: (40, 100, 280, 281, 300, 301, 520, 530, 920, 53),
     1: (0, 10, 20, 30, 50, 51, 52, 330, 331, 382, 383, 384, 385, 700, 710, 711, 712, 720, 721, 722, 730, 740,

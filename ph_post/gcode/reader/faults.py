@@ -35,7 +35,7 @@ _TEXTS = {
     codes.MISSING_CENTER: ("absolute centre that is not whole", "both words of the plane under G90.1"),
     codes.FOREIGN_CENTER: ("centre along an axis out of the arc's plane", "words of the active plane"),
     codes.NO_RADIUS_END: ("arc by its radius without an end", "an end word in the arc's plane"),
-    codes.TURNS: ("number of turns is none", "a whole P of at least 1"),
+    codes.TURNS: ("number of turns is none", f"a whole P from 1 to {codes.MOST_TURNS}"),
     codes.NO_DWELL: ("dwell without a time", "a P word"),
     NOT_UNDERSTOOD: ("not understood", "a program that is understood throughout"),
     arcs.RADII_DIFFER: ("radii of the arc differ", "as far from the centre at its start as at its end"),

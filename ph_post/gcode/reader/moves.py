@@ -86,7 +86,7 @@ def _write_arc(values: Any, modes: Any, position: Any, row: int, task: int, out:
         else:
             center[row, column] = position[axis] + (0.0 if np.isnan(told) else told)
     angle[row] = values[LETTER_R] * modes[UNITS]
-    count = 1 if np.isnan(values[LETTER_P]) else int(min(values[LETTER_P], 32767.0))
+    count = 1 if np.isnan(values[LETTER_P]) else int(values[LETTER_P])
     turns[row] = -count if task == ARC_CW else count
 
 

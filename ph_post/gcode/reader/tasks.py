@@ -53,6 +53,7 @@ from ph_post.gcode.reader.codes import (
     MACHINE,
     MISSING_CENTER,
     MIXED_CENTER,
+    MOST_TURNS,
     NO_CENTER,
     NO_DWELL,
     NO_FEED,
@@ -114,9 +115,8 @@ def _arc_fault(values: Any, present: int, where: Any, modes: Any) -> Any:  # noq
         return NO_RADIUS_END, where[LETTER_R]
     if not radius and modes[ARC_ABSOLUTE] == 1.0 and inside != (CENTER & ~(1 << third)):
         return MISSING_CENTER, -1
-    if (present >> LETTER_P) & 1 and (
-        values[LETTER_P] < 1.0 or values[LETTER_P] != np.floor(values[LETTER_P])
-    ):
+    turns = values[LETTER_P] if (present >> LETTER_P) & 1 else 1.0
+    if not 1.0 <= turns <= MOST_TURNS or turns != np.floor(turns):
         return TURNS, where[LETTER_P]
     return 0, -1
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ph_post.compensate.jogs import DWELL, PART, make_jog
+from ph_post.compensate.jogs import DWELL, PART, corner_pause, make_jog
 from ph_post.gcode.reader.record import ARC, CUBIC, RAPID, PartProgram
 from ph_post.gcode.splice.directions import CARRIED, MOTION, PASSED, SHARE
-from ph_post.types import Array, IntArray, Machine
+from ph_post.types import Array, Axis, IntArray, Machine
 
 
 def motion_times(program: PartProgram, machine: Machine) -> Array:
@@ -46,6 +46,11 @@ def least_acceleration(machine: Machine) -> float:
     return PART * min(axis.limits.acceleration for axis in machine.axes.values())
 
 
+def pauses(axis: Axis, rows: Array) -> Array:
+    """Rests [s] behind the jogs of one axis: longer where the path stands anyway, as in corners."""
+    return np.where(rows[:, PASSED] == 0.0, corner_pause(axis), DWELL)
+
+
 def stop_cost(changes: dict[str, Array], travel: dict[str, float], machine: Machine) -> float:
     """Time [s] that the changes of all axes cost.
 
@@ -55,7 +60,8 @@ def stop_cost(changes: dict[str, Array], travel: dict[str, float], machine: Mach
     jogs, places, speeds = 0.0, [], []
     for name, rows in changes.items():
         stopped = rows[rows[:, CARRIED] == 0.0]
-        jogs += len(stopped) * (make_jog(machine.axes[name], travel[name], 0.0).duration + DWELL)
+        axis = machine.axes[name]
+        jogs += len(stopped) * make_jog(axis, travel[name], 0.0).duration + pauses(axis, stopped).sum()
         places.append(stopped[:, [MOTION, SHARE]])
         speeds.append(stopped[:, PASSED])
     if not places:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -15,7 +15,8 @@ from ph_post.gcode.header import package_version
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.splice.grid import word_decimals
 from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.record import Edits
+from ph_post.gcode.splice.record import Edits, Stop
+from ph_post.gcode.splice.schedule import schedule, stops_written
 from ph_post.gcode.splice.standing import program_units
 from ph_post.types import Machine
 from ph_post.units import INCH, MM, MS
@@ -75,7 +76,10 @@ def declare(
     have them.
     """
     units = next(iter(program_units(program)), MM)
-    pauses = _pauses(edits, dialect)
+    decimals = word_decimals(dialect, units)
+    tasks = schedule(edits, program.motions, units * 10.0**-decimals)
+    count, stops = stops_written(tasks, program.motions)
+    pauses = _pauses(stops, dialect)
     return Declaration(
         version=package_version(),
         digest=program.digest,
@@ -85,12 +89,12 @@ def declare(
         units=units,
         offset=dict(edits.amplitude),
         pulse=dict(edits.pulse),
-        stops=len(edits.stops),
+        stops=count,
         dips=len(edits.dips),
         dwell=min(pauses, default=0.0),
         longest=max(pauses, default=0.0),
         dwelt=sum(pauses),
-        decimals=word_decimals(dialect, units),
+        decimals=decimals,
         chord_tolerance=options.chord_tolerance,
         block_time=options.block_time,
         path_mode=path_mode,
@@ -177,9 +181,9 @@ def _value(name: str, text: str | None) -> Any:
     return (text or "") if scale is None else float(str(text)) * scale
 
 
-def _pauses(edits: Edits, dialect: Dialect) -> list[float]:
+def _pauses(stops: Iterable[Stop], dialect: Dialect) -> list[float]:
     """Return every dwell [s] as the dialect's digits have it."""
-    told = (pause for stop in edits.stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    told = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
     return [float(significant_text(pause, dialect.feed_digits)) for pause in told if pause > 0.0]
 
 
@@ -194,7 +198,8 @@ def _length(size: float, units: float) -> str:
 _HEAD = re.compile(
     rb"(?:\A|(?<=[\r\n]))\(ph-post (\S[^\r\n]*?) compensated this program\)[ \t]*(?:\r\n|\r|\n|\Z)"
 )
-_LENGTH = re.compile(r"(offset|pulse) ([XYZ]) ([-0-9.]+) (mm|inch)")
+_NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
+_LENGTH = re.compile(rf"(offset|pulse) ([XYZ]) {_NUMBER} (mm|inch)")
 _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})"), ("digest",)),
     (re.compile(r"machine (.*), sha256 ([0-9a-f]*)"), ("machine", "machine_digest")),
@@ -202,10 +207,10 @@ _FACTS = (
     (re.compile(r"(\d+) stops, (\d+) dips"), ("stops", "dips")),
     (
         re.compile(
-            r"dwell (\S+) s, decimals (\d+), chord tolerance (\S+) mm, block time (\S+) ms"
+            rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms"
             r"(?:, path mode (.*))?"
         ),
         ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
     ),
-    (re.compile(r"dwells up to (\S+) s, (\S+) s in all"), ("longest", "dwelt")),
+    (re.compile(rf"dwells up to {_NUMBER} s, {_NUMBER} s in all"), ("longest", "dwelt")),
 )

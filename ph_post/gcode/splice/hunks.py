@@ -73,18 +73,27 @@ class HunkWriter:
         """Write the hunks of all tasks, which come in the order of travel."""
         for task in tasks:
             block = int(self._program.motions.block[task.motion])
-            inserted = task.whole and 0.0 not in task.stops and not self._ends(block)
-            yield from self._move_to(block + inserted)
-            if inserted:
+            if not task.whole or 0.0 in task.stops:
+                yield from self._move_to(block)
+            offset = self._before(task, block)
+            if not task.whole:
+                self._replaced(task, block, offset)
+            elif 1.0 in task.stops and self._ends(block):
+                # Between two stops of one hunk a short move could not be told from a jog.
+                yield from self._move_to(block, apart=True)
+                self._replaced(task, block, offset)
+            elif 1.0 in task.stops:
+                yield from self._move_to(block + 1)
                 self._behind(task, block)
-            else:
-                self._replaced(task, block)
         yield from self._move_to(self._program.blocks + 1)
 
-    def _move_to(self, block: int) -> Iterator[Hunk]:
-        """End the hunk before a line unless it goes on there, and name the mode where a line needs it."""
+    def _move_to(self, block: int, apart: bool = False) -> Iterator[Hunk]:
+        """End the hunk before a line unless it goes on there, and name the mode where a line needs it.
+
+        One that is to stand `apart` does not go on.
+        """
         hunk, self._stale = self._hunk, False
-        if hunk is None or hunk.block + hunk.removed == block:
+        if hunk is None or (hunk.block + hunk.removed == block and not apart):
             return
         last = hunk.block + hunk.removed - 1
         self._restore(last)
@@ -95,9 +104,14 @@ class HunkWriter:
         if relying is None:
             return
         self._stale = relying >= block
+        if wanted is None:
+            raise InputError(
+                f"{self._program.name}:{relying + 1}",
+                "a move in a mode that is not known, which a stop before it would change",
+                expected="a G word on this line",
+            )
         if not self._stale:
-            exchange = self._numbers(relying)
-            line = blocktext.edited(self._program, relying, exchange, [], first=wanted or "")
+            line = blocktext.edited(self._program, relying, self._numbers(relying), [], first=wanted)
             yield Hunk(block=relying, removed=1, lines=[line], label=["mode"])
 
     def _restore(self, block: int) -> None:
@@ -122,19 +136,22 @@ class HunkWriter:
         offset = self._carried.word[task.motion].astype(np.int64)
         self._stop(task.stops[1.0], self._wording(task.motion, block, offset), 1.0, offset)
 
-    def _replaced(self, task: Task, block: int) -> None:
-        """Write what comes before a motion and, unless its line can stay, the motion itself."""
-        stops = dict(task.stops)
+    def _before(self, task: Task, block: int) -> IntArray:
+        """Write the stop at the start of a motion, if there is one, and return the offset behind it."""
         offset = self._carried.before(task.motion)
+        if 0.0 in task.stops:
+            self._open(block, 0, block - 1)
+            self._stop(task.stops[0.0], self._wording(task.motion, block - 1, offset), 0.0, offset)
+        return offset
+
+    def _replaced(self, task: Task, block: int, offset: IntArray) -> None:
+        """Write a motion and its stops in place of its line."""
         self._open(block, 0, block - 1)
-        if 0.0 in stops:
-            self._stop(stops.pop(0.0), self._wording(task.motion, block - 1, offset), 0.0, offset)
-        if task.whole and not stops:
-            return
         assert self._hunk is not None
         self._hunk.removed += 1
         if self._program.motions.kind[task.motion] == RAPID and not task.whole:
             raise InputError(f"{self._program.name}:{block + 1}", "a rapid cannot be divided")
+        stops = {share: stop for share, stop in task.stops.items() if share > 0.0}
         self._divided(task, stops, block, offset)
 
     def _ends(self, block: int) -> bool:

@@ -23,6 +23,7 @@ from ph_post.compensate.jogs import DWELL, carries_offset, make_jog
 from ph_post.compensate.words import friction_words
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.splice.cost import pauses
 from ph_post.gcode.splice.directions import CARRIED, CHAIN, MOTION, SHARE, SIGN
 from ph_post.gcode.splice.grid import half_gap
 from ph_post.gcode.splice.merge import merge
@@ -135,11 +136,14 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
     made = np.flatnonzero((rows[:, CARRIED] == 0.0) & (steps != 0.0))
     velocity = {size: make_jog(axis, size * amplitude, 0.0).velocity for size in (1.0, 2.0, SEAT, SEAT + 1.0)}
     stops = []
-    for n in made.tolist():
+    for n, rest in zip(made.tolist(), pauses(axis, rows[made]), strict=True):
         ways = (-SEAT * steps[n], (SEAT + 1.0) * steps[n]) if seats[n] else (steps[n],)
         shifts = tuple(
             Shift(
-                axis=axis.name, travel=float(way) * amplitude, velocity=velocity[abs(float(way))], pause=DWELL
+                axis=axis.name,
+                travel=float(way) * amplitude,
+                velocity=velocity[abs(float(way))],
+                pause=float(rest),
             )
             for way in ways
         )

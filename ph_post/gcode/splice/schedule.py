@@ -54,6 +54,20 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[Task]:
     ]
 
 
+def stops_written(tasks: Iterable[Task], motions: Motions) -> tuple[int, list[Stop]]:
+    """Count the places at which the path stands, and return what is written there, in order.
+
+    Stops that came to one seat are one already. One at the end of a motion and one at the start of the next
+    line's are one standstill as well.
+    """
+    placed = [(task.motion, share, task.stops[share]) for task in tasks for share in sorted(task.stops)]
+    shared = sum(
+        (a[1], b[:2]) == (1.0, (a[0] + 1, 0.0)) and motions.block[b[0]] == motions.block[a[0]] + 1
+        for a, b in pairwise(placed)
+    )
+    return len(placed) - int(shared), [stop for _, _, stop in placed]
+
+
 def _pieces(dip: Dip, motions: Motions) -> Iterable[tuple[int, Part]]:
     """Cut the blocks of a dip at the ends of motions; their time goes by length."""
     places = zip(dip.motion.tolist(), dip.share.tolist(), strict=True)

@@ -1,0 +1,93 @@
+"""Programs compensated and judged: what is written passes, and what cannot be written is said in one line."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.compensated import headed
+from support.corpus import stepper
+from support.splicing import with_edits
+
+from ph_post.audit.deliver import Request, deliver
+from ph_post.audit.verify import verify
+from ph_post.compensate.options import PlanOptions
+from ph_post.errors import InputError
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.splice.record import Edits, Stop
+from ph_post.units import MM
+
+
+def asked(slowdown=10.0, strategy="takeup"):
+    how = PlanOptions(strategy=strategy, carrier="program", max_slowdown=slowdown)
+    return Request(plan=how, splice=SpliceOptions(max_slowdown=slowdown))
+
+
+def delivered(text, machine=None, request=None):
+    return deliver(
+        read_program(text.encode(), "part.ngc"),
+        machine or replace(stepper(), dialect="linuxcnc"),
+        request or asked(),
+    )
+
+
+def test_stops_that_come_to_one_seat_are_declared_as_one():
+    """Parts shorter than four steps are not cut off: these stops are a tenth of a nanometre apart."""
+    program = read_program(b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nM2\n", "part.ngc")
+    stops = tuple(Stop(motion=1, share=share, pause=0.01, shifts=()) for share in (0.5, 0.50000001))
+    machine = stepper()
+    made = with_edits(program, Edits(offset=np.zeros((2, 3)), stops=stops), machine, "linuxcnc")
+    assert made.text.count(b"G4 P0.01") == 1
+    assert b"(ph-post: 1 stops, 0 dips)" in made.text
+    verdict = verify(program, read_program(made.text, "out"), tolerance=0.005 * MM, machine=machine)
+    assert [one.sentence() for one in verdict.failures] == []
+
+
+def test_a_machine_without_an_axis_of_the_program_is_refused():
+    machine = stepper()
+    axes = {name: machine.axes[name] for name in "XY"}
+    with pytest.raises(InputError, match="moves axis Z, which has no drive"):
+        delivered("G21 G90 G0 X0 Y0 Z5\nG1 Z0 F100\nX5\nM2\n", replace(machine, axes=axes))
+
+
+def test_a_last_line_without_an_end_may_be_replaced():
+    """Its line end comes with the hunk; the line before it has had its own all along."""
+    found = delivered("G21 G90\nG0 X5 Z5\nG1 X9 Z1 F600\nX3 Z0\nG1 X0 M2")
+    assert found.after.data != found.before.data
+
+
+def test_a_spline_at_an_unknown_height_is_the_same_spline():
+    found = delivered("G21 G90 G64\nG0 X0 Y0\nG1 X5 F600\nX2\nG5 X7 Y0 I0 J0 P0 Q0\nM2\n")
+    assert found.after.data != found.before.data
+
+
+def test_a_divided_spline_at_an_unknown_height_has_a_length():
+    found = delivered(
+        "G21 G90 G64\nG0 X0 Y0\nG1 Y5 F600\nX2\nG5 X7 Y5 I0 J3 P0 Q-3\nM2\n",
+        replace(stepper(), dialect="grblhal"),
+    )
+    assert found.after.data.count(b"G5") > 2
+
+
+def test_a_short_cut_from_an_unknown_height_is_no_jog():
+    """X goes 0.03 mm, no farther than its pulses, between two stops; Z comes from where it is not known."""
+    original = "G21 G90 G17 G94\nG0 X0 Y0\nG1 X5 F600\nX4.97 Z1\nM2\n"
+    hunk = "G4 P0.01\nG1 X4.975 F60\nG4 P0.01\nX4.945 Z1 F600\nG4 P0.01\nG1 X4.97 F60\nG4 P0.01\nF600\n"
+    text = f"{{header}}G21 G90 G17 G94\nG0 X0.025 Y0\nG1 X5.025 F600\n(ph-post: +8 -1 X)\n{hunk}M2\n"
+    amounts = "(ph-post: offset X 0.025 mm)\n(ph-post: pulse X 0.04 mm)"
+    programs = [read_program(data, "p") for data in headed(original, text, amounts, stops=2, dips=0)]
+    verdict = verify(*programs, tolerance=0.005 * MM)
+    assert [one.sentence() for one in verdict.failures] == []
+
+
+def test_a_line_that_goes_on_in_the_mode_of_a_spline_is_refused_in_one_line():
+    """LinuxCNC takes no G5 without the word; behind a stop, which is made with a G1, it would be a line."""
+    lines = "G5 X10 Y0 I0 J3 P0 Q-3\nX12 Y0 I0 J3 P0 Q-3\n"
+    with pytest.raises(InputError, match="mode that is not known"):
+        delivered(f"G21 G90 G64\nG0 X0 Y0 Z0\nG1 X5 F600\n{lines}M2\n")
+
+
+@pytest.mark.parametrize("end", ["M2", "M30"])
+def test_a_short_cut_that_ends_the_program_is_no_jog(end):
+    """It stands in a hunk, between the stop at which X turns and the one that takes the offset back."""
+    found = delivered(f"G21 G90\nG0 X0 Y0\nG1 X5 F600\nX4.93 {end}\n")
+    assert found.after.data.count(b"(ph-post: +") == 3
