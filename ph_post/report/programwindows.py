@@ -47,7 +47,7 @@ def window_views(delivery: Delivery, machine: Machine, tolerance: float) -> list
 
 
 def _done(plans: Sequence[WindowPlan]) -> dict[Place, View]:
-    """What plans do at their turning points; a path may have been planned in parts."""
+    """Tell what plans do at their turning points; a path may have been planned in parts."""
     found: dict[Place, View] = {}
     for made in plans:
         plan = made.plan
