@@ -128,8 +128,8 @@ def _curve_points(motions: Motions, motion: int, sagitta: float) -> Array:
     coarse = _evaluate(motions, motion, pieces)
     while True:
         fine = _evaluate(motions, motion, 2 * pieces)
-        middle = 0.5 * (coarse[:-1] + coarse[1:])
-        if pieces >= _PIECES or float(np.abs(fine[1::2] - middle).max()) <= 0.5 * sagitta:
+        off = np.nan_to_num(fine[1::2] - 0.5 * (coarse[:-1] + coarse[1:]))
+        if pieces >= _PIECES or float(np.abs(off).max()) <= 0.5 * sagitta:
             return fine
         pieces, coarse = 2 * pieces, fine
 

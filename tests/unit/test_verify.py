@@ -61,6 +61,37 @@ def test_an_arc_divided_where_its_axis_turns():
     assert kinds(judged(*corner())) == []
 
 
+SPLINE = "G21 G90 G94\nG0 X0 Y0\nG1 X-5 F600\nG1 X0\nG5 I10 J0 P0 Q-10 X20 Y20\nG1 Y30\nM2\n"
+"""Where Z is nobody knows. Half of the spline is at (13.75, 6.25), by de Casteljau's rule."""
+
+HALVES = "G5 X13.75 Y6.25 I5 J0 P-3.75 Q-3.75\nG5 X20 Y20 I3.75 J3.75 P0 Q-5 F500\n"
+
+
+@pytest.mark.parametrize(
+    ("halves", "found"),
+    [
+        (HALVES, []),
+        (HALVES.replace("F500", "F700"), ["feed"]),
+        (HALVES.replace("J3.75", "J4.25"), ["path"]),
+        ("G4 P0.01\nG5 I10 J0 P0 Q-10 X20 Y20 F600\n", []),
+    ],
+)
+def test_splines_in_a_plane_whose_height_is_not_known(halves, found):
+    hunk = f"(ph-post: +3 -1 feed)\n{halves}F600\n"
+    compensated = SPLINE.replace("G5 I10 J0 P0 Q-10 X20 Y20\n", hunk)
+    stops, dips = (1, 0) if "G4" in halves else (0, 1)
+    assert kinds(judged(*headed(SPLINE, "{header}" + compensated, "", stops=stops, dips=dips))) == found
+
+
+def test_splines_outside_hunks_are_the_same():
+    hunk = "(ph-post: +1 -0 rest)\nG4 P0.01\n"
+    for line in ("G5 I10 J0 P0 Q-10 X20 Y20\n", "G5 I10 J0 P0 Q-12 X20 Y20\n"):
+        compensated = SPLINE.replace("G1 Y30", hunk + "G1 Y30")
+        text = compensated.replace("G5 I10 J0 P0 Q-10 X20 Y20\n", line)
+        verdict = judged(*headed(SPLINE, "{header}" + text, "", stops=1, dips=0))
+        assert verdict.ok == (text == compensated)
+
+
 def test_comments_of_replaced_lines_stay():
     assert kinds(judged(*corner(HUNK.replace(" (round)", "")))) == ["comment"]
 
