@@ -66,7 +66,6 @@ class Delivery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     windows: tuple[WindowPlan, ...] = ()
     verdict: Verdict | None = None
     done: bool = False
-    warnings: tuple[str, ...] = ()
 
 
 def deliver(
@@ -140,7 +139,8 @@ def _plan(
     lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
     if request.plan.strategy == "none":
         return lasting, ()
-    gaps = [axis.feedback for axis in machine.axes.values() if axis.gap.lost_motion > 0.0]
+    drives = [machine.axes[name] for name in moving_axes(program)]
+    gaps = [axis.feedback for axis in drives if axis.gap.lost_motion > 0.0]
     crossed = request.plan.strategy in OFFSETS and not request.plan.feed_only
     behind = sum(feedback != "load" for feedback in gaps) if crossed else 0
     if behind:

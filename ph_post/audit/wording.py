@@ -13,7 +13,16 @@ from ph_post.audit.align import as_mask
 from ph_post.audit.case import Case
 from ph_post.audit.declared import Amount
 from ph_post.audit.verdict import shown
-from ph_post.gcode.reader.record import RAPID, ByteArray, CodeArray, PartProgram, PlaceArray, Words, span_of
+from ph_post.gcode.reader.record import (
+    ARC,
+    RAPID,
+    ByteArray,
+    CodeArray,
+    PartProgram,
+    PlaceArray,
+    Words,
+    span_of,
+)
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MM
 
@@ -124,7 +133,7 @@ def _may_shift(case: Case, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArr
     letter = compensated.words.letter[pairs.new]
     absolute, centres = (_modes(compensated, name, block) for name in ("absolute", "arc_absolute"))
     axis = np.isin(letter, [ord(name) for name in case.declared.offsets])
-    centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres
+    centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres & (kind == ARC)
     moving = (kind >= 0) & (sides[1].kind[block] >= 0)
     changed = _changed(case, sides, pairs)
     return np.asarray(changed & moving & ((axis & (absolute | (kind == RAPID))) | centre))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.cli.outputs import BACKUP
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
@@ -31,10 +30,10 @@ if TYPE_CHECKING:
 @click.option(
     "--backup",
     is_flag=False,
-    flag_value=BACKUP,
+    flag_value=options.BACKUP,
     default=None,
     metavar="END",
-    help=f"With --in-place: keep what was there as part.ngcEND. [{BACKUP}]",
+    help=f"With --in-place: keep what was there as part.ngcEND. [{options.BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
 @click.option(

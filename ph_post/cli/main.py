@@ -63,9 +63,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(_usage_line(error))
     except (click.Abort, KeyboardInterrupt):
         return _refuse("interrupted; nothing more was written", status=130)
-    except BrokenPipeError:
-        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - stays open for the flush at exit
-        return 0
+    except OSError as error:
+        if state.get("debug"):
+            traceback.print_exc()
+        return _refuse_stream(error)
     except PhPostError as error:
         if state.get("debug"):
             traceback.print_exc()
@@ -75,6 +76,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         return _refuse(f"internal error: {type(error).__name__}: {error}; --debug shows where")
     return result if isinstance(result, int) else 0
+
+
+def _refuse_stream(error: OSError) -> int:
+    """End where nothing more can be printed: at its reader's wish, or for want of room."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - stays open for the flush at exit
+    if isinstance(error, BrokenPipeError):
+        return 0
+    place, reason = error.filename or "standard output", error.strerror or str(error)
+    return _refuse(f"{place}: cannot be read or written; got {reason}")
 
 
 def _usage_line(error: click.ClickException) -> str:

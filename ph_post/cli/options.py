@@ -12,6 +12,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 DEFAULT_TOLERANCE_MM = 0.005
 """ε of the windows where the user names none [mm]."""
 
+BACKUP = ".bak"
+"""Ending of a backup where the user names none."""
+
 
 def _set_debug(ctx: click.Context, _parameter: click.Parameter, value: bool) -> None:
     if value:

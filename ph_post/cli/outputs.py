@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,6 @@ import msgspec
 
 from ph_post.errors import InputError
 from ph_post.io.source import STDIN
-
-BACKUP = ".bak"
-"""Ending of a backup where the user names none."""
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,8 +31,8 @@ def choose_target(source: str, how: dict[str, Any]) -> Target | None:
     wanted = [
         name
         for name, given in (
-            ("-o", how["output"]),
-            ("--suffix", how["suffix"]),
+            ("-o", how["output"] is not None),
+            ("--suffix", how["suffix"] is not None),
             ("--in-place", how["in_place"]),
         )
         if given
@@ -43,18 +41,24 @@ def choose_target(source: str, how: dict[str, Any]) -> Target | None:
         raise click.UsageError(f"one place for the program; got {' and '.join(wanted)}")
     if how["backup"] and not how["in_place"]:
         raise click.UsageError("--backup is for --in-place, which replaces the original")
+    if how["output"] == "":
+        raise click.UsageError("-o needs the name of a file; got an empty one")
     if not wanted or wanted == ["-o"]:
         return Target(program=how["output"]) if wanted else None
     if source == STDIN:
         raise click.UsageError(f"{wanted[0]} needs a file; got standard input")
     file = Path(source)
-    if how["suffix"]:
+    if wanted == ["--suffix"]:
+        if not how["suffix"] or "/" in how["suffix"] or os.sep in how["suffix"]:
+            raise click.UsageError(f"--suffix needs an end for the file's name; got {how['suffix']!r}")
         return Target(program=str(file.with_name(file.stem + how["suffix"] + file.suffix)))
     return Target(program=source, backup=f"{source}{how['backup']}" if how["backup"] else None)
 
 
 def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, str | bytes]:
-    """Return what to write by file name.
+    """Return what to write by file name, in this order: the backup stands before the original is replaced.
+
+    Where nothing changes there is nothing to keep, and an older backup, of the original, stays.
 
     Parameters
     ----------
@@ -67,7 +71,7 @@ def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, st
     InputError
         Where the backup would overwrite something else: it may be the only copy of the original.
     """
-    if target.backup is None:
+    if target.backup is None or program == replaced:
         return {target.program: program}
     there = Path(target.backup)
     if there.exists() and there.read_bytes() != replaced:
@@ -75,4 +79,4 @@ def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, st
             target.backup, "the backup is there already and holds something else",
             expected="another ending after --backup, or that file moved away",
         )  # fmt: skip
-    return {target.program: program, target.backup: replaced}
+    return {target.backup: replaced, target.program: program}

@@ -8,6 +8,7 @@ import click
 import msgspec
 
 from ph_post.cli.outputs import Target, choose_target, products_of
+from ph_post.io.source import STDIN
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
@@ -37,11 +38,12 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
     target = choose_target(source, how) or (None if as_json else Target(program="-"))
     if as_json and target is not None and target.program == "-":
         raise click.UsageError("standard output can take one product; got -o and --json")
+    name = "stdin" if source == STDIN else source
     if how["undo"]:
-        return _undo(source, data, target)
+        return _undo(name, data, target)
     if how["machine"] is None:
         raise click.UsageError("Missing option '-m' / '--machine'")
-    return _compensate(source, data, how, target, as_json)
+    return _compensate(name, data, how, target, as_json)
 
 
 def _refuse_path_options(how: dict[str, Any]) -> None:
@@ -54,18 +56,22 @@ def _refuse_path_options(how: dict[str, Any]) -> None:
         raise click.UsageError(f"{given[0]} is for path files; a part program keeps its own")
 
 
-def _undo(source: str, data: bytes, target: Target | None) -> int:
+def _undo(name: str, data: bytes, target: Target | None) -> int:
     """Write the original of a compensated program."""
     from ph_post.gcode.splice.undo import undo
     from ph_post.io.atomic import write_atomically
+    from ph_post.report.deliveries import written_lines
 
     if target is None:
         raise click.UsageError("--undo writes a program and prints no object; leave out --json")
-    write_atomically(products_of(target, undo(data, source), data))
+    products = products_of(target, undo(data, name), data)
+    write_atomically(products)
+    for line in written_lines(products):
+        click.echo(line, err=True)
     return 0
 
 
-def _compensate(source: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
+def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
     from ph_post.audit.deliver import Request, deliver
     from ph_post.audit.outcome import weigh
     from ph_post.cli.job import default_strategy, plan_options
@@ -82,7 +88,7 @@ def _compensate(source: str, data: bytes, how: dict[str, Any], target: Target | 
         machine = read_machine(how["machine"])
         if how["dialect"] is not None:
             machine = msgspec.structs.replace(machine, dialect=how["dialect"])
-        program = read_program(data, source, strict=how["strict"])
+        program = read_program(data, name, strict=how["strict"])
         request = Request(plan=plan_options(how, "program"), splice=_splice_options(how), force=how["force"])
         found = deliver(program, machine, request, stage)
         products = {} if target is None else products_of(target, found.after.data, data)

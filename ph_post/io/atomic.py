@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pathlib
+import secrets
 import shutil
 import stat
 import sys
@@ -34,7 +35,8 @@ def write_atomically(products: Mapping[str, Content]) -> None:
     Each file is first written beside its place under a temporary name, so that a full disk or a missing
     folder is met before anything is touched; then all are moved into place. A file that was there keeps its
     permissions; of a symbolic link the target is replaced. ``-`` is standard output; it and devices cannot
-    be taken back and are written after the temporary files and before the moves.
+    be taken back and are written after the temporary files and before the moves. The moves follow the order
+    of `products`: a run killed between two of them has made the first.
 
     Parameters
     ----------
@@ -60,8 +62,10 @@ def write_atomically(products: Mapping[str, Content]) -> None:
         _commit(files)
     finally:
         for product in files:
-            product.fresh.unlink(missing_ok=True)
-            product.old.unlink(missing_ok=True)
+            # What could not be made need not be taken away: a read-only disk refuses both.
+            with contextlib.suppress(OSError):
+                product.fresh.unlink(missing_ok=True)
+                product.old.unlink(missing_ok=True)
 
 
 def _encoded(content: Content) -> bytes:
@@ -88,7 +92,8 @@ def _plan(name: str, content: Content, number: int) -> _Product:
             )
         if place.exists() and not os.access(place, os.W_OK):
             raise InputError(name, "cannot be written", got="a write-protected file")
-    stem = f".ph-post-{os.getpid()}-{number}"
+    # By chance, not by process: what a killed run left behind must not be in the way of one of its number.
+    stem = f".ph-post-{secrets.token_hex(6)}-{number}"
     fresh, old = place.with_name(f"{stem}.new"), place.with_name(f"{stem}.old")
     return _Product(name=name, place=place, data=_encoded(content), fresh=fresh, old=old)
 
@@ -126,6 +131,8 @@ def _stage(product: _Product) -> None:
 
 def _send(name: str, data: bytes) -> None:
     if name == STDOUT:
+        if sys.stdout is None:
+            raise InputError("standard output", "cannot be written", got="a closed stream")
         sys.stdout.flush()
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()

@@ -7,6 +7,7 @@ import pathlib
 import sys
 from typing import BinaryIO
 
+from ph_post.errors import InputError
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.io.source import STDIN, told_errors
@@ -23,6 +24,8 @@ def read_program_file(source: str | os.PathLike[str], *, strict: bool = False) -
         Where the file cannot be read, and as :func:`~ph_post.gcode.reader.read.read_program`.
     """
     if os.fspath(source) == STDIN:
+        if sys.stdin is None:
+            raise InputError("stdin", "cannot be read", got="a closed stream")
         return read_program(_read_lines(sys.stdin.buffer), "stdin", strict=strict)
     file = pathlib.Path(source)
     with told_errors(file), file.open("rb") as stream:

@@ -56,6 +56,8 @@ def read_raw(source: str | os.PathLike[str]) -> Raw:
         Where the file is missing, a directory or unreadable.
     """
     if os.fspath(source) == STDIN:
+        if sys.stdin is None:
+            raise InputError("stdin", "cannot be read", got="a closed stream")
         return Raw(name="stdin", stem="stdin", data=sys.stdin.buffer.read())
     file = pathlib.Path(source)
     with told_errors(file):

@@ -20,12 +20,15 @@ def delivery_lines(delivery: Delivery, outcome: Outcome | None, products: Iterab
     if delivery.done:
         yield f"{name}: compensated already for this machine, with these options: kept as it is"
     else:
-        yield f"{name}: {_changes(delivery)}{_times(outcome)}"
+        yield f"{name}: {_changes(delivery)}{_times(delivery, outcome)}"
     for warning in warnings_of(delivery):
         yield f"warning: {warning}"
-    for product in products:
-        if product != "-":
-            yield f"wrote {product}"
+    yield from written_lines(products)
+
+
+def written_lines(products: Iterable[str]) -> Iterator[str]:
+    """Name the files that were written."""
+    return (f"wrote {product}" for product in products if product != "-")
 
 
 def warnings_of(delivery: Delivery) -> tuple[str, ...]:
@@ -45,19 +48,31 @@ def _changes(delivery: Delivery) -> str:
     edits = delivery.edits
     if edits is None or delivery.verdict is None:
         return "nothing to change"
-    facts = [f"{len(edits.stops)} stops"] if edits.stops else []
-    facts += [f"{len(edits.dips)} feed dips"] if edits.dips else []
-    facts += [f"{axis} carries {size / MM:g} mm" for axis, size in sorted(edits.amplitude.items())]
+    facts = [counted(len(edits.stops), "stop")] if edits.stops else []
+    facts += [counted(len(edits.dips), "feed dip")] if edits.dips else []
+    facts += [f"{axis} carries {size / MM:.4g} mm" for axis, size in sorted(edits.amplitude.items())]
     facts += [
-        f"{axis} goes out and back by up to {size / MM:g} mm" for axis, size in sorted(edits.pulse.items())
+        f"{axis} goes out and back by up to {size / MM:.4g} mm" for axis, size in sorted(edits.pulse.items())
     ]
     return ", ".join(facts)
 
 
-def _times(outcome: Outcome | None) -> str:
+def counted(number: int, what: str) -> str:
+    """Count things in words.
+
+    Examples
+    --------
+    >>> counted(1, "stop"), counted(2, "stop")
+    ('1 stop', '2 stops')
+    """
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _times(delivery: Delivery, outcome: Outcome | None) -> str:
     if outcome is None:
         return ""
-    return f"; cycle time {outcome.before.time:.3f} s before, {outcome.after.time:.3f} s after"
+    apart = ", not counting what is passed through" if delivery.before.notes else ""
+    return f"; cycle time {outcome.before.time:.3f} s before, {outcome.after.time:.3f} s after{apart}"
 
 
 def delivery_view(

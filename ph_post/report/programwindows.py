@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from ph_post.types import IntArray, Machine, TurningPoint
 
 AXES = "XYZ"
 
+MILLION = 10**6
+
+Place = tuple[str, int, int]
+
 
 def window_views(delivery: Delivery, machine: Machine, tolerance: float) -> list[View]:
     """Return every turning point of a program as ``inspect`` has it, path by path, with what was done there.
@@ -33,36 +37,49 @@ def window_views(delivery: Delivery, machine: Machine, tolerance: float) -> list
     `line` is that of the program; `tolerance` the ε of the windows [m]. `strategy` is `takeup` where an axis
     gets another lasting offset.
     """
-    planned = {one.path.chain: one for one in delivery.windows}
+    done = _done(delivery.windows)
     views: list[View] = []
     for path in paths_of(delivery.before):
-        made = planned.get(path.chain)
-        analysis = made.analysis if made is not None else analyse(path.path, machine, tolerance)
-        for view in _of_path(delivery, path, analysis, made):
+        analysis = analyse(path.path, machine, tolerance)
+        for view in _of_path(delivery, path, analysis, done):
             views.append({**view, "index": len(views)})
     return views
 
 
+def _done(plans: Sequence[WindowPlan]) -> dict[Place, View]:
+    """Tell what plans do at their turning points; a path may have been planned in parts."""
+    found: dict[Place, View] = {}
+    for made in plans:
+        plan = made.plan
+        for point, place in zip(plan.turning_points, _places(made.path, plan.turning_points), strict=True):
+            number = window_number(plan, point)
+            found[place] = {
+                "strategy": strategy_at(plan, point),
+                "profile": profile_view(None if number is None else plan.profiles[number]),
+                "crossings": [crossing_view(one) for one in crossings_at(plan, point)],
+            }
+    return found
+
+
+def _places(path: ProgramPath, points: Sequence[TurningPoint]) -> list[Place]:
+    """Return where points are on the program: axis, motion, and its share to a millionth."""
+    motion, share = path.to_motions(np.array([point.s for point in points]))
+    rows = zip(points, motion.tolist(), share.tolist(), strict=True)
+    return [(point.axis, number, round(part * MILLION)) for point, number, part in rows]
+
+
 def _of_path(
-    delivery: Delivery, path: ProgramPath, analysis: Analysis, made: WindowPlan | None
+    delivery: Delivery, path: ProgramPath, analysis: Analysis, done: Mapping[Place, View]
 ) -> Iterator[View]:
     points = analysis.turning_points
-    motion, _ = path.to_motions(np.array([point.s for point in points]))
+    places = _places(path, points)
+    motion = np.array([number for _, number, _ in places], dtype=np.int64)
     lines = delivery.before.motions.block[motion] + 1
     shifted = _shifted(delivery.edits, path, points, motion)
-    for view, point, line, carried in zip(
-        turning_point_views(analysis), points, lines.tolist(), shifted, strict=True
-    ):
-        done: View = {"strategy": "none", "profile": None, "crossings": []}
-        if made is not None:
-            number = window_number(made.plan, point)
-            crossings = crossings_at(made.plan, point)
-            done = {
-                "strategy": strategy_at(made.plan, point),
-                "profile": profile_view(None if number is None else made.plan.profiles[number]),
-                "crossings": [crossing_view(one) for one in crossings],
-            }
-        yield {**view, **done, **({"strategy": "takeup"} if carried else {}), "line": line}
+    rows = zip(turning_point_views(analysis), places, lines.tolist(), shifted, strict=True)
+    for view, place, line, carried in rows:
+        what = done.get(place, {"strategy": "none", "profile": None, "crossings": []})
+        yield {**view, **what, **({"strategy": "takeup"} if carried else {}), "line": line}
 
 
 def _shifted(

@@ -142,3 +142,37 @@ def test_a_device_or_pipe_is_written_to_and_stays_one(tmp_path):
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     write_atomically({os.devnull: "nowhere"})
     assert stat.S_ISCHR(pathlib.Path(os.devnull).stat().st_mode)
+
+
+def test_what_a_killed_run_left_is_not_in_the_way(tmp_path, monkeypatch):
+    kept = iter(["aa", "bb"])
+    monkeypatch.setattr(atomic.secrets, "token_hex", lambda _size: next(kept))
+    (tmp_path / f".ph-post-{os.getpid()}-0.new").write_text("half", encoding="utf-8")
+    for _ in range(2):
+        write_atomically({str(tmp_path / "a"): "whole"})
+        assert (tmp_path / "a").read_text(encoding="utf-8") == "whole"
+
+
+def test_a_disk_that_refuses_the_tidying_up_is_told_as_the_place(tmp_path, monkeypatch):
+    def refuse(*_arguments, **_named):
+        raise OSError(30, "Read-only file system")
+
+    for name in ("open", "unlink"):
+        monkeypatch.setattr(pathlib.Path, name, refuse)
+    with pytest.raises(InputError, match="a: cannot be written; got Read-only file system"):
+        write_atomically({str(tmp_path / "a"): "x"})
+
+
+def test_files_are_moved_in_the_order_they_are_given(tmp_path, monkeypatch):
+    moved, honest = [], pathlib.Path.replace
+    monkeypatch.setattr(
+        pathlib.Path, "replace", lambda self, place: (moved.append(place.name), honest(self, place))
+    )
+    write_atomically({str(tmp_path / "b"): "1", str(tmp_path / "a"): "2"})
+    assert moved == ["b", "a"]
+
+
+def test_a_closed_standard_output_is_refused(monkeypatch):
+    monkeypatch.setattr("sys.stdout", None)
+    with pytest.raises(InputError, match="standard output: cannot be written; got a closed stream"):
+        write_atomically({"-": "x"})

@@ -34,6 +34,9 @@ def test_the_place_follows_from_the_options(given, target):
         ("part.ngc", {"output": "a", "backup": ".bak"}, "--backup is for --in-place"),
         ("-", {"in_place": True}, "--in-place needs a file"),
         ("-", {"suffix": "_bl"}, "--suffix needs a file"),
+        ("part.ngc", {"output": ""}, "-o needs the name of a file"),
+        ("part.ngc", {"suffix": ""}, "--suffix needs an end for the file's name; got ''"),
+        ("part.ngc", {"suffix": "/../x"}, "--suffix needs an end for the file's name"),
     ],
 )
 def test_what_contradicts_itself_is_refused(source, given, said):
@@ -43,7 +46,17 @@ def test_what_contradicts_itself_is_refused(source, given, said):
 
 def test_a_backup_keeps_what_is_replaced(tmp_path):
     target = Target(program=str(tmp_path / "a.ngc"), backup=str(tmp_path / "a.ngc.bak"))
-    assert products_of(target, b"new", b"old") == {target.program: b"new", target.backup: b"old"}
+    kept = products_of(target, b"new", b"old")
+    assert kept == {target.program: b"new", target.backup: b"old"}
+    # A run killed between the two leaves the original twice, never not at all.
+    assert list(kept) == [target.backup, target.program]
+
+
+def test_where_nothing_changes_an_older_backup_stays(tmp_path):
+    place = tmp_path / "a.ngc.bak"
+    place.write_bytes(b"the only original")
+    target = Target(program=str(tmp_path / "a.ngc"), backup=str(place))
+    assert products_of(target, b"compensated", b"compensated") == {target.program: b"compensated"}
 
 
 def test_a_backup_never_overwrites_another(tmp_path):

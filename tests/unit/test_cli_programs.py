@@ -93,7 +93,12 @@ def test_in_place_with_a_backup_and_beside(circle, capfdbinary):
     assert run(capfdbinary, "convert", circle, *ROOMY, "--in-place", "--backup")[0] == 0
     assert circle.read_bytes() == beside
     assert circle.with_name("circle.ngc.bak").read_bytes() == CIRCLE
-    assert run(capfdbinary, "convert", circle, "--undo", "--in-place")[0] == 0
+    # Again: nothing changes, and the backup of the original is not in the way.
+    assert run(capfdbinary, "convert", circle, *ROOMY, "--in-place", "--backup")[0] == 0
+    assert circle.read_bytes() == beside
+    assert circle.with_name("circle.ngc.bak").read_bytes() == CIRCLE
+    status, _, said = run(capfdbinary, "convert", circle, "--undo", "--in-place")
+    assert (status, said) == (0, f"wrote {circle}\n")
     assert circle.read_bytes() == CIRCLE
 
 
@@ -197,3 +202,31 @@ def test_a_path_file_has_nothing_to_undo(capfdbinary):
     status, _, said = run(capfdbinary, "convert", "circle", "--undo")
     assert status == 2
     assert "--undo is for a part program" in said
+
+
+def test_standard_input_is_called_so_in_messages(capfdbinary, feed):
+    feed(b"G21\nG1 X10\n")
+    status, _, said = run(capfdbinary, "convert", "-", *ROOMY, "-o", "-")
+    assert status == 2
+    assert said.startswith("ph-post: stdin:2:1: cut without a feed")
+
+
+def test_a_closed_standard_input_is_told_in_a_line(capfdbinary, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", None)
+    for command in (("convert", "-", *ROOMY), ("verify", "-", "part.ngc")):
+        status, _, said = run(capfdbinary, *command)
+        assert (status, said) == (2, "ph-post: stdin: cannot be read; got a closed stream\n")
+
+
+def test_a_full_standard_output_is_told_in_a_line(circle, capfdbinary, monkeypatch):
+    class Full(io.StringIO):
+        def write(self, _text):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(sys, "stdout", Full())
+    status, _, said = run(capfdbinary, "verify", circle, circle)
+    sys.stdout.close()
+    assert (status, said) == (
+        2,
+        "ph-post: standard output: cannot be read or written; got No space left on device\n",
+    )

@@ -91,3 +91,9 @@ def test_a_short_cut_that_ends_the_program_is_no_jog(end):
     """It stands in a hunk, between the stop at which X turns and the one that takes the offset back."""
     found = delivered(f"G21 G90\nG0 X0 Y0\nG1 X5 F600\nX4.93 {end}\n")
     assert found.after.data.count(b"(ph-post: +") == 3
+
+
+def test_a_spline_begins_at_its_start_where_centres_are_absolute():
+    """G90.1 is about arcs: I and J of a G5 are no places."""
+    found = delivered("G21 G90 G90.1 G64\nG0 X0 Y0\nG1 X5 F600\nX2\nX4\nG5 X9 Y0 I1 J0 P0 Q0\nM2\n")
+    assert b"G5 X9.025 Y0 I1 J0 P0 Q0" in found.after.data

@@ -46,11 +46,11 @@ def sentences(one: Declaration) -> list[str]:
     """Say what a declaration says."""
     found = [f"compensated by ph-post {one.version} for {one.machine}, from sha256 {one.digest[:16]}"]
     found += [
-        f"{axis} is commanded {size / MM:.6g} mm ahead in the direction it moves"
+        f"{axis} is commanded {size / MM:.4g} mm ahead in the direction it moves"
         for axis, size in sorted(one.offset.items())
     ]
     found += [
-        f"{axis} is moved out and back by up to {size / MM:.6g} mm at stops"
+        f"{axis} is moved out and back by up to {size / MM:.4g} mm at stops"
         for axis, size in sorted(one.pulse.items())
     ]
     if one.stops or one.dips:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+
 import msgspec
 
 from ph_post.errors import InputError
@@ -81,6 +83,8 @@ def refuse(name: str, data: bytes, lines: PlaceArray, fault: Fault, end: int | N
     what, expected = _TEXTS.get(
         fault.code, ("not understood", "a program that is understood throughout (--strict)")
     )
+    if fault.code == lexer.BAD_CHARACTER and data.startswith(codecs.BOM_UTF8) and fault.place == 0:
+        what, expected, got = "byte order mark", "UTF-8 without one: controllers refuse it", "EF BB BF"
     line = _plain(data[first : int(lines[fault.block + 1])].rstrip(b"\r\n"))
     return InputError(
         where, what, expected=expected, got=got, excerpt=excerpt(line, column, max(len(word), 1))

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.paths.build import line_words
 from ph_post.gcode.reader.record import RAPID, CodeArray, PartProgram
 from ph_post.gcode.splice.cost import motion_times, stop_cost
 from ph_post.gcode.splice.directions import CARRIED, CHAIN, MOTION, SHARE, SIGN, find_changes
@@ -93,8 +94,8 @@ class Search:
         """Leave an axis alone in a chain, and say so."""
         self.open[name][chain] = False
         block = self.program.motions.block
-        first, last = block[self.low[chain]] + 1, block[self.high[chain] - 1] + 1
-        self.warnings.append(f"axis {name} carries no lasting offset in lines {first} to {last}: {why}")
+        where = line_words(int(block[self.low[chain]]), int(block[self.high[chain] - 1]))
+        self.warnings.append(f"axis {name} carries no lasting offset in {where}: {why}")
 
     def unsplit(self, changes: dict[str, Array]) -> bool:
         """Give up where a motion cannot be divided at a change; whether there was any such place."""

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.reader.record import ARC, RAPID, PartProgram
 from ph_post.gcode.splice.record import Stop
 from ph_post.gcode.splice.schedule import Task
 from ph_post.simulate.compiling import compiled, inner
@@ -80,9 +80,12 @@ def changed_words(program: PartProgram, found: Carried) -> Changed:
 
 @inner
 def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, after: Any, word: Any) -> Any:
-    """Tell what is added to a word of a motion; under G91 only a rapid changes an offset by its own word."""
+    """Tell what is added to a word of a motion; under G91 only a rapid changes an offset by its own word.
+
+    Of centres only those of arcs are absolute: I and J of a G5 always begin at its start.
+    """
     if letter < 88:
-        return int(word[k, letter - 73]) if arc_absolute else 0
+        return int(word[k, letter - 73]) if arc_absolute and kind[k] == ARC else 0
     axis = letter - 88
     if absolute:
         return int(word[k, axis])

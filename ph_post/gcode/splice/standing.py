@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.gcode.paths.build import line_words
 from ph_post.gcode.reader.record import CUBIC, NURBS, RAPID, PartProgram
 from ph_post.gcode.splice.view import chain_spans
 from ph_post.types import Array, BoolArray
@@ -124,8 +125,8 @@ def tell_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: i
     told = []
     for why, marks in blocked.items():
         for chain in np.flatnonzero(marks)[:most].tolist():
-            first, last = block[low[chain]] + 1, block[high[chain] - 1] + 1
-            told.append(f"lines {first} to {last} carry no lasting offset: {why}")
+            where = line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
+            told.append(f"no lasting offset in {where}: {why}")
         if marks.sum() > most:
             told.append(f"{int(marks.sum()) - most} more stretches like these: {why}")
     return told
