@@ -153,15 +153,27 @@ def _follow_shifts(
     latest[new + 1] = new + 1
     latest = np.maximum.accumulate(latest)
     before, after = np.empty((number, 3)), np.empty((number, 3))
-    for axis in range(3):  # one by one, as there may be a million motions
-        added = np.where(jog, np.nan_to_num(other.end[:, axis] - other.start[:, axis]), 0.0)
-        total = np.append(0.0, np.cumsum(added))
-        known = np.zeros(number + 1)
-        known[new + 1] = np.nan_to_num(other.end[new, axis] - one.end[old, axis])
-        shift = known[latest] + total - total[latest]
+    for axis in range(3):  # one by one, each in a call of its own: there may be a million motions
+        shift = _shift_of(one.end[:, axis], other.start[:, axis], other.end[:, axis], (old, new, latest), jog)
         before[:, axis], after[:, axis] = shift[:-1], shift[1:]
+        del shift
         before[new, axis] = np.nan_to_num(other.start[new, axis] - one.start[old, axis])
     return before, after
+
+
+def _shift_of(
+    old_end: Array, start: Array, end: Array, pairs: tuple[PlaceArray, PlaceArray, PlaceArray], jog: BoolArray
+) -> Array:
+    """Shift of an axis before the first motion and after each, (k + 1,): the latest pair's, and jogs."""
+    old, new, latest = pairs
+    total = np.zeros(jog.size + 1)
+    np.cumsum(np.where(jog, np.nan_to_num(end - start), 0.0), out=total[1:])
+    shift = np.zeros(jog.size + 1)
+    shift[new + 1] = np.nan_to_num(end[new] - old_end[old])
+    shift = shift[latest]
+    shift += total
+    shift -= total[latest]
+    return shift
 
 
 def millimetres(shift: Array) -> str:
