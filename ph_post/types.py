@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+Sealed = TypeVar("Sealed", bound=NDArray[Any])
 
 Sense = Literal["max", "min"]
 TurningKind = Literal["smooth", "corner", "dwell", "cusp"]
@@ -31,7 +33,7 @@ def frozen(values: Any) -> Array:
     return sealed(np.array(values, dtype=np.float64))
 
 
-def sealed(array: Array) -> Array:
+def sealed(array: Sealed) -> Sealed:
     """Return an array that nobody else holds, from now on read-only: :func:`frozen` without a copy."""
     array.setflags(write=False)
     return array

@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.audit.declared import Declaration
 from ph_post.audit.verdict import Findings, shown
-from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reader.record import PartProgram, PlaceArray
 from ph_post.types import BoolArray, IntArray
 
 _MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*")
@@ -46,10 +46,10 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """
 
     hunks: Hunks
-    old: IntArray
-    new: IntArray
-    old_hunk: IntArray
-    new_hunk: IntArray
+    old: PlaceArray
+    new: PlaceArray
+    old_hunk: PlaceArray
+    new_hunk: PlaceArray
     ends: bool
 
 
@@ -89,7 +89,7 @@ def _markers(
     A line of the same bytes that the original has in that place is the original's.
     """
     found: list[tuple[int, int, int]] = []
-    begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int64)
+    begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int32)
     lines = np.searchsorted(compensated.lines, begins, side="right") - 1
     behind, shift = declared.last, declared.last - declared.first
     for line in lines[compensated.lines[lines] == begins].tolist():
@@ -126,7 +126,10 @@ def _alignment(
     apart[declared.first : declared.last] = True
     apart[declared.tail :] = True
     apart[hunks.marker] = True
-    old, new = np.flatnonzero(old_hunk == NO_HUNK), np.flatnonzero((new_hunk == NO_HUNK) & ~apart)
+    old, new = (
+        np.flatnonzero(outside).astype(np.int32)
+        for outside in (old_hunk == NO_HUNK, (new_hunk == NO_HUNK) & ~apart)
+    )
     shared = min(old.size, new.size)
     ends = declared.tail < compensated.blocks and not _has_end(original)
     return Alignment(
@@ -134,8 +137,8 @@ def _alignment(
     )
 
 
-def _hunk_of_lines(lines: int, first: IntArray, last: IntArray) -> IntArray:
-    hunk = np.full(lines, NO_HUNK, dtype=np.int64)
+def _hunk_of_lines(lines: int, first: IntArray, last: IntArray) -> PlaceArray:
+    hunk = np.full(lines, NO_HUNK, dtype=np.int32)
     inside, number = expand(first, last)
     hunk[inside] = number
     return hunk

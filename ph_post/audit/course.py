@@ -5,6 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from ph_post.audit.align import NO_HUNK
 from ph_post.audit.case import Case
 from ph_post.audit.frechet import follow
 from ph_post.audit.orders import Dwells
@@ -121,14 +122,16 @@ def _grid(case: Case, found: Stretches) -> Array:
 def _doubtful_jogs(case: Case, pairing: Pairing, dwells: Dwells) -> BoolArray:
     """Find moves that count as part of the way, but look like a jog that is not as it should be."""
     motions = case.compensated.motions
-    way = np.nan_to_num(np.abs(motions.end - motions.start))
+    straight = np.flatnonzero((motions.kind == LINE) & ~pairing.jog & (pairing.new_hunk != NO_HUNK))
+    way = np.nan_to_num(np.abs(motions.end[straight] - motions.start[straight]))
     alone = (way > EXACT).sum(axis=1) == 1
     ahead, behind = dwell_beside(motions.block, pairing.new_hunk, dwells, case.lines)
     amount = np.zeros(way.shape[0], dtype=bool)
     for axis, (offset, pulse) in declared_ways(case.declared).items():
         amount |= is_declared(way[:, axis], offset, 0.0) | (np.abs(way[:, axis] - pulse) <= EXACT)
-    straight = (motions.kind == LINE) & ~pairing.jog
-    return np.asarray(straight & alone & ((ahead & behind) | amount))
+    doubts = np.zeros(motions.kind.size, dtype=bool)
+    doubts[straight] = alone & ((ahead & behind)[straight] | amount)
+    return doubts
 
 
 def _tell_jogs(case: Case, doubts: BoolArray, found: Stretches, place: int) -> bool:

@@ -66,14 +66,17 @@ def _swings(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
 
     The last two in half turns from where the axis is farthest; radius 0 where the axis does not swing.
     """
-    every = np.arange(motions.kind.size)
-    columns = plane_columns(motions, every)
-    spoke = np.take_along_axis(motions.start, columns[:, :2], axis=1) - motions.center
-    radius = np.where((motions.kind == ARC) & (columns[:, 2] != axis), np.hypot(*spoke.T), 0.0)
+    # Zeros that nothing is written to take no memory.
+    middle, radius, begin, sweep = (np.zeros(motions.kind.size) for _ in range(4))
+    arcs = np.flatnonzero(motions.kind == ARC)
+    columns = plane_columns(motions, arcs)
+    spoke = np.take_along_axis(motions.start[arcs], columns[:, :2], axis=1) - motions.center[arcs]
     second = columns[:, 1] == axis
-    begin = np.arctan2(spoke[:, 1], spoke[:, 0]) / math.pi - 0.5 * second
-    middle = motions.center[every, second.astype(np.int64)]
-    return middle, np.nan_to_num(radius), begin, motions.angle / math.pi
+    middle[arcs] = motions.center[arcs, second.astype(np.int64)]
+    radius[arcs] = np.nan_to_num(np.where(columns[:, 2] != axis, np.hypot(*spoke.T), 0.0))
+    begin[arcs] = np.arctan2(spoke[:, 1], spoke[:, 0]) / math.pi - 0.5 * second
+    sweep[arcs] = motions.angle[arcs] / math.pi
+    return middle, radius, begin, sweep
 
 
 @inner

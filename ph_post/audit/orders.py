@@ -10,7 +10,7 @@ import numpy as np
 from ph_post.audit.align import NO_HUNK
 from ph_post.audit.case import Case
 from ph_post.audit.verdict import shown
-from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reader.record import PartProgram, PlaceArray
 from ph_post.types import Array, IntArray
 
 _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)
@@ -53,7 +53,7 @@ def check_orders(case: Case) -> None:
         _check_remarks(case, hunk)
 
 
-def _commands(program: PartProgram, hunk: IntArray) -> Array:
+def _commands(program: PartProgram, hunk: PlaceArray) -> Array:
     """Hunk, letter and value of the words that are neither geometry nor free, shape (3, n)."""
     words = program.words
     free = (words.letter == _G) & np.isin(words.value, _FREE)

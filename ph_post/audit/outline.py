@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from ph_post.audit.align import expand
-from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, PLANE_AXES, Motions
+from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, PLANE_AXES, Motions, PlaceArray
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
 
@@ -87,7 +87,7 @@ def places_on(motions: Motions, which: IntArray, share: Array) -> Array:
     return points
 
 
-def plane_columns(motions: Motions, which: IntArray) -> IntArray:
+def plane_columns(motions: Motions, which: IntArray | PlaceArray) -> IntArray:
     """First, second and third axis of the planes of motions, shape (k, 3)."""
     table = np.zeros((20, 3), dtype=np.int64)
     for plane, columns in PLANE_AXES.items():

@@ -11,8 +11,8 @@ from ph_post.audit.align import NO_HUNK, Alignment
 from ph_post.audit.case import Case
 from ph_post.audit.declared import Amount, Declaration
 from ph_post.audit.orders import Dwells
-from ph_post.gcode.reader.record import LINE, RAPID, Motions
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.gcode.reader.record import LINE, RAPID, Motions, PlaceArray
+from ph_post.types import Array, BoolArray
 from ph_post.units import MM
 
 AXES = "XYZ"
@@ -37,10 +37,10 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     by at the start and at the end of each compensated motion.
     """
 
-    old: IntArray
-    new: IntArray
-    old_hunk: IntArray
-    new_hunk: IntArray
+    old: PlaceArray
+    new: PlaceArray
+    old_hunk: PlaceArray
+    new_hunk: PlaceArray
     jog: BoolArray
     before: Array
     after: Array
@@ -66,14 +66,14 @@ def pair_motions(case: Case, dwells: Dwells) -> Pairing | None:
     )
 
 
-def _pairs(case: Case, old_hunk: IntArray, new_hunk: IntArray) -> tuple[IntArray, IntArray] | None:
+def _pairs(case: Case, old_hunk: PlaceArray, new_hunk: PlaceArray) -> tuple[PlaceArray, PlaceArray] | None:
     """Motions one to one: by their lines outside hunks, and the rapids of each hunk by their order."""
     one, other, lines = case.original.motions, case.compensated.motions, case.lines
-    old_line = np.zeros(case.original.blocks, dtype=np.int64)
-    new_line = np.zeros(case.compensated.blocks, dtype=np.int64)
+    old_line = np.zeros(case.original.blocks, dtype=np.int32)
+    new_line = np.zeros(case.compensated.blocks, dtype=np.int32)
     old_line[lines.old] = new_line[lines.new] = np.arange(lines.old.size)
-    old = np.flatnonzero((old_hunk == NO_HUNK) | (one.kind == RAPID))
-    new = np.flatnonzero((new_hunk == NO_HUNK) | (other.kind == RAPID))
+    old = np.flatnonzero((old_hunk == NO_HUNK) | (one.kind == RAPID)).astype(np.int32)
+    new = np.flatnonzero((new_hunk == NO_HUNK) | (other.kind == RAPID)).astype(np.int32)
     old_place = np.where(old_hunk[old] == NO_HUNK, old_line[one.block[old]], -1 - old_hunk[old])
     new_place = np.where(new_hunk[new] == NO_HUNK, new_line[other.block[new]], -1 - new_hunk[new])
     if np.array_equal(old_place, new_place):
@@ -89,20 +89,21 @@ def _pairs(case: Case, old_hunk: IntArray, new_hunk: IntArray) -> tuple[IntArray
     return None
 
 
-def _find_jogs(case: Case, hunk: IntArray, dwells: Dwells) -> BoolArray:
+def _find_jogs(case: Case, hunk: PlaceArray, dwells: Dwells) -> BoolArray:
     """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
     motions = case.compensated.motions
-    way = np.abs(motions.end - motions.start)
+    straight = np.flatnonzero((motions.kind == LINE) & (hunk != NO_HUNK))
+    start, end = motions.start[straight], motions.end[straight]
     # What comes from where it is not known moves some way, however short the others' are.
-    way = np.where(np.isnan(motions.end), 0.0, np.where(np.isnan(motions.start), np.inf, way))
+    way = np.where(np.isnan(end), 0.0, np.where(np.isnan(start), np.inf, np.abs(end - start)))
     enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
     long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
     ahead, behind = dwell_beside(motions.block, hunk, long, case.lines)
     jog = np.zeros(hunk.size, dtype=bool)
     for axis, (offset, pulse) in declared_ways(case.declared).items():
         alone = np.all(np.delete(way, axis, axis=1) <= EXACT, axis=1)
-        jog |= alone & is_declared(way[:, axis], offset, pulse)
-    return np.asarray(jog & ahead & behind & (motions.kind == LINE) & (hunk != NO_HUNK))
+        jog[straight] |= alone & is_declared(way[:, axis], offset, pulse)
+    return np.asarray(jog & ahead & behind)
 
 
 def declared_ways(declared: Declaration) -> dict[int, tuple[float, float]]:
@@ -124,7 +125,7 @@ def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
 
 
 def dwell_beside(
-    block: IntArray, hunk: IntArray, dwells: Dwells, lines: Alignment
+    block: PlaceArray, hunk: PlaceArray, dwells: Dwells, lines: Alignment
 ) -> tuple[BoolArray, BoolArray]:
     """Whether one of the dwells stands between a motion and the one before it, and the one after it.
 
@@ -144,21 +145,23 @@ def dwell_beside(
 
 
 def _follow_shifts(
-    one: Motions, other: Motions, old: IntArray, new: IntArray, jog: BoolArray
+    one: Motions, other: Motions, old: PlaceArray, new: PlaceArray, jog: BoolArray
 ) -> tuple[Array, Array]:
     """Shifts at the start and end of each motion: at pairs their difference, between them the jogs."""
     number = jog.size
-    added = np.where(jog[:, None], np.nan_to_num(other.end - other.start), 0.0)
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(added, axis=0)])
-    known = np.zeros((number + 1, 3))
-    known[new + 1] = np.nan_to_num(other.end[new] - one.end[old])
-    latest = np.zeros(number + 1, dtype=np.int64)
+    latest = np.zeros(number + 1, dtype=np.int32)
     latest[new + 1] = new + 1
     latest = np.maximum.accumulate(latest)
-    shift = known[latest] + total - total[latest]
-    before = shift[:-1].copy()
-    before[new] = np.nan_to_num(other.start[new] - one.start[old])
-    return before, shift[1:]
+    before, after = np.empty((number, 3)), np.empty((number, 3))
+    for axis in range(3):  # one by one, as there may be a million motions
+        added = np.where(jog, np.nan_to_num(other.end[:, axis] - other.start[:, axis]), 0.0)
+        total = np.append(0.0, np.cumsum(added))
+        known = np.zeros(number + 1)
+        known[new + 1] = np.nan_to_num(other.end[new, axis] - one.end[old, axis])
+        shift = known[latest] + total - total[latest]
+        before[:, axis], after[:, axis] = shift[:-1], shift[1:]
+        before[new, axis] = np.nan_to_num(other.start[new, axis] - one.start[old, axis])
+    return before, after
 
 
 def millimetres(shift: Array) -> str:

@@ -24,20 +24,21 @@ _RELATIVE = 1e-9
 def check_pairs(case: Case, pairing: Pairing) -> None:
     """Motions that stand for each other are the same but for one shift, which only a rapid may change."""
     one, other, old, new = case.original.motions, case.compensated.motions, pairing.old, pairing.new
-    change = np.abs(pairing.after[new] - pairing.before[new])
-    unknown = (np.isnan(one.start[old]) != np.isnan(other.start[new])) | (
-        np.isnan(one.end[old]) != np.isnan(other.end[new])
-    )
+    changes, unknown = np.zeros(old.size, dtype=bool), np.zeros(old.size, dtype=bool)
+    for axis in range(3):  # one by one, as there may be a million motions
+        changes |= np.abs(pairing.after[new, axis] - pairing.before[new, axis]) > EXACT
+        unknown |= np.isnan(one.start[old, axis]) != np.isnan(other.start[new, axis])
+        unknown |= np.isnan(one.end[old, axis]) != np.isnan(other.end[new, axis])
     faults: tuple[tuple[FailureKind, BoolArray, str], ...] = (
         ("path", one.kind[old] != other.kind[new], "the motion is of another kind"),
-        ("path", np.any(unknown, axis=1), "the position is known in one of the programs only"),
+        ("path", unknown, "the position is known in one of the programs only"),
         ("path", _bent(case, pairing), "the arc is another one"),
         ("path", _bulged(case, pairing), "the spline is another one"),
         ("path", one.exact[old] != other.exact[new], "the path mode at its end is another one"),
         ("feed", _differ(one.feed[old], other.feed[new]), "the feed of the motion is another one"),
         ("feed", _differ(one.duration[old], other.duration[new]), "the time of the motion is another one"),
         (
-            "offset", (one.kind[old] != RAPID) & np.any(change > EXACT, axis=1),
+            "offset", (one.kind[old] != RAPID) & changes,
             "the shift changes while the tool cuts",
         ),
     )  # fmt: skip
@@ -95,12 +96,13 @@ def check_amounts(case: Case, pairing: Pairing) -> None:
     """While the tool moves every axis carries -offset, 0 or offset; a pulse lasts only while it stands."""
     ways = declared_ways(case.declared)
     allowed = np.array([ways.get(axis, (0.0, 0.0)) for axis in range(3)])
-    steps = [np.abs(pairing.after - step * allowed[:, 0]) for step in (-1.0, 0.0, 1.0)]
-    off, pulsed = np.min(steps, axis=0) > EXACT, allowed[:, 1] > 0.0
     hunk = pairing.new_hunk
     last = np.append(hunk[1:] != hunk[:-1], True)[: hunk.size] & (hunk != NO_HUNK)
-    beyond = np.abs(pairing.after) > allowed.max(axis=1) + EXACT
-    wrong = np.where((~pairing.jog | last)[:, None], off, beyond | (off & ~pulsed))
+    wrong = np.zeros(pairing.after.shape, dtype=bool)
+    for axis, (offset, pulse) in enumerate(allowed.tolist()):
+        size = np.abs(pairing.after[:, axis])
+        beyond, off = size > max(offset, pulse) + EXACT, np.minimum(size, np.abs(size - offset)) > EXACT
+        wrong[:, axis] = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
     # A wrong shift lasts until it is taken back: it is told where it begins.
     begins = wrong & ~np.vstack([np.zeros((1, 3), dtype=bool), wrong])[:-1]
     for motion, axis in np.argwhere(begins).tolist():
@@ -124,13 +126,13 @@ def _tell_amount(case: Case, pairing: Pairing, motion: int, axis: int, offset: f
 
 def check_returns(case: Case, pairing: Pairing) -> None:
     """Before each break, and at the end of the program, nothing is added."""
-    shift = np.vstack([np.zeros((1, 3)), pairing.after])
     for mark in case.compensated.breaks:
-        if np.any(np.abs(shift[mark.motion]) > EXACT):
+        shift = pairing.after[mark.motion - 1] if mark.motion else np.zeros(3)
+        if np.any(np.abs(shift) > EXACT):
             case.findings.add(
                 "return", f"an axis is still shifted at this place: {mark.kind}", expected="0",
                 compensated=min(mark.block, case.compensated.blocks - 1),
-                got=millimetres(shift[mark.motion]),
+                got=millimetres(shift),
             )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ph_post.audit.align import NO_HUNK, expand
 from ph_post.audit.outline import motion_lengths, places_on, plane_columns, radii
 from ph_post.audit.pairing import Pairing
-from ph_post.gcode.reader.record import ARC, LINE, RAPID, Motions
+from ph_post.gcode.reader.record import ARC, LINE, RAPID, CodeArray, Motions, PlaceArray
 from ph_post.types import Array, BoolArray, IntArray
 
 _RANK = 1 << 32
@@ -76,13 +76,14 @@ def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> S
     return Side(motion=which, first=first, length=motion_lengths(motions, which), shift=shift[which])
 
 
-def _keys(kind: IntArray, hunk: IntArray, without: BoolArray) -> tuple[IntArray, IntArray]:
+def _keys(kind: CodeArray, hunk: PlaceArray, without: BoolArray) -> tuple[IntArray, IntArray]:
     """Hunk and number of rapids before it there, as one number, of the motions that cut in hunks."""
     rapids = np.cumsum(kind == RAPID)
     which = np.flatnonzero((hunk != NO_HUNK) & (kind != RAPID) & ~without)
     begins = np.append(True, hunk[1:] != hunk[:-1])[: hunk.size]
     start = np.maximum.accumulate(np.where(begins, np.arange(hunk.size), 0))[which]
-    return np.asarray(hunk[which] * _RANK + rapids[which] - np.append(0, rapids)[start]), which
+    ranks = rapids[which] - np.append(0, rapids)[start]
+    return np.asarray(hunk[which].astype(np.int64) * _RANK + ranks), which
 
 
 def doubtful(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:

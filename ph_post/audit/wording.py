@@ -4,16 +4,25 @@ from __future__ import annotations
 
 from decimal import Decimal
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from ph_post.audit.align import Alignment, as_mask
+from ph_post.audit.align import as_mask
 from ph_post.audit.case import Case
 from ph_post.audit.declared import Amount
 from ph_post.audit.verdict import shown
-from ph_post.gcode.reader.record import ARC, RAPID, PartProgram
+from ph_post.gcode.reader.record import (
+    ARC,
+    RAPID,
+    ByteArray,
+    CodeArray,
+    PartProgram,
+    PlaceArray,
+    Words,
+    span_of,
+)
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MM
 
@@ -26,6 +35,25 @@ _SAFE = 2.0**61
 """Scaled numbers below this fit an int64 with room for their difference."""
 
 
+_LINES = 20_000
+"""So many pairs of lines are compared at a time, so that only what is known of their words is held."""
+
+
+class _Side(NamedTuple):
+    """Kind of the motion on each line of a program, -1 where there is none; where its comments begin."""
+
+    kind: CodeArray
+    comments: PlaceArray
+
+    @classmethod
+    def of(cls, program: PartProgram) -> _Side:
+        """Look at a program."""
+        kind = np.full(program.blocks, -1, dtype=np.int8)
+        kind[program.motions.block] = program.motions.kind
+        comments = np.flatnonzero(np.frombuffer(program.data, dtype=np.uint8) == ord("("))
+        return cls(kind, comments.astype(np.int32))
+
+
 class _Pairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Words of the lines that belong together, one to one: their numbers in each program."""
 
@@ -36,61 +64,78 @@ class _Pairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def check_wording(case: Case) -> None:
     """Compare the lines outside hunks, byte for byte, and numbers that differ with the declared offsets."""
     original, compensated, lines = case.original, case.compensated, case.lines
-    pairs = _pair_words(original, compensated, lines)
-    shifted = _may_shift(case, pairs)
-    pairs = _Pairs(old=pairs.old[shifted], new=pairs.new[shifted])
+    sides = _Side.of(original), _Side.of(compensated)
+    shifted = sum(
+        _check_part(case, sides, slice(low, low + _LINES)) for low in range(0, lines.old.size, _LINES)
+    )
     case.findings.count("lines", lines.old.size)
-    case.findings.count("shifted words", pairs.old.size)
-    _check_amounts(case, pairs)
-    old_kept = _kept(original, lines.old, pairs.old)
-    new_kept = _kept(compensated, lines.new, pairs.new)
-    if lines.ends and lines.new.size and lines.old[-1] == original.blocks - 1:
-        text, stop = compensated.text(int(lines.new[-1])), int(compensated.lines[lines.new[-1] + 1])
-        new_kept[stop - (len(text) - len(text.rstrip(b"\r\n"))) : stop] = False
+    case.findings.count("shifted words", shifted)
     foreign = compensated.data.find(b"\r") if b"\r" not in original.data else -1
     if foreign >= 0:
         line = int(np.searchsorted(compensated.lines, foreign, side="right")) - 1
         case.findings.add("text", "the line ends in another way than the original's", compensated=line)
-    for place in _differing(case, old_kept, new_kept).tolist():
-        old, new = int(lines.old[place]), int(lines.new[place])
+
+
+def _check_part(case: Case, sides: tuple[_Side, _Side], part: slice) -> int:
+    """Compare some pairs of lines; returns how many of their words are shifted."""
+    original, compensated = case.original, case.compensated
+    old, new = case.lines.old[part], case.lines.new[part]
+    pairs = _pair_words(original, compensated, old, new)
+    shifted = _may_shift(case, sides, pairs)
+    pairs = _Pairs(old=pairs.old[shifted], new=pairs.new[shifted])
+    _check_amounts(case, pairs)
+    old_kept, new_kept = _kept(original, old, pairs.old), _kept(compensated, new, pairs.new)
+    if case.lines.ends and old[-1] == original.blocks - 1:
+        text = compensated.text(int(new[-1]))
+        new_kept[new_kept.size - (len(text) - len(text.rstrip(b"\r\n"))) :] = False
+    for place in _differing(old_kept, new_kept, (original, old), (compensated, new)).tolist():
+        first, second = int(old[place]), int(new[place])
         case.findings.add(
-            "text", "the line differs outside what is declared", original=old, compensated=new,
-            expected=shown(original.text(old)), got=shown(compensated.text(new)),
+            "text", "the line differs outside what is declared", original=first, compensated=second,
+            expected=shown(original.text(first)), got=shown(compensated.text(second)),
         )  # fmt: skip
+    return pairs.old.size
 
 
-def _pair_words(original: PartProgram, compensated: PartProgram, lines: Alignment) -> _Pairs:
+def _pair_words(
+    original: PartProgram, compensated: PartProgram, old_lines: PlaceArray, new_lines: PlaceArray
+) -> _Pairs:
     """Words of lines with the same letters; the others are told by their bytes."""
+    both = ((original.words.block, old_lines), (compensated.words.block, new_lines))
+    spans = [(span_of(block, lines[0])[0], span_of(block, lines[-1])[1]) for block, lines in both]
+    own = [block[low:high] - lines[0] for (block, lines), (low, high) in zip(both, spans, strict=True)]
+    chosen = [lines - lines[0] for _, lines in both]
     many = [
-        np.bincount(program.words.block, minlength=program.blocks)[chosen]
-        for program, chosen in ((original, lines.old), (compensated, lines.new))
+        np.bincount(block, minlength=lines[-1] + 1)[lines] for block, lines in zip(own, chosen, strict=True)
     ]
     alike = many[0] == many[1]
-    old = np.flatnonzero(as_mask(original.blocks, lines.old[alike])[original.words.block])
-    new = np.flatnonzero(as_mask(compensated.blocks, lines.new[alike])[compensated.words.block])
+    old, new = (
+        low + np.flatnonzero(as_mask(int(lines[-1]) + 1, lines[alike])[block])
+        for block, lines, (low, _) in zip(own, chosen, spans, strict=True)
+    )
     return _Pairs(old=old, new=new)
 
 
-def _changed(original: PartProgram, compensated: PartProgram, pairs: _Pairs) -> BoolArray:
+def _changed(case: Case, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
     """Words whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
-    one, other = original.words, compensated.words
+    one, other = case.original.words, case.compensated.words
     plain = (one.decimals[pairs.old] >= 0) & (other.decimals[pairs.new] >= 0)
     same_letter = one.letter[pairs.old] == other.letter[pairs.new]
-    commented = _has_comment(original, pairs.old) | _has_comment(compensated, pairs.new)
+    commented = _has_comment(sides[0], one, pairs.old) | _has_comment(sides[1], other, pairs.new)
     return np.asarray(plain & same_letter & ~commented & (one.value[pairs.old] != other.value[pairs.new]))
 
 
-def _may_shift(case: Case, pairs: _Pairs) -> BoolArray:
+def _may_shift(case: Case, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
     """Find the words that an offset may have changed: those of declared axes, in blocks of motion."""
     original, compensated = case.original, case.compensated
-    kind = _kind_of_lines(original)[original.words.block[pairs.old]]
+    kind = sides[0].kind[original.words.block[pairs.old]]
     block = compensated.words.block[pairs.new]
     letter = compensated.words.letter[pairs.new]
-    absolute, centres = (_modes(compensated, name)[block] for name in ("absolute", "arc_absolute"))
+    absolute, centres = (_modes(compensated, name, block) for name in ("absolute", "arc_absolute"))
     axis = np.isin(letter, [ord(name) for name in case.declared.offsets])
     centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres & (kind == ARC)
-    moving = (kind >= 0) & (_kind_of_lines(compensated)[block] >= 0)
-    changed = _changed(original, compensated, pairs)
+    moving = (kind >= 0) & (sides[1].kind[block] >= 0)
+    changed = _changed(case, sides, pairs)
     return np.asarray(changed & moving & ((axis & (absolute | (kind == RAPID))) | centre))
 
 
@@ -99,32 +144,22 @@ def _centre(axis: str) -> int:
     return _CENTRES[_AXES.index(ord(axis))]
 
 
-def _modes(program: PartProgram, name: str) -> Any:
-    """One mode after each line."""
-    return np.array([getattr(modal, name) for modal in program.modal])[program.state]
+def _modes(program: PartProgram, name: str, lines: PlaceArray) -> Any:
+    """One mode after each of some lines."""
+    return np.array([getattr(modal, name) for modal in program.modal])[program.state[lines]]
 
 
-def _has_comment(program: PartProgram, words: IntArray) -> BoolArray:
+def _has_comment(side: _Side, words: Words, chosen: IntArray) -> BoolArray:
     """Words with a comment between their letter and their digits."""
-    comments = np.flatnonzero(np.frombuffer(program.data, dtype=np.uint8) == ord("("))
-    first, last = (
-        np.searchsorted(comments, ends[words]) for ends in (program.words.start, program.words.end)
-    )
+    first, last = (np.searchsorted(side.comments, ends[chosen]) for ends in (words.start, words.end))
     return np.asarray(first != last)
-
-
-def _kind_of_lines(program: PartProgram) -> IntArray:
-    """Kind of the motion on each line, -1 where there is none."""
-    kind = np.full(program.blocks, -1, dtype=np.int64)
-    kind[program.motions.block] = program.motions.kind
-    return kind
 
 
 def _check_amounts(case: Case, pairs: _Pairs) -> None:
     """Demand that each word differs by the declared offset, exactly; under G91 by a change of it."""
     letters = case.compensated.words.letter[pairs.new]
     block = case.compensated.words.block[pairs.new]
-    units, absolute = (_modes(case.compensated, name)[block] for name in ("units", "absolute"))
+    units, absolute = (_modes(case.compensated, name, block) for name in ("units", "absolute"))
     for axis, amount in case.declared.offsets.items():
         own = np.isin(letters, [ord(axis), _centre(axis)])
         for unit, (steps, mode) in product(np.unique(units[own]).tolist(), (((1,), True), ((1, 2), False))):
@@ -142,13 +177,16 @@ def _differ_by(case: Case, pairs: _Pairs, amount: Amount, steps: tuple[int, ...]
         way = np.abs(other.value[pairs.new] - one.value[pairs.old]) * unit
         return np.asarray(np.any([np.abs(way - step * amount.metres) <= grid for step in steps], axis=0))
     number, places = _as_integer(amount.number)
-    decimals = np.maximum(np.maximum(one.decimals[pairs.old], other.decimals[pairs.new]), places)
+    before, after = (  # powers of ten need the whole range
+        words.decimals[chosen].astype(np.int64) for words, chosen in ((one, pairs.old), (other, pairs.new))
+    )
+    decimals = np.maximum(np.maximum(before, after), places)
     largest = np.maximum(np.abs(one.value[pairs.old]), np.abs(other.value[pairs.new])) + float(amount.number)
     fits = (decimals <= _POWERS) & (largest * 10.0 ** np.minimum(decimals, _POWERS) < _SAFE)
     scale = np.where(fits, decimals, _POWERS)
     with np.errstate(over="ignore"):
-        way = other.digits[pairs.new] * 10 ** np.maximum(scale - other.decimals[pairs.new], 0)
-        way = np.abs(way - one.digits[pairs.old] * 10 ** np.maximum(scale - one.decimals[pairs.old], 0))
+        way = other.digits[pairs.new] * 10 ** np.maximum(scale - after, 0)
+        way = np.abs(way - one.digits[pairs.old] * 10 ** np.maximum(scale - before, 0))
         right = fits & np.any([way == step * number * 10 ** (scale - places) for step in steps], axis=0)
     for place in np.flatnonzero(~fits).tolist():
         way_there = _way(case, int(pairs.old[place]), int(pairs.new[place]))
@@ -182,26 +220,34 @@ def _tell_word(case: Case, old: int, new: int, amount: Amount) -> None:
     )  # fmt: skip
 
 
-def _kept(program: PartProgram, lines: IntArray, without: IntArray) -> BoolArray:
-    """Mark the bytes of the lines, without the numbers of some words."""
-    kept = np.repeat(as_mask(program.blocks, lines), np.diff(program.lines))
+def _kept(program: PartProgram, lines: PlaceArray, without: IntArray) -> BoolArray:
+    """Mark the bytes of the lines, from the first to the last of them, without the numbers of some words."""
+    starts = program.lines[lines[0] : lines[-1] + 2]
+    kept = np.repeat(as_mask(starts.size - 1, lines - lines[0]), np.diff(starts))
     if without.size:
         turns = np.zeros(kept.size + 1, dtype=np.int8)
-        turns[program.words.start[without] + 1] += 1
-        turns[program.words.end[without]] -= 1
+        turns[program.words.start[without] + 1 - starts[0]] += 1
+        turns[program.words.end[without] - starts[0]] -= 1
         kept &= np.cumsum(turns[:-1], dtype=np.int8) == 0
     return kept
 
 
-def _differing(case: Case, old_kept: BoolArray, new_kept: BoolArray) -> IntArray:
-    """Pairs of lines whose kept bytes are not the same."""
-    original, compensated, lines = case.original, case.compensated, case.lines
-    one = np.frombuffer(original.data, dtype=np.uint8)[old_kept]
-    other = np.frombuffer(compensated.data, dtype=np.uint8)[new_kept]
-    old_size = np.add.reduceat(np.append(old_kept, False), original.lines[:-1], dtype=np.int64)[lines.old]
-    new_size = np.add.reduceat(np.append(new_kept, False), compensated.lines[:-1], dtype=np.int64)[lines.new]
-    if not old_size.size:
-        return np.zeros(0, dtype=np.int64)
+def _bytes_of(kept: BoolArray, program: PartProgram, lines: PlaceArray) -> tuple[ByteArray, IntArray]:
+    """Return the kept bytes of some lines, one after the other, and how many each line has."""
+    starts = program.lines[lines[0] : lines[-1] + 1]
+    size = np.add.reduceat(np.append(kept, False), starts - starts[0], dtype=np.int64)[lines - lines[0]]
+    text = np.frombuffer(program.data, dtype=np.uint8, count=kept.size, offset=int(starts[0]))
+    return text[kept], size
+
+
+def _differing(
+    old_kept: BoolArray,
+    new_kept: BoolArray,
+    old: tuple[PartProgram, PlaceArray],
+    new: tuple[PartProgram, PlaceArray],
+) -> IntArray:
+    """Pairs of lines, by place, whose kept bytes are not the same."""
+    (one, old_size), (other, new_size) = _bytes_of(old_kept, *old), _bytes_of(new_kept, *new)
     alike = old_size == new_size
     one = one[np.repeat(alike, old_size)]
     other = other[np.repeat(alike, new_size)]

@@ -19,7 +19,6 @@ from ph_post.compensate import shapes
 from ph_post.compensate.families import BARE, ONE, Case, Family, make_bare
 from ph_post.compensate.scurve import ramp_time
 from ph_post.compensate.trial import Design, Outcome, Trial
-from ph_post.simulate.machine import patience
 from ph_post.types import Array
 
 ENOUGH: Final = 0.01
@@ -91,8 +90,7 @@ class Search:
 
     def __init__(self, trial: Trial, case: Case, bounds: Bounds, nominal: int) -> None:
         self.trial, self.case, self.bounds, self.nominal = trial, case, bounds, nominal
-        with patience():
-            self.plain = trial.run(Design())
+        self.plain = trial.run(Design())
         self.calls = 0
         self.tried: list[Found] = []
 

@@ -6,12 +6,51 @@ changes: so all that such a function calls stands in its file.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from threading import Timer
+from typing import Any, Final, TypeVar, cast
 
 from numba import njit
+from numba.core import event as events
+from numba.core import types as kinds
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+PATIENCE: Final = 0.7
+"""Time [s] after which the user is told that the compiler is at work."""
+
+
+class _Teller(events.Listener):
+    """Says once in a process, on standard error, that compiling takes its time."""
+
+    def __init__(self) -> None:
+        self._depth, self._told = 0, False
+        self._timer: Timer | None = None
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002
+        """Wait for the compiler: functions that a function calls are compiled within it."""
+        self._depth += 1
+        if self._depth == 1 and not self._told:
+            self._timer = Timer(PATIENCE, self._tell)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002
+        """Compiling is done."""
+        self._depth -= 1
+        if self._depth == 0 and self._timer is not None:
+            self._timer.cancel()
+
+    def _tell(self) -> None:
+        if not self._told:
+            self._told = True
+            print("ph-post: compiling, once on this machine ...", file=sys.stderr, flush=True)  # noqa: T201
+
+
+_register: Any = events.register  # which has no types
+_register("numba:compile", _Teller())
 
 
 def compiled(function: F) -> F:
@@ -26,6 +65,13 @@ def inner(function: F) -> F:
     It gets no way in from Python: that saves a third of the time that compiling takes.
     """
     compile_bare: Any = njit  # numba's type hints leave the two options out
-    return cast(
-        "F", compile_bare(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
-    )
+    bare: Any = compile_bare(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    called = bare.get_call_template
+    plain: Any = kinds.unliteral
+
+    def call_template(args: Any, named: Any) -> Any:
+        """Look up a call: a constant, as a loop begins with, is a number like those that follow."""
+        return called([plain(one) for one in args], {key: plain(one) for key, one in named.items()})
+
+    bare.get_call_template = call_template
+    return cast("F", bare)

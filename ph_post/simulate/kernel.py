@@ -40,11 +40,6 @@ _ALL: Final = 12
 """Behind state and inputs, F and its rate: the part of g that is given from outside."""
 
 
-def is_compiled() -> bool:
-    """Whether the engine needs no compiling any more in this process."""
-    return bool(getattr(advance, "signatures", True))
-
-
 @inner
 def _square(d: Array, into: Array) -> None:
     for i in range(WIDTH):

@@ -7,10 +7,6 @@ References
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from threading import Timer
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,9 +25,6 @@ AT_REST: Final = 1e-12
 
 AS_IT_IS: Final = Scenario()
 """What the machine file says, and standstill and the flank "+" where it leaves that open."""
-
-PATIENCE: Final = 0.7
-"""Time [s] after which the user is told that the compiler is at work."""
 
 _FORWARD: Final = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 """First derivative at the first of five equidistant samples, of fourth order."""
@@ -58,14 +51,13 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     """
     executed, motor = np.empty_like(command.position), np.empty_like(command.position)
     events: list[Event] = []
-    with patience():
-        for number, name in enumerate(command.axes):
-            axis = machine.axes[name]
-            trace = trace_of(command, number)
-            flank = command.flanks.get(name) or first_flank(axis, scenario)
-            table, side, found = run_axis(trace, axis, scenario, flank, command.period)
-            executed[:, number], motor[:, number] = table, side
-            events += found
+    for number, name in enumerate(command.axes):
+        axis = machine.axes[name]
+        trace = trace_of(command, number)
+        flank = command.flanks.get(name) or first_flank(axis, scenario)
+        table, side, found = run_axis(trace, axis, scenario, flank, command.period)
+        executed[:, number], motor[:, number] = table, side
+        events += found
     return Run(
         axes=command.axes, period=command.period, scenario=scenario, t=command.t, s=command.s,
         commanded=command.position, executed=sealed(executed), motor=sealed(motor),
@@ -205,24 +197,3 @@ def _kinds(before: Key, after: Key, flank: int) -> list[EventKind]:
     if before[2] != after[2]:
         kinds.append("saturates" if after[2] else "recovers")
     return kinds
-
-
-def _say_compiling() -> None:
-    if kernel.is_compiled():
-        return  # and running for long
-    print("ph-post: compiling the simulator, once on this machine ...", file=sys.stderr, flush=True)  # noqa: T201
-
-
-@contextmanager
-def patience() -> Iterator[None]:
-    """Say on standard error that the simulator is being compiled, where that takes noticeable time."""
-    if kernel.is_compiled():
-        yield
-        return
-    timer = Timer(PATIENCE, _say_compiling)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()

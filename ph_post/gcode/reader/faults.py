@@ -8,7 +8,7 @@ import msgspec
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader import arcs, codes, lexer
-from ph_post.types import IntArray
+from ph_post.gcode.reader.record import PlaceArray
 
 WIDTH = 100
 """Columns of a source line that are shown."""
@@ -57,7 +57,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     got: str = ""
 
 
-def refuse(name: str, data: bytes, lines: IntArray, fault: Fault, end: int | None = None) -> InputError:
+def refuse(name: str, data: bytes, lines: PlaceArray, fault: Fault, end: int | None = None) -> InputError:
     """Make the error of a fault, with its line and a caret under the `end` - `place` bytes it is about.
 
     Parameters

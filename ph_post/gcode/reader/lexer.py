@@ -36,7 +36,7 @@ def split_lines(data: Any) -> Any:
             count += 1
     if data.size and data[-1] != 10 and data[-1] != 13:
         count += 1
-    lines = np.empty(count + 1, np.int64)
+    lines = np.empty(count + 1, np.int32)
     lines[0] = 0
     at = 0
     for i in range(data.size):
@@ -166,7 +166,7 @@ def _is_expression(data: Any, i: int, end: int) -> Any:
 
 
 @inner
-def _skip_comments(data: Any, i: int, end: int) -> Any:
+def _skip_comments(data: Any, i: Any, end: Any) -> Any:
     """Place behind blanks and comments, and the place of a comment that does not end, or -1."""
     while i < end:
         c = data[i]
@@ -251,7 +251,7 @@ def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
 
 
 @inner
-def _read_line(data: Any, first: int, end: int, row: int, block: int, out: Any) -> Any:
+def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) -> Any:
     """Read one line: the row after its words, its trait, why it is refused, and where."""
     blocks, letters, starts, ends, values, digits, decimals = out
     i, open_at = _skip_comments(data, first, end)
@@ -293,7 +293,7 @@ def lex(data: Any, lines: Any, out: Any, traits: Any) -> Any:
     """
     row, opened = 0, False
     for block in range(lines.size - 1):
-        first, end = lines[block], lines[block + 1]
+        first, end = np.int64(lines[block]), np.int64(lines[block + 1])
         while end > first and (data[end - 1] == 10 or data[end - 1] == 13):
             end -= 1
         at, _ = _skip_comments(data, first, end)

@@ -114,11 +114,11 @@ def _write_motion(
     block_of, kind, starts, ends, plane, feed, duration, exact = columns
     row, block, task = at
     block_of[row], kind[row], plane[row] = block, _kind(task), np.int64(modes[PLANE])
-    starts[row], ends[row] = position, target
-    curves[0][row], curves[1][row], curves[2][row] = 0.0, 0.0, 0
+    for axis in range(3):
+        starts[row, axis], ends[row, axis] = position[axis], target[axis]
     if ARC_CW <= task <= ARC_CCW:
         _write_arc(values, modes, position, row, task, curves)
-    feed[row], duration[row] = 0.0, 0.0
+    feed[row] = 0.0
     if task != RAPID and modes[FEED_MODE] == 93.0:
         feed[row], duration[row] = np.nan, 60.0 / word
     elif task != RAPID:
@@ -133,7 +133,8 @@ def trace(words: Any, modal: Any, end: int, columns: Any, curves: Any) -> Any:  
     `words` are the columns block, letter and value; `modal` the distinct states, and for each block its
     state, F, task and why it is not understood, to which arcs and splines from unknown places are added.
     `columns` to fill: block, kind, start, end, plane, feed, duration, exact; `curves`: centre, angle and
-    turns as the words have them.
+    turns as the words have them. Durations and curves are zeros, and stay so where there is nothing to tell:
+    memory that nothing is written to takes no room.
     """
     blocks, letter, value = words
     table, states, feeds, tasks, whys = modal

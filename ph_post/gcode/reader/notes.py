@@ -7,9 +7,8 @@ from typing import Final
 import numpy as np
 
 from ph_post.gcode.reader import codes
-from ph_post.gcode.reader.record import Break, BreakKind, ByteArray, Note
+from ph_post.gcode.reader.record import Break, BreakKind, ByteArray, Note, PlaceArray, span_of
 from ph_post.gcode.reader.words import Lexed
-from ph_post.types import IntArray
 
 _TEXTS: Final = {
     codes.PARAMETER: "parameter",
@@ -89,7 +88,7 @@ def _note(lexed: Lexed, data: bytes, first: int, last: int, why: int) -> Note:
 def find_place(lexed: Lexed, data: bytes, block: int, why: int) -> tuple[int, int]:
     """Bytes of the word that a note is about; of the line where it is about no word."""
     words = lexed.words
-    rows = range(*np.searchsorted(words.block, [block, block + 1]))
+    rows = range(*span_of(words.block, block))
     named = [row for row in rows if _is_meant(chr(words.letter[row]), float(words.value[row]), why)]
     if named:
         return int(words.start[named[0]]), int(words.end[named[0]])
@@ -110,7 +109,7 @@ def _is_meant(letter: str, value: float, why: int) -> bool:
     return letter in _LETTERS.get(why, "")
 
 
-def find_breaks(motion_block: IntArray, marks: ByteArray, whys: ByteArray, end: int) -> tuple[Break, ...]:
+def find_breaks(motion_block: PlaceArray, marks: ByteArray, whys: ByteArray, end: int) -> tuple[Break, ...]:
     """Put the breaks in order, from the beginning to the `end` of the program.
 
     Those of one kind without a motion between them are one: its block is the first.
@@ -119,7 +118,7 @@ def find_breaks(motion_block: IntArray, marks: ByteArray, whys: ByteArray, end: 
     kind = np.full(blocks.size, _NOT_UNDERSTOOD)
     for number in range(len(_KINDS) - 1, -1, -1):
         kind[(marks[blocks] & _KINDS[number][0]) != 0] = number
-    motion = np.searchsorted(motion_block, blocks)
+    motion = np.searchsorted(motion_block, blocks.astype(np.int32))
     keep = np.r_[True, (np.diff(motion) != 0) | (np.diff(kind) != 0)][: blocks.size]
     names: tuple[BreakKind, ...] = (*(name for _, name in _KINDS), "not understood")
     inner = tuple(

@@ -17,17 +17,29 @@ from ph_post.gcode.reader.modes import resolve
 from ph_post.gcode.reader.moves import trace
 from ph_post.gcode.reader.notes import find_breaks, find_notes, find_place
 from ph_post.gcode.reader.owords import find_stretches
-from ph_post.gcode.reader.record import CUBIC, NURBS, ByteArray, Motions, Note, PartProgram
+from ph_post.gcode.reader.record import (
+    CUBIC,
+    NURBS,
+    ByteArray,
+    Motions,
+    Note,
+    PartProgram,
+    PlaceArray,
+    span_of,
+)
 from ph_post.gcode.reader.tasks import choose
 from ph_post.gcode.reader.words import Lexed, find_lines, read_words
-from ph_post.types import Array, IntArray, sealed
+from ph_post.types import Array, sealed
 from ph_post.units import INCH, MM
+
+_LARGEST = np.iinfo(np.int32).max
+"""Bytes of the longest program."""
 
 
 class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What was found of each block: its state, F, task, breaks and why it is not understood."""
 
-    states: IntArray
+    states: PlaceArray
     feeds: Array
     tasks: ByteArray
     marks: ByteArray
@@ -63,6 +75,8 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
     """
     if not data.strip():
         raise InputError(name, "the file is empty")
+    if len(data) > _LARGEST:
+        raise InputError(name, "the file is too long", expected="less than 2 GiB", got=f"{len(data)} bytes")
     lines, fault = find_lines(data)
     if fault is not None:
         raise refuse(name, data, lines, fault)
@@ -77,9 +91,8 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
     if first is not None:
         raise refuse(name, data, lines, first, _word_end(lexed, first))
     breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
-    chain = (
-        np.searchsorted(np.array([b.motion for b in breaks[:-1]]), np.arange(motions.block.size), "right") - 1
-    )
+    number = np.arange(len(breaks) - 1, dtype=np.int32)
+    chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(
         name=name,
         data=data,
@@ -98,7 +111,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
 def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
-    states, feeds, tasks = np.zeros(count, np.int64), np.full(count, np.nan), np.zeros(count, np.uint8)
+    states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
     motions, zeros = np.full(count, -1, np.int16), np.full(count, -1, np.int16)
     flags, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
     columns = (states, feeds, motions, zeros, flags, marks, whys)
@@ -132,16 +145,16 @@ def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> 
     """Fault of a word, or of the word of a block that sets its motion, or of its first one."""
     words = lexed.words
     if word < 0:
-        low, high = np.searchsorted(words.block, [block, block + 1])
+        low, high = span_of(words.block, block)
         motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
         axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
-        word = [*motions, *axes, int(low)][0]
+        word = [*motions, *axes, low][0]
     return Fault(block=block, place=int(words.start[word]), code=code, got=got)
 
 
 def _word_end(lexed: Lexed, fault: Fault) -> int | None:
     """Behind the word that a fault is about."""
-    word = int(np.searchsorted(lexed.words.start, fault.place))
+    word = int(np.searchsorted(lexed.words.start, np.int32(fault.place)))
     if word < lexed.words.start.size and lexed.words.start[word] == fault.place:
         return int(lexed.words.end[word])
     return None
@@ -192,16 +205,16 @@ def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, .
     words = lexed.words
     room = int(np.count_nonzero((blocks.tasks & (codes.FORGET_FIRST - 1)) % codes.FORGET))
     columns = (
-        np.empty(room, np.int64),
-        np.empty(room, np.int64),
+        np.empty(room, np.int32),
+        np.empty(room, np.int8),
         np.empty((room, 3)),
         np.empty((room, 3)),
-        np.empty(room, np.int64),
+        np.empty(room, np.int8),
         np.empty(room),
-        np.empty(room),
-        np.empty(room, np.int64),
+        np.zeros(room),
+        np.empty(room, np.int8),
     )
-    curves = (np.empty((room, 2)), np.empty(room), np.empty(room, np.int16))
+    curves = (np.zeros((room, 2)), np.zeros(room), np.zeros(room, np.int16))
     modal = (blocks.table, blocks.states, blocks.feeds, blocks.tasks, blocks.whys)
     count = trace((words.block, words.letter, words.value), modal, blocks.last, columns, curves)
     return columns, curves, int(count)

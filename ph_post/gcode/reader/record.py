@@ -22,6 +22,12 @@ PLANE_AXES: Final[Mapping[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 
 
 ByteArray = NDArray[np.uint8]
 
+PlaceArray = NDArray[np.int32]
+"""Places in a program, lines, numbers of chains: programs have less than 2 GiB, and half the room counts."""
+
+CodeArray = NDArray[np.int8]
+"""Small numbers."""
+
 BreakKind = Literal[
     "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "not understood"
 ]
@@ -37,13 +43,13 @@ class Words(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `decimals` -1.
     """
 
-    block: IntArray
+    block: PlaceArray
     letter: ByteArray
-    start: IntArray
-    end: IntArray
+    start: PlaceArray
+    end: PlaceArray
     value: Array
     digits: IntArray
-    decimals: IntArray
+    decimals: NDArray[np.int16]
 
 
 class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -61,17 +67,17 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     G61.1), 0 under G64 and where no path mode was given.
     """
 
-    block: IntArray
-    kind: IntArray
-    chain: IntArray
+    block: PlaceArray
+    kind: CodeArray
+    chain: PlaceArray
     start: Array
     end: Array
-    plane: IntArray
+    plane: CodeArray
     center: Array
     angle: Array
     feed: Array
     duration: Array
-    exact: IntArray
+    exact: CodeArray
     control: Mapping[int, Array]
     nurbs: Mapping[int, tuple[int, Array, Array]]
 
@@ -138,11 +144,11 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     name: str
     data: bytes
     digest: str
-    lines: IntArray
+    lines: PlaceArray
     words: Words
     motions: Motions
     modal: tuple[Modal, ...]
-    state: IntArray
+    state: PlaceArray
     feed_word: Array
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
@@ -162,5 +168,11 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def words_of(self, block: int) -> range:
         """Numbers of the words on a line."""
-        low, high = np.searchsorted(self.words.block, [block, block + 1])
-        return range(int(low), int(high))
+        return range(*span_of(self.words.block, block))
+
+
+def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:
+    """First row of a block in a column of rising blocks, and the one behind its last."""
+    # Of the same type: what is looked for in another would be a copy of the whole column.
+    low, high = np.searchsorted(blocks, np.array([block, block + 1], dtype=blocks.dtype))
+    return int(low), int(high)

@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 
 from ph_post.gcode.reader import codes
-from ph_post.gcode.reader.record import ByteArray
+from ph_post.gcode.reader.record import ByteArray, PlaceArray, span_of
 from ph_post.gcode.reader.words import Lexed
-from ph_post.types import Array, IntArray, frozen
+from ph_post.types import Array, frozen
 
 Nurbs = tuple[int, Array, Array]
 
@@ -18,12 +18,12 @@ class Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     tasks: ByteArray
     table: Array
-    states: IntArray
+    states: PlaceArray
 
 
 def letters_of(lexed: Lexed, block: int) -> dict[str, float]:
     """Values of a block's words by letter."""
-    low, high = np.searchsorted(lexed.words.block, [block, block + 1])
+    low, high = span_of(lexed.words.block, block)
     return {chr(lexed.words.letter[k]): float(lexed.words.value[k]) for k in range(low, high)}
 
 

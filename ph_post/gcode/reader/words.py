@@ -9,8 +9,8 @@ import numpy as np
 
 from ph_post.gcode.reader import lexer
 from ph_post.gcode.reader.faults import BINARY, LONG_LINE, Fault
-from ph_post.gcode.reader.record import ByteArray, Words
-from ph_post.types import IntArray, sealed
+from ph_post.gcode.reader.record import ByteArray, PlaceArray, Words
+from ph_post.types import sealed
 
 LONGEST_LINE = 16384
 """No controller takes lines of more bytes than this, comments included."""
@@ -23,18 +23,18 @@ class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     of the closing ``%``, the number of lines where there is none, or the line that `fault` tells of.
     """
 
-    lines: IntArray
+    lines: PlaceArray
     words: Words
     traits: ByteArray
     end: int
     fault: Fault | None
 
 
-def find_lines(data: bytes) -> tuple[IntArray, Fault | None]:
+def find_lines(data: bytes) -> tuple[PlaceArray, Fault | None]:
     """Places at which lines begin, and the fault of a text that is none: binary, or a line without end."""
     stop = min([place for place in (data.find(b"\n"), data.find(b"\r"), len(data)) if place >= 0])
     if stop > LONGEST_LINE:
-        return np.array([0, len(data)]), Fault(block=0, place=0, code=LONG_LINE)
+        return np.array([0, len(data)], dtype=np.int32), Fault(block=0, place=0, code=LONG_LINE)
     lines = lexer.split_lines(np.frombuffer(data, np.uint8))
     nul = data.find(b"\0")
     if nul >= 0:
@@ -45,7 +45,7 @@ def find_lines(data: bytes) -> tuple[IntArray, Fault | None]:
     return lines, None
 
 
-def read_words(data: bytes, lines: IntArray) -> Lexed:
+def read_words(data: bytes, lines: PlaceArray) -> Lexed:
     """Read the words of a program up to its closing ``%`` or to the first fault."""
     text = np.frombuffer(data, np.uint8)
     lexed = _read_words(text, lines, int(lexer.count_letters(text, False)))
@@ -54,9 +54,9 @@ def read_words(data: bytes, lines: IntArray) -> Lexed:
     return lexed
 
 
-def _read_words(text: ByteArray, lines: IntArray, room: int) -> Lexed:
-    blocks, letters, digits = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int64)
-    starts, ends, decimals = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
+    blocks, starts, ends = (np.empty(room, np.int32) for _ in range(3))
+    letters, digits, decimals = np.empty(room, np.uint8), np.empty(room, np.int64), np.empty(room, np.int16)
     out = (blocks, letters, starts, ends, np.empty(room), digits, decimals)
     traits = np.zeros(lines.size - 1, np.uint8)
     count, end, why, place = lexer.lex(text, lines, out, traits)

@@ -133,7 +133,7 @@ class FeedWords:
         """Digits of the F word in force after a line, None where there is none."""
         if block < 0 or np.isnan(self._program.feed_word[block]):
             return None
-        found = int(np.searchsorted(self._blocks, block, side="right")) - 1
+        found = int(np.searchsorted(self._blocks, np.int32(block), side="right")) - 1
         if found < 0:
             return None
         word, words = self._words[found], self._program.words

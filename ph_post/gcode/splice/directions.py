@@ -61,10 +61,15 @@ def _passing(view: Any, feed: Any, exact: Any, k: int, high: int) -> float:
     into, out = np.zeros(3), np.zeros(3)
     _tangent(view, k, True, into)
     _tangent(view, k + 1, False, out)
-    size = math.sqrt((into * into).sum() * (out * out).sum())
+    before, after, both = 0.0, 0.0, 0.0
+    for axis in range(3):  # whole arrays take long to compile
+        before += into[axis] * into[axis]
+        after += out[axis] * out[axis]
+        both += into[axis] * out[axis]
+    size = math.sqrt(before * after)
     if size == 0.0:
         return 0.0
-    return float(min(feed[k], feed[k + 1]) * max((into * out).sum() / size, 0.0))
+    return float(min(feed[k], feed[k + 1]) * max(both / size, 0.0))
 
 
 @inner
@@ -123,7 +128,9 @@ def _grown(rows: Any, count: int) -> Any:
     if count < rows.shape[0]:
         return rows
     larger = np.empty((2 * rows.shape[0], rows.shape[1]))
-    larger[:count] = rows
+    for row in range(count):
+        for column in range(_COLUMNS):
+            larger[row, column] = rows[row, column]
     return larger
 
 

@@ -50,7 +50,7 @@ def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
 
 
 @inner
-def _read_style(data: Any, start: int, end: int, digits: int, decimals: int) -> Any:
+def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> Any:
     """Tell the style of a word's number, and whether it is odd: with blanks, or a minus before zero."""
     plus, point, before, leading = 0, 0, 0, 0
     odd = digits == 0 and data[start + 1] == 45
@@ -100,16 +100,17 @@ def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -
     style, odd = np.empty(count, np.uint16), np.zeros(count, np.uint8)
     for n in range(count):
         w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
-        manner, strange = _read_style(data, start[w], end[w], digits[w], decimals[w])
+        own = np.int64(decimals[w])
+        manner, strange = _read_style(data, np.int64(start[w]), np.int64(end[w]), digits[w], own)
         style[n], odd[n] = manner, strange
-        wide = max(decimals[w], places)
-        value = digits[w] * _power(wide - decimals[w]) + steps * _power(wide - places)
+        wide = max(own, places)
+        value = digits[w] * _power(wide - own) + steps * _power(wide - places)
         bounds[n + 1] = _compose(value, (manner >> 5 << 5) | wide, pool, bounds[n])
     return pool[: bounds[-1]].copy(), bounds, style, odd
 
 
 @inner
-def _power(places: int) -> Any:
+def _power(places: Any) -> Any:
     power = np.int64(1)
     for _ in range(places):
         power *= 10
@@ -123,12 +124,12 @@ def unshift_numbers(digits: Any, decimals: Any, word: Any, number: Any, table: A
     pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
     for n in range(count):
         w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
-        manner = np.int64(style[n])
-        less = decimals[w] - (manner & 31)
-        if decimals[w] < places or less < 0:
+        manner, own = np.int64(style[n]), np.int64(decimals[w])
+        less = own - (manner & 31)
+        if own < places or less < 0:
             wrong += 1
             continue
-        value, power = digits[w] - steps * _power(decimals[w] - places), _power(less)
+        value, power = digits[w] - steps * _power(own - places), _power(less)
         wrong += value % power != 0
         bounds[n + 1] = _compose(value // power, manner, pool, bounds[n])
     return pool[: bounds[-1]].copy(), bounds, wrong
@@ -150,14 +151,14 @@ def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any
     text : uint8 array
     """
     out = np.empty(data.size + pool.size + text.size, np.uint8)
-    at, done, n = 0, 0, 0
+    at, done, n = 0, np.int64(0), 0
     for k in range(lines.shape[0] + 1):
         until = lines[k, 0] if k < lines.shape[0] else data.size
         while n < start.size and start[n] < until:
             if start[n] >= done:
-                at = _copy(data, done, start[n], out, at)
+                at = _copy(data, done, np.int64(start[n]), out, at)
                 at = _copy(pool, bounds[n], bounds[n + 1], out, at)
-                done = end[n]
+                done = np.int64(end[n])
             n += 1
         at = _copy(data, done, until, out, at)
         done = until
@@ -168,7 +169,7 @@ def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any
 
 
 @inner
-def _copy(source: Any, low: int, high: int, out: Any, at: int) -> int:
+def _copy(source: Any, low: Any, high: Any, out: Any, at: Any) -> Any:
     for i in range(low, high):
         out[at], at = source[i], at + 1
     return at

@@ -8,14 +8,14 @@ import numpy as np
 
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.paths.build import line_words
-from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.reader.record import RAPID, CodeArray, PartProgram
 from ph_post.gcode.splice.cost import motion_times, stop_cost
 from ph_post.gcode.splice.directions import CARRIED, CHAIN, MOTION, SHARE, SIGN, find_changes
 from ph_post.gcode.splice.dividing import why_whole
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.standing import cutting_feed
 from ph_post.gcode.splice.view import chain_spans, motion_view
-from ph_post.types import Array, BoolArray, IntArray, Machine
+from ph_post.types import Array, BoolArray, Machine
 from ph_post.units import MM
 
 _HALVINGS: Final = 6
@@ -185,6 +185,6 @@ def _upwards(fraction: float) -> float:
     return float(text)
 
 
-def _last_cut(kind: IntArray, low: int, high: int) -> int:
+def _last_cut(kind: CodeArray, low: int, high: int) -> int:
     """Return the last motion of a chain that is no rapid; a chain that is looked at has one."""
     return low + int(np.flatnonzero(kind[low:high] != RAPID)[-1])

@@ -84,7 +84,8 @@ def _checksummed(program: PartProgram) -> bool:
     if b"*" not in program.data:
         return False
     data = np.frombuffer(program.data, dtype=np.uint8)
-    blocks = np.unique(np.searchsorted(program.lines, np.flatnonzero(data == ord("*")), side="right") - 1)
+    stars = np.flatnonzero(data == ord("*")).astype(np.int32)
+    blocks = np.unique(np.searchsorted(program.lines, stars, side="right") - 1)
     return any(
         re.search(rb"\*\s*\d+\s*$", _COMMENT.sub(b"", program.text(block)).strip())
         and b"[" not in program.text(block)

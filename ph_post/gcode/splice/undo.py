@@ -11,12 +11,12 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.lexer import split_lines
-from ph_post.gcode.reader.record import ByteArray
+from ph_post.gcode.reader.record import ByteArray, PlaceArray
 from ph_post.gcode.reader.words import read_words
 from ph_post.gcode.splice.header import read_declaration
 from ph_post.gcode.splice.payload import Payload, read_payload
 from ph_post.gcode.splice.rewrite import assemble, unshift_numbers
-from ph_post.types import BoolArray, IntArray
+from ph_post.types import BoolArray, IntArray, sealed
 
 HUNK: Final = re.compile(rb"\(ph-post: \+(\d+) -(\d+)[^)\r\n]*\)")
 """Comment line before a changed stretch."""
@@ -104,7 +104,7 @@ class _Restorer:
         spans, done = np.zeros((added.size, 2), dtype=np.int64), 0
         added[self._payload.head[0] : sum(self._payload.head)] = True
         for found in HUNK.finditer(self._data, 0, end):
-            line = int(np.searchsorted(self._lines, found.start(), side="right")) - 1
+            line = int(np.searchsorted(self._lines, np.int32(found.start()), side="right")) - 1
             if not added[line]:
                 added[line : line + 1 + int(found.group(1))] = True
                 spans[line] = removed[done], removed[done + int(found.group(2))]
@@ -124,16 +124,18 @@ class _Restorer:
         marked = np.flatnonzero(added)
         spans = np.column_stack([lines[marked], lines[marked + 1], self._spans[low:high][marked]])
         if before:
-            lines, added = np.append(0, lines), np.append(False, added)
+            lines, added = np.append(np.int32(0), lines), np.append(False, added)
         start, stop, pool, bounds = self._numbers(data, lines, added)
         body = np.frombuffer(data, np.uint8)
-        text: bytes = assemble(body, start, stop, pool, bounds, spans, self._removed).tobytes()
+        text: bytes = assemble(body, start, stop, sealed(pool), bounds, spans, self._removed).tobytes()
         return text[len(before) :]
 
-    def _numbers(self, data: bytes, lines: IntArray, added: BoolArray) -> tuple[IntArray, ...]:
+    def _numbers(
+        self, data: bytes, lines: PlaceArray, added: BoolArray
+    ) -> tuple[PlaceArray, PlaceArray, ByteArray, IntArray]:
         """Spans of the changed numbers, and the text that stood there."""
         if self._closed:
-            nothing = np.zeros(0, dtype=np.int64)
+            nothing = np.zeros(0, dtype=np.int32)
             return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
         lexed = read_words(data, lines)
         self._closed, words = lexed.end < lines.size - 1, lexed.words

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.gcode.reader.record import PLANE_AXES, Motions
+from ph_post.gcode.reader.record import PLANE_AXES, CodeArray, Motions
 from ph_post.types import IntArray
 
 
-def plane_columns(plane: IntArray) -> IntArray:
+def plane_columns(plane: CodeArray) -> CodeArray:
     """First, second and third axis of planes 17 to 19, shape (n, 3).
 
     Examples
@@ -18,13 +18,13 @@ def plane_columns(plane: IntArray) -> IntArray:
     >>> plane_columns(np.array([17, 18])).tolist()
     [[0, 1, 2], [2, 0, 1]]
     """
-    table = np.array([PLANE_AXES[number] for number in sorted(PLANE_AXES)])
-    return np.asarray(table[plane - min(PLANE_AXES)], dtype=np.int64)
+    table = np.array([PLANE_AXES[number] for number in sorted(PLANE_AXES)], dtype=np.int8)
+    return np.asarray(table[plane - min(PLANE_AXES)])
 
 
 def motion_view(motions: Motions) -> tuple[Any, ...]:
     """Return `kind`, `start`, `end`, `plane` (m, 3), `center`, `angle`, `row` and `control` (c, 4, 3)."""
-    row = np.full(motions.kind.size, -1, dtype=np.int64)
+    row = np.full(motions.kind.size, -1, dtype=np.int32)
     cubics = sorted(motions.control)
     row[cubics] = np.arange(len(cubics))
     control = np.array([motions.control[k] for k in cubics]).reshape(-1, 4, 3)

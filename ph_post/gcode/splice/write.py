@@ -30,7 +30,7 @@ from ph_post.gcode.splice.schedule import schedule
 from ph_post.gcode.splice.shifted import Changed, carried, changed_words, number_codes
 from ph_post.gcode.splice.standing import program_units
 from ph_post.gcode.splice.undo import restore
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, IntArray, sealed
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _WIDEST: Final = 10**7
@@ -183,7 +183,7 @@ def _body(
     words, kept = program.words, outside[program.words.block[numbers.word]]
     out = assemble(
         np.frombuffer(data, np.uint8), words.start[numbers.word] + 1, words.end[numbers.word],
-        numbers.pool, numbers.bounds, spans, np.frombuffer(b"".join(texts), np.uint8),
+        sealed(numbers.pool), numbers.bounds, spans, np.frombuffer(b"".join(texts), np.uint8),
     )  # fmt: skip
     _check_lines(program, out, dialect)
     odd = np.flatnonzero(numbers.odd[kept])
@@ -231,7 +231,7 @@ def _head_line(program: PartProgram) -> int:
 def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
     """Refuse lines that are longer than the dialect takes, and than the program had them."""
     most = max(dialect.capabilities.max_line + len("\r\n"), int(np.diff(program.lines).max()))
-    lines = split_lines(out)
+    lines = split_lines(sealed(out))
     long = np.flatnonzero(np.diff(lines) > most)
     if long.size:
         text = out[lines[long[0]] : lines[long[0] + 1]].tobytes().decode("latin-1").strip()
