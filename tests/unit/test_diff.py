@@ -297,3 +297,23 @@ def test_compensated_programs_differ_by_what_they_declare(entry):
     assert 0.025e-3 - 1e-9 <= found.max_deviation <= 0.075e-3 * math.sqrt(3.0)
     back = compare_programs(output, program)
     assert back.max_deviation == pytest.approx(found.max_deviation, rel=1e-9)
+
+
+def test_a_machine_without_a_drive_for_an_axis_predicts_nothing(tmp_path, capsys):
+    # An axis left out of the prediction would count as wholly off its path.
+    part, flat = tmp_path / "part.ngc", tmp_path / "flat.toml"
+    part.write_text(PART)
+    flat.write_text(
+        'name = "flat"\n[controller]\ndialect = "linuxcnc"\nservo_period_ms = 1\n'
+        + "".join(
+            f'[axes.{axis}]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0.06\n'
+            "max_velocity_mm_s = 100\nmax_acceleration_mm_s2 = 1000\nmax_jerk_mm_s3 = 20000\n"
+            for axis in "XY"
+        )
+    )
+    assert main(["diff", str(part), str(part), "-m", str(flat)]) == 2
+    said = without_progress(capsys.readouterr().err)
+    assert said == (
+        f"ph-post: {flat}: the program moves axis Z, which has no drive;"
+        " expected [axes.Z]; got [axes.X], [axes.Y]\n"
+    )
