@@ -16,8 +16,9 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import silent
 from ph_post.drive.required import require_drives
 from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.controller.moves import moved_axes
 from ph_post.gcode.header import package_version
-from ph_post.gcode.paths.build import moving_axes, paths_of
+from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
@@ -55,13 +56,14 @@ class Delivery(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part program before and after.
 
     `before` is the original, recovered where the input was compensated before; `after` what is to be
-    written, the same where nothing is changed. `edits` are the changes and `windows` the plans behind those
-    of axes inside their loops; `verdict` is the judge's, None where nothing was changed. `done` says that the
-    input was this very compensation already.
+    written, the same where nothing is changed. `declaration` is what the head then says, `edits` are the
+    changes and `windows` the plans behind those of axes inside their loops; `verdict` is the judge's, None
+    where nothing was changed. `done` says that the input was this very compensation already.
     """
 
     before: PartProgram
     after: PartProgram
+    declaration: Declaration | None = None
     edits: Edits | None = None
     windows: tuple[WindowPlan, ...] = ()
     verdict: Verdict | None = None
@@ -97,20 +99,21 @@ def deliver(
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return Delivery(before=original, after=program, done=True)
-    require_drives(moving_axes(original), "program", machine, machine.name)
+    require_drives(moved_axes(original), "program", machine, f"machine {machine.name}")
     edits, windows = _plan(original, machine, request, tell)
     if not _changes(edits):
         return Delivery(before=original, after=original, edits=edits, windows=windows)
     tell("writing")
-    data = splice(
-        original, edits, find_dialect(machine.dialect), _declaration(original, edits, machine, request)
-    )
+    declaration = _declaration(original, edits, machine, request)
+    data = splice(original, edits, find_dialect(machine.dialect), declaration)
     tell("verifying")
     after = read_program(data, original.name)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
     if not verdict.ok:
         raise _refusal(original.name, verdict)
-    return Delivery(before=original, after=after, edits=edits, windows=windows, verdict=verdict)
+    return Delivery(
+        before=original, after=after, declaration=declaration, edits=edits, windows=windows, verdict=verdict
+    )
 
 
 def _original(program: PartProgram, machine: Machine, request: Request) -> PartProgram:
@@ -139,7 +142,7 @@ def _plan(
     lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
     if request.plan.strategy == "none":
         return lasting, ()
-    drives = [machine.axes[name] for name in moving_axes(program)]
+    drives = [machine.axes[name] for name in moved_axes(program)]
     gaps = [axis.feedback for axis in drives if axis.gap.lost_motion > 0.0]
     crossed = request.plan.strategy in OFFSETS and not request.plan.feed_only
     behind = sum(feedback != "load" for feedback in gaps) if crossed else 0

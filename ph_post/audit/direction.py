@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.audit.case import Case
 from ph_post.audit.outline import outline, plane_columns
@@ -21,6 +22,8 @@ _SPARE = 1.01
 _SAGITTA = 1e-3 * MM
 """Splines are followed in chords that leave them by no more than this [m]."""
 
+SignArray = NDArray[np.int8]
+
 _SKIP = -1
 """The chain of a jog."""
 
@@ -34,13 +37,13 @@ def check_direction(case: Case, pairing: Pairing) -> None:
     motions = case.compensated.motions
     curves = np.isin(motions.kind, (CUBIC, NURBS))
     lines = outline(motions, np.flatnonzero(curves), _SAGITTA)
-    size = np.zeros(motions.kind.size, dtype=np.int64)
-    size[curves] = np.diff(lines.first)
-    first = np.append(0, np.cumsum(size))
+    first = np.zeros(motions.kind.size + 1, dtype=np.int32)
+    first[1:][curves] = np.diff(lines.first)
+    np.cumsum(first, out=first)
     chain = np.where(pairing.jog, _SKIP, motions.chain)
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
-        sign = np.rint(pairing.after[:, axis] / amount.metres).astype(np.int64)
+        sign = np.rint(pairing.after[:, axis] / amount.metres).astype(np.int8)
         ends = (motions.start[:, axis], motions.end[:, axis])
         shift = (pairing.before[:, axis], pairing.after[:, axis])
         places = np.ascontiguousarray(lines.points[:, axis])
@@ -98,7 +101,7 @@ def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> Non
 
 
 @compiled
-def _excursions(sign: IntArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any) -> Array:
+def _excursions(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any) -> Array:
     """Longest way back [m] under one offset that each motion adds to, 0 where the axis carries none.
 
     Parameters

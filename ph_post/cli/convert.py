@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     is_flag=False,
     flag_value=options.BACKUP,
     default=None,
-    metavar="END",
+    metavar="[END]",
     help=f"With --in-place: keep what was there as part.ngcEND. [{options.BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")

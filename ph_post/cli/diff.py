@@ -54,7 +54,7 @@ def command(
     """
     from ph_post.audit.diff.compare import compare_programs
     from ph_post.drive.required import require_drives
-    from ph_post.gcode.paths.build import moving_axes
+    from ph_post.gcode.controller.moves import moved_axes
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
     from ph_post.io.programfile import read_program_file
@@ -75,7 +75,7 @@ def command(
         programs = (read_program_file(a), read_program_file(b))
         if drives is not None:
             for program in programs:
-                require_drives(moving_axes(program), "program", drives, str(machine))
+                require_drives(moved_axes(program), "program", drives, str(machine))
         stage("comparing")
         found = compare_programs(*programs, tolerance * MM, drives)
         if html is not None:

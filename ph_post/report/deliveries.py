@@ -48,8 +48,9 @@ def _changes(delivery: Delivery) -> str:
     edits = delivery.edits
     if edits is None or delivery.verdict is None:
         return "nothing to change"
-    facts = [counted(len(edits.stops), "stop")] if edits.stops else []
-    facts += [counted(len(edits.dips), "feed dip")] if edits.dips else []
+    told = delivery.declaration
+    facts = [counted(told.stops, "stop")] if told is not None and told.stops else []
+    facts += [counted(told.dips, "feed dip")] if told is not None and told.dips else []
     facts += [f"{axis} carries {size / MM:.4g} mm" for axis, size in sorted(edits.amplitude.items())]
     facts += [
         f"{axis} goes out and back by up to {size / MM:.4g} mm" for axis, size in sorted(edits.pulse.items())
@@ -79,7 +80,7 @@ def delivery_view(
     delivery: Delivery, machine: Machine, tolerance: float, outcome: Outcome | None
 ) -> dict[str, Any]:
     """Return what ``convert --json`` prints of a part program; what was not simulated is null."""
-    edits = delivery.edits
+    edits, told = delivery.edits, delivery.declaration
     sides: dict[str, Performance | None] = {"before": None, "after": None}
     if outcome is not None:
         sides = {"before": outcome.before, "after": outcome.after}
@@ -88,8 +89,8 @@ def delivery_view(
         "cycle_time": {side: None if one is None else one.time for side, one in sides.items()},
         "error": {side: None if one is None else error_view(one.error) for side, one in sides.items()},
         "carrier": "program",
-        "stops": 0 if edits is None else len(edits.stops),
-        "dips": 0 if edits is None else len(edits.dips),
+        "stops": 0 if told is None else told.stops,
+        "dips": 0 if told is None else told.dips,
         "offsets": {} if edits is None else {axis: size / MM for axis, size in edits.amplitude.items()},
         "pulses": {} if edits is None else {axis: size / MM for axis, size in edits.pulse.items()},
         "verified": delivery.verdict is not None and delivery.verdict.ok,

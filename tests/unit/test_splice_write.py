@@ -46,7 +46,7 @@ def pulse(motion: int, share: float, size: float = 0.01 * MM) -> Stop:
 
 
 def test_without_changes_the_bytes_are_the_same() -> None:
-    text = "%\r\n o1 (x)\r\n g0x1\r\n\r\n"
+    text = "%\r\n o1 (x)\r\n g0x1\r\n\r\n%\r\n"
     assert changed(text).text == text.encode()
 
 

@@ -51,9 +51,9 @@ def moves_of(program: PartProgram, limits: Array) -> Legs:
 
 
 def moved_axes(program: PartProgram) -> tuple[str, ...]:
-    """Name the axes that a program moves."""
-    start, end = _ends(program)
-    moves = (start != end).any(axis=0)
+    """Name the axes that a program is known to move."""
+    start, end = program.motions.start, program.motions.end
+    moves = ((start != end) & ~np.isnan(end)).any(axis=0)
     for number, (first, second, _) in PLANE_AXES.items():
         turns = (program.motions.kind == ARC) & (program.motions.plane == number)
         moves[[first, second]] |= bool(turns.any())

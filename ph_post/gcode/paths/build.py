@@ -58,13 +58,6 @@ def left_out(program: PartProgram) -> tuple[str, ...]:
     )
 
 
-def moving_axes(program: PartProgram) -> tuple[str, ...]:
-    """Name the axes that a program is known to move."""
-    motions = program.motions
-    moved = (motions.start != motions.end) & ~np.isnan(motions.end)
-    return tuple(AXES[column] for column in np.flatnonzero(moved.any(axis=0)))
-
-
 def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[ProgramPath, tuple[str, ...]]:
     """Return the longest path of a program, and words about what it does not show.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
+import re
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -31,6 +32,9 @@ from ph_post.gcode.reader.tasks import choose
 from ph_post.gcode.reader.words import Lexed, find_lines, read_words
 from ph_post.types import Array, sealed
 from ph_post.units import INCH, MM
+
+_OPENED: Final = re.compile(rb"\s*%")
+"""A program between two percent signs."""
 
 _LARGEST = np.iinfo(np.int32).max
 """Bytes of the longest program."""
@@ -91,6 +95,12 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
     if first is not None:
         raise refuse(name, data, lines, first, _word_end(lexed, first))
     breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
+    if breaks[-1].block == lines.size - 1 and not notes and _OPENED.match(data):
+        # What is passed through may hold the end; without an opening % many programs have none.
+        raise InputError(
+            f"{name}:{lines.size - 1}", "the program breaks off",
+            expected="M2, M30 or the % that belongs to the first one", got="the end of the file",
+        )  # fmt: skip
     number = np.arange(len(breaks) - 1, dtype=np.int32)
     chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(
