@@ -70,10 +70,11 @@ def whole_jog(axis: Axis, direction: int, start: float) -> Jog:
 
 
 def corner_pause(axis: Axis) -> float:
-    """Return how long the path rests behind a jog in a corner, of an axis whose gap is behind its loop [s].
+    """Return how long the path rests before and behind a jog in a corner, of an axis with its gap behind [s].
 
-    Going on earlier would begin with the motor still in the gap. Where an axis turns smoothly that does not
-    show, as it hardly moves at first.
+    An earlier jog would call the motor back before the table has come to the corner, and going on earlier
+    would begin with the motor still in the gap. Where an axis turns smoothly neither shows, as it hardly
+    moves there.
 
     Examples
     --------

@@ -47,7 +47,7 @@ def least_acceleration(machine: Machine) -> float:
 
 
 def pauses(axis: Axis, rows: Array) -> Array:
-    """Rests [s] behind the jogs of one axis: longer where the path stands anyway, as in corners."""
+    """Rests [s] beside the jogs of one axis: longer where the path stands anyway, as in corners."""
     return np.where(rows[:, PASSED] == 0.0, corner_pause(axis), DWELL)
 
 
@@ -57,14 +57,17 @@ def stop_cost(changes: dict[str, Array], travel: dict[str, float], machine: Mach
     A stop takes the path's speed away and gives it back, each of which costs half of the time that it takes;
     it begins with a dwell, and every jog ends with one. Axes that change at the same place share the stop.
     """
-    jogs, places, speeds = 0.0, [], []
+    jogs, places, speeds, rests = 0.0, [], [], []
     for name, rows in changes.items():
         stopped = rows[rows[:, CARRIED] == 0.0]
         axis = machine.axes[name]
-        jogs += len(stopped) * make_jog(axis, travel[name], 0.0).duration + pauses(axis, stopped).sum()
+        jogs += len(stopped) * make_jog(axis, travel[name], 0.0).duration
+        rests.append(pauses(axis, stopped))
         places.append(stopped[:, [MOTION, SHARE]])
         speeds.append(stopped[:, PASSED])
     if not places:
         return 0.0
     _, kept = np.unique(np.concatenate(places), axis=0, return_index=True)
-    return float(jogs + kept.size * DWELL + np.concatenate(speeds)[kept].sum() / least_acceleration(machine))
+    rest = np.concatenate(rests)
+    braking = np.concatenate(speeds)[kept].sum() / least_acceleration(machine)
+    return float(jogs + rest.sum() + rest[kept].sum() + braking)

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate.jogs import DWELL, carries_offset, make_jog
+from ph_post.compensate.jogs import carries_offset, make_jog
 from ph_post.compensate.words import friction_words
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.reader.record import RAPID, PartProgram
@@ -148,7 +148,7 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
             for way in ways
         )
         stops.append(
-            Stop(motion=int(rows[n, MOTION]), share=float(rows[n, SHARE]), pause=DWELL, shifts=shifts)
+            Stop(motion=int(rows[n, MOTION]), share=float(rows[n, SHARE]), pause=float(rest), shifts=shifts)
         )
     return tuple(stops), bool(seats[made].any())
 
