@@ -166,7 +166,8 @@ def test_path_modes_are_read(mode: str | None, tolerance: float, linking: float)
 
 
 def test_only_axes_that_move_are_asked_for() -> None:
-    assert moved_axes(program("G0 X10 Y0", "G1 X20 F100")) == ("X",)
+    assert moved_axes(program("G0 X10", "G1 X20 F100")) == ("X",)
+    assert moved_axes(program("G0 X10 Y0", "G1 X20 F100")) == ("X", "Y"), "sent there from wherever it is"
     assert moved_axes(program("G0 X10 Y0", "G3 X10 Y0 I-5 J0 F100")) == ("X", "Y")
 
 

@@ -51,7 +51,7 @@ def moves_of(program: PartProgram, limits: Array) -> Legs:
 
 
 def moved_axes(program: PartProgram) -> tuple[str, ...]:
-    """Name the axes that a program is known to move."""
+    """Name the axes that a program moves, or sends somewhere from where it does not know."""
     start, end = program.motions.start, program.motions.end
     moves = ((start != end) & ~np.isnan(end)).any(axis=0)
     for number, (first, second, _) in PLANE_AXES.items():
