@@ -28,7 +28,7 @@ from ph_post.gcode.splice.merge import merge
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits
 from ph_post.gcode.splice.undo import undo
-from ph_post.gcode.splice.windows import OFFSETS, WindowPlan, plan_windows
+from ph_post.gcode.splice.windows import WindowPlan, plan_windows, shifts_axes
 from ph_post.gcode.splice.write import splice
 from ph_post.types import Machine, frozen
 
@@ -144,8 +144,7 @@ def _plan(
         return lasting, ()
     drives = [machine.axes[name] for name in moved_axes(program)]
     gaps = [axis.feedback for axis in drives if axis.gap.lost_motion > 0.0]
-    crossed = request.plan.strategy in OFFSETS and not request.plan.feed_only
-    behind = sum(feedback != "load" for feedback in gaps) if crossed else 0
+    behind = sum(feedback != "load" for feedback in gaps) if shifts_axes(request.plan) else 0
     if behind:
         tell("planning lasting offsets")
         share = request.splice.max_slowdown * behind / len(gaps)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.audit.case import Case
-from ph_post.audit.outline import outline, plane_columns
-from ph_post.audit.pairing import AXES, Pairing
-from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, Motions
+from ph_post.audit.outline import outline
+from ph_post.audit.pairing import Pairing
+from ph_post.gcode.reader.record import ARC, AXES, CUBIC, NURBS, Motions, plane_columns
 from ph_post.simulate.compiling import compiled, inner
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
@@ -72,7 +72,7 @@ def _swings(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
     # Zeros that nothing is written to take no memory.
     middle, radius, begin, sweep = (np.zeros(motions.kind.size) for _ in range(4))
     arcs = np.flatnonzero(motions.kind == ARC)
-    columns = plane_columns(motions, arcs)
+    columns = plane_columns(motions.plane[arcs])
     spoke = np.take_along_axis(motions.start[arcs], columns[:, :2], axis=1) - motions.center[arcs]
     second = columns[:, 1] == axis
     middle[arcs] = motions.center[arcs, second.astype(np.int64)]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ph_post.audit.case import Case
-from ph_post.audit.pairing import AXES, Pairing
+from ph_post.audit.pairing import Pairing
 from ph_post.audit.stretches import Side, Stretches
-from ph_post.gcode.reader.record import Motions
+from ph_post.gcode.reader.record import AXES, Motions
 from ph_post.types import Array, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
 

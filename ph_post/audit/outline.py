@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from ph_post.audit.align import expand
-from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, PLANE_AXES, Motions, PlaceArray
+from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, Motions, plane_columns
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
 
@@ -67,7 +67,7 @@ def motion_lengths(motions: Motions, which: IntArray) -> Array:
     """Lengths of motions [m]; coordinates that are not known do not count."""
     length = np.linalg.norm(np.nan_to_num(motions.end[which] - motions.start[which]), axis=1)
     arcs = np.flatnonzero(motions.kind[which] == ARC)
-    third = plane_columns(motions, which[arcs])[:, 2:]
+    third = plane_columns(motions.plane[which[arcs]])[:, 2:]
     rise = np.take_along_axis(motions.end[which[arcs]] - motions.start[which[arcs]], third, axis=1)[:, 0]
     radius = 0.5 * np.add(*radii(motions, which[arcs]))
     length[arcs] = np.hypot(radius * motions.angle[which[arcs]], np.nan_to_num(rise))
@@ -87,17 +87,9 @@ def places_on(motions: Motions, which: IntArray, share: Array) -> Array:
     return points
 
 
-def plane_columns(motions: Motions, which: IntArray | PlaceArray) -> IntArray:
-    """First, second and third axis of the planes of motions, shape (k, 3)."""
-    table = np.zeros((20, 3), dtype=np.int64)
-    for plane, columns in PLANE_AXES.items():
-        table[plane] = columns
-    return np.asarray(table[motions.plane[which]])
-
-
 def radii(motions: Motions, which: IntArray) -> tuple[Array, Array]:
     """Radii of arcs at their starts and ends [m]."""
-    columns = plane_columns(motions, which)[:, :2]
+    columns = plane_columns(motions.plane[which])[:, :2]
     begin, finish = (
         np.take_along_axis(ends[which], columns, axis=1) - motions.center[which]
         for ends in (motions.start, motions.end)
@@ -113,7 +105,7 @@ def _arc_pieces(motions: Motions, arcs: IntArray, sagitta: float) -> IntArray:
 
 def _bend(motions: Motions, arcs: IntArray, share: Array, points: Array, rows: IntArray) -> None:
     """Put rows of points on the circles of their arcs; a radius that changes does so evenly."""
-    columns = plane_columns(motions, arcs)[:, :2]
+    columns = plane_columns(motions.plane[arcs])[:, :2]
     begin, finish = radii(motions, arcs)
     radius = begin + (finish - begin) * share
     spoke = np.take_along_axis(motions.start[arcs], columns, axis=1) - motions.center[arcs]

@@ -11,11 +11,9 @@ from ph_post.audit.align import NO_HUNK, Alignment
 from ph_post.audit.case import Case
 from ph_post.audit.declared import Amount, Declaration
 from ph_post.audit.orders import Dwells
-from ph_post.gcode.reader.record import LINE, RAPID, Motions, PlaceArray
+from ph_post.gcode.reader.record import AXES, LINE, RAPID, Motions, PlaceArray
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM
-
-AXES = "XYZ"
 
 EXACT = 1e-9
 """Lengths [m] that differ by no more are the same number: rounding of doubles, over many blocks of G91."""

@@ -7,10 +7,9 @@ import numpy as np
 from ph_post.audit.align import NO_HUNK
 from ph_post.audit.case import Case
 from ph_post.audit.orders import Dwells
-from ph_post.audit.outline import plane_columns
-from ph_post.audit.pairing import AXES, EXACT, Pairing, declared_ways, millimetres
+from ph_post.audit.pairing import EXACT, Pairing, declared_ways, millimetres
 from ph_post.audit.verdict import FailureKind
-from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, RAPID
+from ph_post.gcode.reader.record import ARC, AXES, CUBIC, NURBS, RAPID, plane_columns
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM
 
@@ -59,7 +58,7 @@ def _bent(case: Case, pairing: Pairing) -> BoolArray:
     one, other = case.original.motions, case.compensated.motions
     both = np.flatnonzero((one.kind[pairing.old] == ARC) & (other.kind[pairing.new] == ARC))
     old, new = pairing.old[both], pairing.new[both]
-    shift = np.take_along_axis(pairing.after[new], plane_columns(one, old)[:, :2], axis=1)
+    shift = np.take_along_axis(pairing.after[new], plane_columns(one.plane[old])[:, :2], axis=1)
     wrong = np.zeros(pairing.old.size, dtype=bool)
     wrong[both] = (
         (one.plane[old] != other.plane[new])

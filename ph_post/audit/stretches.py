@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 
 from ph_post.audit.align import NO_HUNK, expand
-from ph_post.audit.outline import motion_lengths, places_on, plane_columns, radii
+from ph_post.audit.outline import motion_lengths, places_on, radii
 from ph_post.audit.pairing import Pairing
-from ph_post.gcode.reader.record import ARC, LINE, RAPID, CodeArray, Motions, PlaceArray
+from ph_post.gcode.reader.record import ARC, LINE, RAPID, CodeArray, Motions, PlaceArray, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 
 _RANK = 1 << 32
@@ -163,7 +163,7 @@ def _bends(
 ) -> Array:
     """How far a part of an arc may be off beyond its ends: by its centre, its radius and its sweep [m]."""
     arcs = compensated.kind[new] == ARC
-    columns = plane_columns(original, old)[:, :2]
+    columns = plane_columns(original.plane[old])[:, :2]
     centre = compensated.center[new] - np.take_along_axis(shift, columns, axis=1) - original.center[old]
     one, other = radii(original, old), radii(compensated, new)
     radius = np.abs(other[0] - one[0]) + np.abs(one[1] - one[0]) + np.abs(other[1] - other[0])

@@ -60,6 +60,11 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     stream_window: int = 1
 
 
+def metric_opening(plane: str) -> tuple[str, ...]:
+    """Open a program in mm, absolute and per minute, nothing compensated: words that RS274 dialects share."""
+    return (f"G21 {plane} G90 G91.1 G94 G40 G49 G54 G80",)
+
+
 def plane_of(axes: Sequence[str]) -> tuple[str, int]:
     """Word of the plane of the first two axes, and +1 or -1 as their order is the plane's or not.
 

@@ -10,6 +10,7 @@ from ph_post.analysis import Analysis, analyse
 from ph_post.audit.deliver import Delivery
 from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.paths.record import ProgramPath
+from ph_post.gcode.reader.record import AXES
 from ph_post.gcode.splice.record import Edits
 from ph_post.gcode.splice.windows import WindowPlan
 from ph_post.report.views import (
@@ -23,8 +24,6 @@ from ph_post.report.views import (
     window_number,
 )
 from ph_post.types import IntArray, Machine, TurningPoint
-
-AXES = "XYZ"
 
 MILLION = 10**6
 

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from ph_post.audit.verdict import Verdict
+from ph_post.report.deliveries import counted
 
 SHOWN = 20
 """So many failures are listed as text."""
@@ -15,13 +16,13 @@ SHOWN = 20
 def verdict_lines(verdict: Verdict) -> list[str]:
     """Say in lines what is wrong, and what was looked at."""
     looked = ", ".join(f"{number} {name}" for name, number in verdict.checked.items() if number)
-    counted = f"checked: {looked or 'the header'}"
+    seen = f"checked: {looked or 'the header'}"
     if verdict.ok:
-        return ["ok: only what is declared was changed", counted]
+        return ["ok: only what is declared was changed", seen]
     lines = [failure.sentence() for failure in verdict.failures[:SHOWN]]
     if verdict.found > len(lines):
         lines.append(f"and {verdict.found - len(lines)} more")
-    return [*lines, f"failed: {verdict.found} failure{'' if verdict.found == 1 else 's'}", counted]
+    return [*lines, f"failed: {counted(verdict.found, 'failure')}", seen]
 
 
 def verdict_view(verdict: Verdict) -> dict[str, Any]:

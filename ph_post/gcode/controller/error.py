@@ -15,9 +15,9 @@ from scipy.ndimage import maximum_filter1d
 
 from ph_post.errors import InputError
 from ph_post.gcode.controller.legs import Legs
-from ph_post.gcode.controller.moves import AXES, limit_table, programmed
+from ph_post.gcode.controller.moves import limit_table, programmed
 from ph_post.gcode.controller.nearest import distances, follow, shapes_of
-from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reader.record import AXES, PartProgram
 from ph_post.simulate.assess import at_rest, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.machine import simulate

@@ -11,10 +11,8 @@ import numpy as np
 from ph_post.gcode.controller.legs import Legs, make_legs
 from ph_post.gcode.controller.linking import linked_ends
 from ph_post.gcode.controller.splines import with_splines
-from ph_post.gcode.reader.record import ARC, LINE, PLANE_AXES, RAPID, PartProgram
+from ph_post.gcode.reader.record import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.types import Array, BoolArray, IntArray, Limits, Machine
-
-AXES: Final = ("X", "Y", "Z")
 
 SHORTEST: Final = 1e-15
 """Moves up to this [m] are none."""

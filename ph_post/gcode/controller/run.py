@@ -8,8 +8,8 @@ import numpy as np
 
 from ph_post.gcode.controller.kernel import COLUMNS, plan_legs, run_legs
 from ph_post.gcode.controller.legs import DRAINS, FIRST, ORIGIN, PAUSE, RADIUS, table_of
-from ph_post.gcode.controller.moves import AXES, limit_table, moves_of
-from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.controller.moves import limit_table, moves_of
+from ph_post.gcode.reader.record import AXES, PartProgram
 from ph_post.types import Array, Command, IntArray, Machine, frozen, sealed
 
 DRAINED: Final = 4

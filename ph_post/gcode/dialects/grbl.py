@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.dialect import Dialect, metric_opening
 from ph_post.types import Capabilities
 
 _DECIMALS = 4
@@ -17,10 +17,6 @@ _STREAM_RATE = 11_520.0
 
 _PLANNER_BLOCKS = 16
 """Moves that Grbl holds in its planner."""
-
-
-def _opening(plane: str) -> tuple[str, ...]:
-    return (f"G21 {plane} G90 G91.1 G94 G40 G49 G54 G80",)
 
 
 DIALECT = Dialect(
@@ -38,7 +34,7 @@ DIALECT = Dialect(
     # Under G93 Grbl 1.1 breaks an arc into chords, multiplies F by their number and then takes it for mm/min
     # (mc_arc in its motion_control.c): only straight moves keep their time.
     inverse_time_arcs=False,
-    opening=_opening,
+    opening=metric_opening,
     closing=("M2",),
     stream_rate=_STREAM_RATE,
     stream_window=_PLANNER_BLOCKS,

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.dialect import Dialect, metric_opening
 from ph_post.types import Array, Capabilities
 
 _DECIMALS: Final = 4
@@ -27,10 +27,6 @@ only where the middle is off by a tenth of a millimetre, which is no help: the w
 
 _STEPS: Final = 10
 """Moves of a G5 that is flat enough not to be shortened any further."""
-
-
-def _opening(plane: str) -> tuple[str, ...]:
-    return (f"G21 {plane} G90 G91.1 G94 G40 G49 G54 G80",)
 
 
 def spline_deviation(control: Array) -> Array:
@@ -57,7 +53,7 @@ DIALECT = Dialect(
     terse=False,
     inverse_time_arcs=False,
     inverse_time_splines=False,
-    opening=_opening,
+    opening=metric_opening,
     closing=("M2",),
     spline_deviation=spline_deviation,
     spline_pieces=_STEPS,

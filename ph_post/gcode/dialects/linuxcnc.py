@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.dialect import Dialect, metric_opening
 from ph_post.gcode.format import decimal_text, to_grid
 from ph_post.types import Array, Capabilities
 
@@ -23,10 +23,6 @@ _MOST_TURN = 0.5
 """Largest turn [rad] over one span; a span that turns more has no business in a smooth program."""
 
 _PROBES = np.linspace(0.0, 1.0, 9)[1:-1]
-
-
-def _opening(plane: str) -> tuple[str, ...]:
-    return (f"G21 {plane} G90 G91.1 G94 G40 G49 G54 G80",)
 
 
 def _path_mode(tolerance: float | None) -> str:
@@ -122,7 +118,7 @@ DIALECT = Dialect(
     terse=False,
     # Under G93 LinuxCNC computes no feed for a G5: the rate of the block before stays in force.
     inverse_time_splines=False,
-    opening=_opening,
+    opening=metric_opening,
     closing=("M2",),
     path_mode=_path_mode,
     spline_deviation=spline_deviation,

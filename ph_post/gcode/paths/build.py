@@ -10,7 +10,7 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.gcode.paths.assemble import assemble
 from ph_post.gcode.paths.record import ProgramPath
-from ph_post.gcode.reader.record import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
+from ph_post.gcode.reader.record import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PartProgram
 from ph_post.geometry.base import MEETS
 from ph_post.types import IntArray, Path
 from ph_post.units import MM
@@ -18,8 +18,6 @@ from ph_post.units import MM
 FIT_TOLERANCE: Final = 1e-3 * MM
 """How far vertices may be off a fitted curve [m] where the user names nothing: programs of three decimals
 round each coordinate by half of it."""
-
-AXES: Final = "XYZ"
 
 
 def paths_of(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[ProgramPath, ...]:

@@ -17,6 +17,9 @@ from ph_post.types import Array, IntArray
 RAPID, LINE, ARC, CUBIC, NURBS = range(5)
 """Kind of a motion: G0; G1; G2 and G3; G5 and G5.1 (raised to a cubic); G5.2 to G5.3."""
 
+AXES: Final = "XYZ"
+"""The axes of a position, by column."""
+
 PLANE_AXES: Final[Mapping[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 """First, second and third axis of a plane, as columns of a position; arcs turn from first to second."""
 
@@ -27,6 +30,19 @@ PlaceArray = NDArray[np.int32]
 
 CodeArray = NDArray[np.int8]
 """Small numbers."""
+
+
+def plane_columns(plane: CodeArray) -> CodeArray:
+    """First, second and third axis of planes 17 to 19, shape (n, 3).
+
+    Examples
+    --------
+    >>> plane_columns(np.array([17, 18])).tolist()
+    [[0, 1, 2], [2, 0, 1]]
+    """
+    table = np.array([PLANE_AXES[number] for number in sorted(PLANE_AXES)], dtype=np.int8)
+    return np.asarray(table[plane - min(PLANE_AXES)])
+
 
 BreakKind = Literal[
     "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "not understood"

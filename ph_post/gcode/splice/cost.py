@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ph_post.compensate.jogs import DWELL, PART, corner_pause, make_jog
-from ph_post.gcode.reader.record import ARC, CUBIC, RAPID, PartProgram
+from ph_post.gcode.reader.record import ARC, CUBIC, RAPID, PartProgram, plane_columns
 from ph_post.gcode.splice.directions import CARRIED, MOTION, PASSED, SHARE
 from ph_post.types import Array, Axis, IntArray, Machine
 
@@ -31,8 +31,6 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
 
 def _arc_lengths(program: PartProgram, arcs: IntArray) -> Array:
     """Length of arcs and helices [m]."""
-    from ph_post.gcode.splice.view import plane_columns
-
     motions = program.motions
     planes = plane_columns(motions.plane[arcs])
     start = np.take_along_axis(motions.start[arcs], planes[:, :2], axis=1) - motions.center[arcs]

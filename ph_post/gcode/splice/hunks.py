@@ -15,12 +15,12 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import significant_text
-from ph_post.gcode.reader.record import RAPID, Modal, PartProgram
+from ph_post.gcode.reader.record import AXES, RAPID, Modal, PartProgram
 from ph_post.gcode.splice import blocktext
 from ph_post.gcode.splice.parts import part_length
 from ph_post.gcode.splice.record import Stop
 from ph_post.gcode.splice.schedule import Part, Task
-from ph_post.gcode.splice.shifted import AXES, Carried, lasting
+from ph_post.gcode.splice.shifted import Carried, lasting
 from ph_post.gcode.splice.wording import Wording, fine_decimals
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM

@@ -22,7 +22,7 @@ from msgspec.structs import replace
 from ph_post.compensate.jogs import carries_offset, make_jog
 from ph_post.compensate.words import friction_words
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.reader.record import RAPID, PartProgram
+from ph_post.gcode.reader.record import AXES, RAPID, PartProgram
 from ph_post.gcode.splice.cost import pauses
 from ph_post.gcode.splice.directions import CARRIED, CHAIN, MOTION, SHARE, SIGN
 from ph_post.gcode.splice.grid import half_gap
@@ -40,8 +40,6 @@ from ph_post.gcode.splice.standing import (
 )
 from ph_post.gcode.splice.view import chain_spans
 from ph_post.types import Array, Axis, BoolArray, Machine, frozen, sealed
-
-AXES: Final = "XYZ"
 
 SEAT: Final = 3.0
 """How far before its place an axis comes onto its flank where the flank it stands on is not known, in halves

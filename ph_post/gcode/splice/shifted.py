@@ -9,13 +9,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.gcode.reader.record import ARC, RAPID, PartProgram
+from ph_post.gcode.reader.record import ARC, AXES, RAPID, PartProgram
 from ph_post.gcode.splice.record import Stop
 from ph_post.gcode.splice.schedule import Task
 from ph_post.simulate.compiling import compiled, inner
 from ph_post.types import Array, IntArray
-
-AXES = "XYZ"
 
 
 class Carried(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -6,20 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.gcode.reader.record import PLANE_AXES, CodeArray, Motions
+from ph_post.gcode.reader.record import Motions, plane_columns
 from ph_post.types import IntArray
-
-
-def plane_columns(plane: CodeArray) -> CodeArray:
-    """First, second and third axis of planes 17 to 19, shape (n, 3).
-
-    Examples
-    --------
-    >>> plane_columns(np.array([17, 18])).tolist()
-    [[0, 1, 2], [2, 0, 1]]
-    """
-    table = np.array([PLANE_AXES[number] for number in sorted(PLANE_AXES)], dtype=np.int8)
-    return np.asarray(table[plane - min(PLANE_AXES)])
 
 
 def motion_view(motions: Motions) -> tuple[Any, ...]:

@@ -179,12 +179,17 @@ def _telling(tell: Callable[[str], None], where: str) -> Callable[[str], None]:
     return lambda text: tell(f"{where}: {text}")
 
 
+def shifts_axes(options: PlanOptions) -> bool:
+    """Whether axes behind their loop get a lasting offset."""
+    return options.strategy in OFFSETS and not options.feed_only
+
+
 def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machine:
     """Return the machine to plan windows for.
 
     Where lasting offsets take care of the axes behind their loop, those of the path have no gap any more.
     """
-    if options.feed_only or options.strategy not in OFFSETS:
+    if not shifts_axes(options):
         return machine
     axes = {
         name: axis if axis.feedback == "load" or name not in path.axes

@@ -10,13 +10,12 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.format import decimal_text
-from ph_post.gcode.reader.record import ARC, CUBIC, PLANE_AXES, Modal, PartProgram
+from ph_post.gcode.reader.record import ARC, AXES, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.gcode.splice.blocktext import letters
 from ph_post.gcode.splice.parts import place, split_cubic
 from ph_post.gcode.splice.schedule import Part
 from ph_post.types import Array, IntArray
 
-AXES: Final = "XYZ"
 _CENTERS: Final = "IJK"
 _FULL: Final = 1e-9
 _MOST_DECIMALS: Final = 9
