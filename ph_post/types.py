@@ -428,3 +428,42 @@ class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
     """Whether a path-blending word (G64) is understood."""
     dwells: bool = True
     """Whether the axes stand still in a G4, so that a short move between two of them is not blended away."""
+
+
+LogSide = Literal["table", "unknown"]
+EffortUnit = Literal["N", "A"]
+
+
+class AxisLog(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What was recorded of one axis, a value a sample, shape (n,); NaN where a sample is missing.
+
+    `command` [m], never NaN; `table` [m] (`_act`) and `motor` [m] (`_motor`, in units of the table); `effort`
+    in `effort_unit`, the force on the table or the motor's current. None where there is no such column.
+    `side` is "unknown" where nobody knows whether `table` was read at the table or at the motor.
+    """
+
+    command: Array
+    table: Array | None = None
+    motor: Array | None = None
+    effort: Array | None = None
+    effort_unit: EffortUnit = "N"
+    side: LogSide = "table"
+
+
+class Log(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A measured or simulated record at a constant period [s]; `t` [s] begins where the record does.
+
+    `remarks` are its ``# key: value`` lines; `digest` is the hash of the bytes it was read from; `jitter` [s]
+    is the largest departure of a sample from the constant period, `missing` how many rows were filled in as
+    missing; `warnings` say what the reader had to do.
+    """
+
+    name: str
+    t: Array
+    period: float
+    axes: Mapping[str, AxisLog]
+    digest: str = ""
+    jitter: float = 0.0
+    missing: int = 0
+    remarks: Mapping[str, str] = {}
+    warnings: tuple[str, ...] = ()
