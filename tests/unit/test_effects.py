@@ -35,8 +35,9 @@ THIS_STEP = {
     "scale_error",
     "thermal_growth",
     "squareness",
+    "friction_asymmetry",
 }
-UNWRITTEN = {"cyclic_error", "scale_error", "thermal_growth", "squareness"}
+UNWRITTEN = {"cyclic_error", "scale_error", "thermal_growth", "squareness", "friction_asymmetry"}
 """Effects whose rows the table of the README does not have yet."""
 AXIS = Axis(
     name="X",
@@ -86,6 +87,10 @@ def test_what_has_a_sign():
         ("cyclic_error", "amplitude_mm"),
         ("cyclic_error", "phase_deg"),
         ("thermal_growth", "growth_mm"),
+        ("friction_asymmetry", "plus_n_s_per_mm"),
+        ("friction_asymmetry", "plus_following_error_s"),
+        ("friction_asymmetry", "minus_n_s_per_mm"),
+        ("friction_asymmetry", "minus_following_error_s"),
     }
 
 
@@ -109,6 +114,11 @@ def test_what_has_a_sign():
         # 0.5 N s/mm = 500 N s/m; at 0.1 m/s that is 50 N, held by an error of 1e-4 m = 0.1 m/s * 1e-3 s
         ("viscous_friction", {"coefficient_n_s_per_mm": 0.5}, {"viscous_plus": 1e-3, "viscous_minus": 1e-3}),
         ("viscous_friction", {"following_error_s": 1e-3}, {"viscous_plus": 1e-3, "viscous_minus": 1e-3}),
+        (
+            "friction_asymmetry",
+            {"plus_n_s_per_mm": 0.5, "minus_following_error_s": -1e-3},
+            {"viscous_plus": 1e-3, "viscous_minus": -1e-3},
+        ),
         ("load_offset", {"force_n": -150}, {"load": -3e-4}),
         ("load_offset", {"following_error_mm": 0.3}, {"load": 3e-4}),
         (
@@ -187,6 +197,7 @@ ALL = (
     ("scale_error", {"error": 1e-5}),
     ("thermal_growth", {"growth_mm": 0.03, "time_constant_s": 1200}),
     ("squareness", {"angle_rad": 1e-4}),
+    ("friction_asymmetry", {"plus_following_error_s": 5e-4, "minus_following_error_s": -5e-4}),
 )
 
 
@@ -203,8 +214,8 @@ def test_effects_of_all_kinds_act_together():
             "coulomb_minus": 5e-5,
             "static": 1e-5,
             "stribeck_speed": 2e-3,
-            "viscous_plus": 1e-3,
-            "viscous_minus": 1e-3,
+            "viscous_plus": 1.5e-3,
+            "viscous_minus": 5e-4,
             "load": 3e-4,
             "windup_frequency": 100 * math.pi,
             "windup_damping": 0.03,

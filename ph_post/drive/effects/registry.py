@@ -37,6 +37,7 @@ BUILT_IN = {
     "cyclic_error": f"{_HERE}.cyclic_error:EFFECT",
     "elastic_windup": f"{_HERE}.elastic_windup:EFFECT",
     "engagement_impact": f"{_HERE}.engagement_impact:EFFECT",
+    "friction_asymmetry": f"{_HERE}.friction_asymmetry:EFFECT",
     "load_offset": f"{_HERE}.load_offset:EFFECT",
     "scale_error": f"{_HERE}.scale_error:EFFECT",
     "squareness": f"{_HERE}.squareness:EFFECT",
