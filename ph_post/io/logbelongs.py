@@ -111,8 +111,8 @@ def require_program(log: Log, program: PartProgram, machine: Machine, where: Whe
 def fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machine: Machine, file: str) -> Log:
     """Take commands from the program, at the time that fits the record best.
 
-    Commands that were recorded are compared as they are, readings with the command as late as the servo makes
-    it, c of Eq. (9).
+    Commands that were recorded tell the time exactly. Where none was, readings are compared with the command
+    as late as the servo makes it, c of Eq. (9).
 
     Raises
     ------
@@ -120,14 +120,14 @@ def fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machin
         Where the program does not fit.
     """
     command = run_program(program, machine)
-    pairs = list(_pairs(log, command, machine))
+    pairs = _pairs(log, command, machine)
     start = _best_start(pairs, command, log)
     made = {name: _at(command, name, log.t - log.t[0] - start) for name in lacking}
     misfit = math.sqrt(float(np.mean([_misfit(pair, command, log, start) ** 2 for pair in pairs])))
     gaps = max(machine.axes[name].gap.lost_motion for name in log.axes)
     if misfit > OFF_PATH + gaps:
         raise InputError(
-            file, f"the record does not follow the model of {program.name}: is it another one, or ran it otherwise?",
+            file, f"the record does not follow {program.name}: does it belong to it, and ran as modelled?",
             expected=f"within {(OFF_PATH + gaps) / MM:g} mm (root mean square)", got=f"{misfit / MM:.6g} mm",
         )  # fmt: skip
     axes = {name: replace(axis, command=made.get(name, axis.command)) for name, axis in log.axes.items()}
@@ -203,16 +203,16 @@ Pair = tuple[str, Array, float]
 """An axis, what was recorded of it and how late that is behind the command [s]."""
 
 
-def _pairs(log: Log, command: Command, machine: Machine) -> Iterator[Pair]:
-    for name, axis in log.axes.items():
-        if name not in command.axes:
-            continue
-        if not np.isnan(axis.command[0]):
-            yield name, axis.command, 0.0
-            continue
-        for _, reading in _readings(name, axis):
-            if np.isfinite(reading).any():
-                yield name, reading, machine.axes[name].servo.c
+def _pairs(log: Log, command: Command, machine: Machine) -> list[Pair]:
+    """Pair commands that were recorded and move with those of the program; or else readings, all of them."""
+    told = [(name, axis.command, 0.0) for name, axis in log.axes.items() if name in command.axes]
+    told = [pair for pair in told if np.ptp(pair[1]) > MOVES]  # NaN where it was not recorded
+    return told or [
+        (name, reading, machine.axes[name].servo.c)
+        for name, axis in log.axes.items()
+        for _, reading in _readings(name, axis)
+        if np.isfinite(reading).any()
+    ]
 
 
 def _best_start(pairs: Sequence[Pair], command: Command, log: Log) -> float:
