@@ -76,17 +76,17 @@ STEPS = (
 )
 
 
-def trail(count: int = 20_000, channel: str = "act", axis: str = "X") -> Trail:
+def trail(count: int = 20_000, channel: str = "act", axis: str = "X", noise: float = 2e-7) -> Trail:
     """Return residuals that jump by 10 µm where the command turns back, and by a tenth of it afterwards."""
     t = np.arange(count) * 1e-3
     command = 0.05 * np.sin(2.0 * np.pi * 0.5 * t)
     phase = (0.5 * t - 0.25) % 0.5 / 0.5  # 0 where the command turns back
     jump = 1e-5 * np.exp(-phase / 0.05) * np.sign(np.sin(2.0 * np.pi * (0.5 * t - 0.25)))
-    noise = 2e-7 * np.random.default_rng(5).standard_normal(count)
+    blur = noise * np.random.default_rng(5).standard_normal(count)
     size = 1.0 if channel != "force" else 1e6
     return Trail(
         axis=axis, channel=channel, t=t, command=command,
-        before=size * (jump + noise), after=size * (0.1 * jump + noise),
+        before=size * (jump + blur), after=size * (0.1 * jump + blur),
         counted=t >= 0.35, held_out=(t >= 0.35) & (t % 4.0 > 3.0),
     )  # fmt: skip
 
