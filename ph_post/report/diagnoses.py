@@ -19,6 +19,7 @@ from ph_post.diagnose.record import (
 )
 from ph_post.report.findingwords import (
     estimate_words,
+    finding_name,
     label_words,
     micrometres,
     number_words,
@@ -215,8 +216,7 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
 def _finding_lines(found: Finding) -> Iterator[str]:
     sure = f", {100.0 * found.confidence:.0f} % sure" if math.isfinite(found.confidence) else ""
     where = f": {found.where}" if found.where else ""
-    name = label_words(found.name, found.axis)
-    yield f"{name[0].upper()}{name[1:]}{where}{sure}"
+    yield f"{finding_name(found)}{where}{sure}"
     for key, one in found.parameters.items():
         doubt = "" if number_words(one)[1] is not None else " (its standard error is not known)"
         yield f"  {key} = {estimate_words(one)}{doubt}"

@@ -56,6 +56,15 @@ def label_words(label: str, axis: str = "") -> str:
     return f"{_plain(name)} ({own or axis})"
 
 
+def finding_name(found: Finding) -> str:
+    """Name what was found as a heading does.
+
+    Such as ``Coulomb friction (X)``.
+    """
+    name = label_words(found.name, found.axis)
+    return f"{name[0].upper()}{name[1:]}"
+
+
 def _plain(name: str) -> str:
     """Name an effect, one that somebody added by its own name."""
     return EFFECTS.get(name, name.replace("_", " "))
