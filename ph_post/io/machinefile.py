@@ -70,24 +70,12 @@ def read_machine(source: str | os.PathLike[str]) -> Machine:
 
 
 def machine_source(source: str | os.PathLike[str]) -> Source:
-    """Read the text of a machine file; ``-`` and the names of shipped machines as :func:`read_machine`.
-
-    Raises
-    ------
-    InputError
-        Where there is no such file, or it cannot be read.
-    """
+    """Read the text of a machine file, found as :func:`read_machine` does."""
     return read_source(or_shipped("machines", source))
 
 
 def machine_of(text: Source) -> Machine:
-    """Return the machine of a text that was read already.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_machine`.
-    """
+    """Return the machine of a text that was read already; raises as :func:`read_machine`."""
     record = checked(_parse(text), MachineRecord, text.name)
     drives = {name: getattr(record.axes, name) for name in ("X", "Y", "Z")}
     axes = {name: _axis(name, axis, text.name) for name, axis in drives.items() if axis is not None}
