@@ -133,9 +133,10 @@ def fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machin
     axes = {name: replace(axis, command=made.get(name, axis.command)) for name, axis in log.axes.items()}
     words = (
         f"{', '.join(f'{name}_cmd' for name in lacking)}: from {program.name}, which begins {start:.6g} s "
-        f"after the record by the best fit ({misfit / MM:.3g} mm rms): a time shift of the record, or a "
-        "delay, cannot be seen"
+        f"after the record by the best fit ({misfit / MM:.3g} mm rms)"
     )
+    if len(lacking) == len(log.axes):
+        words += "; a delay of the readings cannot be seen"
     return replace(log, axes=axes, warnings=(*log.warnings, words))
 
 
