@@ -97,7 +97,8 @@ def _check_radius(radius: float, rooms: Mapping[str, float]) -> None:
     if not LEAST_RADIUS <= radius <= most:
         raise InputError(
             "--radius", "the circles leave the travel" if radius > most else "no radius for a circle",
-            expected=f"{LEAST_RADIUS / MM:g} mm up to {most / MM:g} mm, half of the travel", got=f"{radius / MM:g} mm",
+            expected=f"{LEAST_RADIUS / MM:g} mm up to {most / MM:g} mm, half of the travel",
+            got=f"{radius / MM:g} mm",
         )  # fmt: skip
 
 
