@@ -21,6 +21,7 @@ COMMANDS = (
     "diff",
     "rehearse",
     "sweep",
+    "calibrate",
     "demo",
     "paper",
 )

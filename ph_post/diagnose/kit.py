@@ -3,41 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from ph_post.diagnose import kitparts as parts
-from ph_post.diagnose.kitdraft import APPROACH, Draft
-from ph_post.diagnose.kitground import TOP_SHARE, Ground, arc_speed, settling_time, top_speed
-from ph_post.diagnose.kitrecord import what_to_record
-from ph_post.diagnose.record import Channel, Experiment
+from ph_post.diagnose.kitdraft import Draft
+from ph_post.diagnose.kitground import Ground
+from ph_post.diagnose.kitlayout import lay_out
+from ph_post.diagnose.kitprogram import experiment
+from ph_post.diagnose.record import Experiment
 from ph_post.errors import InputError
-from ph_post.gcode.registry import find_dialect
 from ph_post.types import Machine
-from ph_post.units import MINUTE, MM, MM_PER_MIN
-
-TRAVEL: Final = 100.0 * MM
-"""Room of every axis where a person names none [m], end to end."""
-
-RADIUS_SHARE: Final = 0.3
-"""Radius of the circles where a person names none, as a share of the room."""
-
-LEAST: Final = 2.0 * MM
-"""Room [m] in which nothing worth while can be seen."""
-
-FARTHEST: Final = 100.0
-"""Places [m] that no machine has."""
-
-SLOWEST: Final = 1.0 * MM_PER_MIN
-"""Feeds below it [m/s] take a day."""
+from ph_post.units import MINUTE
 
 WARM_UP: Final = 10.0 * MINUTE
 """How long the run takes that warms the screws [s]."""
 
-_FEED_RATIOS: Final = (1.0 / 6.0, 0.4, 1.0)
-"""Feeds of the circles where a person names none, by the greatest that is taken."""
 
-Write = Callable[[Draft], None]
+LONGEST: Final = 120.0 * MINUTE
+"""Longest of such runs [s]."""
 
 
 def calibration_kit(
@@ -74,11 +60,11 @@ def calibration_kit(
         Where the machine lacks an axis, the circles leave the room, or a feed is beyond the machine.
     """
     ground = lay_out(machine, axes, centre, travel, radius, feeds)
-    if not (math.isfinite(warm_up) and 0.0 < warm_up <= 24.0 * 60.0 * MINUTE):
+    if not (math.isfinite(warm_up) and 0.0 < warm_up <= LONGEST):
         raise InputError(
             "--warm-up",
             "no time for a run",
-            expected="minutes, above 0 up to 1440",
+            expected="minutes, above 0 up to 120",
             got=f"{warm_up / MINUTE:g}",
         )
     return (
@@ -89,151 +75,15 @@ def calibration_kit(
     )
 
 
-def lay_out(
-    machine: Machine,
-    axes: Sequence[str],
-    centre: Sequence[float],
-    travel: Sequence[float],
-    radius: float | None,
-    feeds: Sequence[float],
-) -> Ground:
-    """Check what a person asked for and fill in the rest; parameters as of :func:`calibration_kit`."""
-    names = _axes(machine, axes)
-    middles = _each(names, tuple(centre) or (0.0,) * len(names), "--centre")
-    given = tuple(travel) or (TRAVEL,)
-    rooms = _each(names, given * len(names) if len(given) == 1 else given, "--travel")
-    for axis in names:
-        _check_room(axis, middles[axis], rooms[axis])
-    spans = {axis: (middles[axis] - 0.5 * rooms[axis], middles[axis] + 0.5 * rooms[axis]) for axis in names}
-    size = RADIUS_SHARE * min(rooms.values()) if radius is None else radius
-    _check_radius(size, rooms)
-    return Ground(
-        machine=machine, spans=spans, radius=size, settle=settling_time(machine, names),
-        feeds=_feeds(machine, names, size, feeds),
-    )  # fmt: skip
-
-
-def _axes(machine: Machine, wanted: Sequence[str]) -> tuple[str, ...]:
-    there = tuple(axis for axis in "XYZ" if axis in machine.axes)
-    for axis in wanted:
-        if axis not in there:
-            raise InputError(
-                "--axes", "the machine has no such axis", expected=" or ".join(there), got=repr(axis)
-            )
-    chosen = tuple(axis for axis in there if (axis in wanted if wanted else axis != "Z"))
-    if not chosen:
-        raise InputError("--axes", "the machine has no axis but Z", expected="Z, to have it moved")
-    return chosen
-
-
-def _each(axes: Sequence[str], values: Sequence[float], option: str) -> dict[str, float]:
-    """One number an axis."""
-    if len(values) != len(axes):
-        names = ", ".join(axes)
-        raise InputError(
-            option, "not one number an axis", expected=f"{len(axes)}, for {names}", got=f"{len(values)}"
-        )
-    return dict(zip(axes, values, strict=True))
-
-
-def _check_room(axis: str, middle: float, room: float) -> None:
-    if not (math.isfinite(middle) and abs(middle) <= FARTHEST):
-        raise InputError(
-            "--centre", f"no place for {axis}", expected="within 100 m", got=f"{middle / MM:g} mm"
-        )
-    if not LEAST <= room <= FARTHEST:
-        what = f"no room for {axis} to move in"
-        raise InputError(
-            "--travel", what, expected=f"at least {LEAST / MM:g} mm, up to 100 m", got=f"{room / MM:g} mm"
-        )
-
-
-def _check_radius(radius: float, rooms: Mapping[str, float]) -> None:
-    most = 0.5 * min(rooms.values())
-    if not 0.0 < radius <= most:
-        raise InputError(
-            "--radius", "the circles leave the travel",
-            expected=f"above 0 up to {most / MM:g} mm, half of the travel", got=f"{radius / MM:g} mm",
-        )  # fmt: skip
-
-
-def _feeds(
-    machine: Machine, axes: tuple[str, ...], radius: float, wanted: Sequence[float]
-) -> tuple[float, ...]:
-    """Take the feeds asked for, each once and rising, or three of our own."""
-    round_circle = arc_speed(machine, axes, radius)
-    if not wanted:
-        return tuple(TOP_SHARE * round_circle * ratio for ratio in _FEED_RATIOS)
-    top = top_speed(machine, axes)
-    for feed in wanted:
-        told = f"{feed / MM_PER_MIN:g} mm/min"
-        if not feed >= SLOWEST:
-            raise InputError("--feeds", "no feed", expected="at least 1 mm/min", got=told)
-        if feed > top:
-            what = "the feed is above what the machine has"
-            raise InputError("--feeds", what, expected=f"up to {top / MM_PER_MIN:g} mm/min", got=told)
-        if len(axes) > 1 and feed > round_circle:
-            what = f"circles of {radius / MM:g} mm take more acceleration or jerk than the machine has"
-            most = f"up to {math.floor(round_circle / MM_PER_MIN)} mm/min, or a larger --radius"
-            raise InputError("--feeds", what, expected=most, got=told)
-    return tuple(sorted(set(wanted)))
-
-
-def experiment(
-    ground: Ground, name: str, why: str, write: Write, needed: Sequence[Channel] = ("act", "motor")
-) -> Experiment:
-    """Write one program.
-
-    Parameters
-    ----------
-    ground : Ground
-    name : str
-        What it and its log are called.
-    why : str
-        What it is for, a sentence.
-    write : callable
-        Adds the motions to a draft.
-    needed : sequence of {"act", "motor", "force"}
-        Channels without which it tells nothing.
-    """
-    draft = Draft(ground, find_dialect(ground.machine.dialect, "controller.dialect"))
-    write(draft)
-    record = what_to_record(ground.machine, ground.axes, needed, draft.seconds, name)
-    return Experiment(
-        name=name, why=why, record=record, program=draft.text(_remarks(ground, name, why, draft))
-    )
-
-
-def _remarks(ground: Ground, name: str, why: str, draft: Draft) -> list[str]:
-    """Say what a person must know before starting a program."""
-    room = ", ".join(
-        f"{axis} from {low / MM:g} to {high / MM:g}" for axis, (low, high) in ground.spans.items()
-    )
-    middle = " ".join(f"{axis}{ground.centre(axis) / MM:g}" for axis in ground.axes)
-    others = [axis for axis in "XYZ" if axis not in ground.axes]
-    still = (
-        "" if not others else f", {' and '.join(others)} not moved: the height at which the tool stands stays"
-    )
-    speed = min(APPROACH, 0.25 * ground.top(*ground.axes)) / MM_PER_MIN
-    return [
-        f"ph-post test program {name} for {ground.machine.name}, about {draft.seconds:.0f} s",
-        why,
-        f"THE TOOL MUST BE CLEAR of everything: moves {room} mm{still}",
-        f"go to {middle} by hand first: the program begins with a straight move to there at {speed:g} mm/min,"
-        " and ends there",
-        "cut air, spindle off, feed override 100 percent, work offset G54, the controller's own backlash and"
-        " screw compensation off",
-    ]
-
-
 def _whole(ground: Ground) -> Experiment:
     why = "a little of everything in one record: steps, sweeps, speeds, circles and diagonals"
     return experiment(ground, "mix", why, lambda draft: parts.mix(draft, ground.axes))
 
 
 def _of_axis(ground: Ground, axis: str) -> list[Experiment]:
-    """Programs that move one axis at a time."""
+    """Programs that move one axis, and no other."""
     small = axis.lower()
+    ground = replace(ground, spans={axis: ground.spans[axis]})
     return [
         experiment(
             ground, f"ladder_{small}", f"steps of {axis} from 0.01 to 10 mm to either side: gap and friction",
@@ -248,7 +98,7 @@ def _of_axis(ground: Ground, axis: str) -> list[Experiment]:
         ),
         experiment(
             ground, f"speed_{small}", f"{axis} at speeds from a crawl up, both ways: friction by speed",
-            lambda draft: _between(draft, lambda: parts.speeds(draft, axis)), ("act", "motor", "force"),
+            lambda draft: _between(draft, lambda: parts.speeds(draft, axis)), ("act", "force"),
         ),
         experiment(
             ground, f"fast_{small}",
@@ -260,6 +110,7 @@ def _of_axis(ground: Ground, axis: str) -> list[Experiment]:
 
 def _of_pair(ground: Ground, pair: tuple[str, str]) -> list[Experiment]:
     """Programs that move two axes at a time."""
+    ground = replace(ground, spans={axis: ground.spans[axis] for axis in pair})
     small, names = "".join(pair).lower(), f"{pair[0]} and {pair[1]}"
     return [
         experiment(
@@ -272,7 +123,7 @@ def _of_pair(ground: Ground, pair: tuple[str, str]) -> list[Experiment]:
         ),
         experiment(
             ground, f"diagonals_{small}", f"both diagonals of {names}, to and fro: squareness beside scale",
-            lambda draft: _between(draft, lambda: parts.diagonals(draft, pair)), ("act",),
+            lambda draft: _between(draft, lambda: parts.diagonals(draft, pair)), gauge=True,
         ),
     ]  # fmt: skip
 
@@ -289,7 +140,7 @@ def _warm(ground: Ground, seconds: float) -> Experiment:
         parts.warm_up(draft, ground.axes, seconds, look)
 
     why = "a long run from cold with the same sweeps again and again: growth by warmth, beside scale"
-    return experiment(ground, "warm_up", why, write, ("act",))
+    return experiment(ground, "warm_up", why, write, gauge=True)
 
 
 def _between(draft: Draft, *motions: Callable[[], None]) -> None:
