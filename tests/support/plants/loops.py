@@ -1,0 +1,318 @@
+"""What an axis does: its equations of motion, mode by mode, integrated with scipy from event to event.
+
+Sources: Eqs. (8), (14) to (16) of the paper for the loop that is closed over the table; for dry friction the
+textbook's stick and slip; for a gap behind the loop the play operator; for windup two masses on a spring, or
+a mass on a spring whose foot is moved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from tests.support.plants.axis import Forces, Plant
+from tests.support.plants.tracks import Track
+
+Floats = NDArray[np.float64]
+
+PERIOD = 1e-3
+FINER = 5
+"""Samples a period where a play follows: the turning points of its foot are met to a v dt / 8, some 15 nm."""
+
+EDGE = 1e-12
+"""[m of following error] by which a threshold must be passed: what rests exactly on one stays."""
+
+LONGEST = 0.02
+SHORTEST = 1e-6
+"""[s] The first step behind an event: a longer one could leave and return, and call that the same event."""
+
+WATCHED = 0.004
+"""[s] The longest step where an event is waited for."""
+
+MANY = 20000
+"""Events in a record; more is a mistake."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What an axis did, a row a millisecond: places [m], velocity at the loop's side, the force F/K [m].
+
+    `events` are (time, kind) with kind "open", "pickup", "back", "stick" and "slip".
+    """
+
+    t: Floats
+    command: Floats
+    table: Floats
+    motor: Floats
+    velocity: Floats
+    drive: Floats
+    events: tuple[tuple[float, str], ...] = ()
+
+    def times(self, kind: str) -> list[float]:
+        return [t for t, name in self.events if name == kind]
+
+
+def follow(plant: Plant, track: Track, axis: int = 0) -> Motion:
+    """Let an axis follow its command from rest to the end of the track."""
+    n = round(track.end / PERIOD)
+    forces = Forces(plant, track, axis)
+    windup = plant.effect("elastic_windup")
+    if plant.feedback != "load":
+        return _behind(plant, forces, n, windup)
+    if windup is not None:
+        return _two_masses(plant, forces, n, windup["resonance"], windup["damping_ratio"])
+    body = _Body(plant, forces, np.arange(n + 1) * PERIOD)
+    body.run()
+    return body.motion(body.rows)
+
+
+def _stop(function: Callable[[float, Any], float], direction: int) -> Any:
+    def event(t: float, y: Floats) -> float:
+        return function(t, y)
+
+    event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
+    return event
+
+
+def _solve(
+    rhs: Any, start: float, y: Sequence[float], grid: Floats, end: float, stops: Sequence[Any] = ()
+) -> tuple[Floats, float, list[float], int]:
+    """Integrate to the end or the first event: rows at the grid, and time, state and index of the event."""
+    scale = [1e-11 if i % 2 == 0 else 1e-9 for i in range(len(y))]
+    steps = {"max_step": LONGEST}
+    if stops:
+        steps = {"max_step": WATCHED, "first_step": min(SHORTEST, end - start)}
+    found = solve_ivp(
+        rhs,
+        (start, end),
+        y,
+        "DOP853",
+        t_eval=grid,
+        events=list(stops) or None,
+        rtol=1e-8,
+        atol=scale,
+        **steps,
+    )
+    if not found.success:
+        raise RuntimeError(found.message)
+    rows = found.y.T if len(found.t) else np.empty((0, len(y)))
+    if found.status == 1:
+        which = next(i for i, times in enumerate(found.t_events) if len(times))
+        return rows, float(found.t_events[which][-1]), found.y_events[which][-1].tolist(), which
+    return rows, end, rows[-1].tolist() if len(rows) else list(y), -1
+
+
+class _Body:
+    """An axis that is one body while engaged: rest, slip and, with a gap inside the loop, its crossing."""
+
+    def __init__(self, plant: Plant, forces: Forces, grid: Floats) -> None:
+        self.plant, self.forces, self.grid, self.end = plant, forces, grid, float(grid[-1])
+        self.inside = plant.feedback == "load" and (
+            plant.gap > 0.0 or plant.effect("position_dependent_backlash") is not None
+        )
+        self.rows = np.empty((len(grid), 3))  # table or loop's side, velocity, motor
+        self.t, self.x, self.v, self.side = 0.0, 0.0, 0.0, plant.flank
+        self.m, self.w = self._touching(0.0), 0.0
+        self.events: list[tuple[float, str]] = []
+
+    def _touching(self, x: float) -> float:
+        return x + 0.5 * self.side * self.plant.width(x) if self.inside else x
+
+    def motion(self, rows: Floats) -> Motion:
+        """Rows at the loop's side as a motion whose table is that side."""
+        X = np.array([self.forces.command(t) for t in self.grid.tolist()])
+        drive = np.clip(X - rows[:, 0], -self.forces.limit, self.forces.limit)
+        drive -= self.plant.electronic * rows[:, 1]
+        if self.forces.late:
+            X = np.array([self.forces.asked(t) for t in self.grid.tolist()])
+        return Motion(self.grid, X, rows[:, 0], rows[:, 2], rows[:, 1], drive, tuple(self.events))
+
+    def run(self) -> None:
+        if not self.inside and not self.forces.held:
+            self._slip(0)
+            return
+        mode: Callable[[], Callable[[], Any] | None] = self._rest
+        for _ in range(MANY):
+            following = mode()
+            if following is None:
+                return
+            mode = following
+        raise RuntimeError(f"more than {MANY} events by {self.t} s")
+
+    def _span(self, until: float) -> slice:
+        low = int(np.searchsorted(self.grid, self.t - 1e-12))
+        return slice(low, int(np.searchsorted(self.grid, until, side="right")))
+
+    def _pushes(self, t: float) -> tuple[float, float]:
+        """At rest: what the motor pushes with, and what is left of it on the table."""
+        push = self.forces.drive(self.forces.command(t) - self.x) - self.forces.cogged(self._touching(self.x))
+        return push, push - self.forces.rigid(t, self.x, 0.0)
+
+    def _leaves(self, t: float) -> float:
+        """Positive where rest ends; which way it ends is found afterwards."""
+        push, net = self._pushes(t)
+        if not self.inside:
+            return abs(net) - self.forces.held - EDGE
+        return max(-self.side * push - EDGE, self.side * net - self.forces.held - EDGE)
+
+    def _rest(self) -> Any:
+        begin, step = self.t, 2e-4
+        t = begin
+        while self._leaves(t) <= 0.0:
+            if t >= self.end:
+                self.rows[self._span(self.end)] = (self.x, 0.0, self._touching(self.x))
+                return None
+            ahead = min(t + step, self.end)
+            if self._leaves(ahead) > 0.0:
+                ahead = brentq(self._leaves, t, ahead, xtol=1e-13)
+                while self._leaves(ahead) <= 0.0:
+                    ahead += 1e-12
+            t = ahead
+        self.rows[self._span(t)] = (self.x, 0.0, self._touching(self.x))
+        self.t, self.v = t, 0.0
+        push, net = self._pushes(t)
+        if self.inside and self.side * push < 0.0:
+            self.m, self.w = self._touching(self.x), 0.0
+            self.events.append((t, "open"))
+            return self._cross
+        self.events.append((t, "slip"))
+        way = self.side if self.inside else int(math.copysign(1, net))
+        return lambda: self._slip(way)
+
+    def _slip(self, way: int) -> Any:
+        forces, c, cogs, dry = self.forces, self.plant.c, bool(self.forces.teeth), self.forces.held > 0.0
+
+        def rhs(t: float, y: Floats) -> tuple[float, float]:
+            x, v = y.tolist()
+            force = forces.drive(forces.command(t) - x) - c * v - forces.rigid(t, x, v)
+            if cogs:
+                force -= forces.cogged(self._touching(x))
+            if dry:
+                force -= way * forces.dry(abs(v))
+            return v, force / forces.inertia(t)
+
+        stops = [_stop(lambda t, y: way * y[1], -1)] if way else []
+        rows, until, y, which = self._advance(rhs, (self.x, self.v), stops)
+        span = self._filled
+        self.rows[span, 0], self.rows[span, 1] = rows[:, 0], rows[:, 1]
+        self.rows[span, 2] = [self._touching(x) for x in rows[:, 0].tolist()]
+        self.t, self.x, self.v = until, y[0], y[1]
+        if which < 0:
+            return None
+        self.v = 0.0
+        self.events.append((until, "stick"))
+        return self._rest
+
+    def _advance(self, rhs: Any, y: Sequence[float], stops: Sequence[Any]) -> Any:
+        span = self._span(self.end)
+        grid = np.maximum(self.grid[span], self.t)
+        rows, until, state, which = _solve(rhs, self.t, y, grid, self.end, stops)
+        self._filled = slice(span.start, span.start + len(rows))
+        return rows, until, state, which
+
+    def _cross(self) -> Any:
+        """The motor alone, Eq. (16): η b (m̈ + β ṁ) = X - x, until it meets a flank."""
+        forces, plant, x, side, half = (
+            self.forces,
+            self.plant,
+            self.x,
+            self.side,
+            0.5 * self.plant.width(self.x),
+        )
+        light = plant.eta * plant.b
+
+        def rhs(t: float, y: Floats) -> tuple[float, float]:
+            m, w = y.tolist()
+            push = forces.drive(forces.command(t) - x) - forces.cogged(m)
+            return w, push / light - plant.beta * w
+
+        stops = [
+            _stop(lambda t, y: -side * (y[0] - x) - half, 1),
+            _stop(lambda t, y: side * (y[0] - x) - half, 1),
+        ]
+        rows, until, y, which = self._advance(rhs, (self.m, self.w), stops)
+        span = self._filled
+        self.rows[span, 0], self.rows[span, 1], self.rows[span, 2] = x, 0.0, rows[:, 0]
+        self.t, self.m, self.w = until, y[0], y[1]
+        if which < 0:
+            return None
+        self.side = -side if which == 0 else side
+        self.events.append((until, "pickup" if which == 0 else "back"))
+        self.v = plant.kept * plant.eta * self.w
+        way = self.side
+        if self.v * way > 1e-9:
+            return lambda: self._slip(way)
+        self.v = 0.0
+        return self._rest
+
+
+def _behind(plant: Plant, forces: Forces, n: int, windup: Any) -> Motion:
+    """The loop over the motor, or none: the gap and the spring follow behind."""
+    grid = np.arange(n * FINER + 1) * (PERIOD / FINER)
+    body = _Body(plant, forces, grid)
+    if plant.b > 0.0:
+        body.run()
+    else:
+        body.rows[:, 0] = [forces.command(t) for t in grid.tolist()]
+        body.rows[:, 1] = np.gradient(body.rows[:, 0], grid)
+    motor = body.rows[:, 0]
+    table = _play(plant, motor)
+    if windup is not None:
+        table = _swing(grid, table, windup["resonance"], windup["damping_ratio"])
+    whole = body.motion(body.rows)
+    keep = slice(None, None, FINER)
+    return Motion(
+        grid[keep], whole.command[keep], table[keep], motor[keep], whole.velocity[keep], whole.drive[keep],
+        whole.events,
+    )  # fmt: skip
+
+
+def _play(plant: Plant, motor: Floats) -> Floats:
+    """The play operator: the table stands where it was last pushed to."""
+    if plant.gap == 0.0 and plant.effect("position_dependent_backlash") is None:
+        return motor
+    x = -0.5 * plant.flank * plant.width(0.0)
+    table = np.empty_like(motor)
+    for i, m in enumerate(motor.tolist()):
+        half = 0.5 * plant.width(x)
+        x = min(max(x, m - half), m + half)
+        table[i] = x
+    return table
+
+
+def _swing(t: Floats, foot: Floats, resonance: float, damping: float) -> Floats:
+    """A mass on a spring and damper whose foot is moved: ẍ + 2ζω (ẋ - ṗ) + ω² (x - p) = 0, ω in rad/s.
+
+    The foot is taken as straight between samples: its acceleration times dt²/12, some 3 nm, is left out.
+    """
+    from scipy.signal import lsim
+
+    system = ([2.0 * damping * resonance, resonance**2], [1.0, 2.0 * damping * resonance, resonance**2])
+    return np.asarray(lsim(system, foot - foot[0], t)[1]) + foot[0]
+
+
+def _two_masses(plant: Plant, forces: Forces, n: int, resonance: float, damping: float) -> Motion:
+    """Motor and table on a spring, the loop over the table, no gap; ω [rad/s] against the locked motor."""
+    if plant.gap > 0.0 or forces.held:
+        raise NotImplementedError("two masses with a gap or dry friction")
+    light, heavy = plant.eta * plant.b, (1.0 - plant.eta) * plant.b
+    own, other = light * plant.beta, plant.c - light * plant.beta
+    spring, damper = heavy * resonance**2, heavy * 2.0 * damping * resonance
+
+    def rhs(t: float, y: Floats) -> tuple[float, ...]:
+        m, w, x, v = y.tolist()
+        link = spring * (m - x) + damper * (w - v)
+        push = forces.drive(forces.command(t) - x) - own * w - link - forces.cogged(m)
+        return w, push / light, v, (link - other * v - forces.rigid(t, x, v)) / heavy
+
+    grid = np.arange(n + 1) * PERIOD
+    body = _Body(plant, forces, grid)
+    rows = _solve(rhs, 0.0, (0.0, 0.0, 0.0, 0.0), grid, float(grid[-1]))[0]
+    return body.motion(np.column_stack([rows[:, 2], rows[:, 3], rows[:, 0]]))
