@@ -32,7 +32,8 @@ def test_every_bad_log_has_its_line():
     [
         ("X_act", "no mapping of a column; expected NAME=SOURCE[*FACTOR]:UNIT, such as X_act=qm:m"),
         ("X_akt=pos:mm", 'no name of a column; expected X_act; got "X_akt"'),
-        ("A_act=pos:mm", 'axis A cannot be taken: drives are known of straight axes only; expected X, Y or Z; got A_act'),
+        ("A_act=pos:mm", "axis A cannot be taken: drives are known of straight axes only; "
+                         "expected X, Y or Z; got A_act"),
         ("X_act=pos:N", 'not a unit of X_act; expected one of mm, m, um, µm, μm, inch; got "N"'),
         ("t=pos:min", 'not a unit of t; expected one of s, ms, us; got "min"'),
         ("X_force=vir:V", 'not a unit of X_force; '
