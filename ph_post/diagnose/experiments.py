@@ -99,8 +99,8 @@ def _combined(names: Sequence[str]) -> Separation:
     parts = dict.fromkeys(part for pair in pairs for part in pair.parts)
     needed = {channel for pair in pairs for channel in pair.record}
     return Separation(
-        # The longest of them last: what needs no patience is recorded first.
-        parts=tuple(sorted(parts, key=lambda part: part == "warm-up")),
+        # It wants a cold machine, which the others would warm.
+        parts=tuple(sorted(parts, key=lambda part: part != "warm-up")),
         record=tuple(channel for channel in EVERY if channel in needed),
         why="; ".join(dict.fromkeys(pair.why for pair in pairs)),
     )
