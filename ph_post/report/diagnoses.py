@@ -233,4 +233,5 @@ def _next_lines(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"Next: run {following.name}: {following.why}"
         yield f"  record {', '.join(following.record)}; --next FILE writes the program"
     if len(diagnosis.steps) > 1:
-        yield "The better machine is written with -o; convert and simulate take it at once."
+        doubt = "" if diagnosis.verdict != "ambiguous" else " It assumes the first name of each doubtful set."
+        yield f"The better machine is written with -o; convert and simulate take it at once.{doubt}"

@@ -67,6 +67,9 @@ def diagnosis_page(
         "remarks": remarks,
         "labels": [step.added and label_words(step.added) for step in diagnosis.steps],
         "titles": [finding_name(one) for one in diagnosis.findings],
+        "rivals": [
+            [label_words(name, one.axis) for name in one.ambiguous_with] for one in diagnosis.findings
+        ],
         "estimates": [
             {key: number_words(value) for key, value in one.parameters.items()} for one in diagnosis.findings
         ],

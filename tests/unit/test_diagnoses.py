@@ -255,3 +255,9 @@ def test_every_effect_of_the_interface_has_a_sentence_of_its_own():
     )
     # An effect that somebody added is told by its own name.
     assert label_words("lubricant_film:Y") == "lubricant film (Y)"
+
+
+def test_a_machine_with_one_of_several_rivals_is_said_to_assume_it():
+    made = replace(each_verdict()["ambiguous"], steps=STEPS)
+    assert diagnosis_lines(made)[-1].endswith("It assumes the first name of each doubtful set.")
+    assert "It assumes" not in "\n".join(diagnosis_lines(diagnosis()))
