@@ -83,7 +83,8 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
     if as_json:
         print_json({**diagnosis_view(found, effort_units(log)), "warnings": list(log.warnings)})
     else:
-        for line in diagnosis_lines(found, effort_units(log)):
+        given = [option for option, place in places.items() if place is not None]
+        for line in diagnosis_lines(found, effort_units(log), given):
             click.echo(line, err="-" in products)
     for line in _told(found, log, text, how, products):
         click.echo(line, err=True)
