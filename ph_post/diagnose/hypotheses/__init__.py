@@ -9,7 +9,6 @@ from ph_post.diagnose.hypotheses.readings import READINGS
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import is_effect
 
-
 OF_THE_AXIS = ("backlash", "servo_mismatch")
 """Effects that are numbers of the axis itself, and not registered as effects."""
 
