@@ -21,6 +21,7 @@ COMMANDS = (
     "diff",
     "rehearse",
     "sweep",
+    "diagnose",
     "calibrate",
     "demo",
     "paper",

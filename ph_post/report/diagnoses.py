@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Final
 
 from ph_post.diagnose.record import (
@@ -18,16 +18,17 @@ from ph_post.diagnose.record import (
     Quality,
 )
 from ph_post.report.findingwords import (
-    estimate_words,
     finding_name,
     label_words,
     micrometres,
+    multiple,
     number_words,
+    parameter_words,
     verdict_sentences,
 )
 from ph_post.report.tables import NOTHING, format_table
 from ph_post.types import Log
-from ph_post.units import MM, MS
+from ph_post.units import MICROMETRE, MM, MS
 
 PLACES_SHOWN: Final = 4
 """So many places are told on the terminal, those with the largest shares."""
@@ -35,7 +36,8 @@ PLACES_SHOWN: Final = 4
 SHARE_SHOWN: Final = 0.05
 """Places with a smaller share of the excess are left to the JSON object."""
 
-MICROMETRE: Final = 1e-6
+JITTER: Final = 1e-3
+"""Jitter below this part of the period is not told on the terminal."""
 
 _PLACE_UNITS: Final = {
     "reversal": ("s", 1.0), "time": ("s", 1.0), "travel": ("mm", MM), "position": ("mm", MM),
@@ -152,10 +154,18 @@ def _finite(value: float, size: float = 1.0) -> float | None:
     return value / size if math.isfinite(value) else None
 
 
-def diagnosis_lines(diagnosis: Diagnosis, efforts: Mapping[str, str] | None = None) -> list[str]:
+def diagnosis_lines(
+    diagnosis: Diagnosis, efforts: Mapping[str, str] | None = None, given: Collection[str] = ()
+) -> list[str]:
     """Say in lines what was found, what it rests on, and what to do next.
 
-    Parameters are those of :func:`diagnosis_view`.
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    efforts : mapping, optional
+        As of :func:`diagnosis_view`.
+    given : collection of str
+        Those of the options ``-o`` and ``--next`` that need no mention any more.
     """
     return [
         *verdict_sentences(diagnosis),
@@ -166,13 +176,13 @@ def diagnosis_lines(diagnosis: Diagnosis, efforts: Mapping[str, str] | None = No
         *(line for found in diagnosis.findings for line in _finding_lines(found)),
         *(_place_lines("What remains:", diagnosis.remaining) if len(diagnosis.steps) > 1 else ()),
         *(f"note: {note}" for note in diagnosis.notes),
-        *_next_lines(diagnosis),
+        *_next_lines(diagnosis, given),
     ]
 
 
 def _quality_lines(quality: Quality, efforts: Mapping[str, str]) -> Iterator[str]:
     period = f"The record: a sample every {quality.period / MS:.4g} ms"
-    jitter = f" (up to {quality.jitter / MS:.2g} ms off)" if quality.jitter > 0.0 else ""
+    jitter = f" (up to {quality.jitter / MS:.2g} ms off)" if quality.jitter > JITTER * quality.period else ""
     start = f"; the first {quality.first * quality.period:.3g} s are left out" if quality.first else ""
     yield f"{period}{jitter}{start}"
     for one in quality.channels:
@@ -205,7 +215,7 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
     rows = []
     for step in diagnosis.steps:
         known = floor > 0.0 and math.isfinite(step.holdout_rms)
-        times = f"{step.holdout_rms / floor:.1f}" if known else NOTHING
+        times = multiple(step.holdout_rms, floor) if known else NOTHING
         added = "the machine file as it is" if step.added is None else f"+ {label_words(step.added)}"
         rows.append((added, micrometres(step.fit_rms), micrometres(step.holdout_rms), times))
     header = ("step", "fitted µm", "held out µm", "times the floor")
@@ -219,7 +229,7 @@ def _finding_lines(found: Finding) -> Iterator[str]:
     yield f"{finding_name(found)}{where}{sure}"
     for key, one in found.parameters.items():
         doubt = "" if number_words(one)[1] is not None else " (its standard error is not known)"
-        yield f"  {key} = {estimate_words(one)}{doubt}"
+        yield f"  {key} = {parameter_words(key, one)}{doubt}"
     for sentence in found.evidence:
         yield f"  evidence: {sentence}"
     if found.ambiguous_with:
@@ -227,10 +237,13 @@ def _finding_lines(found: Finding) -> Iterator[str]:
         yield f"  not told apart from: {rivals}"
 
 
-def _next_lines(diagnosis: Diagnosis) -> Iterator[str]:
+def _next_lines(diagnosis: Diagnosis, given: Collection[str]) -> Iterator[str]:
     following = diagnosis.next_experiment
     if following is not None:
+        how = "" if "--next" in given else "; --next FILE writes the program"
         yield f"Next: run {following.name}: {following.why}"
-        yield f"  record {', '.join(following.record)}; --next FILE writes the program"
-    if len(diagnosis.steps) > 1:
+        yield f"  record {', '.join(following.record)}{how}"
+    if len(diagnosis.steps) > 1 and diagnosis.verdict == "ambiguous":
+        yield "The better machine assumes the first name of each doubtful set."
+    if len(diagnosis.steps) > 1 and "-o" not in given:
         yield "The better machine is written with -o; convert and simulate take it at once."

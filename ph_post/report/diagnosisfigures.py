@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ph_post.diagnose.record import Diagnosis, Trail
-from ph_post.report.diagnoses import MICROMETRE
 from ph_post.report.diagnosispage import channel_noise, residual_scale
 from ph_post.report.figures import AFTER, MARK, WINDOW, new_figure
 from ph_post.report.findingwords import gap_words, label_words, verdict_sentences
 from ph_post.report.residuals import envelope, stretches
 from ph_post.types import Array
+from ph_post.units import MICROMETRE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

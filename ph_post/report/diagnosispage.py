@@ -13,7 +13,6 @@ import numpy as np
 
 from ph_post.diagnose.record import Channel, ChannelQuality, Diagnosis, Trail
 from ph_post.report.diagnoses import (
-    MICROMETRE,
     channel_scale,
     diagnosis_lines,
     diagnosis_view,
@@ -28,7 +27,7 @@ from ph_post.report.residuals import (
     stretches,
 )
 from ph_post.types import Array
-from ph_post.units import MM, MS
+from ph_post.units import MICROMETRE, MM, MS
 
 POINTS: Final = 6000
 """Groups of neighbouring samples that a residual is drawn with over time: 10 ms each in a minute."""
@@ -67,6 +66,9 @@ def diagnosis_page(
         "remarks": remarks,
         "labels": [step.added and label_words(step.added) for step in diagnosis.steps],
         "titles": [finding_name(one) for one in diagnosis.findings],
+        "rivals": [
+            [label_words(name, one.axis) for name in one.ambiguous_with] for one in diagnosis.findings
+        ],
         "estimates": [
             {key: number_words(value) for key, value in one.parameters.items()} for one in diagnosis.findings
         ],

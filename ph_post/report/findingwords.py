@@ -7,6 +7,13 @@ from collections.abc import Sequence
 from typing import Final
 
 from ph_post.diagnose.record import Diagnosis, Estimate, Finding
+from ph_post.units import MICROMETRE
+
+SMALL: Final = 0.01 * MICROMETRE
+"""What is smaller is no length that a machine shows, but may be one that a simulation does."""
+
+LARGE: Final = 1e5
+"""Multiples of a noise floor from which on the power of ten says enough."""
 
 EFFECTS: Final = {
     "backlash": "backlash",
@@ -29,6 +36,9 @@ EFFECTS: Final = {
     "cutting_force": "a cutting force",
 }
 """Effects as a sentence names them."""
+
+FORCES: Final = ("force", "static_force")
+"""Parameters that are forces."""
 
 _SENTENCES: Final = {
     "backlash": "The backlash of {axis} is not what the file says",
@@ -87,6 +97,18 @@ def estimate_words(one: Estimate) -> str:
     return f"{value}{unit}" if error is None else f"{value} ± {error}{unit}"
 
 
+def parameter_words(key: str, one: Estimate) -> str:
+    """Write a parameter of an effect: a force in mm is what it adds to the following error.
+
+    Examples
+    --------
+    >>> parameter_words("force", Estimate(value=0.0201, stderr=0.0003, unit="mm"))
+    '0.0201 ± 0.0003 mm of following error'
+    """
+    following = " of following error" if key in FORCES and one.unit == "mm" else ""
+    return f"{estimate_words(one)}{following}"
+
+
 def number_words(one: Estimate) -> tuple[str, str | None]:
     """Write value and standard error, without their unit; None where no error is known."""
     if one.stderr is None or not math.isfinite(one.stderr) or one.stderr <= 0.0:
@@ -97,6 +119,8 @@ def number_words(one: Estimate) -> tuple[str, str | None]:
     exponent = math.floor(math.log10(float(f"{one.stderr:.{digits - 1}e}")))
     if abs(one.value) < 1e-3 and exponent < -5:
         return f"{one.value:.4g}", f"{one.stderr:.2g}"
+    if abs(one.value) > 1e6 * one.stderr:
+        return f"{one.value:.6g}", f"{one.stderr:.1g}"
     places = digits - 1 - exponent
     shown = max(places, 0)
     return f"{round(one.value, places):.{shown}f}", f"{round(one.stderr, places):.{shown}f}"
@@ -113,7 +137,7 @@ def finding_sentence(found: Finding) -> str:
     key, value = leading
     # b and c say nothing without their name, a force does.
     named = f"{key} = " if found.name == "servo_mismatch" else ""
-    return f"{sentence}: {named}{estimate_words(value)}."
+    return f"{sentence}: {named}{parameter_words(key, value)}."
 
 
 def verdict_sentences(diagnosis: Diagnosis) -> list[str]:
@@ -137,13 +161,23 @@ def gap_words(diagnosis: Diagnosis) -> str:
     if not diagnosis.steps or not math.isfinite(diagnosis.steps[-1].holdout_rms):
         return "the gap was not measured"
     last, floor = diagnosis.steps[-1].holdout_rms, diagnosis.noise_floor
-    times = f", {last / floor:.1f} times the noise floor of {micrometres(floor)} µm" if floor > 0.0 else ""
+    times = (
+        f", {multiple(last, floor)} times the noise floor of {micrometres(floor)} µm" if floor > 0.0 else ""
+    )
     return f"{micrometres(last)} µm rms on what was held out{times}"
 
 
+def multiple(length: float, floor: float) -> str:
+    """Write how many times a noise floor a length is."""
+    times = length / floor
+    return f"{times:.1f}" if times < LARGE else f"{times:.0e}"
+
+
 def micrometres(length: float) -> str:
-    """Write a length [m] in µm, to 0.01 µm."""
-    return f"{length * 1e6:.2f}" if math.isfinite(length) else "-"
+    """Write a length [m] in µm, to 0.01 µm or to two digits of what is smaller."""
+    if not math.isfinite(length):
+        return "-"
+    return f"{length / MICROMETRE:.2f}" if length >= SMALL or length == 0.0 else f"{length / MICROMETRE:.1e}"
 
 
 def _cannot_show(diagnosis: Diagnosis) -> str:

@@ -255,3 +255,30 @@ def test_every_effect_of_the_interface_has_a_sentence_of_its_own():
     )
     # An effect that somebody added is told by its own name.
     assert label_words("lubricant_film:Y") == "lubricant film (Y)"
+
+
+def test_a_machine_with_one_of_several_rivals_is_said_to_assume_it():
+    made = replace(each_verdict()["ambiguous"], steps=STEPS)
+    assert "The better machine assumes the first name of each doubtful set." in diagnosis_lines(made)
+    assert "assumes" not in "\n".join(diagnosis_lines(diagnosis()))
+
+
+def test_options_that_were_given_are_not_recommended():
+    made = diagnosis(next_experiment=LADDER)
+    recommended = "\n".join(diagnosis_lines(made))
+    assert "--next FILE" in recommended
+    assert "with -o" in recommended
+    quiet = "\n".join(diagnosis_lines(made, given=("-o", "--next")))
+    assert "--next" not in quiet
+    assert "-o" not in quiet
+
+
+def test_a_record_without_noise_is_told_in_few_digits():
+    exact = replace(COULOMB, parameters={"force": Estimate(value=0.02, stderr=2.8e-11, unit="mm")})
+    steps = (STEPS[0], GapStep(added="coulomb_friction:X", fit_rms=2e-16, holdout_rms=3e-16))
+    lines = diagnosis_lines(diagnosis(findings=(exact,), noise_floor=1e-16, steps=steps))
+    assert lines[0] == "Coulomb friction is missing from X: 0.02 ± 3e-11 mm of following error."
+    (first,) = (line for line in lines if line.startswith("the machine file as it is"))
+    assert first.split()[-3:] == ["7.20", "8.00", "8e+10"]
+    (last,) = (line for line in lines if line.strip().startswith("+ Coulomb friction (X)"))
+    assert last.split()[-3:] == ["2.0e-10", "3.0e-10", "3.0"]

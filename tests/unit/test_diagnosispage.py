@@ -63,6 +63,8 @@ def test_the_page_holds_the_view_and_its_words():
     assert data["machine"] == "retrofitted mill with scales"
     assert data["labels"] == [None, "Coulomb friction (X)"]
     assert data["estimates"] == [{"force": ["20.4", "0.1"]}]
+    rivals = data_of(diagnosis_page(each_verdict()["ambiguous"]))["rivals"]
+    assert rivals == [["backlash (X)"], ["Coulomb friction (X)"]]
 
 
 def test_nothing_from_a_file_is_taken_for_the_pages_own():
