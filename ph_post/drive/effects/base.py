@@ -33,7 +33,7 @@ import msgspec
 
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis, Feedback
-from ph_post.units import DEGREE, HERTZ, MM, MS
+from ph_post.units import DEGREE, HERTZ, MM, MM_PER_MIN, MS
 
 Values = Mapping[str, float]
 """Values of an effect in SI units by :attr:`Parameter.gives`; of a choice, its place among the choices."""
@@ -164,6 +164,7 @@ SECOND = constant("s", 1.0)
 MILLISECOND = constant("ms", MS)
 MILLIMETRE = constant("mm", MM)
 MM_PER_S = constant("mm/s", MM)
+FEED = constant("mm/min", MM_PER_MIN)
 HZ = constant("Hz", HERTZ)
 RADIAN = constant("rad", 1.0)
 DEGREES = constant("°", DEGREE)
