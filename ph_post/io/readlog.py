@@ -168,7 +168,7 @@ def _values(found: Mapping[str, Column], sheet: Sheet) -> dict[str, Array]:
     for name, column in found.items():
         kind = name.partition("_")[2] or TIME
         numbers = raw[column.source]
-        with np.errstate(over="ignore"):
+        with np.errstate(all="ignore"):
             values[name] = numbers * column.scale
         needed = kind in (TIME, "cmd")
         bad = ~(np.abs(values[name]) <= _LARGEST[kind]) & (needed | ~np.isnan(numbers))
