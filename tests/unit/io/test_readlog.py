@@ -313,3 +313,47 @@ def test_axes_that_the_machine_does_not_have_are_refused(tmp_path, ran):
         read_log(file, machine=read_machine("paper"))
     words = "the machine has no axis Z; is the log of another one?; expected X, Y; got X, Y, Z"
     assert str(refusal.value) == f"{file}:1: {words}"
+
+
+def test_without_a_machine_the_program_is_not_compared(tmp_path):
+    log = recorded(read_log(put(tmp_path, text()), program=PROGRAM))
+    assert log.warnings == ("without a machine the commands cannot be compared with part.ngc",)
+
+
+def test_a_column_that_is_mapped_is_not_taken_under_its_own_name_too(tmp_path):
+    axis = read_log(put(tmp_path, text()), columns=["X_motor=X_act:mm"]).axes["X"]
+    assert axis.table is None
+    assert axis.motor == pytest.approx((X - 0.01) * 1e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("reading", "words"),
+    [
+        (X * 1e-3, "another scale than X_cmd: is it in another unit?; expected a travel of 19.9956 mm; got 0.01"),
+        (np.where(K % 2, 5.0, -5.0), "does not follow X_cmd: is it the same axis, program and sign?"),
+    ],
+)  # fmt: skip
+def test_a_reading_of_something_else_is_refused(tmp_path, reading, words):
+    rows = [(a, b, f"{x:.7f}") for (a, b, _), x in zip(ROWS, reading, strict=True)]
+    with pytest.raises(InputError) as refusal:
+        read_log(put(tmp_path, text(rows)))
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "reading",
+    [np.zeros(300), np.round(X / 4) * 4, 1e-3 * (K % 2), np.roll(X, 10) * 0.9 + 0.5, X + 0.01 * K],
+    ids=["still", "coarse", "noise only", "late", "drifting"],
+)
+def test_what_a_poor_reading_shows_is_left_to_others(tmp_path, reading):
+    rows = [(a, b, f"{x:.6f}") for (a, b, _), x in zip(ROWS, reading, strict=True)]
+    assert read_log(put(tmp_path, text(rows))).warnings == ()
+
+
+def test_what_is_before_and_after_the_program_is_told(tmp_path, ran):
+    lines = part(ran, ("X_cmd", "X_act", "Y_cmd", "Y_act")).split("\n")
+    away = ["60,60,60,60"] * 100
+    rows = [f"{k * 0.001:.3f},{line}" for k, line in enumerate(away + lines[1:] + away)]
+    file = put(tmp_path, "\n".join(["t," + lines[0], *rows]))
+    log = read_log(file, program=PROGRAM, machine=MACHINE)
+    assert log.warnings == ("200 samples before and after the path of part.ngc are not of this program",)
