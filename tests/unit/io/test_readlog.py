@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ph_post.cli.main import main
 from ph_post.errors import InputError
 from ph_post.gcode.controller.run import run_program
 from ph_post.gcode.reader.read import read_program
@@ -123,6 +124,19 @@ def test_halsampler_with_numbered_samples_tells_what_was_lost(tmp_path):
     assert np.flatnonzero(np.isnan(log.axes["X"].table)).tolist() == [150, 151, 152, 153]
     words = "the first column numbers the samples; their period of 0.001 s is the machine's servo period"
     assert log.warnings[0] == words
+
+
+def test_what_a_linuxcnc_recorded_is_read():
+    """Eight pins of LinuxCNC 2.9 while it begins to move: commands of X, Y, Z, motors, line, in position."""
+    file = Path(__file__).parent / "recorded" / "halsampler.txt"
+    columns = ["X_cmd=2", "X_motor=5", "Y_cmd=3", "Y_motor=6"]
+    log = read_log(file, columns=columns, machine=read_machine("mill"))
+    rows = np.loadtxt(file)
+    assert log.missing == 0
+    assert log.t == pytest.approx(rows[:, 0] * 0.001, abs=1e-9)
+    assert log.axes["X"].command == pytest.approx(rows[:, 1] * 1e-3, abs=1e-12)
+    assert log.axes["Y"].motor == pytest.approx(rows[:, 5] * 1e-3, abs=1e-12)
+    assert (log.axes["X"].table, np.ptp(rows[:, 1]) > 1.0) == (None, True)
 
 
 def test_halsampler_without_numbers_takes_its_period_from_a_remark(tmp_path):
@@ -320,3 +334,13 @@ def test_what_is_before_and_after_the_program_is_told(tmp_path, ran):
     file = put(tmp_path, "\n".join(["t," + lines[0], *rows]))
     log = read_log(file, program=PROGRAM, machine=MACHINE)
     assert log.warnings == ("200 samples before and after the path of part.ngc are not of this program",)
+
+
+def test_what_simulate_writes_is_read_as_it_is(tmp_path, capsys):
+    file = tmp_path / "run.csv"
+    assert main(["simulate", "circle", "-m", "stepper", "--log", str(file)]) == 0
+    capsys.readouterr()
+    log = read_log(file, machine=read_machine("stepper"))
+    assert (log.warnings, log.missing, set(log.axes)) == ((), 0, {"X", "Y"})
+    assert log.remarks["made by"].startswith("ph-post ")
+    assert all(axis.motor is not None and axis.table is not None for axis in log.axes.values())
