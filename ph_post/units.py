@@ -11,6 +11,9 @@ from typing import Final
 MM: Final = 1e-3
 """One millimetre in metres."""
 
+MICROMETRE: Final = 1e-6
+"""One micrometre in metres."""
+
 INCH: Final = 25.4e-3
 """One inch in metres."""
 

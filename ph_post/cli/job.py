@@ -11,7 +11,7 @@ import msgspec
 
 from ph_post.analysis import Analysis, IntervalSource, analyse
 from ph_post.compensate.options import Carrier, PlanOptions
-from ph_post.drive.effects import not_acting
+from ph_post.drive.effects import not_acting, still
 from ph_post.drive.interval import backlash_interval
 from ph_post.drive.intervaltable import IntervalTable, look_up
 from ph_post.drive.required import require_drives
@@ -114,11 +114,15 @@ def plan_options(how: Mapping[str, Any], carrier: Carrier = "table") -> PlanOpti
 
 
 def effect_warnings(machine: Machine, axes: Sequence[str]) -> list[str]:
-    """Say which effects of a machine file are named there and do not act, each once."""
+    """Say which effects of a machine file are named there and do not act, each once, and which in part."""
     return [
         f"axis {name}: the effect {effect} of the machine file does not act in the simulation"
         for name in axes
         for effect in dict.fromkeys(not_acting(machine.axes[name]))
+    ] + [
+        f"axis {name}: its squareness to {other} does not show, because nothing moves {other}"
+        for name in axes
+        for other in still(machine.axes[name], axes)
     ]
 
 

@@ -21,6 +21,8 @@ COMMANDS = (
     "diff",
     "rehearse",
     "sweep",
+    "diagnose",
+    "calibrate",
     "demo",
     "paper",
 )

@@ -28,6 +28,27 @@ it moves in.
 """
 
 
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
+    """What stands between the table and its reading, outside of the loop.
+
+    Parameters
+    ----------
+    cycles : tuple of (amplitude, period, phase)
+        A sin(2π x/p + φ) of screw or scale [m, m, rad].
+    scale : float
+        Reading for each metre too much.
+    growths : tuple of (growth, time constant)
+        Thermal growth, from the beginning of the motion on [m, s].
+    others : tuple of (axis, angle)
+        Position of another axis that is read along [rad].
+    """
+
+    cycles: tuple[tuple[float, float, float], ...] = ()
+    scale: float = 0.0
+    growths: tuple[tuple[float, float], ...] = ()
+    others: tuple[tuple[str, float], ...] = ()
+
+
 class Plant(msgspec.Struct, frozen=True, kw_only=True):
     """One axis with its effects.
 
@@ -61,6 +82,8 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         Largest |u| that the motor can give [m].
     command_delay, reading_delay : float
         [s].
+    reading : Reading
+        What the table's reading has beyond its position; see :func:`ph_post.drive.reading.read_table`.
     forces : tuple of callables
         Further forces; an axis that has any runs in the slow engine.
     """
@@ -87,6 +110,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     saturation: float = math.inf
     command_delay: float = 0.0
     reading_delay: float = 0.0
+    reading: Reading = Reading()
     forces: tuple[Force, ...] = ()
 
 

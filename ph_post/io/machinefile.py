@@ -66,7 +66,16 @@ def read_machine(source: str | os.PathLike[str]) -> Machine:
     >>> read_machine("paper").axes["X"].servo.b
     0.0005
     """
-    text = read_source(or_shipped("machines", source))
+    return machine_of(machine_source(source))
+
+
+def machine_source(source: str | os.PathLike[str]) -> Source:
+    """Read the text of a machine file, found as :func:`read_machine` does."""
+    return read_source(or_shipped("machines", source))
+
+
+def machine_of(text: Source) -> Machine:
+    """Return the machine of a text that was read already; raises as :func:`read_machine`."""
     record = checked(_parse(text), MachineRecord, text.name)
     drives = {name: getattr(record.axes, name) for name in ("X", "Y", "Z")}
     axes = {name: _axis(name, axis, text.name) for name, axis in drives.items() if axis is not None}

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
 from ph_post.drive.effects import plant_of
 from ph_post.drive.plant import Plant, force_on
+from ph_post.drive.reading import TRUE, read_table
 from ph_post.simulate import kernel
 from ph_post.simulate.modes import modes_of
 from ph_post.simulate.slow import SlowAxis
@@ -48,16 +49,20 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     Returns
     -------
     Run
+        `executed` is what is read of the tables (:func:`ph_post.drive.reading.read_table`), the time counted
+        from the first row on.
     """
-    executed, motor = np.empty_like(command.position), np.empty_like(command.position)
+    plants = {name: plant_of(machine.axes[name], scenario) for name in command.axes}
+    tables: dict[str, Array] = {}
+    motor = np.empty_like(command.position)
     events: list[Event] = []
-    for number, name in enumerate(command.axes):
-        axis = machine.axes[name]
+    for number, (name, plant) in enumerate(plants.items()):
+        flank = command.flanks.get(name) or first_flank(machine.axes[name], scenario)
         trace = trace_of(command, number)
-        flank = command.flanks.get(name) or first_flank(axis, scenario)
-        table, side, found = run_axis(trace, axis, scenario, flank, command.period)
-        executed[:, number], motor[:, number] = table, side
-        events += found
+        tables[name], motor[:, number], changes = run_plant(trace, plant, flank, command.period)
+        events += list_events(changes, name)
+    since = command.t - command.t[0]
+    executed = np.stack([read_table(plants[name], since, tables[name], tables) for name in plants], axis=1)
     return Run(
         axes=command.axes, period=command.period, scenario=scenario, t=command.t, s=command.s,
         commanded=command.position, executed=sealed(executed), motor=sealed(motor),
@@ -97,15 +102,6 @@ def trace_of(command: Command, number: int) -> Trace:
     return Trace(position, float(path[0]), speed, float(command.t[0]))
 
 
-def run_axis(
-    trace: Trace, axis: Axis, scenario: Scenario, flank: int, period: float
-) -> tuple[Array, Array, list[Event]]:
-    """Run one axis, which stands on `flank` if it rests: table, motor [m], shape (n,), and what happened."""
-    plant = plant_of(axis, scenario)
-    table, motor, changes = run_plant(trace, plant, flank, period)
-    return table, motor, list_events(changes, axis.name)
-
-
 def first_flank(axis: Axis, scenario: Scenario) -> int:
     """Flank on which an axis stands before its first motion."""
     known = axis.gap.initial_flank
@@ -114,8 +110,11 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
 
 
 def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
-    """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes."""
-    linear = replace(plant, forces=())
+    """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes.
+
+    The table is where it is, not what screw or scale make its reading.
+    """
+    linear = replace(plant, forces=(), reading=TRUE)
     automaton = build_automaton(linear)
     command = _delayed(trace.position, plant.command_delay / period)
     z, first = _start(trace, plant, automaton, flank)

@@ -101,6 +101,10 @@ def _of_effect(name: str, given: Any, found: dict[str, Any]) -> dict[str, Any]:
             return {"rule": rule, "kept": given["kept"]}
         case "viscous_friction":
             return {"viscous": (given["following_error_s"],) * 2}
+        case "friction_asymmetry":
+            plus, minus = found.get("viscous", (0.0, 0.0))
+            added = given["plus_following_error_s"], given["minus_following_error_s"]
+            return {"viscous": (plus + added[0], minus + added[1])}
     key, unit, ours = {
         "load_offset": ("following_error_mm", MM, "load"),
         "torque_saturation": ("following_error_mm", MM, "saturation"),

@@ -139,10 +139,10 @@ def test_a_program_is_refused_what_it_cannot_carry(capsys):
 def test_effects_that_do_not_act_are_named_once(capsys, tmp_path):
     text = (ROOT / "samples" / "machines" / "router.toml").read_text()
     machine = tmp_path / "router.toml"
-    machine.write_text(text.replace("[axes.Y]", '[[axes.X.effects]]\nname = "cogging"\n\n[axes.Y]', 1))
+    machine.write_text(text.replace("[axes.Y]", '[[axes.X.effects]]\nname = "servo_mismatch"\n\n[axes.Y]', 1))
     status, _, err = run(capsys, "compare", OVAL, "-m", str(machine), *QUICK)
     assert status == 0
-    assert err.count("cogging") == 1
+    assert err.count("servo_mismatch") == 1
 
 
 def test_bad_usage_is_one_line(capsys, tmp_path):

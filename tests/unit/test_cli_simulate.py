@@ -134,8 +134,8 @@ def with_effect(tmp_path, effect):
 
 
 def test_effects_that_do_not_act_are_named_once(capsys, tmp_path):
-    view = simulated(capsys, OVAL, "-m", with_effect(tmp_path, "cogging"))
-    named = [warning for warning in view["warnings"] if "cogging" in warning]
+    view = simulated(capsys, OVAL, "-m", with_effect(tmp_path, "servo_mismatch"))
+    named = [warning for warning in view["warnings"] if "servo_mismatch" in warning]
     assert len(named) == 1
     assert "axis X" in named[0]
 

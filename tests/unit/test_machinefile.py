@@ -52,7 +52,7 @@ max_motor_acceleration_rad_s2 = 4000
 ki_over_kp_per_s = 2.0
 kd_over_kp_s = 0.001
 [[axes.Y.effects]]
-name = "cyclic_error"
+name = "servo_mismatch"
 amplitude_mm = 0.003
 harmonics = [1, 2]
 """
@@ -82,7 +82,10 @@ harmonics = [1, 2]
     )
     assert (axis.uncertainty.backlash, axis.uncertainty.beta, axis.uncertainty.gain) == (0.1, 0.0, 0.3)
     (effect,) = axis.effects
-    assert (effect.name, effect.parameters) == ("cyclic_error", {"amplitude_mm": 0.003, "harmonics": [1, 2]})
+    assert (effect.name, effect.parameters) == (
+        "servo_mismatch",
+        {"amplitude_mm": 0.003, "harmonics": [1, 2]},
+    )
 
 
 def test_what_may_be_left_out_has_its_default(read):

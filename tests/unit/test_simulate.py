@@ -82,6 +82,12 @@ EFFECTS = {
         )
     ],
     "viscous": [effect("viscous_friction", following_error_s=0.01)],
+    "asymmetric": [effect("friction_asymmetry", plus_following_error_s=0.01, minus_following_error_s=-0.006)],
+    "asymmetric and dry": [
+        effect("viscous_friction", following_error_s=0.002),
+        effect("friction_asymmetry", plus_following_error_s=-0.004, minus_following_error_s=0.003),
+        effect("coulomb_friction", following_error_mm=0.1),
+    ],
     "load towards minus": [effect("load_offset", following_error_mm=0.3)],
     "load towards plus": [effect("load_offset", following_error_mm=-0.3)],
     "load beyond friction": [
@@ -270,3 +276,16 @@ def test_every_reversal_of_the_circle_of_section_6(ratio: float, largest: float)
     position = np.stack([command.X, command.Y], axis=1)
     run = simulate(make_command(position, 1e-3, moving=True), make_machine(axes, 1e-3))
     assert np.abs(command.error(*run.executed.T)).max() == pytest.approx(largest, rel=0.03)
+
+
+def test_an_asymmetry_of_nothing_is_none() -> None:
+    """And one of the same both ways is viscous friction."""
+
+    def run(*effects: EffectSetting) -> Run:
+        return run_case(Case(make_axis("load", **SOFT, effects=effects), WAVES, PERIOD))
+
+    none = effect("friction_asymmetry", plus_following_error_s=0.0, minus_following_error_s=0.0)
+    both = effect("friction_asymmetry", plus_following_error_s=0.004, minus_following_error_s=0.004)
+    assert np.array_equal(run(none).executed, run().executed)
+    same = run(effect("viscous_friction", following_error_s=0.004))
+    assert np.array_equal(run(both).executed, same.executed)

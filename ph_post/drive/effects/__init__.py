@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import msgspec
 
@@ -42,6 +42,15 @@ def not_acting(axis: Axis) -> tuple[str, ...]:
     Whoever simulates says so.
     """
     return tuple(setting.name for setting in axis.effects if _felt(axis, setting) is None)
+
+
+def still(axis: Axis, axes: Collection[str]) -> tuple[str, ...]:
+    """Names of the axes whose position an axis is read with, and which are not among those that move.
+
+    They count as standing at 0. Whoever simulates says so.
+    """
+    others = [name for name, _ in plant_of(axis, Scenario()).reading.others]
+    return tuple(name for name in dict.fromkeys(others) if name not in axes)
 
 
 def _felt(axis: Axis, setting: EffectSetting) -> Effect | None:

@@ -33,7 +33,7 @@ import msgspec
 
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis, Feedback
-from ph_post.units import HERTZ, MM, MS
+from ph_post.units import DEGREE, HERTZ, MM, MS
 
 Values = Mapping[str, float]
 """Values of an effect in SI units by :attr:`Parameter.gives`; of a choice, its place among the choices."""
@@ -165,5 +165,7 @@ MILLISECOND = constant("ms", MS)
 MILLIMETRE = constant("mm", MM)
 MM_PER_S = constant("mm/s", MM)
 HZ = constant("Hz", HERTZ)
+RADIAN = constant("rad", 1.0)
+DEGREES = constant("°", DEGREE)
 NEWTON = per_stiffness("N", 1.0)
 N_S_PER_MM = per_stiffness("N s/mm", 1.0 / MM)

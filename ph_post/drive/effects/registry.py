@@ -34,10 +34,15 @@ CATALOGUE = (
 _HERE = "ph_post.drive.effects"
 BUILT_IN = {
     "coulomb_friction": f"{_HERE}.coulomb_friction:EFFECT",
+    "cyclic_error": f"{_HERE}.cyclic_error:EFFECT",
     "elastic_windup": f"{_HERE}.elastic_windup:EFFECT",
     "engagement_impact": f"{_HERE}.engagement_impact:EFFECT",
+    "friction_asymmetry": f"{_HERE}.friction_asymmetry:EFFECT",
     "load_offset": f"{_HERE}.load_offset:EFFECT",
+    "scale_error": f"{_HERE}.scale_error:EFFECT",
+    "squareness": f"{_HERE}.squareness:EFFECT",
     "stribeck_friction": f"{_HERE}.stribeck_friction:EFFECT",
+    "thermal_growth": f"{_HERE}.thermal_growth:EFFECT",
     "torque_saturation": f"{_HERE}.torque_saturation:EFFECT",
     "transport_delay": f"{_HERE}.transport_delay:EFFECT",
     "viscous_friction": f"{_HERE}.viscous_friction:EFFECT",
@@ -61,7 +66,7 @@ def known_names() -> tuple[str, ...]:
 
     Examples
     --------
-    >>> "cogging" in known_names(), "cogging" in effect_names()
+    >>> "servo_mismatch" in known_names(), "servo_mismatch" in effect_names()
     (True, False)
     """
     return (*CATALOGUE, *(name for name in effect_names() if name not in CATALOGUE))

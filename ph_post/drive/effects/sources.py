@@ -14,3 +14,9 @@ FEED_DRIVES: Final = (
     "Y. Altintas, A. Verl, C. Brecher, L. Uriarte, G. Pritschow: Machine tool feed drives, "
     "CIRP Annals 60 (2011), doi:10.1016/j.cirp.2011.05.010"
 )
+
+TEST_CODE: Final = "ISO 230-1: Test code for machine tools, part 1: Geometric accuracy, 2012"
+
+POSITIONING: Final = "ISO 230-2: Test code for machine tools, part 2: Positioning accuracy, 2014"
+
+THERMAL: Final = "ISO 230-3: Test code for machine tools, part 3: Determination of thermal effects, 2020"

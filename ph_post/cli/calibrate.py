@@ -1,0 +1,132 @@
+"""``ph-post calibrate``: test programs for a machine, and the plan of what to record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ph_post.cli import options
+from ph_post.units import MINUTE, MM, MM_PER_MIN
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PLAN = "plan.md"
+"""File name of the recording plan."""
+
+
+def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[float, ...]:
+    """Read ``10,20``; nothing where the option is not given."""
+    if text is None:
+        return ()
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"expected numbers separated by commas; got {text!r}") from None
+
+
+@click.command()
+@options.machine
+@click.option(
+    "-o", "--output", default="ph_post_calibration", show_default=True, metavar="FOLDER",
+    help="Where programs and plan go.",
+)  # fmt: skip
+@click.option(
+    "--axes", metavar="X,Y,...",
+    help="Axes to move. [all but Z, which moves only where it is named]",
+)  # fmt: skip
+@click.option(
+    "--centre", callback=_numbers, metavar="X,Y,...",
+    help="Middle of the room in work coordinates, a number an axis [mm]. [0]",
+)  # fmt: skip
+@click.option(
+    "--travel", callback=_numbers, metavar="MM",
+    help="Room from end to end, the middle in its middle: one number, or one an axis. [100]",
+)  # fmt: skip
+@click.option("--radius", type=float, metavar="MM", help="Of the circles. [0.3 of the smallest travel]")
+@click.option(
+    "--feeds", callback=_numbers, metavar="F,F,...",
+    help="Feeds of the circles [mm/min]. [three, up to 0.8 of what the machine can]",
+)  # fmt: skip
+@click.option(
+    "--warm-up", type=float, default=10.0, show_default=True, metavar="MIN",
+    help="How long the run takes that warms the screws.",
+)  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace files of these names that hold something else.")
+@options.common
+def command(
+    machine: str,
+    output: str,
+    axes: str | None,
+    centre: tuple[float, ...],
+    travel: tuple[float, ...],
+    radius: float | None,
+    feeds: tuple[float, ...],
+    warm_up: float,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Write test programs that show what a machine file should know, and the plan of what to record.
+
+    Circles at several feeds both ways, ladders of reversals, sweeps, speeds from a crawl up, full
+    acceleration, stops, diagonals, standstill and a long run that warms the screws, each a program of its
+    own; and mix.ngc, a little of everything, which alone is a good beginning. All are in the dialect of the
+    machine file and within its limits, move only inside the room that you state, and end where they begin,
+    in its middle. The tool must be clear of everything there: the programs cut air.
+
+    plan.md says what to record with each program, and the `ph-post diagnose` line for its log.
+
+    \b
+    Examples:
+      ph-post calibrate -m mill --centre 150,80 --travel 120
+      ph-post calibrate -m router.toml -o tests --travel 300,200 --radius 40 --feeds 600,1800,4500
+      ph-post calibrate -m mill --axes X,Y,Z --centre 150,80,-40 --travel 100,100,30
+    """
+    from ph_post.diagnose.kit import calibration_kit
+    from ph_post.diagnose.kitplan import program_file, recording_plan
+    from ph_post.io.atomic import make_folder, write_atomically
+    from ph_post.io.machinefile import read_machine
+    from ph_post.report.tables import print_json
+
+    if output in ("", "-"):
+        raise click.UsageError(f"-o takes a folder; got {output!r}")
+    drives = read_machine(machine)
+    kit = calibration_kit(
+        drives, axes=() if axes is None else [word.strip().upper() for word in axes.split(",")],
+        centre=_scaled(centre, MM), travel=_scaled(travel, MM), feeds=_scaled(feeds, MM_PER_MIN),
+        radius=None if radius is None else radius * MM, warm_up=warm_up * MINUTE,
+    )  # fmt: skip
+    texts = {program_file(one): one.program for one in kit}
+    texts[PLAN] = recording_plan(drives, machine, output, kit)
+    if not force:
+        _refuse_others(Path(output), texts)
+    folder = make_folder(output)
+    write_atomically({str(folder / name): text for name, text in texts.items()})
+    if as_json:
+        programs = [
+            {"name": one.name, "file": program_file(one), "why": one.why, "record": one.record} for one in kit
+        ]
+        print_json({"folder": output, "plan": PLAN, "programs": programs})
+    else:
+        for one in kit:
+            click.echo(f"{folder / program_file(one)}: {one.why}")
+    click.echo(f"wrote {len(kit)} programs and {folder / PLAN}: read that first", err=True)
+    return 0
+
+
+def _scaled(values: tuple[float, ...], unit: float) -> tuple[float, ...]:
+    return tuple(value * unit for value in values)
+
+
+def _refuse_others(folder: Path, texts: Mapping[str, str]) -> None:
+    """Refuse to replace what is not of the same content: it may be a person's own."""
+    from ph_post.errors import InputError
+
+    for name, text in texts.items():
+        there = folder / name
+        if there.exists() and (not there.is_file() or there.read_bytes() != text.encode()):
+            raise InputError(
+                str(there), "is there already and holds something else", expected="--force, or another folder"
+            )

@@ -1,0 +1,127 @@
+"""``ph-post diagnose``: the effect that a machine file lacks, named, added, and the gap after it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ph_post.cli import options
+from ph_post.cli.recordings import log_options
+
+if TYPE_CHECKING:
+    from ph_post.diagnose.record import Diagnosis
+    from ph_post.io.atomic import Content
+    from ph_post.io.source import Source
+    from ph_post.types import Log
+
+
+@click.command()
+@click.argument("source", metavar="LOG")
+@options.machine
+@click.option(
+    "-o",
+    "--output",
+    metavar="BETTER.toml",
+    help="The machine file with what was found added to it; - for standard output.",
+)
+@click.option("--html", metavar="FILE", help="A page with the residuals drawn; it needs no network.")
+@click.option("--plot", metavar="FILE", help="Picture of the gap and the residuals: .png, .svg or .pdf.")
+@click.option("--next", "following", metavar="FILE", help="The part program that would tell more.")
+@log_options
+@options.common
+def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
+    """Find out where a record parts from the simulation, and which physical effect is missing.
+
+    LOG is what was measured while the machine ran: a table (.csv, LinuxCNC's halsampler, .mat, .npz,
+    .parquet) or - for standard input, with t [s], X_cmd, X_act [mm] and likewise for other axes, perhaps
+    X_motor [mm], X_force [N] or X_current [A]. Other names and units are told with --column.
+
+    One of five verdicts is told first. An effect is missing: its name, parameters and standard errors.
+    Nothing is missing: record and model are no farther apart than the noise. Effects cannot be told apart:
+    each is named. None of the known effects explains it: what remains is described. The record cannot show
+    it: why. Below stands how far model and record are apart after every step, on what was fitted and on what
+    was held out. Where another run would tell more, --next writes its part program.
+
+    -o writes the same machine file with what was found, standard errors and origin as comments. Where nothing
+    is added, it holds the machine file as it was, so that what reads it can go on; that is said.
+
+    Exit status 0: done, whatever the verdict. 2: the record or the machine file cannot be read, or they do
+    not belong together.
+
+    \b
+    Examples:
+      ph-post diagnose run.csv -m router.toml
+      ph-post diagnose run.csv -m router.toml -o better.toml --html run.html
+      ph-post diagnose run.csv -m router.toml --program part.ngc --side X=unknown --next ladder.ngc
+      ph-post diagnose run.mat -m axis.toml --column X_cmd=qg:m --column X_act=qm:m --json
+      ph-post diagnose run.csv -m router.toml -o - | ph-post convert part.ngc -m - -o compensated.ngc
+    """
+    from ph_post.cli.recordings import check_places, read_recording
+    from ph_post.diagnose.diagnose import diagnose
+    from ph_post.io.atomic import write_atomically
+    from ph_post.io.machinefile import machine_of, machine_source
+    from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view, effort_units
+    from ph_post.report.figures import picture_format
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+
+    places = {"-o": how["output"], "--html": how["html"], "--plot": how["plot"], "--next": how["following"]}
+    check_places({"LOG": source, "-m": machine, "--program": how["program"]}, places, json=as_json)
+    if how["plot"] is not None:
+        picture_format(how["plot"])
+    with Progress() as stage:
+        stage("reading")
+        text = machine_source(machine)
+        drives = machine_of(text)
+        log = read_recording(source, how, drives)
+        found = diagnose(log, drives, stage)
+        stage("writing")
+        products = _products(found, log, text, how)
+        write_atomically(products)
+    if as_json:
+        print_json({**diagnosis_view(found, effort_units(log)), "warnings": list(log.warnings)})
+    else:
+        given = [option for option, place in places.items() if place is not None]
+        for line in diagnosis_lines(found, effort_units(log), given):
+            click.echo(line, err="-" in products)
+    for line in _told(found, log, text, how, products):
+        click.echo(line, err=True)
+    return 0
+
+
+def _products(found: Diagnosis, log: Log, text: Source, how: dict[str, Any]) -> dict[str, Content]:
+    """Return what was asked for, by the name of its file."""
+    from ph_post.io.machinewrite import better_machine
+    from ph_post.report.diagnoses import effort_units
+    from ph_post.report.diagnosisfigures import draw_diagnosis
+    from ph_post.report.diagnosispage import diagnosis_page
+    from ph_post.report.figures import picture_format, render
+
+    efforts = effort_units(log)
+    products: dict[str, Content] = {}
+    if how["output"] is not None:
+        products[how["output"]] = better_machine(text, found, log)
+    if how["html"] is not None:
+        products[how["html"]] = diagnosis_page(found, log.name, efforts)
+    if how["plot"] is not None:
+        products[how["plot"]] = render(draw_diagnosis(found, efforts), picture_format(how["plot"]))
+    if how["following"] is not None and found.next_experiment is not None:
+        products[how["following"]] = found.next_experiment.program
+    return products
+
+
+def _told(
+    found: Diagnosis, log: Log, text: Source, how: dict[str, Any], products: dict[str, Content]
+) -> Iterator[str]:
+    """Say what the reader had to do, and what was written where."""
+    yield from (f"warning: {warning}" for warning in log.warnings)
+    if how["following"] is not None and found.next_experiment is None:
+        yield f"no other run is proposed: {how['following']} is not written"
+    for name, content in products.items():
+        place = "standard output" if name == "-" else name
+        if name == how["output"] and content == text.text:
+            yield f"nothing was added: {place} is the machine file as it was"
+        elif name != "-":
+            yield f"wrote {name}"

@@ -1,0 +1,188 @@
+"""From a record and a machine file to what is missing from that machine.
+
+Axis by axis: the free run of the file's model, hypotheses added one after the other as long as they explain
+what they were not fitted to, and a verdict over all of them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.findings import Outcome, better_axis, findings_of, settle_outcome
+from ph_post.diagnose.fit import base_model, left_of
+from ph_post.diagnose.model import Problem, problem_of
+from ph_post.diagnose.quality import examine
+from ph_post.diagnose.record import Channel, Diagnosis, Finding, GapStep, Quality, Trail, Verdict
+from ph_post.diagnose.select import choose
+from ph_post.types import Array, BoolArray, Log, Machine
+
+FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
+"""What no record of a position of unknown side can tell apart from backlash."""
+
+LEFT: Final = 2.0
+"""Times the noise above which what is left at the end is looked at."""
+
+EXPLAINED: Final = 0.92
+"""Part of the excess that the names must explain together where more than that is left."""
+
+
+def quiet(_words: str) -> None:
+    """Say nothing."""
+
+
+def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -> Diagnosis:
+    """Find what is missing from a machine file, as a record shows it.
+
+    Parameters
+    ----------
+    log : Log
+    machine : Machine
+        With a drive for every axis of the log.
+    stage : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    stage("looking at the record")
+    quality = examine(log, machine)
+    problems = [
+        problem
+        for name in log.axes
+        if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
+    ]
+    if quality.faults or not problems:
+        return _blind(log, machine, quality)
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        outcomes = list(pool.map(lambda one: settle_outcome(choose(one, stage)), problems))
+    stage("telling")
+    return _tell(log, machine, quality, outcomes)
+
+
+def _blind(log: Log, machine: Machine, quality: Quality) -> Diagnosis:
+    """Tell that a record can show nothing."""
+    if not quality.faults:
+        quality = replace(quality, faults=("no axis that has a reading moves in this record",))
+    floor = _pooled_noise(log, quality)
+    return Diagnosis(
+        verdict="not-identifiable", findings=(), noise_floor=floor, steps=(), quality=quality, places=(),
+        remaining=(), trails=(), machine=machine,
+    )  # fmt: skip
+
+
+def _pooled_noise(_log: Log, quality: Quality) -> float:
+    noise = [one.noise for one in quality.channels if one.channel != "force"]
+    return float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
+
+
+def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outcome]) -> Diagnosis:
+    findings: list[Finding] = []
+    for outcome in outcomes:
+        unit = log.axes[outcome.choice.problem.axis.name].effort_unit
+        findings += findings_of(outcome, {}, {}, unit)
+    findings = [_unknown_side(log, one) for one in findings]
+    steps = _steps(outcomes)
+    verdict = _verdict(outcomes, findings, _pooled_noise(log, quality), steps)
+    if verdict == "unknown":
+        findings, steps = [], steps[:1]
+    axes = dict(machine.axes)
+    for name in log.axes:
+        axes[name] = better_axis(axes[name], tuple(one for one in findings if one.axis == name))
+    better = replace(machine, axes=axes) if findings else machine
+    return Diagnosis(
+        verdict=verdict, findings=tuple(findings), noise_floor=_pooled_noise(log, quality), steps=steps,
+        quality=quality, places=(), remaining=(), trails=_trails(outcomes, verdict), machine=better,
+    )  # fmt: skip
+
+
+def _unknown_side(log: Log, finding: Finding) -> Finding:
+    """Say of friction and backlash in a position of unknown side that either may be the other."""
+    if log.axes[finding.axis].side != "unknown":
+        return finding
+    rival = ""
+    if finding.name in FRICTION:
+        rival = "backlash"
+    elif finding.name == "backlash":
+        rival = "coulomb_friction"
+    if not rival or rival in finding.ambiguous_with:
+        return finding
+    return replace(finding, ambiguous_with=(*finding.ambiguous_with, rival), confidence=0.5)
+
+
+def _position_squares(outcome: Outcome, left: Mapping[Channel, Array], use: BoolArray) -> tuple[float, int]:
+    """Sum of squares and count of the position channels of an axis."""
+    total, count = 0.0, 0
+    for one in outcome.choice.problem.observed:
+        if one.channel != "force":
+            here = use & one.ok
+            total += float(np.sum(left[one.channel][here] ** 2))
+            count += int(np.count_nonzero(here))
+    return total, count
+
+
+def _steps(outcomes: Sequence[Outcome]) -> tuple[GapStep, ...]:
+    """Pool the gap over the axes: the file as it is, then one effect after the other."""
+    problems = [outcome.choice.problem for outcome in outcomes]
+    at: list[Mapping[Channel, Array]] = [left_of(problem, base_model(problem)) for problem in problems]
+    steps = [_step(None, outcomes, at)]
+    for number, outcome in enumerate(outcomes):
+        for count, part in enumerate(outcome.choice.fitted.model.parts, 1):
+            at[number] = outcome.choice.stages[count].left
+            label = f"{part.hypothesis.name}:{outcome.choice.problem.axis.name}"
+            steps.append(_step(label, outcomes, at))
+    return tuple(steps)
+
+
+def _step(added: str | None, outcomes: Sequence[Outcome], at: Sequence[Mapping[Channel, Array]]) -> GapStep:
+    rms = []
+    for kind in ("fit", "held"):
+        sums = [
+            _position_squares(outcome, left, getattr(outcome.choice.problem, kind))
+            for outcome, left in zip(outcomes, at, strict=True)
+        ]
+        rms.append(float(np.sqrt(sum(one for one, _ in sums) / max(sum(n for _, n in sums), 1))))
+    return GapStep(added=added, fit_rms=rms[0], holdout_rms=rms[1])
+
+
+def _verdict(
+    outcomes: Sequence[Outcome], findings: Sequence[Finding], noise: float, steps: Sequence[GapStep]
+) -> Verdict:
+    excess = steps[0].holdout_rms ** 2 - noise**2
+    left = steps[-1].holdout_rms ** 2 - noise**2
+    much = steps[-1].holdout_rms > LEFT * noise
+    if findings:
+        if much and left > (1.0 - EXPLAINED) * excess:
+            return "unknown"
+        return "ambiguous" if any(one.ambiguous_with for one in findings) else "named"
+    refitted = [_position_squares(one, one.fitted.left, one.choice.problem.held) for one in outcomes]
+    rms = float(np.sqrt(sum(one for one, _ in refitted) / max(sum(n for _, n in refitted), 1)))
+    return "unknown" if rms > 1.3 * noise else "nothing-missing"
+
+
+def _trails(outcomes: Sequence[Outcome], verdict: Verdict) -> tuple[Trail, ...]:
+    trails = []
+    for outcome in outcomes:
+        problem: Problem = outcome.choice.problem
+        before = left_of(problem, base_model(problem))
+        after = before if verdict == "unknown" else outcome.fitted.left
+        trails += [
+            Trail(
+                axis=problem.axis.name,
+                channel=one.channel,
+                t=problem.t,
+                command=problem.command,
+                before=before[one.channel],
+                after=after[one.channel],
+                counted=problem.counted & one.ok,
+                held_out=problem.held & one.ok,
+            )
+            for one in problem.observed
+        ]
+    return tuple(trails)

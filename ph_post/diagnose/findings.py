@@ -1,0 +1,238 @@
+"""From a fitted model to what a person and a machine file get: findings, and the better axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.fit import Fitted, Part, covariance, fit_model, plant_at
+from ph_post.diagnose.model import Problem, predict
+from ph_post.diagnose.record import Estimate, Finding
+from ph_post.diagnose.select import Choice
+from ph_post.drive.effects.base import Effect, Parameter
+from ph_post.drive.effects.registry import find_effect
+from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty
+from ph_post.units import MM
+
+MOVED: Final = 0.1
+"""Standard errors by which a base value must have moved within its prior to be written."""
+
+OWN_KEYS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
+"""Effects that are numbers of the axis itself."""
+
+_SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
+"""Unit and its size of those numbers."""
+
+_KEYS: Final = {"lost_motion": "lost_motion_mm", "b": "b", "c": "c"}
+
+LEAST_UNCERTAINTY: Final = 0.005
+"""No number of a machine is known better than that from one record."""
+
+
+class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part of the final model: values [SI] by name, leading first, and their standard errors."""
+
+    part: Part
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The final model of one axis, fitted to all samples that count, and what was found in it."""
+
+    choice: Choice
+    fitted: Fitted
+    found: tuple[Found, ...]
+    gain: float | None
+    """K as the effort tells it, in the effort's unit over metres."""
+
+
+def settle_outcome(choice: Choice) -> Outcome:
+    """Fit the chosen model to every sample that counts, and work out what its numbers are worth."""
+    problem = choice.problem
+    fitted = fit_model(problem, choice.fitted.model, problem.counted, rounds=2)
+    spread = covariance(problem, fitted, problem.counted)
+    at, found = len(fitted.model.free), []
+    for part in fitted.model.parts:
+        count = len(part.numbers)
+        found.append(_found(problem, part, spread[at : at + count, at : at + count]))
+        at += count
+    return Outcome(choice=choice, fitted=fitted, found=tuple(found), gain=_gain(problem, fitted))
+
+
+def _found(problem: Problem, part: Part, spread: Array) -> Found:
+    """Carry the covariance of a part's numbers over to its values, by differences."""
+    hypothesis = part.hypothesis
+    values = hypothesis.values(problem, part.numbers)
+    here = np.array(list(values.values()))
+    slopes = np.empty((here.size, len(part.numbers)))
+    for k, number in enumerate(hypothesis.numbers):
+        step = 1e-4 * max(abs(part.numbers[k]), number.scale)
+        moved = [*part.numbers[:k], part.numbers[k] + step, *part.numbers[k + 1 :]]
+        there = np.array(list(hypothesis.values(problem, tuple(moved)).values()))
+        slopes[:, k] = (there - here) / step
+    errors = np.sqrt(np.maximum(np.diag(slopes @ spread @ slopes.T), 0.0))
+    return Found(part=part, values=values, errors=dict(zip(values, map(float, errors), strict=True)))
+
+
+def _gain(problem: Problem, fitted: Fitted) -> float | None:
+    if not problem.has_effort:
+        return None
+    columns = predict(problem, plant_at(problem, fitted.model))["force"]
+    effort = next(one for one in problem.observed if one.channel == "force")
+    use = problem.counted & effort.ok
+    return float(np.linalg.lstsq(columns[use], effort.values[use], rcond=None)[0][0])
+
+
+def findings_of(outcome: Outcome, where: Mapping[str, str], evidence: Mapping[str, tuple[str, ...]],
+                effort_unit: str) -> tuple[Finding, ...]:  # fmt: skip
+    """Put what was found on one axis into findings; `where` and `evidence` are by label."""
+    problem = outcome.choice.problem
+    findings = []
+    for number, (found, standing) in enumerate(zip(outcome.found, outcome.choice.standings, strict=True)):
+        label = found.part.hypothesis.label
+        keys = _own_keys(found) | (_prior_keys(outcome) if number == 0 else {})
+        findings.append(
+            Finding(
+                name=found.part.hypothesis.name,
+                axis=problem.axis.name,
+                parameters=_estimates(outcome, found, effort_unit),
+                where=where.get(label, ""),
+                evidence=evidence.get(label, ()),
+                confidence=min(standing.confidence, 0.999),
+                ambiguous_with=standing.rivals,
+                setting=_setting(outcome, found),
+                keys=keys,
+            )
+        )
+    return tuple(findings)
+
+
+def _ways(effect: Effect, gives: str, axis: Axis) -> tuple[Parameter, float | None]:
+    """Return the key that a value is written under, the first whose unit the axis knows, and its size."""
+    for parameter in effect.ways()[gives]:
+        if parameter.unit is None:
+            return parameter, None
+        scale = parameter.unit.scale(axis)
+        if scale is not None:
+            return parameter, scale
+    raise AssertionError(gives)
+
+
+def _is_force(effect: Effect, gives: str) -> bool:
+    return any(one.unit is not None and one.unit.symbol == "N" for one in effect.ways()[gives])
+
+
+def _estimates(outcome: Outcome, found: Found, effort_unit: str) -> dict[str, Estimate]:
+    """Tell values in the units of the shop; a force in that of the effort where one was recorded."""
+    name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
+    estimates: dict[str, Estimate] = {}
+    for gives, value in found.values.items():
+        error = found.errors[gives]
+        if name in OWN_KEYS:
+            unit, size = _SHOP[gives]
+        else:
+            effect = find_effect(name)
+            if outcome.gain is not None and _is_force(effect, gives):
+                unit, size = effort_unit, 1.0 / outcome.gain
+            else:
+                parameter, scale = _ways(effect, gives, axis)
+                if scale is None or parameter.unit is None:
+                    continue
+                unit, size = parameter.unit.symbol or "1", scale
+        stderr = error / size if math.isfinite(error) else None
+        estimates[gives] = Estimate(value=value / size, stderr=stderr, unit=unit)
+    return _leading_first(name, estimates)
+
+
+def _leading_first(name: str, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
+    """Of b and c put the one first that is known better to be off; others are in order already."""
+    if name != "servo_mismatch":
+        return estimates
+    return dict(sorted(estimates.items(), key=lambda one: (one[1].stderr or 0.0) / abs(one[1].value)))
+
+
+def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
+    """Return the effect as the machine file has it."""
+    name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
+    if name in OWN_KEYS:
+        return None
+    effect = find_effect(name)
+    parameters: dict[str, Any] = {}
+    for gives, value in found.values.items():
+        parameter, scale = _ways(effect, gives, axis)
+        if scale is None:
+            parameters[parameter.name] = parameter.choices[int(value)]
+        else:
+            parameters[parameter.name] = float(f"{value / scale:.7g}")
+    return EffectSetting(name=name, parameters=parameters)
+
+
+def _own_keys(found: Found) -> dict[str, float]:
+    if found.part.hypothesis.name not in OWN_KEYS:
+        return {}
+    return {_KEYS[gives]: float(f"{value / _SHOP[gives][1]:.7g}") for gives, value in found.values.items()}
+
+
+def _prior_keys(outcome: Outcome) -> dict[str, float]:
+    """Return the base values that moved within their priors: the effect was sized with them."""
+    model, axis = outcome.fitted.model, outcome.choice.problem.axis
+    keys: dict[str, float] = {}
+    for k in model.free:
+        prior = model.priors[k]
+        factor = 1.0 + prior.error * model.off[k]
+        if abs(model.off[k]) < MOVED:
+            continue
+        if prior.field in ("b", "c"):
+            keys[prior.field] = float(f"{getattr(axis.servo, prior.field) * factor:.7g}")
+        elif prior.field == "gap":
+            keys["lost_motion_mm"] = float(f"{axis.gap.lost_motion * factor / MM:.7g}")
+        elif prior.field == "eta" and axis.gap.inertia_fraction is not None:
+            keys["inertia_fraction"] = float(f"{axis.gap.inertia_fraction * factor:.7g}")
+        elif prior.field == "beta" and axis.gap.beta:
+            keys["motor_time_constant_s"] = float(f"{1.0 / (axis.gap.beta * factor):.7g}")
+    return keys
+
+
+def better_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
+    """Return an axis with what was found in it."""
+    for one in findings:
+        axis = _with_keys(axis, one.keys)
+        if one.setting is not None:
+            axis = replace(axis, effects=(*axis.effects, one.setting))
+        if one.name == "backlash":
+            axis = replace(axis, uncertainty=_surer(axis.uncertainty, one.parameters["lost_motion"]))
+    return axis
+
+
+def _surer(uncertainty: Uncertainty, gap: Estimate) -> Uncertainty:
+    """Put the standard error of a gap in place of the uncertainty that the file supposes."""
+    if not gap.stderr or gap.value <= 0.0:
+        return uncertainty
+    relative = min(max(gap.stderr / gap.value, LEAST_UNCERTAINTY), 0.9)
+    return replace(uncertainty, backlash=float(f"{relative:.3g}"))
+
+
+def _with_keys(axis: Axis, keys: Mapping[str, float]) -> Axis:
+    servo, gap = axis.servo, axis.gap
+    servo = replace(servo, b=keys.get("b", servo.b), c=keys.get("c", servo.c))
+    if "lost_motion_mm" in keys:
+        gap = _wide(gap, keys["lost_motion_mm"] * MM)
+    if "inertia_fraction" in keys:
+        gap = replace(gap, inertia_fraction=keys["inertia_fraction"])
+    if "motor_time_constant_s" in keys:
+        gap = replace(gap, beta=1.0 / keys["motor_time_constant_s"])
+    return replace(axis, servo=servo, gap=gap)
+
+
+def _wide(gap: Gap, lost_motion: float) -> Gap:
+    """Return a gap of another width, at the motor too where that is known."""
+    angle = gap.motor_angle
+    if gap.gear_ratio is not None and gap.travel_per_rad is not None:
+        angle = lost_motion * gap.gear_ratio / gap.travel_per_rad
+    return replace(gap, lost_motion=lost_motion, motor_angle=angle)

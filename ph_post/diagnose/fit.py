@@ -1,0 +1,230 @@
+"""Fitting a model of one axis to its record: least squares of the free run, with the file's values as priors.
+
+Every channel counts by what it still leaves unexplained, so that the likelihood is that of residuals whose
+size is not known beforehand: nats = -n/2 log(mean square), channel by channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from scipy.optimize import least_squares
+
+from ph_post.diagnose.hypotheses.base import Hypothesis, Number, Numbers
+from ph_post.diagnose.model import Problem, residuals
+from ph_post.diagnose.record import Channel
+from ph_post.drive.plant import Plant
+from ph_post.types import Array, BoolArray
+
+PRIOR: Final = 0.02
+"""Relative standard error of a base value where nothing else is said."""
+
+REACH: Final = 3.0
+"""Standard errors within which a base value may still be what the file says."""
+
+STEP: Final = 1e-3
+"""Finite differences, of a number's size or scale."""
+
+WHITE: Final = 256
+"""Samples over which what is left is averaged to see how far it is from white noise."""
+
+
+class Prior(msgspec.Struct, frozen=True, kw_only=True):
+    """A base value of the file: the field of the plant, and its relative standard error."""
+
+    field: str
+    error: float = PRIOR
+
+
+class Part(msgspec.Struct, frozen=True, kw_only=True):
+    """A hypothesis in a model, and its numbers."""
+
+    hypothesis: Hypothesis
+    numbers: Numbers
+
+
+class Model(msgspec.Struct, frozen=True, kw_only=True):
+    """The plant of the file, its base values off by so many standard errors, and what was added to it."""
+
+    priors: tuple[Prior, ...]
+    off: Numbers
+    parts: tuple[Part, ...] = ()
+    origin_free: bool = True
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Which of the priors hold: those that no part replaces."""
+        gone = {field for part in self.parts for field in part.hypothesis.replaces}
+        return tuple(k for k, prior in enumerate(self.priors) if prior.field not in gone)
+
+
+class Fitted(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A model at its best, and what it leaves.
+
+    `left` (n,) by channel [m or the effort's unit]; `jacobian` (rows, unknowns) of the weighted residuals,
+    with a row a prior; `unknowns` are the numbers in its columns.
+    """
+
+    model: Model
+    left: Mapping[Channel, Array]
+    jacobian: Array
+    unknowns: Array
+
+
+def plant_at(problem: Problem, model: Model) -> Plant:
+    """Return the plant that a model describes."""
+    plant = problem.plant
+    held = set(model.free)
+    off = {
+        prior.field: getattr(plant, prior.field) * (1.0 + prior.error * model.off[k])
+        for k, prior in enumerate(model.priors)
+        if k in held
+    }
+    plant = replace(plant, **off)
+    for part in model.parts:
+        plant = part.hypothesis.apply(plant, part.numbers)
+    return plant
+
+
+def base_model(problem: Problem) -> Model:
+    """Return the model of the file as it is; what does not show on this loop has no prior."""
+    plant = problem.plant
+    fields = ["b", "c"]
+    if plant.gap > 0.0:
+        fields += ["gap", "eta", "beta"] if plant.feedback == "load" else ["gap"]
+    priors = tuple(Prior(field=field) for field in fields if getattr(plant, field) > 0.0)
+    return Model(priors=priors, off=(0.0,) * len(priors), origin_free=problem.origin_free)
+
+
+def mean_square(values: Array, use: BoolArray) -> float:
+    """Mean square of the samples in use, at least the smallest number that has a logarithm."""
+    return max(float(np.mean(values[use] ** 2)), 1e-300)
+
+
+def nats(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> float:
+    """Log likelihood of what is left on the samples in use."""
+    total = 0.0
+    for one in problem.observed:
+        here = use & one.ok
+        total -= 0.5 * np.count_nonzero(here) * np.log(mean_square(left[one.channel], here))
+    return float(total)
+
+
+def inflation(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> float:
+    """By how much fewer independent samples there are than samples: the residual's variance over windows."""
+    worst = 1.0
+    for one in problem.observed:
+        values = left[one.channel][use & one.ok]
+        whole = values[: values.size // WHITE * WHITE].reshape(-1, WHITE)
+        spread = np.mean(values * values)
+        if whole.shape[0] > 1 and spread > 0.0:
+            worst = max(worst, float(WHITE * np.mean(whole.mean(axis=1) ** 2) / spread))
+    return worst
+
+
+def left_of(problem: Problem, model: Model) -> dict[Channel, Array]:
+    """Residuals of a model by channel."""
+    return residuals(problem, plant_at(problem, model), model.origin_free)
+
+
+def weights_of(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> dict[Channel, float]:
+    """One over what each channel leaves, but no more than one over its noise."""
+    return {
+        one.channel: 1.0 / max(np.sqrt(mean_square(left[one.channel], use & one.ok)), one.noise, 1e-12)
+        for one in problem.observed
+    }
+
+
+def _numbers(model: Model) -> list[Number]:
+    z = Number(name="off", low=-REACH, high=REACH, scale=0.3)
+    return [z] * len(model.free) + [one for part in model.parts for one in part.hypothesis.numbers]
+
+
+def pack(model: Model) -> Array:
+    """Return the unknowns of a model in one row."""
+    return np.array([model.off[k] for k in model.free] + [x for part in model.parts for x in part.numbers])
+
+
+def unpack(model: Model, unknowns: Array) -> Model:
+    """Return a model with its unknowns as given."""
+    free = model.free
+    off = list(model.off)
+    for k, value in zip(free, unknowns[: len(free)], strict=True):
+        off[k] = float(value)
+    parts, at = [], len(free)
+    for part in model.parts:
+        count = len(part.numbers)
+        parts.append(replace(part, numbers=tuple(float(x) for x in unknowns[at : at + count])))
+        at += count
+    return replace(model, off=tuple(off), parts=tuple(parts))
+
+
+def weighted_rows(
+    problem: Problem, model: Model, weights: Mapping[Channel, float], use: BoolArray, unknowns: Array
+) -> Array:
+    """Weighted residuals of the samples in use, and a row a prior."""
+    there = unpack(model, unknowns)
+    left = left_of(problem, there)
+    rows = [left[one.channel][use & one.ok] * weights[one.channel] for one in problem.observed]
+    return np.concatenate([*rows, unknowns[: len(model.free)]])
+
+
+def _slopes(rows: partial[Array], numbers: list[Number], unknowns: Array) -> Array:
+    """Forward differences, away from the bounds."""
+    here = rows(unknowns)
+    columns = np.empty((here.size, unknowns.size))
+    for k, number in enumerate(numbers):
+        step = STEP * max(abs(unknowns[k]), number.scale)
+        if unknowns[k] + step > number.high:
+            step = -step
+        there = unknowns.copy()
+        there[k] += step
+        columns[:, k] = (rows(there) - here) / step
+    return columns
+
+
+def fit_model(
+    problem: Problem, model: Model, use: BoolArray, rounds: int = 2, evaluations: int = 12
+) -> Fitted:
+    """Fit the unknowns of a model on the samples in use, by Gauss-Newton steps in a trust region.
+
+    Parameters
+    ----------
+    problem : Problem
+    model : Model
+        With the numbers to start from.
+    use : BoolArray, shape (n,)
+    rounds : int
+        How often the channels are weighed anew by what is left of them.
+    evaluations : int
+        Most steps of a round.
+    """
+    numbers = _numbers(model)
+    low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
+    scale = np.array([one.scale for one in numbers])
+    unknowns = np.clip(pack(model), low, high)
+    left = left_of(problem, unpack(model, unknowns))
+    jacobian = np.zeros((0, unknowns.size))
+    for _ in range(rounds if unknowns.size else 0):
+        rows = partial(weighted_rows, problem, model, weights_of(problem, left, use), use)
+        found = least_squares(
+            rows, np.clip(unknowns, low + 1e-9 * scale, high - 1e-9 * scale), bounds=(low, high),
+            jac=partial(_slopes, rows, numbers), x_scale=scale, max_nfev=evaluations,
+            ftol=1e-6, xtol=1e-6, gtol=1e-8,
+        )  # fmt: skip
+        unknowns, jacobian = found.x, np.asarray(found.jac)
+        left = left_of(problem, unpack(model, unknowns))
+    return Fitted(model=unpack(model, unknowns), left=left, jacobian=jacobian, unknowns=unknowns)
+
+
+def covariance(problem: Problem, fitted: Fitted, use: BoolArray) -> Array:
+    """Covariance of the unknowns: that of the weighted residuals, fewer where these are not white."""
+    worth = inflation(problem, fitted.left, use)
+    jacobian = fitted.jacobian.copy()
+    jacobian[: jacobian.shape[0] - len(fitted.model.free)] /= np.sqrt(worth)
+    return np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14))

@@ -1,0 +1,39 @@
+"""Named hypotheses: what may be missing from an axis, and how that would show."""
+
+from __future__ import annotations
+
+from ph_post.diagnose.hypotheses.base import Hypothesis
+from ph_post.diagnose.hypotheses.drives import drive_hypotheses
+from ph_post.diagnose.hypotheses.forces import FORCES
+from ph_post.diagnose.hypotheses.readings import READINGS
+from ph_post.diagnose.model import Problem
+from ph_post.drive.effects.registry import is_effect
+
+OF_THE_AXIS = ("backlash", "servo_mismatch")
+"""Effects that are numbers of the axis itself, and not registered as effects."""
+
+
+def hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+    """List what may be missing from an axis and could show in its record."""
+    return tuple(one for one in every_hypothesis(problem) if not why_not(problem, one))
+
+
+def every_hypothesis(problem: Problem) -> tuple[Hypothesis, ...]:
+    """List all hypotheses, whether or not they can act on an axis."""
+    return (*drive_hypotheses(problem), *FORCES, *READINGS)
+
+
+def why_not(problem: Problem, hypothesis: Hypothesis) -> str:
+    """Say why a hypothesis cannot act on an axis or show in its record; empty where it can."""
+    name = hypothesis.name
+    if name not in OF_THE_AXIS and not is_effect(name):
+        return "nothing acts under that name"
+    return hypothesis.bars(problem)
+
+
+def barred(problem: Problem) -> dict[str, str]:
+    """Names that cannot act on an axis or show in its record, and why."""
+    reasons: dict[str, list[str]] = {}
+    for one in every_hypothesis(problem):
+        reasons.setdefault(one.name, []).append(why_not(problem, one))
+    return {name: found[0] for name, found in reasons.items() if all(found)}

@@ -1,0 +1,222 @@
+"""Hypotheses about gap, servo and motor."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
+from ph_post.diagnose.hypotheses.forces import by_effect, named
+from ph_post.diagnose.hypotheses.scan import middle, reach, reversal_step
+from ph_post.diagnose.model import Problem
+from ph_post.drive.effects.registry import find_effect
+from ph_post.drive.plant import Plant
+
+MOST_GAP: Final = 5e-3
+"""Widest gap tried [m]."""
+
+FARTHEST: Final = math.log(8.0)
+"""By how much b and c may be off, as a logarithm."""
+
+
+def _shows_gap(problem: Problem) -> str:
+    if problem.plant.feedback == "load" or problem.side == "unknown":
+        return ""
+    reads = any(one.channel == "act" for one in problem.observed)
+    return "" if reads else "behind the motor's loop only a reading of the table shows it"
+
+
+def _wider(plant: Plant, numbers: Numbers) -> Plant:
+    return replace(plant, gap=max(plant.gap + numbers[0], 0.0))
+
+
+def _gaps(problem: Problem, left: Residuals) -> list[Numbers]:
+    step = 2.0 * reversal_step(problem, left)
+    tried = [step, 10.0 * MICRON, 50.0 * MICRON, 200.0 * MICRON]
+    if problem.plant.gap > 0.0:
+        tried += [-0.3 * problem.plant.gap, -0.8 * problem.plant.gap]
+    return [(more,) for more in tried if problem.plant.gap + more > 0.0]
+
+
+BACKLASH = Hypothesis(
+    name="backlash",
+    numbers=(Number(name="more", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),),
+    apply=_wider,
+    starts=_gaps,
+    values=lambda problem, n: {"lost_motion": max(problem.plant.gap + n[0], 0.0)},
+    bars=_shows_gap,
+    replaces=("gap",),
+)
+
+
+def _slope_values(problem: Problem, numbers: Numbers) -> dict[str, float]:
+    """Slope over the travel, and the place at which the gap is that of the file."""
+    slope, more = numbers
+    reference = middle(problem) - more / slope if slope else 0.0
+    return {"slope": slope, "reference": reference}
+
+
+def _sloped(problem_middle: float) -> Hypothesis:
+    def apply(plant: Plant, numbers: Numbers) -> Plant:
+        slope, more = numbers
+        values = {"slope": slope, "reference": problem_middle, **NO_BUMP}
+        return find_effect("position_dependent_backlash").apply(_wider(plant, (more,)), values)
+
+    return Hypothesis(
+        name="position_dependent_backlash",
+        variant="slope",
+        numbers=(
+            Number(name="slope", low=-0.05, high=0.05, scale=1e-5),
+            Number(name="more", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
+        ),
+        apply=apply,
+        starts=_slopes,
+        values=_slope_values,
+        bars=_shows_gap,
+        within=("backlash",),
+        replaces=("gap",),
+    )
+
+
+NO_BUMP: Final = {"bump": 0.0, "centre": 0.0, "width": 0.01}
+
+
+def _slopes(problem: Problem, left: Residuals) -> list[Numbers]:
+    step = max(2.0 * abs(reversal_step(problem, left)), 5.0 * MICRON)
+    steep = step / max(reach(problem), 1e-3)
+    return [(sign * steep, more) for sign in (1.0, -1.0) for more in (0.0, step)]
+
+
+def _bump(plant: Plant, numbers: Numbers) -> Plant:
+    bump, centre, width = numbers
+    values = {"slope": 0.0, "reference": 0.0, "bump": bump, "centre": centre, "width": math.exp(width)}
+    return find_effect("position_dependent_backlash").apply(plant, values)
+
+
+def _bumps(problem: Problem, left: Residuals) -> list[Numbers]:
+    step = max(2.0 * abs(reversal_step(problem, left)), 10.0 * MICRON)
+    centre, half = middle(problem), reach(problem)
+    width = math.log(max(0.3 * half, 1e-3))
+    return [(step, centre + share * half, width) for share in (-0.9, -0.5, 0.0, 0.5, 0.9)]
+
+
+BUMP = Hypothesis(
+    name="position_dependent_backlash",
+    variant="bump",
+    numbers=(
+        Number(name="bump", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
+        Number(name="centre", low=-10.0, high=10.0, scale=1e-3),
+        Number(name="width", low=math.log(5e-4), high=math.log(1.0), scale=0.1),
+    ),
+    apply=_bump,
+    starts=_bumps,
+    values=lambda _problem, n: {"bump": n[0], "centre": n[1], "width": math.exp(n[2])},
+    bars=_shows_gap,
+)
+
+
+def _mismatch(plant: Plant, numbers: Numbers) -> Plant:
+    return replace(plant, b=plant.b * math.exp(numbers[0]), c=plant.c * math.exp(numbers[1]))
+
+
+def _no_servo(problem: Problem) -> str:
+    return "an ideal stepper has no servo" if problem.plant.b == 0.0 else ""
+
+
+MISMATCH = Hypothesis(
+    name="servo_mismatch",
+    numbers=tuple(
+        Number(name=name, low=-FARTHEST, high=FARTHEST, scale=0.02, linear=True) for name in ("b", "c")
+    ),
+    apply=_mismatch,
+    starts=lambda _problem, _left: [(0.03, 0.03)],
+    values=lambda problem, n: {
+        "c": problem.plant.c * math.exp(n[1]),
+        "b": problem.plant.b * math.exp(n[0]),
+    },
+    bars=_no_servo,
+    replaces=("b", "c"),
+)
+
+
+def _windup(plant: Plant, numbers: Numbers) -> Plant:
+    values = {"resonance": math.exp(numbers[0]), "damping_ratio": numbers[1]}
+    return find_effect("elastic_windup").apply(plant, values)
+
+
+def _rigid(problem: Problem) -> str:
+    if problem.plant.windup_frequency:
+        return "the file has it already"
+    if problem.plant.feedback == "load":
+        return _no_servo(problem) or ("" if problem.plant.eta < 0.98 else "no table behind the spring")
+    reads = any(one.channel == "act" for one in problem.observed)
+    return "" if reads else "behind the motor's loop only a reading of the table shows it"
+
+
+WINDUP = Hypothesis(
+    name="elastic_windup",
+    numbers=(
+        Number(name="frequency", low=math.log(6.0), high=math.log(6000.0), scale=0.02),
+        Number(name="damping", low=0.0, high=0.95, scale=0.05),
+    ),
+    apply=_windup,
+    starts=lambda _problem, _left: [
+        (math.log(2.0 * math.pi * hertz), 0.05) for hertz in (6.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0)
+    ],
+    values=lambda _problem, n: {"resonance": math.exp(n[0]), "damping_ratio": n[1]},
+    bars=_rigid,
+)
+
+
+def _no_impact(problem: Problem) -> str:
+    plant = problem.plant
+    if plant.feedback != "load":
+        return "outside of the loop nothing is picked up"
+    if plant.pickup != "standstill":
+        return "the file keeps momentum already"
+    return "" if plant.gap > 0.0 else "there is no gap to cross"
+
+
+IMPACT = Hypothesis(
+    name="engagement_impact",
+    numbers=(Number(name="kept", low=0.0, high=1.0, scale=0.1),),
+    apply=by_effect("engagement_impact", "kept"),
+    starts=lambda _problem, _left: [(0.95,), (0.5,), (0.2,)],
+    values=named("kept"),
+    bars=_no_impact,
+)
+
+
+def _saturated(plant: Plant, numbers: Numbers) -> Plant:
+    return find_effect("torque_saturation").apply(plant, {"limit": math.exp(numbers[0])})
+
+
+def _limits(problem: Problem, _left: Residuals) -> list[Numbers]:
+    """Parts of the largest output that the plain loop asks for."""
+    b, c = problem.plant.b, problem.plant.c
+    speed = problem.speed
+    asked = np.abs(c * speed + b * np.gradient(speed, problem.period))
+    largest = max(float(np.quantile(asked, 0.9995)), MICRON)
+    return [(math.log(share * largest),) for share in (0.95, 0.85, 0.7, 0.5)]
+
+
+def _no_torque(problem: Problem) -> str:
+    return "an open loop is not limited by it" if problem.plant.feedback == "none" else _no_servo(problem)
+
+
+SATURATION = Hypothesis(
+    name="torque_saturation",
+    numbers=(Number(name="limit", low=math.log(1e-6), high=math.log(1.0), scale=0.02),),
+    apply=_saturated,
+    starts=_limits,
+    values=lambda _problem, n: {"limit": math.exp(n[0])},
+    bars=_no_torque,
+)
+
+
+def drive_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+    """Hypotheses about gap, servo and motor on one axis; a slope is told about the middle of its travel."""
+    return (BACKLASH, _sloped(middle(problem)), BUMP, MISMATCH, WINDUP, IMPACT, SATURATION)

@@ -1,0 +1,215 @@
+"""Hypotheses that are forces on the axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
+from ph_post.diagnose.hypotheses.scan import periods, reversal_step, speeds
+from ph_post.diagnose.model import Problem
+from ph_post.drive.effects.registry import find_effect
+from ph_post.drive.plant import Plant
+
+MOST_FORCE: Final = 5e-3
+"""Largest force tried, F/K [m]."""
+
+MOST_LAG: Final = 0.05
+"""Largest viscous coefficient tried [s]."""
+
+GUESS: Final = 3e-6
+"""A force worth trying, F/K [m]."""
+
+
+def _force(name: str = "force", low: float = 0.0) -> Number:
+    return Number(name=name, low=low, high=MOST_FORCE, scale=MICRON, linear=True)
+
+
+def by_effect(name: str, *gives: str) -> Callable[[Plant, Numbers], Plant]:
+    """Return what puts numbers into an effect under these values."""
+
+    def apply(plant: Plant, numbers: Numbers) -> Plant:
+        return find_effect(name).apply(plant, dict(zip(gives, numbers, strict=True)))
+
+    return apply
+
+
+def named(*gives: str) -> Callable[[Problem, Numbers], dict[str, float]]:
+    """Return what calls numbers by these names."""
+
+    def values(_problem: Problem, numbers: Numbers) -> dict[str, float]:
+        return dict(zip(gives, numbers, strict=True))
+
+    return values
+
+
+def _step(problem: Problem, left: Residuals) -> float:
+    return max(abs(reversal_step(problem, left)), GUESS)
+
+
+def _no_friction(problem: Problem) -> str:
+    return "an ideal stepper feels no force" if problem.plant.b == 0.0 else ""
+
+
+COULOMB = Hypothesis(
+    name="coulomb_friction",
+    numbers=(_force(),),
+    apply=by_effect("coulomb_friction", "force"),
+    starts=lambda problem, left: [(_step(problem, left),)],
+    values=named("force"),
+    bars=_no_friction,
+)
+
+
+def _stribeck(plant: Plant, numbers: Numbers) -> Plant:
+    force, more, speed = numbers
+    values = {"force": force, "static_force": force + more, "stribeck_velocity": math.exp(speed)}
+    return find_effect("stribeck_friction").apply(plant, values)
+
+
+def _has_stribeck(problem: Problem) -> str:
+    return _no_friction(problem) or ("the file has it already" if problem.plant.static else "")
+
+
+STRIBECK = Hypothesis(
+    name="stribeck_friction",
+    numbers=(
+        _force(),
+        _force("more"),
+        Number(name="speed", low=math.log(1e-5), high=math.log(0.5), scale=0.3),
+    ),
+    apply=_stribeck,
+    starts=lambda problem, left: [(_step(problem, left), GUESS, math.log(v)) for v in speeds(problem)],
+    values=lambda _problem, n: {
+        "force": n[0],
+        "static_force": n[0] + n[1],
+        "stribeck_velocity": math.exp(n[2]),
+    },
+    bars=_has_stribeck,
+    within=("coulomb_friction",),
+)
+
+VISCOUS = Hypothesis(
+    name="viscous_friction",
+    numbers=(Number(name="coefficient", low=0.0, high=MOST_LAG, scale=1e-5, linear=True),),
+    apply=by_effect("viscous_friction", "coefficient"),
+    starts=lambda _problem, _left: [(1e-4,)],
+    values=named("coefficient"),
+    bars=_no_friction,
+)
+
+
+def _asymmetry(plant: Plant, numbers: Numbers) -> Plant:
+    """Keep what is left of c positive, whatever is tried."""
+    least = -0.9 * plant.c
+    plus, minus = (max(number, least) for number in numbers)
+    return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus})
+
+
+ASYMMETRY = Hypothesis(
+    name="friction_asymmetry",
+    numbers=tuple(
+        Number(name=name, low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True) for name in ("plus", "minus")
+    ),
+    apply=_asymmetry,
+    starts=lambda _problem, _left: [(1e-4, -1e-4)],
+    values=named("plus", "minus"),
+    bars=_no_friction,
+    within=("viscous_friction",),
+)
+
+
+def _needs_effort(problem: Problem) -> str:
+    return _no_friction(problem) or ("" if problem.has_effort else "needs a force or current channel")
+
+
+LOAD = Hypothesis(
+    name="load_offset",
+    numbers=(_force(low=-MOST_FORCE),),
+    apply=by_effect("load_offset", "force"),
+    starts=lambda _problem, _left: [(GUESS,)],
+    values=named("force"),
+    bars=_needs_effort,
+)
+
+
+def waves(problem: Problem, left: Residuals) -> list[Numbers]:
+    """Return a sine and a cosine worth trying for every period."""
+    return [(GUESS, GUESS, math.log(period)) for period in periods(problem, left)]
+
+
+def wave_values(first: str) -> Callable[[Problem, Numbers], dict[str, float]]:
+    """Return what turns sine, cosine and log of the period into size, period and phase."""
+
+    def values(_problem: Problem, numbers: Numbers) -> dict[str, float]:
+        sine, cosine, period = numbers
+        size = math.hypot(sine, cosine)
+        return {first: size, "period": math.exp(period), "phase": math.atan2(cosine, sine)}
+
+    return values
+
+
+def wave_numbers(high: float) -> tuple[Number, ...]:
+    """Sine, cosine and log of the period [m]."""
+    size = [Number(name=n, low=-high, high=high, scale=MICRON, linear=True) for n in ("sine", "cosine")]
+    return (*size, Number(name="period", low=math.log(1e-4), high=math.log(1.0), scale=0.003))
+
+
+def _cogging(plant: Plant, numbers: Numbers) -> Plant:
+    sine, cosine, period = numbers
+    values = {
+        "force": math.hypot(sine, cosine),
+        "period": math.exp(period),
+        "phase": math.atan2(cosine, sine),
+    }
+    return find_effect("cogging").apply(plant, values)
+
+
+COGGING = Hypothesis(
+    name="cogging",
+    numbers=wave_numbers(MOST_FORCE),
+    apply=_cogging,
+    starts=waves,
+    values=wave_values("force"),
+    bars=_no_friction,
+)
+
+
+def _one_axis(problem: Problem) -> str:
+    moving = np.ptp(problem.velocity, axis=0) > 0.0
+    alone = "with one axis moving it is friction" if np.count_nonzero(moving) < 2 else ""
+    return _no_friction(problem) or alone
+
+
+REFERENCE_FEED: Final = 1.0 / 60.0
+"""Feed to which a cutting force is referred [m/s]: 1000 mm/min."""
+
+
+def _cutting(plant: Plant, numbers: Numbers) -> Plant:
+    exponent = numbers[1] if len(numbers) > 1 else 0.0
+    values = {"force": numbers[0], "feed": REFERENCE_FEED, "exponent": exponent}
+    return find_effect("cutting_force").apply(plant, values)
+
+
+CUTTING = Hypothesis(
+    name="cutting_force",
+    numbers=(_force(low=-MOST_FORCE),),
+    apply=_cutting,
+    starts=lambda _problem, _left: [(GUESS,)],
+    values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": 0.0},
+    bars=_one_axis,
+)
+
+CUTTING_BY_FEED = replace(
+    CUTTING,
+    variant="by feed",
+    numbers=(*CUTTING.numbers, Number(name="exponent", low=-1.0, high=2.0, scale=0.1)),
+    starts=lambda _problem, _left: [(GUESS, 0.7)],
+    values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
+)
+
+FORCES: Final = (COULOMB, STRIBECK, VISCOUS, ASYMMETRY, LOAD, COGGING, CUTTING, CUTTING_BY_FEED)

@@ -1,0 +1,137 @@
+"""Hypotheses about what is read, and when."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from msgspec.structs import replace
+
+from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
+from ph_post.diagnose.hypotheses.forces import by_effect, named, wave_numbers, wave_values, waves
+from ph_post.diagnose.model import Problem
+from ph_post.drive.effects.registry import find_effect
+from ph_post.drive.plant import Plant
+
+MOST_ERROR: Final = 5e-3
+"""Largest error of a reading tried [m]."""
+
+SLOWEST: Final = 20.0
+"""Longest time constant of a drift, in lengths of the record; beyond that it is a straight line."""
+
+SHORTEST_DRIFT: Final = 2.0
+"""Shortest time constant of a drift [s]: heat moves no machine faster."""
+
+LONGEST_DELAY: Final = 0.1
+"""[s]"""
+
+
+def _needs_table(problem: Problem) -> str:
+    return "" if any(one.channel == "act" for one in problem.observed) else "needs a reading of the table"
+
+
+def _cyclic(plant: Plant, numbers: Numbers) -> Plant:
+    sine, cosine, period = numbers
+    values = {
+        "amplitude": math.hypot(sine, cosine), "period": math.exp(period), "phase": math.atan2(cosine, sine)
+    }  # fmt: skip
+    return find_effect("cyclic_error").apply(plant, values)
+
+
+CYCLIC = Hypothesis(
+    name="cyclic_error",
+    numbers=wave_numbers(MOST_ERROR),
+    apply=_cyclic,
+    starts=waves,
+    values=wave_values("amplitude"),
+    bars=_needs_table,
+)
+
+SCALE = Hypothesis(
+    name="scale_error",
+    numbers=(Number(name="error", low=-0.1, high=0.1, scale=1e-5, linear=True),),
+    apply=by_effect("scale_error", "error"),
+    starts=lambda _problem, _left: [(1e-4,)],
+    values=named("error"),
+    bars=_needs_table,
+)
+
+
+def _drift(plant: Plant, numbers: Numbers) -> Plant:
+    values = {"growth": numbers[0], "time_constant": math.exp(numbers[1])}
+    return find_effect("thermal_growth").apply(plant, values)
+
+
+def _drifts(problem: Problem, _left: Residuals) -> list[Numbers]:
+    length = float(problem.t[-1] - problem.t[0])
+    tried = (max(share * length, SHORTEST_DRIFT) for share in (0.15, 0.5, 2.0))
+    return [(10.0 * MICRON, math.log(constant)) for constant in tried]
+
+
+THERMAL = Hypothesis(
+    name="thermal_growth",
+    numbers=(
+        Number(name="growth", low=-MOST_ERROR, high=MOST_ERROR, scale=MICRON, linear=True),
+        Number(name="time", low=math.log(SHORTEST_DRIFT), high=math.log(1e5), scale=0.1),
+    ),
+    apply=_drift,
+    starts=_drifts,
+    values=lambda _problem, n: {"growth": n[0], "time_constant": math.exp(n[1])},
+    bars=_needs_table,
+)
+
+AXES: Final = ("X", "Y", "Z")
+
+
+def _other(problem: Problem) -> str:
+    """Name the axis out of square with this one: a later one of X, Y, Z."""
+    mine = AXES.index(problem.axis.name)
+    return next((name for name in AXES[mine + 1 :] if name in problem.others), "")
+
+
+def _squareness(other: str) -> Hypothesis:
+    choice = float(AXES.index(other))
+
+    def apply(plant: Plant, numbers: Numbers) -> Plant:
+        return find_effect("squareness").apply(plant, {"angle": numbers[0], "other": choice})
+
+    def bars(problem: Problem) -> str:
+        mine = problem.axis.name
+        named_first = AXES.index(mine) < AXES.index(other) and other in problem.others
+        return _needs_table(problem) if named_first else f"{other} is not beside it in the record"
+
+    return Hypothesis(
+        name="squareness",
+        variant=other,
+        numbers=(Number(name="angle", low=-0.1, high=0.1, scale=1e-5, linear=True),),
+        apply=apply,
+        starts=lambda _problem, _left: [(1e-4,)],
+        values=lambda _problem, n: {"angle": n[0], "other": choice},
+        bars=bars,
+    )
+
+
+def _delay(where: float) -> Hypothesis:
+    def apply(plant: Plant, numbers: Numbers) -> Plant:
+        return find_effect("transport_delay").apply(plant, {"delay": numbers[0], "where": where})
+
+    return Hypothesis(
+        name="transport_delay",
+        variant=("command", "reading")[int(where)],
+        numbers=(Number(name="delay", low=0.0, high=LONGEST_DELAY, scale=1e-4, linear=True),),
+        apply=apply,
+        starts=lambda _problem, _left: [(1e-3,)],
+        values=lambda _problem, n: {"delay": n[0], "where": where},
+    )
+
+
+def _loop_reads_late(problem: Problem) -> str:
+    if problem.plant.feedback == "none":
+        return "an open loop reads nothing"
+    return _needs_table(problem)
+
+
+LATE_COMMAND = _delay(0.0)
+LATE_READING = replace(_delay(1.0), bars=_loop_reads_late)
+
+READINGS: Final = (CYCLIC, SCALE, THERMAL, _squareness("Y"), _squareness("Z"), LATE_COMMAND, LATE_READING)

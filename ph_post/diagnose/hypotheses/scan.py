@@ -1,0 +1,80 @@
+"""Where to start: sizes, periods and places worth trying, read off the residual."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ph_post.diagnose.hypotheses.base import Residuals
+from ph_post.diagnose.model import Problem
+from ph_post.types import Array
+
+BINS: Final = 2048
+"""Bins of position over the travel."""
+
+FINER: Final = 4
+"""Zeros behind them, in their own lengths, so that a period falls near a line of the spectrum."""
+
+SHORTEST: Final = 3e-4
+"""Shortest period looked for [m]."""
+
+
+def position_residual(left: Residuals) -> Array:
+    """Return the residual of the table's reading, or of the motor's where there is no other [m]."""
+    return left["act"] if "act" in left else left["motor"]
+
+
+def reversal_step(problem: Problem, left: Residuals) -> float:
+    """Mean of the residual against the direction of motion [m]: half of what reversals leave."""
+    values = position_residual(left)
+    moving = problem.counted & (np.abs(problem.speed) > 0.1 * np.max(np.abs(problem.speed)))
+    if not moving.any():
+        return 0.0
+    return float(-np.mean((values - np.mean(values[moving]))[moving] * np.sign(problem.speed[moving])))
+
+
+def periods(problem: Problem, left: Residuals, most: int = 3) -> list[float]:
+    """List the periods over position that the residual holds most of [m], and the screw's own."""
+    found: list[float] = []
+    travel = problem.axis.gap.travel_per_rad
+    if travel is not None:
+        found.append(2.0 * np.pi * travel)
+    values, place = position_residual(left), problem.command
+    use = problem.counted & np.isfinite(values)
+    span = float(np.ptp(place[use]))
+    if span > 0.0:
+        found += _spectral_periods(place[use] - np.min(place[use]), values[use], span, most)
+    return [period for period in found if SHORTEST <= period <= 2.0 * span]
+
+
+def _spectral_periods(place: Array, values: Array, span: float, most: int) -> list[float]:
+    bins = int(np.clip(2.0 * span / SHORTEST, 64, BINS))
+    row = np.minimum((place / span * bins).astype(np.int64), bins - 1)
+    counts = np.bincount(row, minlength=bins)
+    sums = np.bincount(row, weights=values - np.mean(values), minlength=bins)
+    means = np.divide(sums, counts, out=np.zeros(bins), where=counts > 0)
+    power = np.abs(np.fft.rfft(means * np.sqrt(np.minimum(counts, 50.0)), FINER * bins)) ** 2
+    power[: FINER // 2] = 0.0
+    peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
+    best = peaks[np.argsort(power[peaks])[::-1][:most]]
+    return [float(FINER * span / k) for k in best]
+
+
+def speeds(problem: Problem) -> tuple[float, ...]:
+    """Speeds at which the axis moves: quantiles of those above standstill [m/s]."""
+    moving = np.abs(problem.speed[problem.counted])
+    moving = moving[moving > 1e-3 * np.max(moving, initial=0.0)]
+    if moving.size == 0:
+        return (1e-3,)
+    return tuple(float(v) for v in np.quantile(moving, (0.05, 0.25, 0.5)))
+
+
+def middle(problem: Problem) -> float:
+    """Middle of the travel [m]."""
+    return float(0.5 * (np.min(problem.command) + np.max(problem.command)))
+
+
+def reach(problem: Problem) -> float:
+    """Half the travel [m]."""
+    return float(0.5 * np.ptp(problem.command))

@@ -1,0 +1,180 @@
+"""A test program in the making: moves in the words of a dialect, with the place and the time kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from ph_post.diagnose.kitground import TOP_SHARE, Ground
+from ph_post.gcode.dialect import Dialect, plane_of
+from ph_post.gcode.format import comment_lines, decimal_text, significant_text, to_grid
+from ph_post.units import MM, MM_PER_MIN
+
+JOINT: Final = 0.005 * MM
+"""How far the joints of circles may be rounded [m]; one turn goes on where the last one ends."""
+
+CHORD: Final = 0.001 * MM
+"""How far chords may leave a circle [m] where the dialect has no arcs."""
+
+APPROACH: Final = 10.0 * MM
+"""Speed [m/s] at which the axes go to where a program begins, at most a quarter of their greatest."""
+
+_OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
+
+
+class Draft:
+    """Collects the lines of one test program, which begins and ends in the middle of its ground.
+
+    Attributes
+    ----------
+    seconds : float
+        About how long the program takes [s].
+    """
+
+    def __init__(self, ground: Ground, dialect: Dialect) -> None:
+        self.ground = ground
+        self.dialect = dialect
+        self.seconds = 0.0
+        self._lines: list[str] = []
+        self._at: dict[str, int] = {}
+        self._motion = self._feed = self._path_mode = ""
+        self._plane = "G17"
+        self.home(min(APPROACH, 0.25 * ground.top(*ground.axes)))
+        self.dwell(1.0)
+
+    def text(self, remarks: Iterable[str]) -> str:
+        """Return the program whole, `remarks` as comments at its head; it goes back to where it began."""
+        self.home()
+        if self._plane != "G17":
+            self._write("G17", [], modal=False)
+        self._exact()
+        head = [
+            line for remark in remarks for line in comment_lines(remark, self.dialect.capabilities.max_line)
+        ]
+        lines = [*head, *self.dialect.opening("G17"), *self._lines, *self.dialect.closing]
+        return "\n".join(lines) + "\n"
+
+    def say(self, words: str) -> None:
+        """Write a comment."""
+        self._lines += comment_lines(words, self.dialect.capabilities.max_line)
+
+    def home(self, speed: float | None = None) -> None:
+        """Go to the middle of the ground, quickly where no speed is given [m/s]."""
+        axes = self.ground.axes
+        speed = TOP_SHARE * self.ground.top(*axes) if speed is None else speed
+        self.line({axis: self.ground.centre(axis) for axis in axes}, speed)
+
+    def dwell(self, seconds: float) -> None:
+        """Let the axes stand."""
+        self._write("G4", ["P" + significant_text(seconds, 4)], modal=False)
+        self.seconds += seconds
+
+    def line(self, target: Mapping[str, float], speed: float) -> None:
+        """Go straight to places [m] by axis, at `speed` [m/s], and stop there."""
+        to = {axis: self._count(place) for axis, place in target.items()}
+        moved = {axis: count for axis, count in to.items() if self._at.get(axis) != count}
+        if not moved:
+            return
+        words = [axis + self._length(count) for axis, count in moved.items()]
+        self._exact()
+        self._write("G1", words, self._digits(speed))
+        self._spend(self._distance(moved), speed, tuple(moved))
+        self._at |= to
+
+    def circle(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int = 1) -> None:
+        """Go around the middle of the ground from the side towards plus of the first axis, and back to it.
+
+        Parameters
+        ----------
+        pair : tuple of str
+        radius : float
+            [m].
+        turn : int
+            +1 from the first axis to the second, counterclockwise as the pair is drawn; -1 the other way.
+        speed : float
+            [m/s].
+        turns : int
+            How often.
+        """
+        first, second = pair
+        middle = {axis: self.ground.centre(axis) for axis in pair}
+        self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.ground.top(*pair))
+        self.dwell(self.ground.settle)
+        if self.dialect.capabilities.arcs:
+            self._arcs(pair, turn, speed, turns)
+        else:
+            self._chords(pair, radius, turn, speed, turns)
+        self._spend(math.tau * radius * turns, speed, pair)
+        self.dwell(self.ground.settle)
+
+    def _arcs(self, pair: tuple[str, str], turn: int, speed: float, turns: int) -> None:
+        """Whole turns by G2 or G3, each with its end, which is its beginning."""
+        first, second = pair
+        word, sense = plane_of(pair)
+        if word != self._plane:
+            self._write(word, [], modal=False)
+            self._plane = word
+        if self.dialect.path_mode is not None:
+            self._mode(self.dialect.path_mode(JOINT))
+        offset = self._count(self.ground.centre(first)) - self._at[first]
+        words = [axis + self._length(self._at[axis]) for axis in pair]
+        words += [_OFFSET_WORDS[first] + self._length(offset), _OFFSET_WORDS[second] + "0"]
+        for _ in range(turns):
+            self._write("G3" if turn * sense > 0 else "G2", words, self._digits(speed))
+
+    def _chords(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int) -> None:
+        """Go the same way by straight moves."""
+        if self.dialect.path_mode is not None:
+            self._mode(self.dialect.path_mode(JOINT))
+        count = max(8, math.ceil(math.pi / math.acos(max(1.0 - CHORD / radius, 0.0))))
+        for k in range(1, turns * count + 1):
+            angle = math.tau * turn * (k % count) / count
+            place = (radius * math.cos(angle), radius * math.sin(angle))
+            to = {
+                axis: self._count(self.ground.centre(axis) + off)
+                for axis, off in zip(pair, place, strict=True)
+            }
+            self._write("G1", [axis + self._length(to[axis]) for axis in pair], self._digits(speed))
+            self._at |= to
+
+    def _exact(self) -> None:
+        """Have every end point reached, where the dialect can say so."""
+        if self.dialect.path_mode is not None:
+            self._mode(self.dialect.path_mode(None))
+
+    def _mode(self, word: str) -> None:
+        if word != self._path_mode:
+            self._lines.append(word)
+            self._path_mode = word
+
+    def _distance(self, moved: Mapping[str, int]) -> float:
+        """Length of a straight move [m]; of the first one nobody knows where it begins."""
+        steps = [count - self._at.get(axis, count) for axis, count in moved.items()]
+        return math.hypot(*steps) * MM / 10.0**self.dialect.capabilities.decimals
+
+    def _spend(self, length: float, speed: float, axes: tuple[str, ...]) -> None:
+        """Count the time of a motion from rest to rest with straight ramps."""
+        ramp = min(self.ground.machine.axes[axis].limits.acceleration for axis in axes)
+        slow = length < speed * speed / ramp
+        self.seconds += 2.0 * math.sqrt(length / ramp) if slow else length / speed + speed / ramp
+
+    def _count(self, place: float) -> int:
+        return int(to_grid(place, self.dialect.capabilities.decimals))
+
+    def _length(self, count: int) -> str:
+        return decimal_text(count, self.dialect.capabilities.decimals)
+
+    def _digits(self, speed: float) -> str:
+        return significant_text(speed / MM_PER_MIN, self.dialect.feed_digits)
+
+    def _write(self, word: str, words: list[str], feed: str = "", *, modal: bool = True) -> None:
+        """One line; F only where it changes, and no repeated motion word where the dialect is terse."""
+        repeats = self.dialect.terse and modal and word == self._motion
+        parts = words if repeats else [word, *words]
+        if feed and feed != self._feed:
+            parts = [*parts, "F" + feed]
+            self._feed = feed
+        if modal:
+            self._motion = word
+        self._lines.append(("" if self.dialect.terse else " ").join(parts))

@@ -1,0 +1,160 @@
+"""What a record should hold if the axis were a given plant: the free run, channel by channel.
+
+The command of the record is run from its first sample to its last, and nothing of the readings is fed back:
+an error that a one-step prediction would hide adds up here to what is seen on the part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from ph_post.diagnose.record import Channel, Quality
+from ph_post.drive.effects import plant_of
+from ph_post.drive.plant import Plant
+from ph_post.drive.reading import read_table
+from ph_post.simulate.machine import AS_IT_IS, Trace, first_flank, run_plant
+from ph_post.types import Array, Axis, BoolArray, Log
+
+BLOCKS: Final = 32
+"""Blocks that a record is cut into; by turns they are fitted and held out."""
+
+MOVES: Final = 1e-5
+"""An axis whose command spans less than this [m] does not move."""
+
+
+class Observed(NamedTuple):
+    """One recorded channel.
+
+    `values` (n,), `ok` (n,) where it was recorded, and its `noise` in the same unit [m or of the effort].
+    """
+
+    channel: Channel
+    values: Array
+    ok: BoolArray
+    noise: float
+
+
+class Problem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One axis of a record, and the axis of the machine file that it should be.
+
+    `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
+    of which this axis' is column `number`. `fit` and `held` mark the samples that are fitted and held out.
+    `side` is that of the table's readings. `origin_free` says that the origin of the readings tells nothing.
+    """
+
+    axis: Axis
+    plant: Plant
+    period: float
+    t: Array
+    command: Array
+    others: Mapping[str, Array]
+    velocity: Array
+    number: int
+    observed: tuple[Observed, ...]
+    fit: BoolArray
+    held: BoolArray
+    side: str = "table"
+    origin_free: bool = True
+
+    @property
+    def counted(self) -> BoolArray:
+        """Samples that count at all."""
+        return self.fit | self.held
+
+    @property
+    def speed(self) -> Array:
+        """Commanded speed of this axis [m/s]."""
+        return np.asarray(self.velocity[:, self.number])
+
+    @property
+    def has_effort(self) -> bool:
+        """Whether a force or current was recorded."""
+        return any(one.channel == "force" for one in self.observed)
+
+
+def problem_of(log: Log, name: str, axis: Axis, quality: Quality) -> Problem | None:
+    """Return the problem of one axis; None where the record has no reading of it, or it does not move."""
+    record = log.axes[name]
+    noise = {one.channel: one.noise for one in quality.channels if one.axis == name}
+    readings: dict[Channel, Array | None] = {
+        "act": record.table, "motor": record.motor, "force": record.effort
+    }  # fmt: skip
+    observed = tuple(
+        Observed(channel, values, np.isfinite(values), noise[channel])
+        for channel, values in readings.items()
+        if values is not None and channel in noise
+    )
+    positions = any(one.channel != "force" for one in observed)
+    if not positions or np.ptp(record.command) < MOVES:
+        return None
+    names = tuple(log.axes)
+    commands = np.stack([log.axes[one].command for one in names], axis=1)
+    fit, held = _split(log.t.size, quality.first)
+    return Problem(
+        axis=axis, plant=plant_of(axis, AS_IT_IS), period=log.period, t=log.t, command=record.command,
+        others={one: log.axes[one].command for one in names if one != name},
+        velocity=np.gradient(commands, log.period, axis=0), number=names.index(name),
+        observed=observed, fit=fit, held=held, side=record.side,
+        origin_free=record.effort is None,
+    )  # fmt: skip
+
+
+def _split(size: int, first: int) -> tuple[BoolArray, BoolArray]:
+    """Deal the blocks out by the Thue-Morse sequence, which keeps in step with no period of the motion."""
+    number = np.minimum((np.arange(size) - first) * BLOCKS // max(size - first, 1), BLOCKS - 1)
+    odd = np.array([k.bit_count() % 2 for k in range(BLOCKS)], dtype=bool)[number]
+    behind = np.arange(size) >= first
+    return behind & ~odd, behind & odd
+
+
+def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
+    """Run the record's command on a plant.
+
+    Returns
+    -------
+    dict
+        `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort, the
+        following error [m] and the speed [m/s] at the loop's own side: K (e - c_e v).
+    """
+    command = problem.command
+    speed = float(np.median(problem.speed[:3]))
+    speed = speed if abs(speed) * problem.period > 1e-9 else 0.0
+    trace = Trace(command, float(command[0]), speed, 0.0)
+    flank = first_flank(problem.axis, AS_IT_IS)
+    table, motor, _ = run_plant(trace, plant, flank, problem.period)
+    found: dict[Channel, Array] = {}
+    for one in problem.observed:
+        if one.channel == "act":
+            found["act"] = read_table(plant, problem.t, table, problem.others)
+        elif one.channel == "motor":
+            found["motor"] = motor
+        else:
+            side = table if plant.feedback == "load" else motor
+            e = command - side
+            found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
+    return found
+
+
+def residuals(problem: Problem, plant: Plant, origin_free: bool) -> dict[Channel, Array]:
+    """Return reading minus model by channel (n,) [m or the effort's unit], 0 where nothing was recorded.
+
+    The origin of a position, where that is free, and the two gains of the effort are those that fit best.
+    """
+    predicted = predict(problem, plant)
+    found: dict[Channel, Array] = {}
+    for one in problem.observed:
+        use = problem.fit & one.ok
+        if one.channel == "force":
+            columns = predicted["force"]
+            gains = np.linalg.lstsq(columns[use], one.values[use], rcond=None)[0]
+            left = one.values - columns @ gains
+        else:
+            left = one.values - predicted[one.channel]
+            if origin_free:
+                left = left - np.mean(left[use])
+        found[one.channel] = np.where(one.ok, left, 0.0)
+    return found

@@ -1,0 +1,360 @@
+"""Choosing what is missing from one axis: forward selection, a backward check, and an exchange of each part.
+
+A hypothesis is judged by the samples that it was not fitted to. Its score is what it gains there in nats,
+counted by independent samples, less a price for every number that it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.fit import (
+    Fitted,
+    Model,
+    Part,
+    base_model,
+    fit_model,
+    inflation,
+    mean_square,
+    nats,
+    weighted_rows,
+    weights_of,
+)
+from ph_post.diagnose.hypotheses import hypotheses
+from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
+from ph_post.diagnose.model import Problem
+from ph_post.diagnose.record import Channel
+from ph_post.types import Array
+
+PRICE: Final = 3.0
+"""Nats that a number must earn on samples that it was not fitted to."""
+
+EARNS: Final = 8.0
+"""Nats above that from which an effect is believed."""
+
+SHARE: Final = 0.25
+"""Part of the excess over the noise, of one channel, that an effect has to explain."""
+
+VISIBLE: Final = 0.02
+"""Part of a channel's held-out root mean square by which it must fall."""
+
+EQUAL: Final = 5.0
+"""Nats within which two hypotheses explain a record equally."""
+
+BLUR: Final = 0.15
+"""Where a model leaves more than noise: the part of a score within which two are equal."""
+
+FLOOR: Final = 1.5
+"""Times the noise up to which what is left counts as noise."""
+
+MOST: Final = 4
+"""Effects that are looked for on one axis."""
+
+CLOSEST: Final = 6
+"""Hypotheses that are fitted in a round, besides those that promise nearly as much as the best."""
+
+NEARLY: Final = 0.3
+"""What that is, of the squares that the best one promises to explain."""
+
+
+class Scored(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A hypothesis added to a model, fitted, and its score over that model [nats]."""
+
+    hypothesis: Hypothesis
+    fitted: Fitted
+    score: float
+
+
+class Standing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """How a part of a model stands among the other names that could take its place.
+
+    `rivals` explain the record as well; `confidence` is the part's weight among all that were tried, nothing
+    included; `better` is the fit with another name in its place, where that is better.
+    """
+
+    rivals: tuple[str, ...]
+    confidence: float
+    better: Fitted | None = None
+
+
+class Choice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What was chosen for one axis.
+
+    `stages` are the fits after nothing, one, two, … effects, the first at the file's values refitted within
+    their priors; `standings` by part how it holds its place.
+    """
+
+    problem: Problem
+    stages: tuple[Fitted, ...]
+    scores: tuple[float, ...]
+    standings: tuple[Standing, ...]
+
+    @property
+    def fitted(self) -> Fitted:
+        """The last stage."""
+        return self.stages[-1]
+
+
+def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
+    """Return a model with a part more."""
+    return replace(model, parts=(*model.parts, Part(hypothesis=hypothesis, numbers=numbers)))
+
+
+def without_part(model: Model, number: int) -> Model:
+    """Return a model with a part less."""
+    return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
+
+
+class Ground(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A fitted model as something to add to: weighted rows, and a basis (rows, k) of what it can absorb."""
+
+    problem: Problem
+    fitted: Fitted
+    weights: Mapping[Channel, float]
+    rows: Array
+    basis: Array
+
+    def beyond(self, rows: Array) -> Array:
+        """Return what of the rows the model cannot absorb."""
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+
+
+def ground_of(problem: Problem, fitted: Fitted) -> Ground:
+    """Make a ground of a fitted model."""
+    weights = weights_of(problem, fitted.left, problem.fit)
+    rows = weighted_rows(problem, fitted.model, weights, problem.fit, fitted.unknowns)
+    basis = np.zeros((rows.size, 0))
+    if fitted.jacobian.shape[0] == rows.size and fitted.unknowns.size:
+        u, s, _ = np.linalg.svd(fitted.jacobian, full_matrices=False)
+        basis = u[:, s > 1e-10 * s.max(initial=0.0)]
+    return Ground(problem=problem, fitted=fitted, weights=weights, rows=rows, basis=basis)
+
+
+def _shift(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> Array:
+    """By how much the rows change where a hypothesis acts, shorter by the priors that it replaces."""
+    model = with_part(ground.fitted.model, hypothesis, numbers)
+    unknowns = np.array([*(model.off[k] for k in model.free), *(x for p in model.parts for x in p.numbers)])
+    rows = weighted_rows(ground.problem, model, ground.weights, ground.problem.fit, unknowns)
+    data = ground.rows.size - len(ground.fitted.model.free)
+    shift = np.zeros(ground.rows.size)
+    shift[:data] = rows[:data] - ground.rows[:data]
+    return shift
+
+
+def seed(ground: Ground, hypothesis: Hypothesis) -> list[tuple[float, Numbers]]:
+    """Return numbers to start from, best first, with the squares that they promise to explain."""
+    linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
+    before = ground.beyond(ground.rows)
+    found: list[tuple[float, Numbers]] = []
+    for start in hypothesis.starts(ground.problem, ground.fitted.left):
+        numbers = list(start)
+        if linear:
+            after, numbers = _scaled(ground, hypothesis, numbers, linear, before)
+        else:
+            after = before + ground.beyond(_shift(ground, hypothesis, tuple(numbers)))
+        found.append((float(before @ before - after @ after), tuple(numbers)))
+    return sorted(found, key=lambda one: -one[0])
+
+
+def _scaled(
+    ground: Ground, hypothesis: Hypothesis, numbers: list[float], linear: Sequence[int], before: Array
+) -> tuple[Array, list[float]]:
+    """Give the linear numbers the sizes of a straight fit."""
+    columns = []
+    for k in linear:
+        alone = [0.0 if j in linear and j != k else x for j, x in enumerate(numbers)]
+        columns.append(ground.beyond(_shift(ground, hypothesis, tuple(alone))))
+    matrix = np.stack(columns, axis=1)
+    factors = np.linalg.lstsq(matrix, -before, rcond=1e-10)[0]
+    for k, factor in zip(linear, factors, strict=True):
+        number = hypothesis.numbers[k]
+        size = float(np.clip(factor * numbers[k], number.low, number.high))
+        numbers[k] = size if size else number.scale
+    return before + matrix @ factors, numbers
+
+
+def gain_over(problem: Problem, ground: Fitted, fitted: Fitted) -> float:
+    """Return what a fit gains over another on the samples held out [nats], as if they were independent."""
+    return nats(problem, fitted.left, problem.held) - nats(problem, ground.left, problem.held)
+
+
+def worth_of(problem: Problem, fitted: Fitted) -> float:
+    """How many samples it takes to know as much as from one that is independent of the others."""
+    return inflation(problem, fitted.left, problem.held)
+
+
+def score_over(problem: Problem, ground: Fitted, fitted: Fitted, worth: float | None = None) -> float:
+    """Score of a fit over another with fewer parts; `worth` where several are compared."""
+    more = len(fitted.unknowns) - len(ground.unknowns)
+    worth = worth_of(problem, fitted) if worth is None else worth
+    return gain_over(problem, ground, fitted) / worth - PRICE * max(more, 1)
+
+
+def try_all(problem: Problem, ground: Fitted, taken: Sequence[str] = ()) -> list[Scored]:
+    """Fit every hypothesis that promises something on top of a model, best first."""
+    base = ground_of(problem, ground)
+    labels = {part.hypothesis.label for part in ground.model.parts}
+    seeds = []
+    for hypothesis in hypotheses(problem):
+        if hypothesis.label in labels or hypothesis.name in taken:
+            continue
+        found = seed(base, hypothesis)
+        if found and found[0][0] > 0.0:
+            seeds.append((found[0][0], hypothesis, found))
+    seeds.sort(key=lambda one: -one[0])
+    most = seeds[0][0] if seeds else 0.0
+    tried = [
+        _fit_from(problem, ground, hypothesis, found)
+        for rank, (promise, hypothesis, found) in enumerate(seeds)
+        if rank < CLOSEST or promise > NEARLY * most
+    ]
+    return rank(problem, ground, tried)
+
+
+def rank(problem: Problem, ground: Fitted, fits: Sequence[tuple[Hypothesis, Fitted]]) -> list[Scored]:
+    """Score fits of one number of samples, that of the fit that gains most, best first."""
+    if not fits:
+        return []
+    _, most = max(fits, key=lambda one: gain_over(problem, ground, one[1]))
+    worth = worth_of(problem, most)
+    scored = [
+        Scored(hypothesis=hypothesis, fitted=fitted, score=score_over(problem, ground, fitted, worth))
+        for hypothesis, fitted in fits
+    ]
+    return sorted(scored, key=lambda one: -one.score)
+
+
+def _fit_from(
+    problem: Problem, ground: Fitted, hypothesis: Hypothesis, seeds: Sequence[tuple[float, Numbers]]
+) -> tuple[Hypothesis, Fitted]:
+    """Fit one hypothesis from its two best starts."""
+    best: Fitted | None = None
+    for _, numbers in seeds[:2]:
+        fitted = fit_model(problem, with_part(ground.model, hypothesis, numbers), problem.fit, rounds=1)
+        if best is None or nats(problem, fitted.left, problem.fit) > nats(problem, best.left, problem.fit):
+            best = fitted
+    assert best is not None
+    return hypothesis, fit_model(problem, best.model, problem.fit, rounds=1)
+
+
+def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
+    """Whether a fit lowers what is left of some channel, held out, by enough to be worth a name."""
+    for one in problem.observed:
+        here = problem.held & one.ok
+        was, now = (mean_square(fit.left[one.channel], here) for fit in (before, after))
+        excess = was - one.noise**2
+        if was - now > SHARE * excess > 0.0 and np.sqrt(now) < (1.0 - VISIBLE) * np.sqrt(was):
+            return True
+    return False
+
+
+def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
+    """Find what is missing from one axis."""
+    name = problem.axis.name
+    base = fit_model(problem, base_model(problem), problem.fit)
+    stages, scores = [base], [0.0]
+    ranking: list[Scored] = []
+    while len(stages) <= MOST:
+        stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
+        ranking = try_all(problem, stages[-1])
+        worthy = [one for one in ranking if one.score > EARNS and explains(problem, stages[-1], one.fitted)]
+        if not worthy:
+            break
+        stages, scores = _settle(problem, [*stages, worthy[0].fitted], [*scores, worthy[0].score])
+    stage(f"axis {name}: comparing names")
+    stages, scores, standings = _exchange(problem, stages, scores)
+    return Choice(problem=problem, stages=tuple(stages), scores=tuple(scores), standings=standings)
+
+
+def _settle(problem: Problem, stages: list[Fitted], scores: list[float]) -> tuple[list[Fitted], list[float]]:
+    """Take out what is no longer needed."""
+    last = stages[-1]
+    for number in range(len(last.model.parts) - 1):
+        less = fit_model(problem, without_part(last.model, number), problem.fit)
+        if score_over(problem, less, last) <= 0.0 or not explains(problem, less, last):
+            return _restage(problem, less, stages[0])
+    return stages, scores
+
+
+def _restage(problem: Problem, last: Fitted, base: Fitted) -> tuple[list[Fitted], list[float]]:
+    """Make the stages up to a model: its parts one after the other, in their order."""
+    stages, scores = [base], [0.0]
+    for count in range(1, len(last.model.parts) + 1):
+        model = replace(last.model, parts=last.model.parts[:count])
+        fitted = last if count == len(last.model.parts) else fit_model(problem, model, problem.fit)
+        scores.append(score_over(problem, stages[-1], fitted))
+        stages.append(fitted)
+    return stages, scores
+
+
+def _exchange(
+    problem: Problem, stages: list[Fitted], scores: list[float]
+) -> tuple[list[Fitted], list[float], tuple[Standing, ...]]:
+    """Try every other name in the place of each part, and keep what is better; list what is as good."""
+    standings: list[Standing] = []
+    for _ in range(3):
+        last = stages[-1]
+        standings = [_stand(problem, stages, number) for number in range(len(last.model.parts))]
+        better = next((one.better for one in standings if one.better is not None), None)
+        if better is None:
+            break
+        stages, scores = _restage(problem, better, stages[0])
+        stages, scores = _settle(problem, stages, scores)
+    return stages, scores, tuple(standings)
+
+
+def _stand(problem: Problem, stages: list[Fitted], number: int) -> Standing:
+    """Hold one part of the last model against every other name."""
+    last = stages[-1]
+    part = last.model.parts[number]
+    alone = len(last.model.parts) == 1
+    less = stages[0] if alone else fit_model(problem, without_part(last.model, number), problem.fit)
+    others = [
+        (one.hypothesis, one.fitted)
+        for one in try_all(problem, less)
+        if one.hypothesis.label != part.hypothesis.label and explains(problem, less, one.fitted)
+    ]
+    ranking = rank(problem, less, [(part.hypothesis, last), *others])
+    mine = next(one.score for one in ranking if one.fitted is last)
+    best = ranking[0]
+    equal = _equals(problem, last, part, mine, ranking)
+    weights = [np.exp(min(one.score - mine, 50.0)) for one in ranking] + [np.exp(-mine)]
+    return Standing(
+        rivals=equal, confidence=float(1.0 / np.sum(weights)),
+        better=best.fitted if best.score > mine + PRICE else None,
+    )  # fmt: skip
+
+
+def _equals(
+    problem: Problem, last: Fitted, part: Part, mine: float, ranking: Sequence[Scored]
+) -> tuple[str, ...]:
+    """Names whose score is that of a part, but for those that merely contain it."""
+    name = part.hypothesis.name
+    margin = EQUAL if at_floor(problem, last) else max(EQUAL, BLUR * mine)
+    found = (
+        one.hypothesis.name
+        for one in ranking
+        if one.score > mine - margin and one.hypothesis.name != name and name not in one.hypothesis.within
+    )
+    return tuple(dict.fromkeys(found))
+
+
+def at_floor(problem: Problem, fitted: Fitted) -> bool:
+    """Whether a model leaves no more than noise of the positions, held out."""
+    return all(
+        mean_square(fitted.left[one.channel], problem.held & one.ok) < (FLOOR * one.noise) ** 2
+        for one in problem.observed
+        if one.channel != "force"
+    )
+
+
+def rows_of(problem: Problem, fitted: Fitted) -> partial[Array]:
+    """Weighted rows of a fitted model as a function of its unknowns."""
+    weights = weights_of(problem, fitted.left, problem.counted)
+    return partial(weighted_rows, problem, fitted.model, weights, problem.counted)

@@ -1,0 +1,71 @@
+"""Friction asymmetry: more viscous friction one way than the other."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from ph_post.drive.effects.base import N_S_PER_MM, SECOND, Effect, Fault, Parameter, Values
+from ph_post.drive.effects.sources import FRICTION
+from ph_post.drive.plant import Plant
+from ph_post.types import Axis
+
+
+def _apply(plant: Plant, values: Values) -> Plant:
+    return replace(
+        plant,
+        viscous_plus=plant.viscous_plus + values["plus"],
+        viscous_minus=plant.viscous_minus + values["minus"],
+    )
+
+
+def _fault(axis: Axis, values: Values) -> Fault | None:
+    """Refuse what would drive the axis, or its table alone, instead of braking it."""
+    b, c = axis.servo.b, axis.servo.c
+    fraction, beta = axis.gap.inertia_fraction, axis.gap.beta
+    own = 0.0
+    if axis.feedback == "load" and fraction is not None and beta is not None:
+        own = fraction * beta * b
+    for gives in ("plus", "minus"):
+        coefficient = values[gives]
+        if coefficient >= 0.0:
+            continue
+        if c + coefficient <= 0.0:
+            return Fault(gives=gives, what="the axis would have no damping", expected=f"> -c = {-c:g} s")
+        if c + coefficient < own:
+            least = f">= b * inertia_fraction / motor_time_constant_s - c = {own - c:g} s"
+            return Fault(gives=gives, what="the load would have negative damping", expected=least)
+    return None
+
+
+EFFECT = Effect(
+    name="friction_asymmetry",
+    kind="force",
+    summary="friction by speed, beyond what is in c, that differs with the direction; may be negative",
+    source=FRICTION,
+    parameters=(
+        Parameter(
+            name="plus_n_s_per_mm", gives="plus", unit=N_S_PER_MM, meaning="force over speed, moving to plus"
+        ),
+        Parameter(
+            name="plus_following_error_s",
+            gives="plus",
+            unit=SECOND,
+            meaning="following error over speed, which adds to c",
+        ),
+        Parameter(
+            name="minus_n_s_per_mm",
+            gives="minus",
+            unit=N_S_PER_MM,
+            meaning="force over speed, moving to minus",
+        ),
+        Parameter(
+            name="minus_following_error_s",
+            gives="minus",
+            unit=SECOND,
+            meaning="following error over speed, which adds to c",
+        ),
+    ),
+    apply=_apply,
+    fault=_fault,
+    once=True,
+)

@@ -1,0 +1,246 @@
+"""Whether a log belongs to a machine and a program, and the commands that a program gives to a log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.errors import InputError
+from ph_post.gcode.controller.run import run_program
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.types import Array, AxisLog, Command, Log, Machine, sealed
+from ph_post.units import MM
+
+FAR: Final = 100 * MM
+"""A reading that is so far from its command is that of something else."""
+
+OFF_PATH: Final = 1 * MM
+"""A command of the program is nowhere so far from its path."""
+
+MOVES: Final = 1 * MM
+"""An axis that travels less says nothing about what belongs together."""
+
+ALIKE: Final = 0.5
+"""Least correlation of a reading with its command."""
+
+LATEST: Final = 0.5
+"""A reading is looked for so late behind its command [s]."""
+
+AROUND: Final = 0.25
+"""Part of the record that may lie before the program's path is reached and after it is left."""
+
+Where = Callable[[int], str]
+
+
+def require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:
+    """Refuse axes that the machine does not have.
+
+    Raises
+    ------
+    InputError
+    """
+    other = [] if machine is None else [name for name in names if name not in machine.axes]
+    if machine is not None and other:
+        raise InputError(
+            where, f"the machine has no axis {', '.join(other)}; is the log of another one?",
+            expected=", ".join(machine.axes), got=", ".join(names),
+        )  # fmt: skip
+
+
+def require_readings(log: Log, where: Where) -> None:
+    """Refuse readings that are not those of their commands.
+
+    Raises
+    ------
+    InputError
+        With the axis and the line of the worst sample.
+    """
+    for name, axis in log.axes.items():
+        for column, reading in _readings(name, axis):
+            if not np.isfinite(reading).any():
+                raise InputError(where(0), f"{column} has no sample at all", expected="readings in mm")
+            apart = np.abs(reading - axis.command)
+            worst = int(np.nanargmax(apart))
+            if apart[worst] > FAR:
+                raise InputError(
+                    where(worst), f"{column} is far from {name}_cmd: another unit, zero or program?",
+                    expected=f"at most {FAR / MM:g} mm", got=f"{apart[worst] / MM:.6g} mm",
+                )  # fmt: skip
+            alike = _likeness(axis.command, reading, log.period)
+            if alike < ALIKE:
+                against = "runs against" if alike < -ALIKE else "does not follow"
+                raise InputError(
+                    where(worst), f"{column} {against} {name}_cmd: is it the same axis, program and sign?",
+                    expected=f"a correlation of at least {ALIKE:g}",
+                    got=f"{alike:.2f}, and {apart[worst] / MM:.6g} mm at the worst sample",
+                )  # fmt: skip
+
+
+def require_program(log: Log, program: PartProgram, machine: Machine, where: Where) -> Log:
+    """Refuse commands that leave the path of a program; what is before and after it is told in a warning.
+
+    Raises
+    ------
+    InputError
+        With the line.
+    """
+    names = [name for name, axis in log.axes.items() if not np.isnan(axis.command[0])]
+    command = run_program(program, machine)
+    apart = _apart(log, names, command, program)
+    near = np.flatnonzero(apart <= OFF_PATH)
+    first, last = (int(near[0]), int(near[-1])) if near.size else (0, apart.size - 1)
+    outside = first + apart.size - 1 - last
+    inside = slice(0, apart.size) if outside > AROUND * apart.size else slice(first, last + 1)
+    worst = inside.start + int(np.argmax(apart[inside]))
+    if apart[worst] > OFF_PATH:
+        raise InputError(
+            where(worst), f"the commands leave the path of {program.name}: does the log belong to it?",
+            expected=f"within {OFF_PATH / MM:g} mm, in the program's coordinates",
+            got=f"{apart[worst] / MM:.6g} mm",
+        )  # fmt: skip
+    if not outside:
+        return log
+    words = f"{outside} samples before and after the path of {program.name} are not of this program"
+    return replace(log, warnings=(*log.warnings, words))
+
+
+def fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machine: Machine, file: str) -> Log:
+    """Take commands from the program, at the time that fits the record best.
+
+    Commands that were recorded tell the time exactly. Where none was, readings are compared with the command
+    as late as the servo makes it, c of Eq. (9).
+
+    Raises
+    ------
+    InputError
+        Where the program does not fit.
+    """
+    command = run_program(program, machine)
+    pairs = _pairs(log, command, machine)
+    start = _best_start(pairs, command, log)
+    made = {name: _at(command, name, log.t - log.t[0] - start) for name in lacking}
+    misfit = math.sqrt(float(np.mean([_misfit(pair, command, log, start) ** 2 for pair in pairs])))
+    gaps = max(machine.axes[name].gap.lost_motion for name in log.axes)
+    if misfit > OFF_PATH + gaps:
+        raise InputError(
+            file, f"the record does not follow {program.name}: does it belong to it, and ran as modelled?",
+            expected=f"within {(OFF_PATH + gaps) / MM:g} mm (root mean square)", got=f"{misfit / MM:.6g} mm",
+        )  # fmt: skip
+    axes = {name: replace(axis, command=made.get(name, axis.command)) for name, axis in log.axes.items()}
+    words = (
+        f"{', '.join(f'{name}_cmd' for name in lacking)}: from {program.name}, which begins {start:.6g} s "
+        f"after the record by the best fit ({misfit / MM:.3g} mm rms)"
+    )
+    if len(lacking) == len(log.axes):
+        words += "; a delay of the readings cannot be seen"
+    return replace(log, axes=axes, warnings=(*log.warnings, words))
+
+
+def _readings(name: str, axis: AxisLog) -> Iterator[tuple[str, Array]]:
+    for side, reading in (("act", axis.table), ("motor", axis.motor)):
+        if reading is not None:
+            yield f"{name}_{side}", reading
+
+
+def _whole(reading: Array) -> Array:
+    """Fill in missing samples along lines."""
+    there = np.isfinite(reading)
+    if there.all():
+        return reading
+    rows = np.arange(reading.size)
+    return np.interp(rows, rows[there], reading[there])
+
+
+def _likeness(command: Array, reading: Array, period: float) -> float:
+    """Return the correlation that is largest in size over the delays that a drive may have; 1 at rest."""
+    from scipy.signal import correlate
+
+    if np.ptp(command) < MOVES or np.nanmax(reading) - np.nanmin(reading) < 0.1 * np.ptp(command):
+        return 1.0
+    one, other = command - command.mean(), _whole(reading)
+    other = other - other.mean()
+    late = min(round(LATEST / period), command.size // 4)
+    both = correlate(other, one, mode="full", method="fft")[command.size - 1 :][: late + 1]
+    sizes = both / math.sqrt(float(one @ one) * float(other @ other))
+    return float(sizes[np.argmax(np.abs(sizes))])
+
+
+def _apart(log: Log, names: Sequence[str], command: Command, program: PartProgram) -> Array:
+    """How far each command is from where the program leads, in the recorded axes [m], shape (n,).
+
+    That is where a model of its controller leads, which rounds corners as the program's path mode allows, or
+    where its straight motions are.
+    """
+    from scipy.spatial import cKDTree
+
+    columns = [command.axes.index(name) for name in names]
+    ends = np.hstack([program.motions.start[:, columns], program.motions.end[:, columns]])
+    straight = ends[~np.isnan(ends).any(axis=1) & (program.motions.kind <= 1)].reshape(-1, 2, len(names))
+    chains = [command.position[:, columns], *straight]
+    tree = cKDTree(np.unique(np.vstack([_dense(chain) for chain in chains]), axis=0))
+    wanted = np.column_stack([log.axes[name].command for name in names])
+    return np.asarray(tree.query(wanted)[0])
+
+
+def _dense(points: Array) -> Array:
+    """Points on a chain of lines, so close that the distance to them is off by little."""
+    steps = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    count = max(2, min(2_000_000, math.ceil(way[-1] / (0.1 * OFF_PATH))))
+    where = np.linspace(0.0, way[-1], count)
+    return np.column_stack([np.interp(where, way, column) for column in points.T])
+
+
+def _at(command: Command, name: str, t: Array) -> Array:
+    """Where the program leads an axis at times since it began; it stands before and after that."""
+    return sealed(np.interp(t, command.t - command.t[0], command.position[:, command.axes.index(name)]))
+
+
+Pair = tuple[str, Array, float]
+"""An axis, what was recorded of it and how late that is behind the command [s]."""
+
+
+def _pairs(log: Log, command: Command, machine: Machine) -> list[Pair]:
+    """Pair commands that were recorded and move with those of the program; or else readings, all of them."""
+    told = [(name, axis.command, 0.0) for name, axis in log.axes.items() if name in command.axes]
+    told = [pair for pair in told if np.ptp(pair[1]) > MOVES]  # NaN where it was not recorded
+    return told or [
+        (name, reading, machine.axes[name].servo.c)
+        for name, axis in log.axes.items()
+        for _, reading in _readings(name, axis)
+        if np.isfinite(reading).any()
+    ]
+
+
+def _best_start(pairs: Sequence[Pair], command: Command, log: Log) -> float:
+    """Find when the program begins [s] after the record does: the least sum of squares, by samples first."""
+    from scipy.optimize import minimize_scalar
+    from scipy.signal import correlate
+
+    rows, program = log.t.size, math.ceil((command.t[-1] - command.t[0]) / log.period)
+    squares = np.zeros(program + rows + 1)
+    for name, recorded, late in pairs:
+        there = np.isfinite(recorded)
+        middle = float(np.mean(recorded[there]))
+        made = _at(command, name, log.period * np.arange(-rows, program + rows) - late) - middle
+        weighed = np.where(there, recorded - middle, 0.0)
+        squares += correlate(made**2, there.astype(np.float64), mode="valid", method="fft")
+        squares -= 2.0 * correlate(made, weighed, mode="valid", method="fft")
+    first = log.period * (rows - int(np.argmin(squares)))
+    found = minimize_scalar(
+        lambda start: sum(_misfit(pair, command, log, start) ** 2 for pair in pairs),
+        bounds=(first - log.period, first + log.period), method="bounded",
+        options={"xatol": 1e-4 * log.period},
+    )  # fmt: skip
+    return float(found.x)
+
+
+def _misfit(pair: Pair, command: Command, log: Log, start: float) -> float:
+    """Root mean square of what was recorded less what the program makes of it [m]."""
+    name, recorded, late = pair
+    off = recorded - _at(command, name, log.t - log.t[0] - start - late)
+    return math.sqrt(float(np.nanmean(off * off)))

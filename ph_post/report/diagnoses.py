@@ -1,0 +1,249 @@
+"""What ``diagnose`` found, as text and as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, Final
+
+from ph_post.diagnose.record import (
+    Channel,
+    ChannelQuality,
+    Diagnosis,
+    Estimate,
+    Experiment,
+    Finding,
+    GapStep,
+    Place,
+    Quality,
+)
+from ph_post.report.findingwords import (
+    finding_name,
+    label_words,
+    micrometres,
+    multiple,
+    number_words,
+    parameter_words,
+    verdict_sentences,
+)
+from ph_post.report.tables import NOTHING, format_table
+from ph_post.types import Log
+from ph_post.units import MICROMETRE, MM, MS
+
+PLACES_SHOWN: Final = 4
+"""So many places are told on the terminal, those with the largest shares."""
+
+SHARE_SHOWN: Final = 0.05
+"""Places with a smaller share of the excess are left to the JSON object."""
+
+JITTER: Final = 1e-3
+"""Jitter below this part of the period is not told on the terminal."""
+
+_PLACE_UNITS: Final = {
+    "reversal": ("s", 1.0), "time": ("s", 1.0), "travel": ("mm", MM), "position": ("mm", MM),
+    "period": ("mm", MM),
+}  # fmt: skip
+"""What the value of a place is told in; ratios have no unit."""
+
+
+def effort_units(log: Log) -> dict[str, str]:
+    """Return the units of a log's force or current channels, by axis."""
+    return {name: axis.effort_unit for name, axis in log.axes.items() if axis.effort is not None}
+
+
+def channel_scale(axis: str, channel: Channel, efforts: Mapping[str, str]) -> tuple[str, float]:
+    """Return the unit that a channel is told in, and its size in the record's units."""
+    return (efforts.get(axis, ""), 1.0) if channel == "force" else ("mm", MM)
+
+
+def diagnosis_view(diagnosis: Diagnosis, efforts: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return a diagnosis as a JSON object; what is not known is None.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    efforts : mapping, optional
+        Units of the force channels by axis, see :func:`effort_units`.
+    """
+    following = diagnosis.next_experiment
+    return {
+        "verdict": diagnosis.verdict,
+        "effects": [_finding_view(one) for one in diagnosis.findings],
+        "gap": {
+            "unit": "mm",
+            "noise_floor": _finite(diagnosis.noise_floor, MM),
+            "steps": [_step_view(step) for step in diagnosis.steps],
+        },
+        "next_experiment": None if following is None else _experiment_view(following),
+        "words": verdict_sentences(diagnosis),
+        "places": [_place_view(place) for place in diagnosis.places],
+        "remaining": [_place_view(place) for place in diagnosis.remaining],
+        "quality": _quality_view(diagnosis.quality, efforts or {}),
+        "notes": list(diagnosis.notes),
+        "warnings": [],
+    }
+
+
+def _finding_view(found: Finding) -> dict[str, Any]:
+    return {
+        "name": found.name,
+        "axis": found.axis,
+        "parameters": {name: _estimate_view(one) for name, one in found.parameters.items()},
+        "where": found.where,
+        "confidence": _finite(found.confidence),
+        "ambiguous_with": list(found.ambiguous_with),
+        "evidence": list(found.evidence),
+    }
+
+
+def _estimate_view(one: Estimate) -> dict[str, Any]:
+    stderr = None if one.stderr is None else _finite(one.stderr)
+    return {"value": _finite(one.value), "stderr": stderr, "unit": one.unit}
+
+
+def _step_view(step: GapStep) -> dict[str, Any]:
+    return {
+        "added": step.added,
+        "fit_rms": _finite(step.fit_rms, MM),
+        "holdout_rms": _finite(step.holdout_rms, MM),
+    }
+
+
+def _experiment_view(one: Experiment) -> dict[str, Any]:
+    return {"name": one.name, "why": one.why, "record": list(one.record), "program": one.program}
+
+
+def _place_view(place: Place) -> dict[str, Any]:
+    unit, size = _PLACE_UNITS.get(place.by, ("1", 1.0))
+    return {
+        "axis": place.axis,
+        "by": place.by,
+        "share": _finite(place.share),
+        "value": _finite(place.value, size),
+        "unit": unit,
+        "sentence": place.sentence,
+    }
+
+
+def _quality_view(quality: Quality, efforts: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "period": _finite(quality.period),
+        "jitter": _finite(quality.jitter),
+        "first": quality.first,
+        "channels": [_channel_view(one, efforts) for one in quality.channels],
+        "faults": list(quality.faults),
+        "notes": list(quality.notes),
+    }
+
+
+def _channel_view(one: ChannelQuality, efforts: Mapping[str, str]) -> dict[str, Any]:
+    unit, size = channel_scale(one.axis, one.channel, efforts)
+    return {
+        "axis": one.axis,
+        "channel": one.channel,
+        "unit": unit,
+        "resolution": _finite(one.resolution, size),
+        "noise": _finite(one.noise, size),
+        "noise_from": one.noise_from,
+        "missing": one.missing,
+        "shift": None if one.shift is None else _finite(one.shift),
+    }
+
+
+def _finite(value: float, size: float = 1.0) -> float | None:
+    return value / size if math.isfinite(value) else None
+
+
+def diagnosis_lines(
+    diagnosis: Diagnosis, efforts: Mapping[str, str] | None = None, given: Collection[str] = ()
+) -> list[str]:
+    """Say in lines what was found, what it rests on, and what to do next.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    efforts : mapping, optional
+        As of :func:`diagnosis_view`.
+    given : collection of str
+        Those of the options ``-o`` and ``--next`` that need no mention any more.
+    """
+    return [
+        *verdict_sentences(diagnosis),
+        *(f"fault: {fault}" for fault in diagnosis.quality.faults if diagnosis.verdict != "not-identifiable"),
+        *_quality_lines(diagnosis.quality, efforts or {}),
+        *_place_lines("Where machine file and record differ:", diagnosis.places),
+        *_gap_lines(diagnosis),
+        *(line for found in diagnosis.findings for line in _finding_lines(found)),
+        *(_place_lines("What remains:", diagnosis.remaining) if len(diagnosis.steps) > 1 else ()),
+        *(f"note: {note}" for note in diagnosis.notes),
+        *_next_lines(diagnosis, given),
+    ]
+
+
+def _quality_lines(quality: Quality, efforts: Mapping[str, str]) -> Iterator[str]:
+    period = f"The record: a sample every {quality.period / MS:.4g} ms"
+    jitter = f" (up to {quality.jitter / MS:.2g} ms off)" if quality.jitter > JITTER * quality.period else ""
+    start = f"; the first {quality.first * quality.period:.3g} s are left out" if quality.first else ""
+    yield f"{period}{jitter}{start}"
+    for one in quality.channels:
+        yield f"  {_channel_words(one, efforts)}"
+    for note in quality.notes:
+        yield f"  {note}"
+
+
+def _channel_words(one: ChannelQuality, efforts: Mapping[str, str]) -> str:
+    effort = one.channel == "force"
+    unit = efforts.get(one.axis, "") if effort else "µm"
+    size = 1.0 if effort else MICROMETRE
+    words = [f"noise {one.noise / size:.3g} {unit}".rstrip() + f" (from {one.noise_from})"]
+    words += [f"steps of {one.resolution / size:.3g} {unit}".rstrip()] if one.resolution > 0.0 else []
+    words += [f"{one.missing} missing"] if one.missing else []
+    if one.shift is not None and one.shift != 0.0:
+        words.append(f"{abs(one.shift) / MS:.3g} ms {'late' if one.shift > 0.0 else 'early'}")
+    return f"{one.axis}_{one.channel}: {', '.join(words)}"
+
+
+def _place_lines(title: str, places: tuple[Place, ...]) -> list[str]:
+    shown = sorted((one for one in places if one.share >= SHARE_SHOWN), key=lambda one: -one.share)
+    return [title, *(f"  {one.sentence}" for one in shown[:PLACES_SHOWN])] if shown else []
+
+
+def _gap_lines(diagnosis: Diagnosis) -> list[str]:
+    if not diagnosis.steps:
+        return []
+    floor = diagnosis.noise_floor
+    rows = []
+    for step in diagnosis.steps:
+        known = floor > 0.0 and math.isfinite(step.holdout_rms)
+        times = multiple(step.holdout_rms, floor) if known else NOTHING
+        added = "the machine file as it is" if step.added is None else f"+ {label_words(step.added)}"
+        rows.append((added, micrometres(step.fit_rms), micrometres(step.holdout_rms), times))
+    header = ("step", "fitted µm", "held out µm", "times the floor")
+    title = f"The gap between model and record, rms (noise floor {micrometres(floor)} µm):"
+    return [title, *format_table(header, rows).splitlines()]
+
+
+def _finding_lines(found: Finding) -> Iterator[str]:
+    sure = f", {100.0 * found.confidence:.0f} % sure" if math.isfinite(found.confidence) else ""
+    where = f": {found.where}" if found.where else ""
+    yield f"{finding_name(found)}{where}{sure}"
+    for key, one in found.parameters.items():
+        doubt = "" if number_words(one)[1] is not None else " (its standard error is not known)"
+        yield f"  {key} = {parameter_words(key, one)}{doubt}"
+    for sentence in found.evidence:
+        yield f"  evidence: {sentence}"
+    if found.ambiguous_with:
+        rivals = ", ".join(label_words(label, found.axis) for label in found.ambiguous_with)
+        yield f"  not told apart from: {rivals}"
+
+
+def _next_lines(diagnosis: Diagnosis, given: Collection[str]) -> Iterator[str]:
+    following = diagnosis.next_experiment
+    if following is not None:
+        how = "" if "--next" in given else "; --next FILE writes the program"
+        yield f"Next: run {following.name}: {following.why}"
+        yield f"  record {', '.join(following.record)}{how}"
+    if len(diagnosis.steps) > 1 and diagnosis.verdict == "ambiguous":
+        yield "The better machine assumes the first name of each doubtful set."
+    if len(diagnosis.steps) > 1 and "-o" not in given:
+        yield "The better machine is written with -o; convert and simulate take it at once."

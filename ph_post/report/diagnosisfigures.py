@@ -1,0 +1,107 @@
+"""The picture of a diagnosis: the gap per step, and the residual of every channel before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from ph_post.diagnose.record import Diagnosis, Trail
+from ph_post.report.diagnosispage import channel_noise, residual_scale
+from ph_post.report.figures import AFTER, MARK, WINDOW, new_figure
+from ph_post.report.findingwords import gap_words, label_words, verdict_sentences
+from ph_post.report.residuals import envelope, stretches
+from ph_post.types import Array
+from ph_post.units import MICROMETRE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+POINTS: Final = 2000
+"""Groups of neighbouring samples that a residual is drawn with."""
+
+TITLE: Final = 3
+"""Sentences of the verdict that stand above the picture."""
+
+
+def draw_diagnosis(diagnosis: Diagnosis, efforts: Mapping[str, str] | None = None) -> Figure:
+    """Draw the gap per step on top, and a residual a row below it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    efforts : mapping, optional
+        Units of the force channels by axis, see :func:`~ph_post.report.diagnoses.effort_units`.
+    """
+    rows = len(diagnosis.trails)
+    steps = max(len(diagnosis.steps), 1)
+    figure = new_figure(10.0, 1.8 + 0.5 * steps + 2.2 * rows)
+    figure.suptitle("\n".join(verdict_sentences(diagnosis)[:TITLE]), fontsize="medium", wrap=True)
+    panels = figure.subplots(1 + rows, 1, squeeze=False, height_ratios=(0.5 + 0.5 * steps, *(2.2,) * rows))
+    _draw_gap(panels[0, 0], diagnosis)
+    for axes, trail in zip(panels[1:, 0], diagnosis.trails, strict=True):
+        _draw_trail(axes, trail, diagnosis, efforts or {})
+    if rows:
+        panels[-1, 0].set(xlabel="t [s]")
+    return figure
+
+
+def _draw_gap(axes: Axes, diagnosis: Diagnosis) -> None:
+    if not diagnosis.steps:
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, gap_words(diagnosis), ha="center", va="center")
+        return
+    rows: Array = np.arange(len(diagnosis.steps), dtype=np.float64)
+    for offset, colour, label, values in (
+        (-0.2, WINDOW, "fitted", [step.fit_rms for step in diagnosis.steps]),
+        (0.2, AFTER, "held out", [step.holdout_rms for step in diagnosis.steps]),
+    ):
+        bars = axes.barh(rows + offset, np.array(values) / MICROMETRE, 0.38, color=colour, label=label)
+        axes.bar_label(bars, fmt=" %.2f", fontsize="small")
+    if diagnosis.noise_floor > 0.0:
+        axes.axvline(
+            diagnosis.noise_floor / MICROMETRE, color=MARK, linestyle="--", linewidth=1.2, label="noise floor"
+        )
+    names = [
+        "the machine file as it is" if step.added is None else f"+ {label_words(step.added)}"
+        for step in diagnosis.steps
+    ]
+    axes.set_yticks(rows, names)
+    axes.invert_yaxis()
+    axes.margins(x=0.12)
+    axes.set(xlabel="gap between model and record, rms [µm]")
+    axes.legend(frameon=False, fontsize="small", loc="lower right")
+
+
+def _draw_trail(axes: Axes, trail: Trail, diagnosis: Diagnosis, efforts: Mapping[str, str]) -> None:
+    unit, size = residual_scale(trail.axis, trail.channel, efforts)
+    drawn = envelope(trail, POINTS)
+    for k, (first, last) in enumerate(stretches(trail.held_out & trail.counted)):
+        label = "held out" if k == 0 else None
+        axes.axvspan(trail.t[first], trail.t[last], color="#e6e9ee", linewidth=0.0, label=label)
+    pairs = [(drawn.before, WINDOW, "the machine file as it is")]
+    pairs += [(drawn.after, AFTER, "the better machine")] if len(diagnosis.steps) > 1 else []
+    for (low, high), colour, label in pairs:
+        # An edge keeps what is thinner than a line in the picture.
+        axes.fill_between(drawn.t, low / size, high / size, color=colour, linewidth=0.7, label=label)
+    noise = channel_noise(trail, diagnosis)
+    if math.isfinite(noise):
+        for value in (noise, -noise):
+            axes.axhline(value / size, color="black", linestyle=":", linewidth=0.9)
+    _set_range(axes, trail, size)
+    axes.set(ylabel=f"{trail.axis}_{trail.channel}: record - model [{unit}]")
+    axes.legend(frameon=False, fontsize="small", loc="upper right", ncols=3)
+
+
+def _set_range(axes: Axes, trail: Trail, size: float) -> None:
+    """Let what counts set the range: the start-up may be many times as large."""
+    values = np.concatenate([trail.before[trail.counted], trail.after[trail.counted]]) / size
+    values = values[np.isfinite(values)]
+    if values.size and np.ptp(values) > 0.0:
+        room = 0.15 * float(np.ptp(values))
+        axes.set_ylim(float(values.min()) - room, float(values.max()) + room)
+    if trail.t.size > 1:
+        axes.set_xlim(float(trail.t[0]), float(trail.t[-1]))
