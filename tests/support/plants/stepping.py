@@ -20,7 +20,7 @@ WATCHED = 0.004
 
 
 def stop(function: Callable[[float, Any], float], direction: int) -> Any:
-    """Make an event that ends an integration, of a function that passes zero upwards (1) or downwards (-1)."""
+    """Make an event that ends an integration: a function passes zero upwards (1) or downwards (-1)."""
 
     def event(t: float, y: Floats) -> float:
         return function(t, y)
