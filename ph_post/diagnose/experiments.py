@@ -35,7 +35,10 @@ OTHER_FEEDS: Final = (0.2, 1.0, 5.0)
 SPEED_SPAN: Final = 20.0 * MS
 """Time over which the speed of a record is measured [s]: commands come in steps."""
 
-ROOM: Final = "the room is that of the positions that the record commanded, taken for work coordinates, G54"
+ROOM: Final = (
+    "the room is that of the positions in the record, with which G54 must agree: joints as LinuxCNC samples"
+    " them are in machine coordinates, so that G54 must have no offset then"
+)
 """What a program says about where it moves."""
 
 FULL_MIX: Final = Separation(
@@ -99,8 +102,8 @@ def _combined(names: Sequence[str]) -> Separation:
     parts = dict.fromkeys(part for pair in pairs for part in pair.parts)
     needed = {channel for pair in pairs for channel in pair.record}
     return Separation(
-        # The longest of them last: what needs no patience is recorded first.
-        parts=tuple(sorted(parts, key=lambda part: part == "warm-up")),
+        # It wants a cold machine, which the others would warm.
+        parts=tuple(sorted(parts, key=lambda part: part != "warm-up")),
         record=tuple(channel for channel in EVERY if channel in needed),
         why="; ".join(dict.fromkeys(pair.why for pair in pairs)),
     )

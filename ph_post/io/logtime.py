@@ -42,14 +42,13 @@ def clock_of(t: Array, sheet: Sheet) -> Clock:
         too many are missing; with the line.
     """
     exact = _fitted(t, 0.0)
-    if isinstance(exact, Clock):
-        return _complete(exact, sheet)
+    if isinstance(exact, Clock) and not _too_many(exact):
+        return exact
     rounding = _rounding(t)
-    if rounding > 0.0:
-        rounded = _fitted(t, rounding)
-        if isinstance(rounded, Clock):
-            return _complete(rounded, sheet)
-    raise _refusal(t, exact, sheet)
+    rounded = _fitted(t, rounding) if rounding > 0.0 else exact
+    if isinstance(rounded, Clock) and not _too_many(rounded):
+        return rounded
+    raise _with_holes(exact, sheet) if isinstance(exact, Clock) else _refusal(t, exact, sheet)
 
 
 class _Wrong(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,6 +63,8 @@ def _fitted(t: Array, rounding: float) -> Clock | _Wrong:
     """Lay a constant period through times that were rounded to multiples of `rounding`."""
     steps = np.diff(t)
     period = _typical(steps, rounding)
+    if not period > 0.0:
+        return _Wrong(row=1, period=period, expected=float(t[0]))
     room = 2.0 * JITTER * period + rounding
     count = np.rint(steps / period).astype(np.int64)
     if rounding >= 0.5 * period:  # holes cannot be told from rounding
@@ -75,9 +76,11 @@ def _fitted(t: Array, rounding: float) -> Clock | _Wrong:
         return _Wrong(row=row, period=period, expected=float(t[row - 1] + count[row - 1] * period))
     place = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     start, period, error = _line(t, place)
-    late = np.flatnonzero(np.abs(error) > JITTER * period + 0.5 * rounding)
-    if late.size:
-        row = int(late[0])
+    parts = period / rounding if rounding > 0.0 else 0.0
+    if abs(parts - round(parts)) * t.size < 0.5:  # a whole number of them: rounding moves nothing
+        rounding = 0.0
+    row = int(np.argmax(np.abs(error)))
+    if abs(error[row]) > JITTER * period + 0.5 * rounding:
         return _Wrong(row=row, period=period, expected=float(t[row] - error[row]))
     return Clock(start=start, period=period, place=place, jitter=float(np.abs(error).max()))
 
@@ -88,7 +91,7 @@ def _typical(steps: Array, rounding: float) -> float:
     if rounding == 0.0 and median > 0.0:
         return median
     near = steps[steps <= 1.5 * max(median, rounding)]
-    return max(float(near.mean()), np.finfo(float).tiny) if near.size else rounding
+    return float(near.mean()) if near.size else rounding
 
 
 def _line(t: Array, place: IntArray) -> tuple[float, float, Array]:
@@ -97,13 +100,18 @@ def _line(t: Array, place: IntArray) -> tuple[float, float, Array]:
     period = float((k @ (t - t.mean())) / (k @ k))
     start = float(t.mean() - period * place.mean())
     error = t - (start + period * place)
-    plain = float(f"{period:.6g}")
+    plain = float(f"{period:.4g}")
     other = t - plain * place
-    middle = 0.5 * float(other.max() + other.min())
-    least = 0.5 * float(other.max() - other.min())
-    if plain > 0.0 and least <= max(float(np.abs(error).max()), 1e-12 * float(np.abs(t).max())):
-        return (float(t[0]) if abs(middle - t[0]) <= least else middle), plain, other - middle
+    other_start = float(other.mean())
+    if plain > 0.0 and _size(other - other_start) <= 1.05 * _size(error) + 1e-12 * float(np.abs(t).max()):
+        start, period, error = other_start, plain, other - other_start
+    if abs(start - t[0]) <= float(np.abs(error).max()):
+        start = float(t[0])
     return start, period, error
+
+
+def _size(error: Array) -> float:
+    return float(np.sqrt(np.mean(error * error)))
 
 
 def _rounding(t: Array) -> float:
@@ -115,14 +123,13 @@ def _rounding(t: Array) -> float:
     return 0.0
 
 
-def _refusal(t: Array, wrong: _Wrong | Clock, sheet: Sheet) -> InputError:
+def _refusal(t: Array, wrong: _Wrong, sheet: Sheet) -> InputError:
     back = np.flatnonzero(np.diff(t) < 0.0)
     still = np.flatnonzero(np.diff(t) == 0.0)
     if back.size or still.size:
         row = int((back if back.size else still)[0]) + 1
         what = "time runs backwards" if back.size else "time repeats"
         return InputError(sheet.where(row), what, expected=f"t > {t[row - 1]:.9g} s", got=f"{t[row]:.9g} s")
-    assert isinstance(wrong, _Wrong)
     return InputError(
         sheet.where(wrong.row), "the sampling period is not constant",
         expected=f"t = {wrong.expected:.9g} s, at a period of {wrong.period:.6g} s",
@@ -130,15 +137,17 @@ def _refusal(t: Array, wrong: _Wrong | Clock, sheet: Sheet) -> InputError:
     )  # fmt: skip
 
 
-def _complete(clock: Clock, sheet: Sheet) -> Clock:
-    """Refuse a log with too many holes."""
+def _too_many(clock: Clock) -> bool:
+    """Whether there are too many holes."""
     rows = int(clock.place[-1]) + 1
-    missing = rows - clock.place.size
-    if missing > HOLES * rows:
-        row = int(np.argmax(np.diff(clock.place) > 1)) + 1
-        raise InputError(
-            sheet.where(row), "too many samples are missing, here the first",
-            expected=f"at most {HOLES:.0%} of the rows at a period of {clock.period:.6g} s",
-            got=f"{missing} of {rows}",
-        )  # fmt: skip
-    return clock
+    return rows - clock.place.size > HOLES * rows
+
+
+def _with_holes(clock: Clock, sheet: Sheet) -> InputError:
+    rows = int(clock.place[-1]) + 1
+    return InputError(
+        sheet.where(int(np.argmax(np.diff(clock.place) > 1)) + 1),
+        "too many samples are missing, here the first",
+        expected=f"at most {HOLES:.0%} of the rows at a period of {clock.period:.6g} s",
+        got=f"{rows - clock.place.size} of {rows}",
+    )  # fmt: skip

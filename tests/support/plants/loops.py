@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tests.support.plants.axis import Forces, Plant
+from tests.support.plants.stepping import Floats, solve, stop
 from tests.support.plants.tracks import Track
-
-Floats = NDArray[np.float64]
 
 PERIOD = 1e-3
 FINER = 5
@@ -28,13 +25,6 @@ FINER = 5
 
 EDGE = 1e-12
 """[m of following error] by which a threshold must be passed: what rests exactly on one stays."""
-
-LONGEST = 0.02
-SHORTEST = 1e-6
-"""[s] The first step behind an event: a longer one could leave and return, and call that the same event."""
-
-WATCHED = 0.004
-"""[s] The longest step where an event is waited for."""
 
 MANY = 20000
 """Events in a record; more is a mistake."""
@@ -73,42 +63,6 @@ def follow(plant: Plant, track: Track, axis: int = 0) -> Motion:
     return body.motion(body.rows)
 
 
-def _stop(function: Callable[[float, Any], float], direction: int) -> Any:
-    def event(t: float, y: Floats) -> float:
-        return function(t, y)
-
-    event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
-    return event
-
-
-def _solve(
-    rhs: Any, start: float, y: Sequence[float], grid: Floats, end: float, stops: Sequence[Any] = ()
-) -> tuple[Floats, float, list[float], int]:
-    """Integrate to the end or the first event: rows at the grid, and time, state and index of the event."""
-    scale = [1e-11 if i % 2 == 0 else 1e-9 for i in range(len(y))]
-    steps = {"max_step": LONGEST}
-    if stops:
-        steps = {"max_step": WATCHED, "first_step": min(SHORTEST, end - start)}
-    found = solve_ivp(
-        rhs,
-        (start, end),
-        y,
-        "DOP853",
-        t_eval=grid,
-        events=list(stops) or None,
-        rtol=1e-8,
-        atol=scale,
-        **steps,
-    )
-    if not found.success:
-        raise RuntimeError(found.message)
-    rows = found.y.T if len(found.t) else np.empty((0, len(y)))
-    if found.status == 1:
-        which = next(i for i, times in enumerate(found.t_events) if len(times))
-        return rows, float(found.t_events[which][-1]), found.y_events[which][-1].tolist(), which
-    return rows, end, rows[-1].tolist() if len(rows) else list(y), -1
-
-
 class _Body:
     """An axis that is one body while engaged: rest, slip and, with a gap inside the loop, its crossing."""
 
@@ -119,7 +73,7 @@ class _Body:
         )
         self.rows = np.empty((len(grid), 3))  # table or loop's side, velocity, motor
         self.t, self.x, self.v, self.side = 0.0, 0.0, 0.0, plant.flank
-        self.m, self.w = self._touching(0.0), 0.0
+        self.w = 0.0
         self.events: list[tuple[float, str]] = []
 
     def _touching(self, x: float) -> float:
@@ -179,7 +133,6 @@ class _Body:
         self.t, self.v = t, 0.0
         push, net = self._pushes(t)
         if self.inside and self.side * push < 0.0:
-            self.m, self.w = self._touching(self.x), 0.0
             self.events.append((t, "open"))
             return self._cross
         self.events.append((t, "slip"))
@@ -198,7 +151,7 @@ class _Body:
                 force -= way * forces.dry(abs(v))
             return v, force / forces.inertia(t)
 
-        stops = [_stop(lambda t, y: way * y[1], -1)] if way else []
+        stops = [stop(lambda t, y: way * y[1], -1)] if way else []
         rows, until, y, which = self._advance(rhs, (self.x, self.v), stops)
         span = self._filled
         self.rows[span, 0], self.rows[span, 1] = rows[:, 0], rows[:, 1]
@@ -213,34 +166,28 @@ class _Body:
     def _advance(self, rhs: Any, y: Sequence[float], stops: Sequence[Any]) -> Any:
         span = self._span(self.end)
         grid = np.maximum(self.grid[span], self.t)
-        rows, until, state, which = _solve(rhs, self.t, y, grid, self.end, stops)
+        rows, until, state, which = solve(rhs, self.t, y, grid, self.end, stops)
         self._filled = slice(span.start, span.start + len(rows))
         return rows, until, state, which
 
     def _cross(self) -> Any:
-        """The motor alone, Eq. (16): η b (m̈ + β ṁ) = X - x, until it meets a flank."""
-        forces, plant, x, side, half = (
-            self.forces,
-            self.plant,
-            self.x,
-            self.side,
-            0.5 * self.plant.width(self.x),
-        )
-        light = plant.eta * plant.b
+        """The motor alone, Eq. (16): η b (m̈ + β ṁ) = X - x, until it meets a flank.
+
+        The state is its way from the flank that it leaves, whose beginning would be lost beside its place.
+        """
+        forces, plant, x, side, gap = self.forces, self.plant, self.x, self.side, self.plant.width(self.x)
+        light, left = plant.eta * plant.b, x + 0.5 * side * gap
 
         def rhs(t: float, y: Floats) -> tuple[float, float]:
-            m, w = y.tolist()
-            push = forces.drive(forces.command(t) - x) - forces.cogged(m)
+            z, w = y.tolist()
+            push = forces.drive(forces.command(t) - x) - forces.cogged(left + z)
             return w, push / light - plant.beta * w
 
-        stops = [
-            _stop(lambda t, y: -side * (y[0] - x) - half, 1),
-            _stop(lambda t, y: side * (y[0] - x) - half, 1),
-        ]
-        rows, until, y, which = self._advance(rhs, (self.m, self.w), stops)
+        stops = [stop(lambda t, y: -side * y[0] - gap, 1), stop(lambda t, y: side * y[0], 1)]
+        rows, until, y, which = self._advance(rhs, (0.0, 0.0), stops)
         span = self._filled
-        self.rows[span, 0], self.rows[span, 1], self.rows[span, 2] = x, 0.0, rows[:, 0]
-        self.t, self.m, self.w = until, y[0], y[1]
+        self.rows[span, 0], self.rows[span, 1], self.rows[span, 2] = x, 0.0, left + rows[:, 0]
+        self.t, self.w = until, y[1]
         if which < 0:
             return None
         self.side = -side if which == 0 else side
@@ -314,5 +261,5 @@ def _two_masses(plant: Plant, forces: Forces, n: int, resonance: float, damping:
 
     grid = np.arange(n + 1) * PERIOD
     body = _Body(plant, forces, grid)
-    rows = _solve(rhs, 0.0, (0.0, 0.0, 0.0, 0.0), grid, float(grid[-1]))[0]
+    rows = solve(rhs, 0.0, (0.0, 0.0, 0.0, 0.0), grid, float(grid[-1]))[0]
     return body.motion(np.column_stack([rows[:, 2], rows[:, 3], rows[:, 0]]))

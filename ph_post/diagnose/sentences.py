@@ -1,0 +1,172 @@
+"""Places in plain words, with their numbers in the units of the shop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import numpy as np
+
+from ph_post.diagnose.motion import Motion
+from ph_post.diagnose.signature import Drift, Periodic, by_direction, by_speed, reversal_sizes
+from ph_post.diagnose.splits import Window
+from ph_post.types import Array, Axis
+from ph_post.units import MM, MS
+
+UM: Final = 1e-3 * MM
+"""One micrometre in metres."""
+
+EQUAL: Final = 1.25
+"""Sizes within this factor are equal."""
+
+GROWS: Final = 0.3
+"""Power of the feed above which a size grows with it."""
+
+BOUND: Final = 0.8
+"""Correlation with the position above which a size goes with it."""
+
+
+def percent(share: float) -> str:
+    """Share in per cent."""
+    return f"{100.0 * share:.0f} %"
+
+
+def length(value: float) -> str:
+    """Size of an error, in µm."""
+    return f"{value / UM:.3g} µm"
+
+
+def place(value: float) -> str:
+    """Position, in mm."""
+    return f"{value / MM:.4g} mm"
+
+
+def velocity(value: float) -> str:
+    """Speed, in mm/s."""
+    return f"{value / MM:.3g} mm/s"
+
+
+def instant(value: float) -> str:
+    """Time, in s."""
+    return f"{value:.4g} s"
+
+
+def after_reversals(
+    by: str, name: str, window: Window, residual: Array, motion: Motion, noise: float
+) -> str:  # fmt: skip
+    """Say how much lies behind reversals, and whether direction, place and feed matter."""
+    within = f"{window.high / MS:.3g} ms" if by == "reversal" else f"{window.high / MM:.3g} mm of travel"
+    said = [
+        f"{percent(window.share)} of the excess lies within {within} after {name} reversals, "
+        f"{percent(window.chance)} of the samples"
+    ]
+    span = window.high if by == "reversal" else _time_within(motion, window.high)
+    return "; ".join([*said, *_reversal_details(span, residual, motion, noise)])
+
+
+def one_speed(value: float) -> str:
+    """Say that a residual is in proportion to the velocity."""
+    late = "behind" if value < 0.0 else "ahead of"
+    return f"is in proportion to the velocity: {abs(value) / MS:.3g} ms {late} the model"
+
+
+def two_speeds(plus: float, minus: float) -> str:
+    """Say that a residual is in proportion to the velocity, differently by direction."""
+    up, down = (f"{round(value / MS, 4):g} ms" for value in (plus, minus))
+    return f"is in proportion to the velocity, differently each way: {up} times it to plus, {down} to minus"
+
+
+def acceleration(value: float) -> str:
+    """Say that a residual is in proportion to the acceleration."""
+    return f"is in proportion to the acceleration: {value / UM:.3g} µm per m/s²"
+
+
+def proportion(name: str, slope: float) -> str:
+    """Say that a residual is in proportion to a position."""
+    return f"is in proportion to the position of {name}: {slope * MM / UM:.3g} µm per mm"
+
+
+def stretch(window: Window, word: str, unit: Callable[[float], str]) -> str:
+    """Say how much lies in a stretch, against the samples in it."""
+    return (
+        f"{percent(window.share)} of the excess lies {word} {unit(window.low)} to {unit(window.high)}, "
+        f"{percent(window.chance)} of the samples"
+    )
+
+
+def periodic(found: Periodic, ways: list[float], drive: Axis | None) -> str:
+    """Say that a residual comes again with the position, and whether the screw does too."""
+    said = [f"comes again every {place(found.period)} of travel, amplitude {length(found.amplitude)}"]
+    said += list(_turns(found.period, drive))
+    if all(math.isfinite(way) for way in ways):
+        said.append(_both_ways(ways[0], ways[1], "in both directions"))
+    return "; ".join(said)
+
+
+def drifts(found: Drift, lasts: float) -> str:
+    """Say that a residual changes slowly."""
+    return (
+        f"is a drift over time: {length(found.change)} from beginning to end ({lasts:.3g} s), half of it "
+        f"after {found.half:.3g} s"
+    )
+
+
+def rotation(share: float, chance: float, sides: tuple[float, float]) -> str:
+    """Say that a residual depends on which way round."""
+    word = "clockwise" if sides[0] > sides[1] else "counterclockwise"
+    return (
+        f"{percent(min(share, 1.0))} of the excess lies where the path runs {word}, {percent(chance)} of the "
+        f"samples: {length(sides[0])} rms clockwise, {length(sides[1])} counterclockwise"
+    )
+
+
+def _turns(period: float, drive: Axis | None) -> Iterator[str]:
+    """Yield how a period goes with the screw and the motor."""
+    if drive is None or drive.gap.travel_per_rad is None:
+        return
+    lead = 2.0 * math.pi * drive.gap.travel_per_rad
+    ratio = lead / period
+    if ratio > 0.5 and abs(ratio - round(ratio)) < 0.02 * ratio:
+        times = "once" if round(ratio) == 1 else f"{round(ratio)} times"
+        yield f"{times} a turn of the screw (lead {place(lead)})"
+
+
+def _time_within(motion: Motion, travel: float) -> float:
+    """Time by which most strokes have gone so far [s]."""
+    inside = motion.since[motion.travel < travel]
+    return float(np.quantile(inside, 0.9)) if inside.size else 0.0
+
+
+def _reversal_details(span: float, residual: Array, motion: Motion, noise: float) -> Iterator[str]:
+    """Yield whether the size behind reversals goes with direction, position and feed."""
+    counted = np.ones(residual.size, dtype=np.bool_)
+    ways = by_direction(residual, motion, span, counted)
+    if ways is not None:
+        yield _both_ways(_less(ways[0], noise), _less(ways[1], noise), "in both directions")
+    size, _, position, _ = reversal_sizes(residual, motion, span, counted)
+    if size.size >= 6 and np.ptp(position) > 0.0 and np.unique(np.round(position, 4)).size >= 4:
+        together = float(np.corrcoef(size, position)[0, 1]) if np.ptp(size) > 0.0 else 0.0
+        even = float(np.std(size)) < 0.2 * float(np.mean(size))
+        if even:
+            yield "independent of position"
+        elif abs(together) > BOUND:
+            yield f"{'growing' if together > 0.0 else 'falling'} with the position"
+    scaling = by_speed(residual, motion, span, counted)
+    if scaling.exponent is not None and scaling.feeds[-1] > 1.5 * scaling.feeds[0]:
+        same = abs(scaling.exponent) < GROWS
+        yield "the same at all feeds" if same else f"as the feed to the power {scaling.exponent:.2g}"
+
+
+def _less(size: float, noise: float) -> float:
+    """Size without the noise in it."""
+    return math.sqrt(max(size**2 - noise**2, 0.0))
+
+
+def _both_ways(plus: float, minus: float, words: str) -> str:
+    """Say whether two sizes are equal."""
+    low, high = sorted((plus, minus))
+    if high <= EQUAL * low:
+        return f"equal {words}"
+    more, less = ("plus", "minus") if plus > minus else ("minus", "plus")
+    return f"{length(high)} towards {more}, {length(low)} towards {less}"
