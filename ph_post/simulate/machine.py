@@ -42,7 +42,8 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
 
     Between rows the command is linear. An axis that moves at the first row starts on the path with the
     path's speed, engaged in the direction of its motion; one that rests there starts on the flank that
-    machine file or scenario say.
+    machine file or scenario say. What cuts does so by the path as it is commanded, rapids included: by how
+    much an axis is late makes no difference to that force.
 
     Parameters
     ----------

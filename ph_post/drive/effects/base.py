@@ -9,8 +9,7 @@ effects combine in the order of the file. Where two of a kind cannot both hold o
 
 What can be said in the constants of a plant (friction, viscous coefficients, loads, delays, cogging, a gap
 that differs from place to place, what is read of a table, ...) runs compiled, whoever wrote the effect. Any
-other force is a Python function that `apply` adds to the `forces` of
-the plant::
+other force is a Python function that `apply` adds to the `forces` of the plant::
 
     def drag(plant: Plant, values: Values) -> Plant:
         size, speed_of_size = values["size"], values["speed"]
