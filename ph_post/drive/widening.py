@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
-from ph_post.drive.plant import Plant
+from ph_post.drive.plant import Plant, Widening
 from ph_post.types import Array
 
 SETTLED: Final = 60
@@ -30,6 +31,13 @@ def gap_at(plant: Plant, table: Array) -> Array:
     off = (table - worn.centre) / worn.width
     wider = worn.slope * (table - worn.reference) + worn.bump * np.exp(-0.5 * off * off)
     return np.asarray(np.maximum(plant.gap + wider, 0.0))
+
+
+def widened(worn: Widening, factor: float) -> Widening | None:
+    """Multiply what a gap has from place to place; None where nothing is left of it."""
+    if factor == 0.0:
+        return None
+    return replace(worn, slope=worn.slope * factor, bump=worn.bump * factor)
 
 
 def table_behind(plant: Plant, motor: Array, flank: int) -> Array:

@@ -24,9 +24,6 @@ FINE: Final = 5
 FORCED: Final = 3
 """Halvings of a sample while forces of the state act: they are taken as linear over each part."""
 
-SETTLED: Final = 60
-"""Most rounds in which the table is found behind a gap that changes by less than it travels."""
-
 MOST_CHANGES: Final = 100
 """Changes of mode within one sample after which the rest of it is run without guards, and said to chatter."""
 
@@ -35,6 +32,9 @@ CHATTERS: Final = -1
 
 BEND: Final = 4.0 / 27.0
 """Largest value on [0, 1] of the cubic with slope 1 at one end, and else 0 there and at the other."""
+
+SETTLED: Final = 60
+"""Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.widening`."""
 
 STATES: Final = 5
 WIDTH: Final = 13

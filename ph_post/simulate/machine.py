@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
 from ph_post.drive.effects import plant_of
+from ph_post.drive.following import delayed
 from ph_post.drive.plant import Plant, force_on
 from ph_post.drive.reading import TRUE, read_table
 from ph_post.drive.widening import gap_at, table_behind
@@ -41,7 +42,8 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
 
     Between rows the command is linear. An axis that moves at the first row starts on the path with the
     path's speed, engaged in the direction of its motion; one that rests there starts on the flank that
-    machine file or scenario say.
+    machine file or scenario say. What cuts does so by the path as it is commanded, rapids included: by how
+    much an axis is late makes no difference to that force.
 
     Parameters
     ----------
@@ -125,7 +127,7 @@ def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Ar
     """
     linear = replace(plant, forces=(), cutting=(), reading=TRUE)
     automaton = build_automaton(linear)
-    command = _delayed(trace.position, plant.command_delay / period)
+    command = delayed(trace.position, plant.command_delay / period)
     z, first = _start(trace, plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
     force = NO_FORCE if trace.force is None else np.ascontiguousarray(trace.force)
@@ -137,15 +139,7 @@ def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Ar
         modes = modes._replace(plain=modes.plain and not force.size, level=level_for(linear, command))
         _, instants, log = kernel.advance(command, period, z, first, modes, force, table, motor)
     changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
-    return _delayed(table, plant.reading_delay / period), motor, changes
-
-
-def _delayed(values: Array, samples: float) -> Array:
-    """Values as they were so many samples before, linear in between; before the first there is the first."""
-    if samples == 0.0:
-        return values
-    rows = np.arange(values.size, dtype=np.float64)
-    return np.interp(rows - samples, rows, values)
+    return delayed(table, plant.reading_delay / period), motor, changes
 
 
 def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tuple[Array, int]:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from support.engine_cases import (
     Case,
@@ -115,3 +116,19 @@ def test_samples_are_cut_as_the_waves_need() -> None:
     assert level(COGGING, FINE, travel=0.8e-3 / math.tau * 0.15) == 1
     assert level(COGGING, travel=1.0) == kernel.FINE
     assert modes_of(plant_of(make_axis("load", **SOFT), Scenario()), PERIOD).plain
+
+
+@pytest.mark.parametrize("feedback", ["load", "motor"])
+def test_in_the_slow_engine(feedback: Feedback) -> None:
+    """With a Python function that adds nothing."""
+    plant = plant_of(make_axis(feedback, **SOFT, effects=[COGGING]), Scenario())
+    slow = replace(plant, forces=(lambda t, x, v, way: 0.0,))
+    ours, theirs = (run_plant(Trace(WAVES, 0.0, 0.0), one, 1, PERIOD) for one in (plant, slow))
+    assert theirs[0] == pytest.approx(ours[0], abs=1e-9)
+    assert theirs[1] == pytest.approx(ours[1], abs=1e-9)
+
+
+def test_an_integrator_begins_with_what_holds_the_motor() -> None:
+    """At rest on the flank of a wave it stays there."""
+    found = run(COGGING, command=np.full(51, 0.003), gap=0.0, ki=2.0)
+    assert found.executed == pytest.approx(np.full((51, 1), 0.003), abs=1e-15)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from support.engine_cases import (
     Case,
@@ -20,7 +21,7 @@ from ph_post.drive.effects import plant_of
 from ph_post.drive.plant import Plant, Widening
 from ph_post.drive.widening import gap_at, table_behind
 from ph_post.simulate.assess import scenarios
-from ph_post.simulate.machine import simulate
+from ph_post.simulate.machine import Trace, run_plant, simulate
 from ph_post.types import EffectSetting, Feedback, Run, Scenario
 
 PERIOD = 2e-3
@@ -168,9 +169,47 @@ def test_the_gap_by_hand() -> None:
 
 def test_an_axis_whose_gap_is_a_bump_begins_on_either_flank() -> None:
     """Both are tried where the file does not say which."""
-    from msgspec.structs import replace
-
     axis = make_axis("motor", **{**SOFT, "gap": 0.0}, effects=[worn(bump=0.3)])
     axis = replace(axis, gap=replace(axis.gap, initial_flank="unknown"))
     flanks = {one.flank for one in scenarios(make_machine([axis], PERIOD), ("X",))}
     assert flanks == {"+", "-"}
+
+
+@pytest.mark.parametrize("feedback", ["load", "motor"])
+def test_a_scenario_multiplies_all_of_the_gap(feedback: Feedback) -> None:
+    axis = make_axis(feedback, **SOFT, effects=[BOTH])
+    command, machine = make_command(WAVES[:, None], PERIOD), make_machine([axis], PERIOD)
+    larger = plant_of(axis, Scenario(gap=1.5))
+    places = np.linspace(-0.02, 0.02, 41)
+    assert gap_at(larger, places) == pytest.approx(
+        1.5 * gap_at(plant_of(axis, Scenario()), places), abs=1e-18
+    )
+    none = simulate(command, machine, Scenario(gap=0.0))
+    assert np.array_equal(none.executed, run(feedback=feedback, gap=0.0).executed)
+
+
+def test_an_ideal_stepper_with_a_worn_screw() -> None:
+    """Its motor is where the command is, and the table behind it (b = c = 0)."""
+    axis = make_axis("none", 0.0, 0.0, 4e-4, effects=[BOTH])
+    ours = simulate(make_command(WAVES[:, None], PERIOD), make_machine([axis], PERIOD))
+    plant, x, expected = (
+        plant_of(axis, Scenario()),
+        float(table_behind(plant_of(axis, Scenario()), 0.0, 1)),
+        [],
+    )
+    for m in WAVES:
+        half = 0.5 * float(gap_at(plant, x))
+        if not x - half <= m <= x + half:
+            x = float(table_behind(plant, m, 1 if m > x else -1))
+        expected.append(x)
+    assert ours.executed[:, 0] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("feedback", ["load", "motor"])
+def test_in_the_slow_engine(feedback: Feedback) -> None:
+    """With a Python function that adds nothing."""
+    plant = plant_of(make_axis(feedback, **SOFT, effects=[BOTH]), Scenario())
+    slow = replace(plant, forces=(lambda t, x, v, way: 0.0,))
+    ours, theirs = (run_plant(Trace(WAVES, 0.0, 0.0), one, 1, PERIOD) for one in (plant, slow))
+    assert theirs[0] == pytest.approx(ours[0], abs=1e-12)
+    assert theirs[1] == pytest.approx(ours[1], abs=1e-12)
