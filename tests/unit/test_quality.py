@@ -236,6 +236,32 @@ def test_a_drive_that_is_slower_than_its_file_is_not_late() -> None:
     assert channel.shift in {0.0, None}
 
 
+def test_where_a_delay_looks_like_something_else_none_is_told() -> None:
+    """One sine tells no delay from a slow drive, one speed none from an offset."""
+    t = PERIOD * np.arange(20_000)
+    for command in (0.005 * np.sin(19.0 * t), 0.01 * t):
+        late = np.interp(t - 2e-3, t, servo(command)) + white(t.size, 0.2 * UM)
+        (channel,) = examine(record(command, late), machine()).channels
+        assert channel.shift is None
+
+
+@pytest.mark.parametrize("side", ["friction", "play"])
+def test_friction_and_play_are_no_delay(side: str) -> None:
+    t = PERIOD * np.arange(20_000)
+    triangle = 0.02 * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * t / 4.7773))
+    command = np.asarray(signal.lfilter(np.ones(60) / 60.0, [1.0], triangle), dtype=np.float64)
+    if side == "friction":
+        reading = servo(command - 15.0 * UM * np.sign(np.gradient(command)))
+    else:
+        table = servo(command)
+        reading, flank = np.empty(t.size), 0.0
+        for row, place in enumerate(table):
+            flank = min(max(flank, place - 15.0 * UM), place + 15.0 * UM)
+            reading[row] = flank
+    (channel,) = examine(record(command, reading + white(t.size, 0.2 * UM)), machine()).channels
+    assert channel.shift in {0.0, None}
+
+
 def test_missing_samples_are_counted_and_harmless() -> None:
     command = sweeps(20.0)
     reading = servo(command) + white(command.size, 0.2 * UM)
