@@ -19,6 +19,7 @@ from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Quality
 from ph_post.diagnose.repeats import find_repeats
 from ph_post.diagnose.response import linear_response
+from ph_post.diagnose.where import locate
 from ph_post.types import AxisLog, Log, Machine, Servo
 
 Array = NDArray[np.float64]
@@ -319,6 +320,25 @@ def test_a_coarse_grid_shows_what_is_larger_than_it() -> None:
     assert faults(record(command, fine)) == ()
     away = 0.1 * MM * np.round(servo(command - 0.3 * MM * np.sign(np.gradient(command))) / (0.1 * MM))
     assert faults(record(command, away)) == ()
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, 40, 300])
+@pytest.mark.parametrize("steps", [0.0, 1e-5])
+def test_short_empty_and_broken_records_trip_nothing(n: int, steps: float) -> None:
+    rng = np.random.default_rng(n)
+    command = steps * np.arange(n)
+    holes = np.where(rng.random(n) < 0.5, np.nan, command)
+    drives = (machine(), make_machine([make_axis("none", 0.0, 0.0, 0.0)], PERIOD), machine("Z"))
+    for reading in (None, command, np.full(n, np.nan), command + white(n, UM), holes):
+        for drive in drives:
+            log = record(command, reading)
+            quality = examine(log, drive)
+            assert all(np.isfinite(channel.noise) for channel in quality.channels)
+            assert 0 <= quality.first <= n // 5
+            residual = np.zeros(n) if reading is None else reading
+            for noise in (0.0, UM):
+                found = locate(log, "X", residual, np.ones(n, dtype=np.bool_), noise, drive)
+                assert all(math.isfinite(place.value) for place in found)
 
 
 @pytest.mark.skipif(EMPS is None, reason="the measured record lies in ../shared/data/emps, which is not here")
