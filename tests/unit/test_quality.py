@@ -19,6 +19,7 @@ from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Quality
 from ph_post.diagnose.repeats import find_repeats
 from ph_post.diagnose.response import linear_response
+from ph_post.diagnose.structure import is_structured
 from ph_post.diagnose.where import locate
 from ph_post.types import AxisLog, Log, Machine, Servo
 
@@ -128,6 +129,22 @@ def test_a_grid_counts_to_the_noise() -> None:
     resolution, noise, _ = only(examine(record(command, values), machine()))
     assert resolution == pytest.approx(5.0 * UM)
     assert noise == pytest.approx(5.0 * UM / math.sqrt(12.0), rel=0.15)
+
+
+@pytest.mark.parametrize("quantum", [1.0, 5.0, 20.0])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("cycle", [4.0, 3.3337])
+def test_rounding_that_repeats_with_the_motion_is_noise_all_the_same(
+    quantum: float, noise: float, cycle: float
+) -> None:
+    """What a true model leaves of such a record is no structure."""
+    command = 0.02 * np.sin(2.0 * np.pi * PERIOD * np.arange(20_000) / cycle)
+    true = servo(command)
+    reading = quantum * UM * np.round((true + white(true.size, noise * quantum * UM)) / (quantum * UM))
+    quality = examine(record(command, reading), machine())
+    assert quality.channels[0].noise_from == "repeats"
+    counted = np.arange(true.size) >= quality.first
+    assert not is_structured(reading - true, counted, quality.channels[0].noise)[0]
 
 
 @pytest.mark.parametrize("cycle", [4.0, 2.0 * math.pi / 1.37])
