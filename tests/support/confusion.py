@@ -5,6 +5,7 @@ Run from the project's root: ``python -m tests.support.confusion --help``.
 
 from __future__ import annotations
 
+import json
 import time
 import traceback
 from collections.abc import Iterable, Iterator
@@ -14,7 +15,10 @@ from typing import Any
 
 import click
 
+from tests.support.plants.cases import Case
 from tests.support.plants.draw import CHANNEL_SETS
+from tests.support.plants.ranks import tell_apart
+from tests.support.plants.score import Result, answered, judge, summary
 from tests.support.plants.sizes import LEADING
 from tests.support.plants.trials import LOOPS, Trial, nothings, outsiders, pairs, singles
 
@@ -83,6 +87,92 @@ def draw(cache: Path, jobs: int, **which: Any) -> None:
     begun = time.monotonic()
     for count, (trial, wrong) in enumerate(each(draw_one, trials, jobs, cache), 1):
         click.echo(f"{count}/{len(trials)} {time.monotonic() - begun:.0f} s {trial.key} {wrong}")
+
+
+def judge_one(trial: Trial, folder: Path, ranked: bool) -> Result:
+    """Diagnose a case; an error is a result too."""
+    try:
+        case = trial.case(folder)
+        result = judge(trial, case)
+        if ranked and trial.kind in ("single", "pair"):
+            result["apart"] = rank(trial, case, folder)
+    except Exception:
+        return {
+            "key": trial.key, "kind": trial.kind, "effects": list(trial.effects), "seed": trial.seed,
+            "channels": "+".join(trial.channels), "feedback": trial.feedback, "truths": [], "apart": {},
+            "findings": [], "error": traceback.format_exc(),
+        }  # fmt: skip
+    return result
+
+
+def rank(trial: Trial, case: Case, folder: Path) -> dict[str, dict[str, float]]:
+    """The rank test's numbers, kept beside the case."""
+    kept = folder / f"{trial.key}.rank.json"
+    if kept.exists():
+        return dict(json.loads(kept.read_text()))
+    found = tell_apart(case)
+    beside = kept.with_suffix(".part")
+    beside.write_text(json.dumps(found))
+    beside.replace(kept)
+    return found
+
+
+def rank_one(trial: Trial, folder: Path) -> str:
+    try:
+        rank(trial, trial.case(folder), folder)
+    except Exception:
+        return f"{trial.key}: {traceback.format_exc()}"
+    return ""
+
+
+@main.command("rank")
+@_listing
+def rank_all(cache: Path, jobs: int, **which: Any) -> None:
+    """Run the rank test alone, and keep its numbers in the cache."""
+    for count, (trial, wrong) in enumerate(each(rank_one, _trials(**which), jobs, cache), 1):
+        click.echo(f"{count} {trial.key} {wrong}")
+
+
+def read_results(path: Path) -> dict[str, Result]:
+    """Results by key; the last of a key counts."""
+    if not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
+    return {result["key"]: result for result in lines}
+
+
+@main.command()
+@_listing
+@click.option("-o", "--out", type=click.Path(path_type=Path), required=True, help="Results, JSON lines.")
+@click.option("--rank/--no-rank", "ranked", default=True, help="Ask the rank test about each case too.")
+@click.option("--again", is_flag=True, help="Also what the results hold already.")
+def run(cache: Path, jobs: int, out: Path, ranked: bool, again: bool, **which: Any) -> None:
+    """Diagnose cases and add to the results; what is there already is left alone."""
+    known = {} if again else read_results(out)
+    trials = [trial for trial in _trials(**which) if trial.key not in known or "error" in known[trial.key]]
+    begun = time.monotonic()
+    with out.open("a") as results:
+        for count, (trial, result) in enumerate(each(judge_one, trials, jobs, cache, ranked), 1):
+            results.write(json.dumps(result) + "\n")
+            results.flush()
+            said = [f"{found['name']}:{found['axis']}" for found in result["findings"]]
+            seconds = time.monotonic() - begun
+            word = answered(result)
+            click.echo(f"{count}/{len(trials)} {seconds:.0f} s {trial.key}: {word} {' '.join(said)}")
+    click.echo(summary(read_results(out).values()))
+
+
+@main.command()
+@click.argument("results", type=click.Path(path_type=Path, exists=True))
+@click.option("--cache", type=click.Path(path_type=Path), help="Take the rank test's numbers from here.")
+def tell(results: Path, cache: Path | None) -> None:
+    """Print the tables of results."""
+    known = read_results(results)
+    for key, result in known.items():
+        kept = None if cache is None else cache / f"{key}.rank.json"
+        if kept is not None and kept.exists():
+            result["apart"] = json.loads(kept.read_text())
+    click.echo(summary(known.values()))
 
 
 if __name__ == "__main__":
