@@ -39,12 +39,6 @@ SHARE_SHOWN: Final = 0.05
 JITTER: Final = 1e-3
 """Jitter below this part of the period is not told on the terminal."""
 
-_PLACE_UNITS: Final = {
-    "reversal": ("s", 1.0), "time": ("s", 1.0), "travel": ("mm", MM), "position": ("mm", MM),
-    "period": ("mm", MM),
-}  # fmt: skip
-"""What the value of a place is told in; ratios have no unit."""
-
 
 def effort_units(log: Log) -> dict[str, str]:
     """Return the units of a log's force or current channels, by axis."""
@@ -114,13 +108,12 @@ def _experiment_view(one: Experiment) -> dict[str, Any]:
 
 
 def _place_view(place: Place) -> dict[str, Any]:
-    unit, size = _PLACE_UNITS.get(place.by, ("1", 1.0))
+    """Tell a place; what its value is depends on the split, and the sentence tells it in the shop's units."""
     return {
         "axis": place.axis,
         "by": place.by,
         "share": _finite(place.share),
-        "value": _finite(place.value, size),
-        "unit": unit,
+        "value_si": _finite(place.value),
         "sentence": place.sentence,
     }
 
