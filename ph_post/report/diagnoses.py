@@ -82,7 +82,7 @@ def _finding_view(found: Finding) -> dict[str, Any]:
     return {
         "name": found.name,
         "axis": found.axis,
-        "parameters": {name: _estimate_view(one) for name, one in found.parameters.items()},
+        "parameters": {name: estimate_view(one) for name, one in found.parameters.items()},
         "where": found.where,
         "confidence": _finite(found.confidence),
         "ambiguous_with": list(found.ambiguous_with),
@@ -90,7 +90,8 @@ def _finding_view(found: Finding) -> dict[str, Any]:
     }
 
 
-def _estimate_view(one: Estimate) -> dict[str, Any]:
+def estimate_view(one: Estimate) -> dict[str, Any]:
+    """Return a value with its standard error and unit; what is not known is None."""
     stderr = None if one.stderr is None else _finite(one.stderr)
     return {"value": _finite(one.value), "stderr": stderr, "unit": one.unit}
 
