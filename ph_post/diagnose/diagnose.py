@@ -19,7 +19,7 @@ from ph_post.diagnose.fit import base_model, left_of
 from ph_post.diagnose.model import Problem, problem_of
 from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Channel, Diagnosis, Finding, GapStep, Quality, Trail, Verdict
-from ph_post.diagnose.select import choose
+from ph_post.diagnose.select import choose, has_structure
 from ph_post.types import Array, BoolArray, Log, Machine
 
 FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
@@ -166,9 +166,8 @@ def _verdict(
         if much and left > (1.0 - EXPLAINED) * excess:
             return "unknown"
         return "ambiguous" if any(one.ambiguous_with for one in findings) else "named"
-    refitted = [_position_squares(one, one.fitted.left, one.choice.problem.held) for one in outcomes]
-    rms = float(np.sqrt(sum(one for one, _ in refitted) / max(sum(n for _, n in refitted), 1)))
-    return "unknown" if rms > 1.3 * noise else "nothing-missing"
+    structured = any(has_structure(one.choice.problem, one.fitted) for one in outcomes)
+    return "unknown" if structured else "nothing-missing"
 
 
 def _trails(outcomes: Sequence[Outcome], verdict: Verdict) -> tuple[Trail, ...]:

@@ -30,6 +30,7 @@ from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.record import Channel
+from ph_post.diagnose.structure import is_structured
 from ph_post.types import Array
 
 PRICE: Final = 3.0
@@ -58,6 +59,9 @@ CLEAN: Final = 1.02
 
 MOST: Final = 4
 """Effects that are looked for on one axis."""
+
+FIRST_LOOK: Final = 5
+"""Steps of a fit from each start; only the better one goes on."""
 
 CLOSEST: Final = 6
 """Hypotheses that are fitted in a round, besides those that promise nearly as much as the best."""
@@ -199,12 +203,29 @@ def score_over(problem: Problem, ground: Fitted, fitted: Fitted, worth: float | 
     return gain_over(problem, ground, fitted) / worth - PRICE * max(more, 1)
 
 
-def try_all(problem: Problem, ground: Fitted, taken: Sequence[str] = ()) -> list[Scored]:
-    """Fit every hypothesis that promises something on top of a model, best first."""
+class Search:
+    """The hypotheses that were tried on top of fitted models of one axis, each once."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.known: dict[int, tuple[Fitted, list[tuple[Hypothesis, Fitted]]]] = {}
+
+    def tried(self, ground: Fitted) -> list[tuple[Hypothesis, Fitted]]:
+        """Fit every hypothesis that promises something on top of a model."""
+        if id(ground) not in self.known:
+            self.known[id(ground)] = (ground, _try_all(self.problem, ground))
+        return self.known[id(ground)][1]
+
+    def ranked(self, ground: Fitted) -> list[Scored]:
+        """Return those, best first."""
+        return rank(self.problem, ground, self.tried(ground))
+
+
+def _try_all(problem: Problem, ground: Fitted) -> list[tuple[Hypothesis, Fitted]]:
     base = ground_of(problem, ground)
     seeds = []
     for hypothesis in hypotheses(problem):
-        if hypothesis.name in taken or not _joins(ground.model, hypothesis):
+        if not _joins(ground.model, hypothesis):
             continue
         found = seed(base, hypothesis)
         if found and found[0][0] > 0.0:
@@ -220,7 +241,7 @@ def try_all(problem: Problem, ground: Fitted, taken: Sequence[str] = ()) -> list
     # What contains another is only worth its time where the other leaves something.
     if not any(at_floor(problem, fitted, CLEAN) for _, fitted in tried):
         tried += [_fit_from(problem, ground, *one) for one in close if one[0].within]
-    return rank(problem, ground, tried)
+    return tried
 
 
 def _joins(model: Model, hypothesis: Hypothesis) -> bool:
@@ -251,13 +272,20 @@ def _fit_from(
     problem: Problem, ground: Fitted, hypothesis: Hypothesis, seeds: Sequence[tuple[float, Numbers]]
 ) -> tuple[Hypothesis, Fitted]:
     """Fit one hypothesis from its two best starts."""
-    best: Fitted | None = None
-    for _, numbers in seeds[:2]:
-        fitted = fit_model(problem, with_part(ground.model, hypothesis, numbers), problem.fit, rounds=1)
-        if best is None or nats(problem, fitted.left, problem.fit) > nats(problem, best.left, problem.fit):
-            best = fitted
-    assert best is not None
+    fits = [
+        fit_model(problem, with_part(ground.model, hypothesis, numbers), problem.fit, 1, FIRST_LOOK)
+        for _, numbers in seeds[:2]
+    ]
+    best = max(fits, key=lambda one: nats(problem, one.left, problem.fit))
     return hypothesis, fit_model(problem, best.model, problem.fit, rounds=1)
+
+
+def has_structure(problem: Problem, fitted: Fitted) -> bool:
+    """Whether what a model leaves of any channel is more than noise."""
+    return any(
+        is_structured(fitted.left[one.channel], problem.counted & one.ok, one.noise)[0]
+        for one in problem.observed
+    )
 
 
 def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
@@ -275,19 +303,38 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
     name = problem.axis.name
     base = fit_model(problem, base_model(problem), problem.fit)
+    search = Search(problem)
     stages, scores = [base], [0.0]
-    ranking: list[Scored] = []
-    while len(stages) <= MOST:
+    while len(stages) <= MOST and has_structure(problem, stages[-1]):
         stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
-        ranking = try_all(problem, stages[-1])
-        worthy = [one for one in ranking if one.score > EARNS and explains(problem, stages[-1], one.fitted)]
+        worthy = [
+            one
+            for one in search.ranked(stages[-1])
+            if one.score > EARNS and explains(problem, stages[-1], one.fitted)
+        ]
         if not worthy:
             break
         stages, scores = _settle(problem, [*stages, worthy[0].fitted], [*scores, worthy[0].score])
     stage(f"axis {name}: comparing names")
-    stages, scores, standings = _exchange(problem, stages, scores)
+    stages, scores, standings = _exchange(search, stages, scores)
     stages = _anchored(problem, stages)
     return Choice(problem=problem, stages=tuple(stages), scores=tuple(scores), standings=standings)
+
+
+def _anchored(problem: Problem, stages: list[Fitted]) -> list[Fitted]:
+    """Hold the origin of the readings where a load explains what a shifted one would.
+
+    A load shifts the positions and the effort, an origin the positions alone; if both can be said without a
+    shift, the file's origin was right, and the way there is told with it.
+    """
+    last = stages[-1]
+    if all(part.hypothesis.name != "load_offset" for part in last.model.parts):
+        return stages
+    held = fit_model(problem, replace(last.model, origin_free=False), problem.fit)
+    if gain_over(problem, last, held) / worth_of(problem, last) < -EQUAL:
+        return stages
+    base = fit_model(problem, replace(stages[0].model, origin_free=False), problem.fit)
+    return _restage(problem, held, base)[0]
 
 
 def _settle(problem: Problem, stages: list[Fitted], scores: list[float]) -> tuple[list[Fitted], list[float]]:
@@ -312,13 +359,14 @@ def _restage(problem: Problem, last: Fitted, base: Fitted) -> tuple[list[Fitted]
 
 
 def _exchange(
-    problem: Problem, stages: list[Fitted], scores: list[float]
+    search: Search, stages: list[Fitted], scores: list[float]
 ) -> tuple[list[Fitted], list[float], tuple[Standing, ...]]:
     """Try every other name in the place of each part, and keep what is better; list what is as good."""
+    problem = search.problem
     standings: list[Standing] = []
     for _ in range(3):
         last = stages[-1]
-        standings = [_stand(problem, stages, number) for number in range(len(last.model.parts))]
+        standings = [_stand(search, stages, number) for number in range(len(last.model.parts))]
         better = next((one.better for one in standings if one.better is not None), None)
         if better is None:
             break
@@ -327,16 +375,16 @@ def _exchange(
     return stages, scores, tuple(standings)
 
 
-def _stand(problem: Problem, stages: list[Fitted], number: int) -> Standing:
+def _stand(search: Search, stages: list[Fitted], number: int) -> Standing:
     """Hold one part of the last model against every other name."""
-    last = stages[-1]
+    problem, last = search.problem, stages[-1]
     part = last.model.parts[number]
     alone = len(last.model.parts) == 1
     less = stages[0] if alone else fit_model(problem, without_part(last.model, number), problem.fit)
     others = [
-        (one.hypothesis, one.fitted)
-        for one in try_all(problem, less)
-        if one.hypothesis.label != part.hypothesis.label and explains(problem, less, one.fitted)
+        one
+        for one in search.tried(less)
+        if one[0].label != part.hypothesis.label and explains(problem, less, one[1])
     ]
     ranking = rank(problem, less, [(part.hypothesis, last), *others])
     mine = next(one.score for one in ranking if one.fitted is last)
