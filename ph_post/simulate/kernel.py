@@ -256,14 +256,16 @@ def _set_force(
     along the line with the mean and the first moment of the parabola through its values at both ends and in
     the middle.
     """
+    waved, first = waves.shape[0] > 0, 0.0
     y[_G] = stribeck(y[moving], direction, static, scale) + y[_F]
     y[_G_DOT] = 0.0
-    first = cogging(y[_M], waves)
-    y[_Q], y[_Q_DOT] = first, 0.0
+    if waved:
+        first = cogging(y[_M], waves)
+        y[_Q], y[_Q_DOT] = first, 0.0
     _step(step, y, length, trial, False)
     last = stribeck(trial[moving], direction, static, scale) + trial[_F]
     y[_G_DOT] = (last - y[_G]) / length
-    if waves.shape[0] > 0:
+    if waved:
         middle = cogging(0.5 * (y[_M] + trial[_M]) + 0.125 * length * (y[_W] - trial[_W]), waves)
         last = cogging(trial[_M], waves)
         y[_Q] = (first + 4.0 * middle + last) / 6.0 - 0.5 * (last - first)
