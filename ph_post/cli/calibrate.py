@@ -43,7 +43,7 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
 )  # fmt: skip
 @click.option(
     "--travel", callback=_numbers, metavar="MM",
-    help="Room from end to end, the middle in its middle: one number, or one an axis. [100]",
+    help="Room around it from end to end: one number, or one an axis. [100]",
 )  # fmt: skip
 @click.option("--radius", type=float, metavar="MM", help="Of the circles. [0.3 of the smallest travel]")
 @click.option(

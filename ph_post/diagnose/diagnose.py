@@ -129,8 +129,7 @@ def _position_squares(outcome: Outcome, left: Mapping[Channel, Array], use: Bool
 
 def _steps(outcomes: Sequence[Outcome]) -> tuple[GapStep, ...]:
     """Pool the gap over the axes: the file as it is, then one effect after the other."""
-    problems = [outcome.choice.problem for outcome in outcomes]
-    at: list[Mapping[Channel, Array]] = [left_of(problem, base_model(problem)) for problem in problems]
+    at: list[Mapping[Channel, Array]] = [_as_it_is(outcome) for outcome in outcomes]
     steps = [_step(None, outcomes, at)]
     for number, outcome in enumerate(outcomes):
         for count, part in enumerate(outcome.choice.fitted.model.parts, 1):
@@ -138,6 +137,12 @@ def _steps(outcomes: Sequence[Outcome]) -> tuple[GapStep, ...]:
             label = f"{part.hypothesis.name}:{outcome.choice.problem.axis.name}"
             steps.append(_step(label, outcomes, at))
     return tuple(steps)
+
+
+def _as_it_is(outcome: Outcome) -> dict[Channel, Array]:
+    """Residuals of the file as it is; its origin is held where the final model's is."""
+    problem, final = outcome.choice.problem, outcome.fitted.model
+    return left_of(problem, replace(base_model(problem), origin_free=final.origin_free))
 
 
 def _step(added: str | None, outcomes: Sequence[Outcome], at: Sequence[Mapping[Channel, Array]]) -> GapStep:
@@ -170,7 +175,7 @@ def _trails(outcomes: Sequence[Outcome], verdict: Verdict) -> tuple[Trail, ...]:
     trails = []
     for outcome in outcomes:
         problem: Problem = outcome.choice.problem
-        before = left_of(problem, base_model(problem))
+        before = _as_it_is(outcome)
         after = before if verdict == "unknown" else outcome.fitted.left
         trails += [
             Trail(

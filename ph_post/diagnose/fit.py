@@ -98,7 +98,7 @@ def base_model(problem: Problem) -> Model:
     if plant.gap > 0.0:
         fields += ["gap", "eta", "beta"] if plant.feedback == "load" else ["gap"]
     priors = tuple(Prior(field=field) for field in fields if getattr(plant, field) > 0.0)
-    return Model(priors=priors, off=(0.0,) * len(priors), origin_free=problem.origin_free)
+    return Model(priors=priors, off=(0.0,) * len(priors))
 
 
 def mean_square(values: Array, use: BoolArray) -> float:

@@ -63,7 +63,7 @@ def _remarks(ground: Ground, name: str, why: str, draft: Draft) -> list[str]:
     speed = min(APPROACH, 0.25 * ground.top(*ground.axes)) / MM_PER_MIN
     return [
         f"ph-post test program {name} for {ground.machine.name}, about {draft.seconds:.0f} s",
-        why,
+        why.replace(";", ","),  # which ends a line to some controllers
         f"THE TOOL MUST BE CLEAR of everything: moves {room} mm{still}",
         f"go to {middle} by hand first: the program begins with a straight move to there at {speed:g} mm/min,"
         " and ends there",

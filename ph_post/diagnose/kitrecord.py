@@ -82,10 +82,11 @@ def halsampler_lines(
     pins = _pins(machine, axes, gauge)
     depth, rows = (round(span / machine.servo_period) for span in (STORE, seconds + MARGIN))
     return [
+        "halcmd unloadrt sampler || true",
         f"halcmd loadrt sampler depth={depth} cfg={'f' * len(pins)}",
         "halcmd addf sampler.0 servo-thread",
         *(
-            f"halcmd net kit-{column.lower().replace('_', '-')} {pin} => sampler.0.pin.{k}"
+            f"halcmd net {_signal(column, pin)} {pin} sampler.0.pin.{k}"
             for k, (column, pin) in enumerate(pins)
         ),
         f"halsampler -t -n {rows} {name}.txt",
@@ -93,6 +94,12 @@ def halsampler_lines(
         # The sample's number is the first column.
         READ_WITH + " ".join(f"--column {column}={k}:mm" for k, (column, _) in enumerate(pins, 2)),
     ]
+
+
+def _signal(column: str, pin: str) -> str:
+    """Name a signal of HAL: one that has a writer already can take no other."""
+    side = "gauge" if "GAUGE" in pin else column[2:]
+    return f"kit-{column[0].lower()}-{side}"
 
 
 def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:

@@ -16,11 +16,15 @@ from ph_post.diagnose.record import Channel, Quality
 from ph_post.drive.effects import plant_of
 from ph_post.drive.plant import Plant
 from ph_post.drive.reading import read_table
+from ph_post.simulate.cutting import cutting_force
 from ph_post.simulate.machine import AS_IT_IS, Trace, first_flank, run_plant
 from ph_post.types import Array, Axis, BoolArray, Log
 
 BLOCKS: Final = 32
 """Blocks that a record is cut into; by turns they are fitted and held out."""
+
+LOST: Final = 10.0
+"""Positions [m] and speeds beyond which a plant that is tried has run away."""
 
 MOVES: Final = 1e-5
 """An axis whose command spans less than this [m] does not move."""
@@ -43,7 +47,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
     of which this axis' is column `number`. `fit` and `held` mark the samples that are fitted and held out.
-    `side` is that of the table's readings. `origin_free` says that the origin of the readings tells nothing.
+    `side` is that of the table's readings.
     """
 
     axis: Axis
@@ -58,7 +62,6 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fit: BoolArray
     held: BoolArray
     side: str = "table"
-    origin_free: bool = True
 
     @property
     def counted(self) -> BoolArray:
@@ -99,7 +102,6 @@ def problem_of(log: Log, name: str, axis: Axis, quality: Quality) -> Problem | N
         others={one: log.axes[one].command for one in names if one != name},
         velocity=np.gradient(commands, log.period, axis=0), number=names.index(name),
         observed=observed, fit=fit, held=held, side=record.side,
-        origin_free=record.effort is None,
     )  # fmt: skip
 
 
@@ -123,7 +125,9 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
     command = problem.command
     speed = float(np.median(problem.speed[:3]))
     speed = speed if abs(speed) * problem.period > 1e-9 else 0.0
-    trace = Trace(command, float(command[0]), speed, 0.0)
+    trace = Trace(command, float(command[0]), speed)
+    if plant.cutting:
+        trace = trace._replace(force=cutting_force(plant, problem.velocity, problem.number))
     flank = first_flank(problem.axis, AS_IT_IS)
     table, motor, _ = run_plant(trace, plant, flank, problem.period)
     found: dict[Channel, Array] = {}
@@ -144,7 +148,10 @@ def residuals(problem: Problem, plant: Plant, origin_free: bool) -> dict[Channel
 
     The origin of a position, where that is free, and the two gains of the effort are those that fit best.
     """
-    predicted = predict(problem, plant)
+    predicted = {
+        channel: np.nan_to_num(np.clip(values, -LOST, LOST), nan=LOST)
+        for channel, values in predict(problem, plant).items()
+    }
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         use = problem.fit & one.ok

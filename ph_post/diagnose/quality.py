@@ -26,6 +26,13 @@ LARGEST_START: Final = 0.2
 COARSE: Final = 0.02 * MM
 """Quantum above which a reading may be too coarse to show anything [m]."""
 
+GRID: Final = 1.1 / math.sqrt(12.0)
+"""Least noise of a reading on a grid, by its quantum: that of even rounding and a tenth more.
+
+The error of rounding repeats with the motion, so that repeats do not see all of it, and it is not even where
+the motion keeps step with the grid.
+"""
+
 ROUNDING: Final = {"act": 1e-6 * MM, "motor": 1e-6 * MM, "force": 1e-6}
 """Last decimal that files usually have, by channel [m, or the effort's unit]."""
 
@@ -152,7 +159,7 @@ def _channel(
     quantum = visible_quantum(quantum, max(size, fast))
     return ChannelQuality(
         axis=reading.axis, channel=reading.channel, resolution=quantum,
-        noise=max(size, quantum / math.sqrt(12.0)), noise_from=source,
+        noise=max(size, GRID * quantum), noise_from=source,
         missing=int(np.count_nonzero(np.isnan(values))),
         shift=find_shift(log, machine, reading.axis, values, first) if position else None,
     )  # fmt: skip

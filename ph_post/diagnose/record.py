@@ -57,8 +57,9 @@ class Quality(msgspec.Struct, frozen=True, kw_only=True):
 class Place(msgspec.Struct, frozen=True, kw_only=True):
     """Where a residual lies, of one axis: its `share` of the excess over the noise floor, and a sentence.
 
-    `by` names the split ("reversal", "travel", "direction", "speed", "position", "period", "acceleration",
-    "time", "rotation"); `value` is what the split measured (a time, a length, a ratio), in SI units.
+    `by` names the split ("reversal", "travel", "offset", "direction", "speed", "acceleration", "position",
+    "position of Y" and the like, "period", "time", "rotation"); `value` is what the split measured (a time, a
+    length, a ratio), in SI units.
     """
 
     axis: str

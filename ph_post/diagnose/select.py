@@ -53,6 +53,9 @@ BLUR: Final = 0.15
 FLOOR: Final = 1.5
 """Times the noise up to which what is left counts as noise."""
 
+CLEAN: Final = 1.02
+"""Times the noise up to which nothing can be left to explain."""
+
 MOST: Final = 4
 """Effects that are looked for on one axis."""
 
@@ -199,22 +202,36 @@ def score_over(problem: Problem, ground: Fitted, fitted: Fitted, worth: float | 
 def try_all(problem: Problem, ground: Fitted, taken: Sequence[str] = ()) -> list[Scored]:
     """Fit every hypothesis that promises something on top of a model, best first."""
     base = ground_of(problem, ground)
-    labels = {part.hypothesis.label for part in ground.model.parts}
     seeds = []
     for hypothesis in hypotheses(problem):
-        if hypothesis.label in labels or hypothesis.name in taken:
+        if hypothesis.name in taken or not _joins(ground.model, hypothesis):
             continue
         found = seed(base, hypothesis)
         if found and found[0][0] > 0.0:
             seeds.append((found[0][0], hypothesis, found))
     seeds.sort(key=lambda one: -one[0])
     most = seeds[0][0] if seeds else 0.0
-    tried = [
-        _fit_from(problem, ground, hypothesis, found)
-        for rank, (promise, hypothesis, found) in enumerate(seeds)
-        if rank < CLOSEST or promise > NEARLY * most
+    close = [
+        (hypothesis, found)
+        for place, (promise, hypothesis, found) in enumerate(seeds)
+        if place < CLOSEST or promise > NEARLY * most
     ]
+    tried = [_fit_from(problem, ground, *one) for one in close if not one[0].within]
+    # What contains another is only worth its time where the other leaves something.
+    if not any(at_floor(problem, fitted, CLEAN) for _, fitted in tried):
+        tried += [_fit_from(problem, ground, *one) for one in close if one[0].within]
     return rank(problem, ground, tried)
+
+
+def _joins(model: Model, hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis means something beside the parts of a model."""
+    for part in model.parts:
+        there = part.hypothesis
+        if there.label == hypothesis.label or there.name in hypothesis.excludes:
+            return False
+        if hypothesis.name in there.excludes:
+            return False
+    return True
 
 
 def rank(problem: Problem, ground: Fitted, fits: Sequence[tuple[Hypothesis, Fitted]]) -> list[Scored]:
@@ -269,6 +286,7 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
         stages, scores = _settle(problem, [*stages, worthy[0].fitted], [*scores, worthy[0].score])
     stage(f"axis {name}: comparing names")
     stages, scores, standings = _exchange(problem, stages, scores)
+    stages = _anchored(problem, stages)
     return Choice(problem=problem, stages=tuple(stages), scores=tuple(scores), standings=standings)
 
 
@@ -345,10 +363,10 @@ def _equals(
     return tuple(dict.fromkeys(found))
 
 
-def at_floor(problem: Problem, fitted: Fitted) -> bool:
-    """Whether a model leaves no more than noise of the positions, held out."""
+def at_floor(problem: Problem, fitted: Fitted, floor: float = FLOOR) -> bool:
+    """Whether a model leaves no more than so many times the noise of the positions, held out."""
     return all(
-        mean_square(fitted.left[one.channel], problem.held & one.ok) < (FLOOR * one.noise) ** 2
+        mean_square(fitted.left[one.channel], problem.held & one.ok) < (floor * one.noise) ** 2
         for one in problem.observed
         if one.channel != "force"
     )

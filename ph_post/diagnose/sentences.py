@@ -73,7 +73,7 @@ def one_speed(value: float) -> str:
 
 def two_speeds(plus: float, minus: float) -> str:
     """Say that a residual is in proportion to the velocity, differently by direction."""
-    up, down = (f"{round(value / MS, 4):g} ms" for value in (plus, minus))
+    up, down = (f"{round(value / MS, 4) + 0.0:g} ms" for value in (plus, minus))
     return f"is in proportion to the velocity, differently each way: {up} times it to plus, {down} to minus"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -14,11 +14,20 @@ from ph_post.types import Array, Log, Machine, Servo
 PRIOR: Final = 0.02
 """Relative standard error of b and c where the machine file gives none."""
 
+PRIORS: Final = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / PRIOR, 1.0 / PRIOR])
+"""One over the standard error of each coefficient, 0 where nothing is known of it."""
+
+PLAIN: Final = 0.7
+"""Mean square that a shift must leave at most, as a part of what is left without one."""
+
 CLEAR: Final = 3.0
 """Standard errors by which a shift must differ from zero to be one."""
 
 ROUNDS: Final = 4
 """Steps of Newton: a shift of a few samples is not small against the curvature of a motion."""
+
+INDISTINCT: Final = 1e-9
+"""Part of a column's square below which it is made of the others."""
 
 SIZES: Final = 1e-3
 """Relative step of the numerical derivatives by b and c."""
@@ -33,7 +42,8 @@ def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int
     Returns
     -------
     float or None
-        0 where a shift of a sample would be seen and is not there; None where the record does not tell.
+        0 where a shift of a sample would be seen and is not there; None where the record does not tell: an
+        error that large would be, or what else may be off explains the record about as well.
     """
     drive = machine.axes.get(name)
     if drive is None or np.ptp(log.axes[name].command) == 0.0:
@@ -43,21 +53,23 @@ def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int
     known[:first] = False
     if np.count_nonzero(known) < 10 * columns.shape[1]:
         return None
-    shift = error = 0.0
+    residual = (reading - model)[known]
+    without = _least_squares(columns[known, 1:], residual, PRIORS[1:])
+    shift, found = 0.0, without
     rows = np.arange(reading.size, dtype=np.float64)
     for _ in range(ROUNDS):
         late = rows - shift / log.period
         expected = np.interp(late, rows, model)
         moved = np.column_stack([np.interp(late, rows, column) for column in columns.T])
-        more, error = _least_squares(moved[known], (reading - expected)[known])
-        shift += more
-    if error > 0.5 * log.period:
-        return None if abs(shift) < CLEAR * error else shift
-    return shift if abs(shift) > CLEAR * error else 0.0
+        found = _least_squares(moved[known], (reading - expected)[known], PRIORS)
+        shift += found.value
+    if abs(shift) <= CLEAR * found.error:
+        return 0.0 if found.error < 0.5 * log.period else None
+    return shift if found.square < PLAIN * without.square else None
 
 
 def _columns(log: Log, name: str, servo: Servo) -> tuple[Array, Array]:
-    """Differentiate the model by shift, offset, scale, friction, ln c and ln b, (n, 6); and the model."""
+    """Differentiate the model by shift, offset, scale, play, friction, ln c and ln b; and the model."""
     command, period = log.axes[name].command, log.period
     model = linear_response(command, servo, period)
     speed = np.gradient(model, period)
@@ -65,12 +77,21 @@ def _columns(log: Log, name: str, servo: Servo) -> tuple[Array, Array]:
     by_b = (linear_response(command, more_b, period) - model) / SIZES
     by_c = (linear_response(command, more_c, period) - model) / SIZES
     ones = np.ones_like(model)
-    return np.column_stack((-speed, ones, model - model.mean(), -np.sign(speed), by_c, by_b)), model
+    way = -np.sign(speed)
+    friction = linear_response(way, servo, period)
+    return np.column_stack((-speed, ones, model - model.mean(), way, friction, by_c, by_b)), model
 
 
-def _least_squares(columns: Array, residual: Array) -> tuple[float, float]:
-    """First coefficient and its standard error; neighbouring residuals may go together."""
-    prior = np.array([0.0, 0.0, 0.0, 0.0, 1.0 / PRIOR, 1.0 / PRIOR])
+class Fit(NamedTuple):
+    """First coefficient, its standard error, and the mean square that is left."""
+
+    value: float
+    error: float
+    square: float
+
+
+def _least_squares(columns: Array, residual: Array, prior: Array) -> Fit:
+    """Fit columns whose coefficients are 0 with a weight; neighbouring residuals may go together."""
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0.0] = 1.0
     q = columns / scale
@@ -81,7 +102,11 @@ def _least_squares(columns: Array, residual: Array) -> tuple[float, float]:
         found = inverse @ (q.T @ residual)
         left = residual - q @ found
         spread = math.sqrt(float(np.mean(left**2)) * _together(left)) or 1e-300
-    return float(found[0] / scale[0]), float(spread * math.sqrt(inverse[0, 0]) / scale[0])
+    others = np.linalg.lstsq(q[:, 1:], q[:, 0], rcond=None)[0]
+    own = float(np.mean((q[:, 0] - q[:, 1:] @ others) ** 2))
+    told = own > INDISTINCT and inverse[0, 0] > 0.0
+    error = float(spread * math.sqrt(inverse[0, 0]) / scale[0]) if told else math.inf
+    return Fit(float(found[0] / scale[0]), error, float(np.mean(left**2)))
 
 
 def _together(residual: Array) -> float:

@@ -9,6 +9,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy import optimize
 
 from ph_post.diagnose.motion import Motion
 from ph_post.types import Array, BoolArray
@@ -65,13 +66,16 @@ def reversal_sizes(
     Returns
     -------
     size, direction, position, feed : Array, shape (reversals,)
-        Direction that it reversed to, where [m], and the largest speed along the path in that stroke [m/s].
+        Direction that it reversed to, where [m], and the speed along the path in that stroke [m/s]: a mean in
+        which the fast parts count most.
     """
     near = counted & (motion.since < window)
     _, begin, stroke = np.unique(motion.stroke, return_index=True, return_inverse=True)
     count = np.bincount(stroke[near], minlength=begin.size)
     square = np.bincount(stroke[near], residual[near] ** 2, minlength=begin.size)
-    feed = np.maximum.reduceat(motion.path_speed, begin)
+    speed = motion.path_speed
+    cube, low = (np.bincount(stroke, speed**power, minlength=begin.size) for power in (3, 2))
+    feed = np.divide(cube, low, out=np.zeros(begin.size), where=low > 0.0)
     known = count >= 3
     size = np.sqrt(square[known] / count[known])
     begin = begin[known]
@@ -90,7 +94,8 @@ def by_speed(residual: Array, motion: Motion, window: float, counted: BoolArray)
     sizes = np.array([np.sqrt(np.mean(size[group] ** 2)) for group in groups])
     exponent = None
     if feeds.size > 1 and np.all(sizes > 0.0):
-        exponent = float(np.polyfit(np.log(feeds), np.log(sizes), 1)[0])
+        weights = np.sqrt([group.size for group in groups])
+        exponent = float(np.polyfit(np.log(feeds), np.log(sizes), 1, w=weights)[0])
     return Scaling(tuple(feeds.tolist()), tuple(sizes.tolist()), exponent)
 
 
@@ -131,11 +136,14 @@ def best_period(residual: Array, position: Array, counted: BoolArray) -> Periodi
     count = np.bincount(bins, minlength=BINS).astype(np.float64)
     sums = np.bincount(bins, r, minlength=BINS).astype(np.float64)
     frequency, gain = _spectrum(count, sums)
-    near = frequency[int(np.argmax(gain))] + np.linspace(-1.0, 1.0, 41) / FINER
-    middle = (np.arange(BINS) + 0.5) / BINS
-    f = max(near, key=lambda f: _sine(middle, count, sums, float(f))[0]) / span
-    explained, sine, cosine = _sine(x, np.ones_like(x), r, float(f))
-    return Periodic(float(1.0 / f), math.hypot(sine, cosine), math.atan2(cosine, sine), explained / total)
+    rough, middle = float(frequency[int(np.argmax(gain))]), (np.arange(BINS) + 0.5) / BINS
+    fine = optimize.minimize_scalar(
+        lambda f: -_sine(middle, count, sums, f)[0] / total,
+        bounds=(rough - 1.0 / FINER, rough + 1.0 / FINER), method="bounded", options={"xatol": 1e-4},
+    )  # fmt: skip
+    f = float(fine.x) / span
+    explained, sine, cosine = _sine(x, np.ones_like(x), r, f)
+    return Periodic(1.0 / f, math.hypot(sine, cosine), math.atan2(cosine, sine), explained / total)
 
 
 def drift(residual: Array, t: Array, counted: BoolArray) -> Drift:

@@ -1,10 +1,11 @@
 """One axis as a hybrid automaton: which linear equations hold when, and what ends them.
 
-Every mode is linear, ż = A z + B (X, Ẋ, g, ġ, 1), in the state z = (x, v, m, w, ∫e) of table, motor and
-integrator; every guard is a linear function of state and inputs that is not negative while its mode lasts;
-every change of mode is linear too. So the engine (:mod:`ph_post.simulate.kernel`) needs to know nothing of
-drives: it takes exact steps, and finds where a guard changes sign. X is the command, linear between samples,
-and g what forces beyond the linear ones resist, likewise.
+Every mode is linear, ż = A z + B (X, Ẋ, 1, g, ġ, q, q̇, h), in the state z = (x, v, m, w, ∫e) of table, motor
+and integrator; every guard is a linear function of state and inputs that is not negative while its mode
+lasts; every change of mode is linear too. So the engine (:mod:`ph_post.simulate.kernel`) needs to know
+nothing of drives: it takes exact steps, and finds where a guard changes sign. X is the command, linear
+between samples; g and q are what forces beyond the linear ones resist, likewise, the body that feels friction
+and the motor; h is half the gap where that differs from place to place.
 
 A mode is named by its contact, the flank (1, -1; 0 in the gap) on which the motor pushes, by the direction
 in which the body that feels friction moves (0 at rest), and by the side on which the motor's torque is
@@ -31,8 +32,8 @@ from ph_post.types import Array, IntArray, frozen
 STATES: Final = 5
 """x, v of the table, m, w of the motor [m, m/s], and the integral of the error [m s]."""
 
-WIDTH: Final = 10
-"""The states, X [m], Ẋ [m/s], g [m], ġ [m/s] and 1."""
+WIDTH: Final = 13
+"""The states, X [m], Ẋ [m/s] and 1, and behind them g [m], ġ [m/s], q [m], q̇ [m/s] and half the gap [m]."""
 
 NO_GAP: Final = 1e-10
 """A lost motion up to this [m] is none: crossing it takes no time worth following."""
@@ -64,7 +65,8 @@ class Automaton(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `keys` names mode k; `rates` (modes, WIDTH, WIDTH) holds A and B with the inputs' own rates; of `guards`,
     `noise`, `targets` and `resets` (modes, most guards, ...) a mode has the first `counts` (modes,).
-    `moving` is the index of the state whose sign the targets ask for; `directions` (modes,) that of friction.
+    `moving` is the index of the state whose sign the targets ask for; `directions` (modes,) that of friction,
+    `contacts` (modes,) the flank.
     """
 
     keys: tuple[Key, ...]
@@ -76,6 +78,7 @@ class Automaton(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     resets: Array
     moving: int
     directions: IntArray
+    contacts: IntArray
 
 
 def unit(index: int) -> Array:
@@ -85,7 +88,7 @@ def unit(index: int) -> Array:
     return row
 
 
-x, v, m, w, integral, X, X_dot, g, g_dot, one = (unit(index) for index in range(WIDTH))
+x, v, m, w, integral, X, X_dot, one, g, g_dot, q, q_dot, half_gap = (unit(index) for index in range(WIDTH))
 nothing = np.zeros(WIDTH)
 
 
@@ -93,9 +96,11 @@ class Rows(NamedTuple):
     """What the equations are written in: rows that give one quantity from state and inputs."""
 
     u: Array
-    """Controller output, or what of it the motor can give [m]."""
+    """What drives the motor: the controller's output, or what of it the motor can give, less q [m]."""
     e: Array
     """Position error [m]."""
+    asked: Array
+    """The controller's output [m]."""
 
 
 Motion = dict[str, Array]
@@ -117,7 +122,7 @@ def build_automaton(plant: Plant) -> Automaton:
             rows = drive.rows(side)
             guards = drive.guards(key, rows)
             if len(sides) > 1:
-                guards += _saturation(plant, key, drive.rows(0).u)
+                guards += _saturation(plant, key, rows.asked)
             modes[key] = (_rates(drive.motion(key, rows)), guards)
     return _pack(modes, drive.friction_state)
 
@@ -155,7 +160,7 @@ def _rates(motion: Motion) -> Array:
     matrix = np.zeros((WIDTH, WIDTH))
     for name, row in motion.items():
         matrix[NAMES.index(name)] = row
-    matrix[5], matrix[7] = X_dot, g_dot
+    matrix[5], matrix[8], matrix[10] = X_dot, g_dot, q_dot
     return matrix
 
 
@@ -172,12 +177,13 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
             resets[mode, number] = guard.reset
     directions = np.array([key[1] for key in keys], dtype=np.int64)
     counts = np.array([len(guards) for _, guards in modes.values()], dtype=np.int64)
-    for array in (counts, targets, directions):
+    contacts = np.array([key[0] for key in keys], dtype=np.int64)
+    for array in (counts, targets, directions, contacts):
         array.setflags(write=False)
     return Automaton(
         keys=keys, rates=frozen([rates for rates, _ in modes.values()]), counts=counts,
         guards=frozen(rows), noise=frozen(noise), targets=targets, resets=frozen(resets),
-        moving=NAMES.index(moving), directions=directions,
+        moving=NAMES.index(moving), directions=directions, contacts=contacts,
     )  # fmt: skip
 
 
@@ -194,8 +200,8 @@ class Drive(ABC):
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-        self.half = 0.5 * plant.gap
-        self.open = plant.gap > NO_GAP
+        self.half: Array = 0.5 * plant.gap * one if plant.widening is None else half_gap
+        self.open = plant.gap > NO_GAP or plant.widening is not None
 
     def places(self) -> list[tuple[int, int]]:
         """Contacts and directions that exist."""
@@ -207,7 +213,7 @@ class Drive(ABC):
         place, speed = self.feedback()
         e = X - place
         u = e + self.plant.ki * integral + self.plant.kd * (X_dot - speed)
-        return Rows(side * self.plant.saturation * one if side else u, e)
+        return Rows((side * self.plant.saturation * one if side else u) - q, e, u)
 
     def feedback(self) -> tuple[Array, Array]:
         """Position and speed that the controller sees."""

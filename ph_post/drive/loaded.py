@@ -21,7 +21,6 @@ from ph_post.drive.automaton import (
     by_direction,
     m,
     nothing,
-    one,
     reset,
     same,
     stay,
@@ -60,8 +59,7 @@ class TableLoop(Drive):
     def hits(self, key: Key) -> list[Guard]:
         """Guards at which the motor meets one flank or the other."""
         return [
-            Guard(self.half * one - flank * (m - x), PLACE_NOISE, *self.meet(flank, key[2]))
-            for flank in (1, -1)
+            Guard(self.half - flank * (m - x), PLACE_NOISE, *self.meet(flank, key[2])) for flank in (1, -1)
         ]
 
     @abstractmethod
@@ -135,11 +133,11 @@ class RigidLoop(TableLoop):
 
     def _opened(self, contact: int) -> Array:
         """Put the motor exactly at the flank it leaves."""
-        return reset(m=x + contact * self.half * one)
+        return reset(m=x + contact * self.half)
 
     def meet(self, flank: int, side: int) -> tuple[tuple[Key, Key, Key], Array]:
         """Pick the table up: from rest (Eq. 14 of [1]_), or with what a plastic impact leaves."""
-        place = x + flank * self.half * one
+        place = x + flank * self.half
         if self.plant.pickup == "standstill":
             return same((flank, 0, side)), reset(v=nothing, w=nothing, m=place)
         after = v + self.plant.kept * (self.motor_inertia / self.plant.b) * (w - v)
@@ -153,11 +151,11 @@ class ElasticLoop(TableLoop):
         omega = self.plant.windup_frequency
         stiffness = self.table_inertia * omega * omega
         damping = 2.0 * self.plant.windup_damping * omega * self.table_inertia
-        return stiffness * (m - x - contact * self._flank * one) + damping * (w - v)
+        return stiffness * (m - x - contact * self._flank) + damping * (w - v)
 
     @property
-    def _flank(self) -> float:
-        return self.half if self.open else 0.0
+    def _flank(self) -> Array:
+        return self.half if self.open else nothing
 
     def motion(self, key: Key, rows: Rows) -> Motion:
         """Two masses, coupled while engaged."""
@@ -177,7 +175,7 @@ class ElasticLoop(TableLoop):
         contact, direction, side = key
         if not contact:
             return self.gap_guards(key)
-        slack = Guard(contact * (m - x) - self.half * one, PLACE_NOISE, by_direction(0, side), stay())
+        slack = Guard(contact * (m - x) - self.half, PLACE_NOISE, by_direction(0, side), stay())
         if direction:
             stops = [Guard(direction * v, SPEED_NOISE, same((contact, 0, side)), reset(v=nothing))]
         else:

@@ -49,6 +49,19 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     others: tuple[tuple[str, float], ...] = ()
 
 
+class Widening(msgspec.Struct, frozen=True, kw_only=True):
+    """By how much the gap at x is wider than elsewhere: slope (x - reference) and a bump, all in metres.
+
+    The bump is bump exp(-((x - centre)/width)²/2).
+    """
+
+    slope: float = 0.0
+    reference: float = 0.0
+    bump: float = 0.0
+    centre: float = 0.0
+    width: float = 1.0
+
+
 class Plant(msgspec.Struct, frozen=True, kw_only=True):
     """One axis with its effects.
 
@@ -63,6 +76,8 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         The motor's part of the inertia, and its own decay rate [1/s]; used with feedback `load` only.
     gap : float
         Lost motion [m].
+    widening : Widening, optional
+        What the gap has beyond that from place to place; see :func:`ph_post.drive.widening.gap_at`.
     pickup : {"standstill", "momentum", "contact"}
     kept : float
         Part of the plastic impact's momentum that survives a pick-up under `momentum` and `contact`.
@@ -80,6 +95,11 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         Table against a locked motor [rad/s], and damping ratio; frequency 0 is a rigid drive.
     saturation : float
         Largest |u| that the motor can give [m].
+    cogging : tuple of (amplitude, period, phase)
+        Forces A sin(2π m/p + φ) that resist the motor by its place m, F/K [m, m, rad].
+    cutting : tuple of (force, feed, exponent)
+        Forces that resist the motion along the path, F/K [m], at a feed [m/s]; see
+        :func:`ph_post.simulate.cutting.cutting_force`.
     command_delay, reading_delay : float
         [s].
     reading : Reading
@@ -96,6 +116,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     eta: float = 0.5
     beta: float = 0.0
     gap: float = 0.0
+    widening: Widening | None = None
     pickup: Pickup = "standstill"
     kept: float = 1.0
     coulomb_plus: float = 0.0
@@ -108,6 +129,8 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     windup_frequency: float = 0.0
     windup_damping: float = 0.0
     saturation: float = math.inf
+    cogging: tuple[tuple[float, float, float], ...] = ()
+    cutting: tuple[tuple[float, float, float], ...] = ()
     command_delay: float = 0.0
     reading_delay: float = 0.0
     reading: Reading = Reading()

@@ -24,7 +24,6 @@ from ph_post.drive.automaton import (
     X_dot,
     m,
     nothing,
-    one,
     reset,
     same,
     stay,
@@ -76,7 +75,7 @@ class PlayBehindServo(Drive):
         if not self.plant.windup_frequency:
             return {**motor, "x": motor["m"]}
         omega = self.plant.windup_frequency
-        spring = omega * omega * (m - x - contact * self.half * one)
+        spring = omega * omega * (m - x - contact * self.half)
         pull = spring + 2.0 * self.plant.windup_damping * omega * (motor["m"] - v)
         return {**motor, "x": v, "v": pull}
 
@@ -112,9 +111,9 @@ class PlayBehindServo(Drive):
         contact = key[0]
         if not contact or self._leaving(key, direction)[0] or self.plant.windup_frequency:
             return stay() if self._leaving(key, direction)[0] == contact else reset(v=nothing)
-        return reset(x=m - contact * self.half * one, v=nothing)
+        return reset(x=m - contact * self.half, v=nothing)
 
     def _hit(self, flank: int, direction: int, side: int) -> Guard:
-        row = self.half * one - flank * (m - x)
-        after = np.array(stay()) if self.plant.windup_frequency else reset(x=m - flank * self.half * one)
+        row = self.half - flank * (m - x)
+        after = np.array(stay()) if self.plant.windup_frequency else reset(x=m - flank * self.half)
         return Guard(row, PLACE_NOISE, same((flank, direction, side)), after)

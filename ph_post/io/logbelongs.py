@@ -27,8 +27,17 @@ MOVES: Final = 1 * MM
 ALIKE: Final = 0.5
 """Least correlation of a reading with its command."""
 
-LATEST: Final = 0.5
+CERTAIN: Final = 0.9
+"""A reading so much like its command tells its scale."""
+
+UNIT: Final = 10.0
+"""No drive travels so many times less or more than it is told."""
+
+LATEST: Final = 0.1
 """A reading is looked for so late behind its command [s]."""
+
+MOST_POINTS: Final = 5e6
+"""Points that stand for a program's path at most, about."""
 
 AROUND: Final = 0.25
 """Part of the record that may lie before the program's path is reached and after it is left."""
@@ -70,13 +79,11 @@ def require_readings(log: Log, where: Where) -> None:
                     where(worst), f"{column} is far from {name}_cmd: another unit, zero or program?",
                     expected=f"at most {FAR / MM:g} mm", got=f"{apart[worst] / MM:.6g} mm",
                 )  # fmt: skip
-            alike = _likeness(axis.command, reading, log.period)
-            if alike < ALIKE:
-                against = "runs against" if alike < -ALIKE else "does not follow"
+            fault = _unlike(axis.command, reading, log.period)
+            if fault is not None:
                 raise InputError(
-                    where(worst), f"{column} {against} {name}_cmd: is it the same axis, program and sign?",
-                    expected=f"a correlation of at least {ALIKE:g}",
-                    got=f"{alike:.2f}, and {apart[worst] / MM:.6g} mm at the worst sample",
+                    where(worst), f"{column} {fault[0]} {name}_cmd: {fault[1]}", expected=fault[2],
+                    got=f"{fault[3]}, and {apart[worst] / MM:.6g} mm at the worst sample",
                 )  # fmt: skip
 
 
@@ -155,18 +162,35 @@ def _whole(reading: Array) -> Array:
     return np.interp(rows, rows[there], reading[there])
 
 
-def _likeness(command: Array, reading: Array, period: float) -> float:
-    """Return the correlation that is largest in size over the delays that a drive may have; 1 at rest."""
+def _unlike(command: Array, reading: Array, period: float) -> tuple[str, str, str, str] | None:
+    """Say in what a reading does not follow its command, None where it does, or where either hardly moves.
+
+    A drive may be late; its reading may have steps, drift and noise, and stand still altogether.
+    """
+    travel, read = float(np.ptp(command)), float(np.nanmax(reading) - np.nanmin(reading))
+    if travel < MOVES or read == 0.0:
+        return None
+    most, least = _likeness(command, reading, period)
+    if most < ALIKE and read >= travel / UNIT:
+        does = "runs against" if least < -ALIKE else "does not follow"
+        got = f"{least if least < -ALIKE else most:.2f}"
+        return does, "is it the same axis, program and sign?", f"a correlation of at least {ALIKE:g}", got
+    if most > CERTAIN and not travel / UNIT <= read <= travel * UNIT:
+        got = f"{read / MM:.6g} mm"
+        return "has another scale than", "is it in another unit?", f"a travel of {travel / MM:.6g} mm", got
+    return None
+
+
+def _likeness(command: Array, reading: Array, period: float) -> tuple[float, float]:
+    """Return the largest and the least correlation over the delays that a drive may have."""
     from scipy.signal import correlate
 
-    if np.ptp(command) < MOVES or np.nanmax(reading) - np.nanmin(reading) < 0.1 * np.ptp(command):
-        return 1.0
     one, other = command - command.mean(), _whole(reading)
     other = other - other.mean()
     late = min(round(LATEST / period), command.size // 4)
     both = correlate(other, one, mode="full", method="fft")[command.size - 1 :][: late + 1]
     sizes = both / math.sqrt(float(one @ one) * float(other @ other))
-    return float(sizes[np.argmax(np.abs(sizes))])
+    return float(sizes.max()), float(sizes.min())
 
 
 def _apart(log: Log, names: Sequence[str], command: Command, program: PartProgram) -> Array:
@@ -180,19 +204,22 @@ def _apart(log: Log, names: Sequence[str], command: Command, program: PartProgra
     columns = [command.axes.index(name) for name in names]
     ends = np.hstack([program.motions.start[:, columns], program.motions.end[:, columns]])
     straight = ends[~np.isnan(ends).any(axis=1) & (program.motions.kind <= 1)].reshape(-1, 2, len(names))
-    chains = [command.position[:, columns], *straight]
-    tree = cKDTree(np.unique(np.vstack([_dense(chain) for chain in chains]), axis=0))
+    chain = command.position[:, columns]
+    lines = np.concatenate([np.stack([chain[:-1], chain[1:]], axis=1), straight])
+    tree = cKDTree(np.unique(_dense(lines), axis=0))
     wanted = np.column_stack([log.axes[name].command for name in names])
     return np.asarray(tree.query(wanted)[0])
 
 
-def _dense(points: Array) -> Array:
-    """Points on a chain of lines, so close that the distance to them is off by little."""
-    steps = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    count = max(2, min(2_000_000, math.ceil(way[-1] / (0.1 * OFF_PATH))))
-    where = np.linspace(0.0, way[-1], count)
-    return np.column_stack([np.interp(where, way, column) for column in points.T])
+def _dense(lines: Array) -> Array:
+    """Points on lines, shape (n, 2, dimension), so close that the distance to them is off by little."""
+    way = lines[:, 1] - lines[:, 0]
+    length = np.sqrt((way * way).sum(axis=1))
+    apart = max(0.1 * OFF_PATH, float(length.sum()) / MOST_POINTS)
+    parts = np.maximum(np.ceil(length / apart), 1.0).astype(np.int64)
+    line = np.repeat(np.arange(len(lines)), parts)
+    share = (np.arange(line.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[line]
+    return np.vstack([lines[line, 0] + share[:, None] * way[line], lines[:, 1]])
 
 
 def _at(command: Command, name: str, t: Array) -> Array:

@@ -66,7 +66,7 @@ def parse_columns(mappings: Sequence[str]) -> dict[str, Column]:
 
 
 def columns_of(sheet: Sheet, mapped: Mapping[str, Column]) -> tuple[dict[str, Column], tuple[str, ...]]:
-    """Find what of a file is a column of the contract, mapped or by its own name.
+    """Find what of a file is a column of the contract, mapped or else by its own name.
 
     Returns
     -------
@@ -86,8 +86,9 @@ def columns_of(sheet: Sheet, mapped: Mapping[str, Column]) -> tuple[dict[str, Co
                 expected="one of those that are there", got=sheet.listed,
             )  # fmt: skip
     found = dict(mapped)
+    claimed = {column.source for column in mapped.values()}
     for name in sheet.names:
-        if name not in found and _kind(name, sheet.header) is not None:
+        if name not in found and name not in claimed and _kind(name, sheet.header) is not None:
             found[name] = Column(name=name, source=name, scale=_default(name))
     used = {column.source for column in found.values()}
     for source in sorted(used):

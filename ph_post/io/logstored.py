@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from ph_post.errors import InputError
+from ph_post.io.logmat import mat_variables
 from ph_post.io.logsheet import Sheet
 from ph_post.io.source import Raw
 from ph_post.types import Array
@@ -91,13 +92,6 @@ def _common_length(vectors: Mapping[str, Array]) -> int:
     return max(counts, key=lambda size: (counts[size], size), default=0)
 
 
-def _mat(data: bytes) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    found: dict[str, Any] = loadmat(io.BytesIO(data))  # type: ignore[arg-type]  # files are taken too
-    return {name: value for name, value in found.items() if not name.startswith("__")}
-
-
 def _npz(data: bytes) -> dict[str, Any]:
     with np.load(io.BytesIO(data), allow_pickle=False) as stored:
         return dict(stored)
@@ -111,7 +105,7 @@ def _parquet(data: bytes) -> dict[str, Any]:
 
 
 _READERS: Final[dict[str, Callable[[bytes], dict[str, Any]]]] = {
-    ".mat": _mat,
+    ".mat": mat_variables,
     ".npz": _npz,
     ".parquet": _parquet,
 }

@@ -129,7 +129,9 @@ def _refusal(t: Array, wrong: _Wrong, sheet: Sheet) -> InputError:
     if back.size or still.size:
         row = int((back if back.size else still)[0]) + 1
         what = "time runs backwards" if back.size else "time repeats"
-        return InputError(sheet.where(row), what, expected=f"t > {t[row - 1]:.9g} s", got=f"{t[row]:.9g} s")
+        return InputError(
+            sheet.where(row), what, expected=f"t > {t[row - 1] + 0.0:.9g} s", got=f"{t[row]:.9g} s"
+        )
     return InputError(
         sheet.where(wrong.row), "the sampling period is not constant",
         expected=f"t = {wrong.expected:.9g} s, at a period of {wrong.period:.6g} s",

@@ -108,26 +108,24 @@ def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, 
 def effect_changes(
     before: Sequence[EffectSetting], after: Sequence[EffectSetting], describe: Mapping[str, EffectChange]
 ) -> tuple[EffectChange, ...]:
-    """Return the changes that make one list of effects into another; `describe` comments on them by name."""
-    left = list(after)
-    changed = []
+    """Return the changes that make one list of effects into another, in its order, with comments by name.
+
+    What is to stand behind another effect than before is taken out and added anew.
+    """
+    changes: list[tuple[int | None, EffectSetting | None]] = []
+    reached = 0
     for place, setting in enumerate(before):
-        match = next((one for one in left if one.name == setting.name and _alike(one, setting)), None)
-        if match is not None:
-            left.remove(match)
-        else:
-            changed.append(place)
-    changes = []
-    for place in changed:
-        match = next((one for one in left if one.name == before[place].name), None)
-        if match is not None:
-            left.remove(match)
-        changes.append((place, match))
-    everything: list[tuple[int | None, EffectSetting | None]] = [*changes, *((None, one) for one in left)]
+        if reached == len(after) or after[reached].name != setting.name:
+            changes.append((place, None))
+            continue
+        if not same(dict(setting.parameters), dict(after[reached].parameters)):
+            changes.append((place, after[reached]))
+        reached += 1
+    changes += [(None, setting) for setting in after[reached:]]
     plain = EffectChange(place=None, setting=None)
     return tuple(
         replace(plain if setting is None else describe.get(setting.name, plain), place=place, setting=setting)
-        for place, setting in everything
+        for place, setting in changes
     )
 
 
@@ -200,7 +198,3 @@ def _scaled(given: Mapping[str, Any], ratio: float, *keys: str) -> dict[str, flo
 def _ratio(one: float | None, other: float | None) -> float:
     """Return the factor from `other` to `one`; 1 where there is none, as what it scales is not given then."""
     return one / other if one and other else 1.0
-
-
-def _alike(one: EffectSetting, other: EffectSetting) -> bool:
-    return same(dict(one.parameters), dict(other.parameters))

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.record import PartProgram
@@ -109,6 +110,9 @@ def _belonging(
             log = require_program(log, program, machine, table.where)
         if lacking:
             log = fill_commands(log, lacking, program, machine, sheet.name)
+    elif program is not None:
+        words = f"without a machine the commands cannot be compared with {program.name}"
+        log = replace(log, warnings=(*log.warnings, words))
     require_readings(log, table.where)
     return log
 
@@ -168,7 +172,7 @@ def _values(found: Mapping[str, Column], sheet: Sheet) -> dict[str, Array]:
     for name, column in found.items():
         kind = name.partition("_")[2] or TIME
         numbers = raw[column.source]
-        with np.errstate(over="ignore"):
+        with np.errstate(all="ignore"):
             values[name] = numbers * column.scale
         needed = kind in (TIME, "cmd")
         bad = ~(np.abs(values[name]) <= _LARGEST[kind]) & (needed | ~np.isnan(numbers))

@@ -39,12 +39,6 @@ SHARE_SHOWN: Final = 0.05
 JITTER: Final = 1e-3
 """Jitter below this part of the period is not told on the terminal."""
 
-_PLACE_UNITS: Final = {
-    "reversal": ("s", 1.0), "time": ("s", 1.0), "travel": ("mm", MM), "position": ("mm", MM),
-    "period": ("mm", MM),
-}  # fmt: skip
-"""What the value of a place is told in; ratios have no unit."""
-
 
 def effort_units(log: Log) -> dict[str, str]:
     """Return the units of a log's force or current channels, by axis."""
@@ -88,7 +82,7 @@ def _finding_view(found: Finding) -> dict[str, Any]:
     return {
         "name": found.name,
         "axis": found.axis,
-        "parameters": {name: _estimate_view(one) for name, one in found.parameters.items()},
+        "parameters": {name: estimate_view(one) for name, one in found.parameters.items()},
         "where": found.where,
         "confidence": _finite(found.confidence),
         "ambiguous_with": list(found.ambiguous_with),
@@ -96,7 +90,8 @@ def _finding_view(found: Finding) -> dict[str, Any]:
     }
 
 
-def _estimate_view(one: Estimate) -> dict[str, Any]:
+def estimate_view(one: Estimate) -> dict[str, Any]:
+    """Return a value with its standard error and unit; what is not known is None."""
     stderr = None if one.stderr is None else _finite(one.stderr)
     return {"value": _finite(one.value), "stderr": stderr, "unit": one.unit}
 
@@ -114,13 +109,12 @@ def _experiment_view(one: Experiment) -> dict[str, Any]:
 
 
 def _place_view(place: Place) -> dict[str, Any]:
-    unit, size = _PLACE_UNITS.get(place.by, ("1", 1.0))
+    """Tell a place; what its value is depends on the split, and the sentence tells it in the shop's units."""
     return {
         "axis": place.axis,
         "by": place.by,
         "share": _finite(place.share),
-        "value": _finite(place.value, size),
-        "unit": unit,
+        "value_si": _finite(place.value),
         "sentence": place.sentence,
     }
 

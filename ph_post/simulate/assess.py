@@ -192,7 +192,7 @@ def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
     plant = plant_of(axis, scenario)
     if axis.feedback != "load":
         plant = replace(plant, eta=0.5, beta=0.0, pickup="standstill")
-    return plant, first_flank(axis, scenario) if rests and plant.gap else 0
+    return plant, first_flank(axis, scenario) if rests and (plant.gap or plant.widening) else 0
 
 
 def _is_nominal(scenario: Scenario) -> bool:

@@ -22,7 +22,7 @@ FINE: Final = 5
 """Halvings down to which a sample is looked at where a guard may dip below zero and come back."""
 
 FORCED: Final = 3
-"""Halvings of a sample while forces act that are not linear: they are taken as linear over each part."""
+"""Halvings of a sample while forces of the state act: they are taken as linear over each part."""
 
 MOST_CHANGES: Final = 100
 """Changes of mode within one sample after which the rest of it is run without guards, and said to chatter."""
@@ -33,11 +33,20 @@ CHATTERS: Final = -1
 BEND: Final = 4.0 / 27.0
 """Largest value on [0, 1] of the cubic with slope 1 at one end, and else 0 there and at the other."""
 
+SETTLED: Final = 60
+"""Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.widening`."""
+
 STATES: Final = 5
-WIDTH: Final = 10
-_X, _X_DOT, _G, _G_DOT, _ONE, _F, _F_DOT = 5, 6, 7, 8, 9, 10, 11
-_ALL: Final = 12
+WIDTH: Final = 13
+PLAIN: Final = 8
+"""States and inputs of an axis without forces and with one gap: its other inputs are 0."""
+_TABLE, _M, _W = 0, 2, 3
+_X, _X_DOT, _ONE, _G, _G_DOT, _Q, _Q_DOT, _HALF, _F, _F_DOT = 5, 6, 7, 8, 9, 10, 11, 12, 13, 14
+_ALL: Final = 15
 """Behind state and inputs, F and its rate: the part of g that is given from outside."""
+
+TABLE, PLAY, SPRING = 0, 1, 2
+"""What holds motor and table a gap apart while they touch: the table moves, the motor does, or either."""
 
 
 @inner
@@ -88,11 +97,31 @@ def stribeck(speed: float, direction: int, static: float, scale: float) -> float
     return direction * static * math.exp(-ratio * ratio)
 
 
+@inner
+def cogging(motor: float, waves: Array) -> float:
+    """Return what resists the motor by its place, F/K [m]: amplitude, wave number and phase a row."""
+    total = 0.0
+    for k in range(waves.shape[0]):
+        total += waves[k, 0] * math.sin(waves[k, 1] * motor + waves[k, 2])
+    return total
+
+
+@inner
+def half_gap(table: float, gap: Array) -> float:
+    """Return half the gap at a place of the table [m]: size, slope, reference, bump, centre and width."""
+    off = (table - gap[4]) / gap[5]
+    whole = gap[0] + gap[1] * (table - gap[2]) + gap[3] * math.exp(-0.5 * off * off)
+    return float(0.5 * max(whole, 0.0))
+
+
 class Modes(NamedTuple):
     """The modes of one axis as the engine takes them, see :class:`~ph_post.drive.automaton.Automaton`.
 
     `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
-    [m/s] those of :func:`stribeck`.
+    [m/s] those of :func:`stribeck`, `waves` (waves, 3) those of :func:`cogging`. `gap` (6,) is that of
+    :func:`half_gap`, (0,) where it is the same everywhere; `holds` and `contacts` (modes,) say how the two
+    sides are placed then. `plain` says that no further force acts, and that the gap is the same everywhere;
+    `level` is into how many parts, as a power of 2, a sample is cut where forces of the state act.
     """
 
     tables: Array
@@ -106,41 +135,67 @@ class Modes(NamedTuple):
     moving: int
     static: float
     scale: float
+    waves: Array
+    gap: Array
+    holds: int
+    contacts: IntArray
+    plain: bool
+    level: int
 
 
 @inner
-def _step(table: Array, y: Array, length: float, into: Array) -> None:
+def _step(table: Array, y: Array, length: float, into: Array, plain: bool) -> None:
     """Advance state and inputs by `length` [s], of which `table` is D."""
+    into[_X] = y[_X] + length * y[_X_DOT]
+    into[_X_DOT] = y[_X_DOT]
+    into[_ONE] = 1.0
+    if plain:
+        for i in range(STATES):
+            total = y[i]
+            for j in range(PLAIN):
+                total += table[i, j] * y[j]
+            into[i] = total
+        return
     for i in range(STATES):
         total = y[i]
         for j in range(WIDTH):
             total += table[i, j] * y[j]
         into[i] = total
-    into[_X] = y[_X] + length * y[_X_DOT]
-    into[_X_DOT] = y[_X_DOT]
     into[_G] = y[_G] + length * y[_G_DOT]
     into[_G_DOT] = y[_G_DOT]
-    into[_ONE] = 1.0
+    into[_Q] = y[_Q] + length * y[_Q_DOT]
+    into[_Q_DOT] = y[_Q_DOT]
+    into[_HALF] = y[_HALF]
     into[_F] = y[_F] + length * y[_F_DOT]
     into[_F_DOT] = y[_F_DOT]
 
 
 @inner
-def _value(row: Array, y: Array) -> float:
-    """Return a row's value at a state."""
+def _value(rows: Array, mode: int, number: int, y: Array, plain: bool) -> float:
+    """Return the value at a state of a row of the guards or of their slopes."""
     total = 0.0
+    if plain:
+        for j in range(PLAIN):
+            total += rows[mode, number, j] * y[j]
+        return total
     for j in range(WIDTH):
-        total += row[j] * y[j]
+        total += rows[mode, number, j] * y[j]
     return total
 
 
 @inner
-def _broken(modes: Modes, mode: int, y: Array) -> int:
-    """Return the first guard that does not hold, or -1."""
-    for number in range(modes.counts[mode]):
-        if _value(modes.guards[mode, number], y) < -modes.noise[mode, number]:
+def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, plain: bool) -> int:
+    """Return the first of a mode's guards that does not hold, or -1."""
+    for number in range(count):
+        if _value(guards, mode, number, y, plain) < -noise[mode, number]:
             return number
     return -1
+
+
+@inner
+def _broken(modes: Modes, mode: int, y: Array) -> int:
+    """Return the first guard of a mode that does not hold, or -1."""
+    return _first_broken(modes.guards, modes.noise, modes.counts[mode], mode, y, modes.plain)
 
 
 @inner
@@ -166,47 +221,90 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
 
 
 @inner
-def _may_dip(modes: Modes, mode: int, y: Array, after: Array, length: float) -> bool:
-    """Whether a guard that holds at both ends breaks between them, going by the cubic through both."""
-    for number in range(modes.counts[mode]):
-        guard, slope = modes.guards[mode, number], modes.slopes[mode, number]
-        before, last = _value(guard, y), _value(guard, after)
-        falls, rises = length * _value(slope, y), length * _value(slope, after)
-        room = min(before, last) + modes.noise[mode, number]
+def _may_dip(
+    guards: Array, slopes: Array, noise: Array, count: int, mode: int, y: Array, after: Array, length: float,
+    plain: bool,
+) -> bool:  # fmt: skip
+    """Whether a guard breaks at an end or between both, going by the cubic through them."""
+    for number in range(count):
+        before, last = _value(guards, mode, number, y, plain), _value(guards, mode, number, after, plain)
+        falls = length * _value(slopes, mode, number, y, plain)
+        rises = length * _value(slopes, mode, number, after, plain)
+        room = min(before, last) + noise[mode, number]
         # A slope of one at an end bends the cubic by no more than that: most guards are far away.
         if room >= BEND * (max(-falls, 0.0) + max(rises, 0.0)):
             continue
-        if _least(before, last, falls, rises) < -modes.noise[mode, number]:
+        if _least(before, last, falls, rises) < -noise[mode, number]:
             return True
     return False
 
 
 @inner
-def _is_forced(modes: Modes, y: Array) -> bool:
-    """Whether a force acts that is not linear in the state."""
-    return bool(modes.static != 0.0 or y[_F] != 0.0 or y[_F_DOT] != 0.0)
+def _is_forced(modes: Modes) -> bool:
+    """Whether a force of the state acts that is not linear in it."""
+    return modes.static != 0.0 or modes.waves.shape[0] > 0
 
 
 @inner
 def _set_force(
-    y: Array, trial: Array, moving: int, direction: int, static: float, scale: float, step: Array,
-    length: float,
+    y: Array, trial: Array, moving: int, direction: int, static: float, scale: float, waves: Array,
+    step: Array, length: float,
 ) -> None:  # fmt: skip
-    """Let g run linearly over a step, from its value now to that where a step with g held would end."""
+    """Let g and q run linearly over a step.
+
+    A step that holds them tells where it ends. g runs from its value to that one; q, which the place gives,
+    along the line with the mean and the first moment of the parabola through its values at both ends and in
+    the middle.
+    """
     y[_G] = stribeck(y[moving], direction, static, scale) + y[_F]
     y[_G_DOT] = 0.0
-    _step(step, y, length, trial)
-    end = stribeck(trial[moving], direction, static, scale) + trial[_F]
-    y[_G_DOT] = (end - y[_G]) / length
+    first = cogging(y[_M], waves)
+    y[_Q], y[_Q_DOT] = first, 0.0
+    _step(step, y, length, trial, False)
+    last = stribeck(trial[moving], direction, static, scale) + trial[_F]
+    y[_G_DOT] = (last - y[_G]) / length
+    if waves.shape[0] > 0:
+        middle = cogging(0.5 * (y[_M] + trial[_M]) + 0.125 * length * (y[_W] - trial[_W]), waves)
+        last = cogging(trial[_M], waves)
+        y[_Q] = (first + 4.0 * middle + last) / 6.0 - 0.5 * (last - first)
+        y[_Q_DOT] = (last - first) / length
 
 
 @inner
 def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, length: float) -> int:
     """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
-    if _is_forced(modes, y):
-        _set_force(y, trial, modes.moving, modes.directions[mode], modes.static, modes.scale, step, length)
-    _step(step, y, length, trial)
+    if _is_forced(modes):
+        _set_force(
+            y,
+            trial,
+            modes.moving,
+            modes.directions[mode],
+            modes.static,
+            modes.scale,
+            modes.waves,
+            step,
+            length,
+        )
+    _step(step, y, length, trial, modes.plain)
     return _broken(modes, mode, trial)
+
+
+@inner
+def _follow(modes: Modes, mode: int, y: Array) -> None:
+    """Keep motor and table, while they touch, half the gap apart that is at the table's place."""
+    contact = modes.contacts[mode]
+    if contact == 0:
+        return
+    if modes.holds == PLAY:
+        x = y[_M]
+        for _ in range(SETTLED):
+            before, x = x, y[_M] - contact * half_gap(x, modes.gap)
+            if x == before:
+                break
+        y[_TABLE] = x
+    y[_HALF] = half_gap(y[_TABLE], modes.gap)
+    if modes.holds == TABLE:
+        y[_M] = y[_TABLE] + contact * y[_HALF]
 
 
 @inner
@@ -244,6 +342,8 @@ def _close_in(
 @inner
 def _change(y: Array, trial: Array, mode: int, modes: Modes, number: int) -> int:
     """Reset the state where a guard ends a mode, and return the mode it goes on in."""
+    if modes.gap.size > 0 and modes.holds != SPRING:
+        _follow(modes, mode, y)
     for i in range(STATES):
         total = 0.0
         for j in range(WIDTH):
@@ -284,7 +384,7 @@ def _go_on(
         How far that was, in h/2^LEVELS.
     """
     whole = 1 << LEVELS
-    level = FORCED if _is_forced(modes, y) else 0
+    level = modes.level
     while (whole >> level) > left:
         level += 1
     while True:
@@ -292,17 +392,25 @@ def _go_on(
         number = _attempt(y, trial, mode, modes, modes.tables[mode, level], length)
         if heed and number >= 0:
             return _close_in(y, trial, mode, modes, level, period, number)
-        if not heed or level >= FINE or not _may_dip(modes, mode, y, trial, length):
+        if not heed or level >= FINE or not _may_dip(
+            modes.guards, modes.slopes, modes.noise, modes.counts[mode], mode, y, trial, length, modes.plain
+        ):  # fmt: skip
             _accept(y, trial)
             return -1, whole >> level
         level += 1
 
 
 @inner
-def _begin(y: Array, command: Array, k: int, period: float, force: Array) -> None:
-    """Set the inputs for the sample that begins at k."""
+def _begin(y: Array, command: Array, k: int, period: float) -> None:
+    """Set the command for the sample that begins at k."""
     y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
-    y[_F], y[_F_DOT] = force[0], (force[1] - force[0]) / period
+
+
+@inner
+def _push(y: Array, force: Array, k: int, period: float) -> None:
+    """Set the force from outside for the sample that begins at k."""
+    y[_F], y[_F_DOT] = force[k], (force[k + 1] - force[k]) / period
+    y[_G], y[_G_DOT] = y[_F], y[_F_DOT]
 
 
 @inner
@@ -320,24 +428,26 @@ def _cruise(
         What is left of it, in h/2^LEVELS.
     """
     whole = 1 << LEVELS
-    y[_F], y[_F_DOT] = force[0], force[1] - force[0]
-    forced = _is_forced(modes, y)
-    level = FORCED if forced else 0
+    forced, changing, pushed = _is_forced(modes), modes.gap.size > 0, force.size > 0
+    level = modes.level
     step, parts, length = modes.tables[mode, level], 1 << level, period / (1 << level)
+    guards, slopes, noise, count = modes.guards, modes.slopes, modes.noise, modes.counts[mode]
+    plain, waves, static, scale = modes.plain, modes.waves, modes.static, modes.scale
+    moving, direction = modes.moving, modes.directions[mode]
     while k < command.size - 1:
-        _begin(y, command, k, period, force)
+        _begin(y, command, k, period)
+        if pushed:
+            _push(y, force, k, period)
         for part in range(parts):
             if forced:
-                _set_force(
-                    y, trial, modes.moving, modes.directions[mode], modes.static, modes.scale, step, length
-                )
-            _step(step, y, length, trial)
-            if _broken(modes, mode, y) >= 0 or _broken(modes, mode, trial) >= 0:
-                return k, whole - part * (whole >> level)
-            if _may_dip(modes, mode, y, trial, length):
+                _set_force(y, trial, moving, direction, static, scale, waves, step, length)
+            _step(step, y, length, trial, plain)
+            if _may_dip(guards, slopes, noise, count, mode, y, trial, length, plain):
                 return k, whole - part * (whole >> level)
             _accept(y, trial)
         k += 1
+        if changing:
+            _follow(modes, mode, y)
         table[k], motor[k] = y[0], y[2]
     return k, 0
 
@@ -358,8 +468,8 @@ def advance(
         State at the first sample; holds that at the last one afterwards.
     mode : int
     modes : Modes
-    force : Array, shape (2,)
-        Further force at the beginning and at the end of every sample, F/K [m].
+    force : Array, shape (n,) or (0,)
+        Further force on the body that feels friction, linear between samples, F/K [m]; (0,) is none.
     table, motor : Array, shape (n,)
         Receive x and m [m].
 
@@ -376,6 +486,8 @@ def advance(
     for i in range(STATES):
         y[i] = z[i]
     y[_ONE] = 1.0
+    if modes.gap.size > 0:
+        y[_HALF] = half_gap(y[_TABLE], modes.gap)
     whole = 1 << LEVELS
     table[0], motor[0] = y[0], y[2]
     k, left = _cruise(y, trial, mode, modes, command, period, force, 0, table, motor)
@@ -393,6 +505,8 @@ def advance(
                 said = after if changes < MOST_CHANGES else CHATTERS
                 instants, log, count = _note(instants, log, count, k + 1.0 - left / whole, mode, said)
                 mode = after
+        if modes.gap.size > 0:
+            _follow(modes, mode, y)
         table[k + 1], motor[k + 1] = y[0], y[2]
         k, left = _cruise(y, trial, mode, modes, command, period, force, k + 1, table, motor)
     for i in range(STATES):

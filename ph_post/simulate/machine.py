@@ -7,6 +7,7 @@ References
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,15 +15,20 @@ from msgspec.structs import replace
 
 from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
 from ph_post.drive.effects import plant_of
+from ph_post.drive.following import delayed
 from ph_post.drive.plant import Plant, force_on
 from ph_post.drive.reading import TRUE, read_table
+from ph_post.drive.widening import gap_at, table_behind
 from ph_post.simulate import kernel
-from ph_post.simulate.modes import modes_of
+from ph_post.simulate.cutting import cutting_force, path_velocity
+from ph_post.simulate.modes import level_for, modes_of
 from ph_post.simulate.slow import SlowAxis
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
 
 AT_REST: Final = 1e-12
 """Speeds at the first sample up to this [m/s] are none."""
+
+NO_FORCE: Final = np.zeros(0)
 
 AS_IT_IS: Final = Scenario()
 """What the machine file says, and standstill and the flank "+" where it leaves that open."""
@@ -36,7 +42,8 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
 
     Between rows the command is linear. An axis that moves at the first row starts on the path with the
     path's speed, engaged in the direction of its motion; one that rests there starts on the flank that
-    machine file or scenario say.
+    machine file or scenario say. What cuts does so by the path as it is commanded, rapids included: by how
+    much an axis is late makes no difference to that force.
 
     Parameters
     ----------
@@ -59,6 +66,8 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     for number, (name, plant) in enumerate(plants.items()):
         flank = command.flanks.get(name) or first_flank(machine.axes[name], scenario)
         trace = trace_of(command, number)
+        if plant.cutting:
+            trace = trace._replace(force=cutting_force(plant, path_velocity(command), number))
         tables[name], motor[:, number], changes = run_plant(trace, plant, flank, command.period)
         events += list_events(changes, name)
     since = command.t - command.t[0]
@@ -73,13 +82,15 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
 class Trace(NamedTuple):
     """What one axis is commanded.
 
-    `position` (n,) [m], place and speed of the path at the beginning, and when that is [s].
+    `position` (n,) [m], place and speed of the path at the beginning, and when that is [s]; `force` (n,) is
+    what else resists the body that feels friction, linear between samples, F/K [m].
     """
 
     position: Array
     place: float
     speed: float
     begin: float = 0.0
+    force: Array | None = None
 
 
 class Changes(NamedTuple):
@@ -114,26 +125,21 @@ def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Ar
 
     The table is where it is, not what screw or scale make its reading.
     """
-    linear = replace(plant, forces=(), reading=TRUE)
+    linear = replace(plant, forces=(), cutting=(), reading=TRUE)
     automaton = build_automaton(linear)
-    command = _delayed(trace.position, plant.command_delay / period)
+    command = delayed(trace.position, plant.command_delay / period)
     z, first = _start(trace, plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
+    force = NO_FORCE if trace.force is None else np.ascontiguousarray(trace.force)
     if plant.forces:
-        instants, log = SlowAxis(plant, command, period, trace.begin).run(z, first, table, motor)
+        axis = SlowAxis(plant, command, period, trace.begin, force)
+        instants, log = axis.run(z, first, table, motor)
     else:
         modes = modes_of(linear, period)
-        _, instants, log = kernel.advance(command, period, z, first, modes, np.zeros(2), table, motor)
+        modes = modes._replace(plain=modes.plain and not force.size, level=level_for(linear, command))
+        _, instants, log = kernel.advance(command, period, z, first, modes, force, table, motor)
     changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
-    return _delayed(table, plant.reading_delay / period), motor, changes
-
-
-def _delayed(values: Array, samples: float) -> Array:
-    """Values as they were so many samples before, linear in between; before the first there is the first."""
-    if samples == 0.0:
-        return values
-    rows = np.arange(values.size, dtype=np.float64)
-    return np.interp(rows - samples, rows, values)
+    return delayed(table, plant.reading_delay / period), motor, changes
 
 
 def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tuple[Array, int]:
@@ -146,18 +152,19 @@ def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tupl
     flank = direction or flank
     if not any(key[0] == flank for key in automaton.keys):
         flank = automaton.keys[0][0]  # the load keeps a play on that one
-    half = 0.5 * plant.gap
     z = np.zeros(STATES)
     if plant.feedback == "load":
         z[0], z[1], z[3] = trace.place, trace.speed, trace.speed
-        z[2] = z[0] + flank * half
+        z[2] = z[0] + 0.5 * flank * gap_at(plant, z[0])
     else:
         z[2] = trace.position[0] - plant.c * trace.speed * (plant.ki == 0.0)
         z[3] = trace.speed
-        z[0] = z[2] - flank * half
+        z[0] = table_behind(plant, z[2], flank)
         z[1] = trace.speed if plant.windup_frequency else 0.0
     if plant.ki:
         force = force_on(plant, trace.begin, trace.place, trace.speed, direction)
+        force += 0.0 if trace.force is None else float(trace.force[0])
+        force += sum(size * math.sin(math.tau * z[2] / wave + phase) for size, wave, phase in plant.cogging)
         z[4] = (plant.c * trace.speed + plant.load + force) / plant.ki
     return z, automaton.keys.index((flank, direction, 0))
 

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.drive.plant import Plant, force_on
+from ph_post.drive.reading import TRUE
 from ph_post.simulate import kernel
 from ph_post.simulate.modes import modes_of
 from ph_post.types import Array, IntArray
@@ -45,12 +46,17 @@ class SlowAxis:
         h [s].
     begin : float
         Time of the first sample [s].
+    given : Array, shape (n,) or (0,)
+        Force from outside, linear between samples, F/K [m]; (0,) is none.
     """
 
-    def __init__(self, plant: Plant, command: Array, period: float, begin: float) -> None:
+    def __init__(self, plant: Plant, command: Array, period: float, begin: float, given: Array) -> None:
         self.plant, self.command, self.period, self.begin = plant, command, period, begin
-        linear = replace(plant, forces=())
-        self.modes = [modes_of(linear, period / 2.0**level) for level in range(DEEPEST + 1)]
+        self.given = given if given.size else np.zeros(command.size)
+        linear = replace(plant, forces=(), cutting=(), reading=TRUE)
+        self.modes = [
+            modes_of(linear, period / 2.0**level)._replace(plain=False) for level in range(DEEPEST + 1)
+        ]
 
     def run(self, z: Array, mode: int, table: Array, motor: Array) -> tuple[Array, IntArray]:
         """Run through all samples.
@@ -108,7 +114,9 @@ class SlowAxis:
         modes = self.modes[0]
         t = self.begin + place * self.period
         position, speed = float(at.z[modes.moving - 1]), float(at.z[modes.moving])
-        return force_on(self.plant, t, position, speed, int(modes.directions[at.mode]))
+        k = min(int(place), self.given.size - 2)
+        given: float = self.given[k] + (place - k) * (self.given[k + 1] - self.given[k])
+        return given + force_on(self.plant, t, position, speed, int(modes.directions[at.mode]))
 
     def _advance(self, place: float, level: int, start: Reached, force: Array) -> Reached:
         length = 0.5**level

@@ -85,12 +85,11 @@ def drive_of(axis: Axis) -> Drive:
 def _of_effect(name: str, given: Any, found: dict[str, Any]) -> dict[str, Any]:
     """What one effect changes; forces are in mm of following error."""
     both = found.get("coulomb", (0.0, 0.0))
+    dry = given.get("following_error_mm", 0.0) * MM
     match name:
         case "coulomb_friction":
-            dry = given["following_error_mm"] * MM
             return {"coulomb": (both[0] + dry, both[1] + dry)}
         case "stribeck_friction":
-            dry = given["following_error_mm"] * MM
             return {
                 "coulomb": (both[0] + dry, both[1] + dry),
                 "static": given["static_following_error_mm"] * MM - dry,
@@ -99,18 +98,35 @@ def _of_effect(name: str, given: Any, found: dict[str, Any]) -> dict[str, Any]:
         case "engagement_impact":
             rule = "momentum" if found["rule"] == "standstill" else found["rule"]
             return {"rule": rule, "kept": given["kept"]}
-        case "viscous_friction":
-            return {"viscous": (given["following_error_s"],) * 2}
-        case "friction_asymmetry":
+        case "viscous_friction" | "friction_asymmetry":
             plus, minus = found.get("viscous", (0.0, 0.0))
-            added = given["plus_following_error_s"], given["minus_following_error_s"]
-            return {"viscous": (plus + added[0], minus + added[1])}
+            same = given.get("following_error_s", 0.0)
+            added = (given.get(f"{way}_following_error_s", same) for way in ("plus", "minus"))
+            return {"viscous": (plus + next(added), minus + next(added))}
+        case "cogging" | "position_dependent_backlash":
+            return _of_place(name, given, found)
     key, unit, ours = {
         "load_offset": ("following_error_mm", MM, "load"),
         "torque_saturation": ("following_error_mm", MM, "saturation"),
         "transport_delay": ("delay_ms", MS, "delay"),
     }[name]
     return {ours: given[key] * unit}
+
+
+def _of_place(name: str, given: Any, found: dict[str, Any]) -> dict[str, Any]:
+    """What acts by the place of motor or table."""
+    if name == "position_dependent_backlash":
+        return {"wider": lambda x: _wider(x, given)}
+    wave = (given["following_error_mm"] * MM, given["period_mm"] * MM, math.radians(given["phase_deg"]))
+    return {"waves": (*found.get("waves", ()), wave)}
+
+
+def _wider(x: float, given: Any) -> float:
+    """Slope and bump of a gap, from millimetres."""
+    mm = x / MM
+    off = (mm - given["centre_mm"]) / given["width_mm"]
+    sloping = given["slope_mm_per_mm"] * (mm - given["reference_mm"])
+    return MM * (sloping + given["bump_mm"] * math.exp(-(off**2) / 2.0))
 
 
 def reference(case: Case, speed: float = 0.0, refine: int = 3) -> Motion:

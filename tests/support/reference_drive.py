@@ -46,7 +46,8 @@ class Drive:
     opened by hand at the time `opening` [s], the motor leaves to whichever side it is driven, and nothing
     opens later. `coulomb` and `viscous` hold the values for moving up and down; `static` is what friction has
     more at rest. `load` acts towards minus. `kept` is the part of the motor's momentum relative to the table
-    that a plastic pick-up keeps.
+    that a plastic pick-up keeps. `waves` (amplitude, period, phase) resist the motor by its place; `wider` is
+    what the gap has at a place of the table beyond `gap`.
     """
 
     b: float
@@ -67,6 +68,8 @@ class Drive:
     load: float = 0.0
     saturation: float = math.inf
     delay: float = 0.0
+    waves: tuple[tuple[float, float, float], ...] = ()
+    wider: Callable[[float], float] | None = None
 
     @classmethod
     def from_constants(
@@ -74,6 +77,14 @@ class Drive:
     ) -> Drive:
         """From the paper's constants; `motor_gap` [rad] is Δθ_m."""
         return cls(b=b, c=c, gap=motor_gap * r / N, eta=eta, beta=1.0 / tau, **more)
+
+    def half(self, x: float) -> float:
+        """Half the gap with the table at x."""
+        return 0.5 * max(self.gap + (self.wider(x) if self.wider else 0.0), 0.0)
+
+    def cogging(self, m: float) -> float:
+        """What resists the motor at m."""
+        return sum(size * math.sin(math.tau * m / period + phase) for size, period, phase in self.waves)
 
     def friction(self, way: int, v: float) -> float:
         """Dry friction while moving in the direction `way`."""

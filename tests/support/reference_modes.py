@@ -3,12 +3,12 @@
 Everything is in units of the table (m = r θ_m / N) and of following error (force over k_p k_a k_t N / r).
 With J_m = η J, B_m = β J_m and Eq. (9) the two bodies of section 3.3 are
 
-    motor   η b (ẇ + β w) = u - T
+    motor   η b (ẇ + β w) = u - q - T
     table   (1 - η) b v̇ + (c - η β b) v = T - g
 
-with the controller's output u = e + (k_i/k_p) ∫e + (k_d/k_p) ė, friction and load g, and the force T between
-them. Their sum is Eq. (8); T = 0 is the gap, Eq. (16). While they touch and move with v,
-T = (1 - η) u + η (c - β b) v + η g; while both are held at rest, T = u.
+with the controller's output u = e + (k_i/k_p) ∫e + (k_d/k_p) ė, friction and load g, cogging q, and the force
+T between them; below, u is u - q. Their sum is Eq. (8); T = 0 is the gap, Eq. (16). While they touch and move
+with v, T = (1 - η) u + η (c - β b) v + η g; while both are held at rest, T = u.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from .reference_drive import JUMP, TINY, Drive, Engaged, Mode, Ramp, watch
 
@@ -36,15 +37,19 @@ class LoadAxis:
         self.drive = drive
         self.ramp = Ramp(0.0, 0.0, 0.0)
         self.limit = 0  # side on which the motor gives all it can
-        self.rigid = drive.gap == 0.0 or drive.rule == "once"
+        self.rigid = (drive.gap == 0.0 and not drive.wider) or drive.rule == "once"
         self.touch, self.left = Engaged(flank), Engaged(flank)
         self.way = int(np.sign(speed))
         self.opening = drive.opening if drive.rule == "once" else math.inf
-        self.half = drive.gap if drive.rule == "once" else 0.5 * drive.gap
-        motor = position + (0.0 if self.rigid else flank * self.half)
+        motor = position + (0.0 if self.rigid else flank * self.half(position))
         self.y = np.array([position, speed, motor, speed, 0.0])
 
+    def half(self, x: float) -> float:
+        return self.drive.gap if self.drive.rule == "once" else self.drive.half(x)
+
     def places(self) -> tuple[float, float]:
+        if self.touch and self.drive.wider:
+            self.y[2] = self.y[0] + self.touch * self.half(self.y[0])
         return float(self.y[0]), float(self.y[2])
 
     def wanted(self, t: float, y: NDArray[np.float64]) -> float:
@@ -53,7 +58,8 @@ class LoadAxis:
         return self.ramp.at(t) - y[0] + d.ki * y[4] + d.kd * (self.ramp.slope - y[1])
 
     def output(self, t: float, y: NDArray[np.float64]) -> float:
-        return min(max(self.wanted(t, y), -self.drive.saturation), self.drive.saturation)
+        given = min(max(self.wanted(t, y), -self.drive.saturation), self.drive.saturation)
+        return given - self.drive.cogging(y[2])
 
     def rate(self, t: float, y: NDArray[np.float64]) -> list[float]:
         x, v, _, w, _ = y.tolist()
@@ -91,7 +97,7 @@ class LoadAxis:
         return Mode([pair[0] for pair in pairs], [pair[1] for pair in pairs])
 
     def _beyond(self, y: NDArray[np.float64], side: int) -> float:
-        return side * (y[2] - y[0]) - self.half - TINY
+        return side * (y[2] - y[0]) - self.half(y[0]) - TINY
 
     def _may_part(self) -> bool:
         """Whether a vanishing contact force opens the gap (else the motor's reversal does)."""
@@ -195,6 +201,7 @@ class LoadAxis:
         return ["sticks"] if not forward and self.drive.held(1) > 0.0 else []
 
     def _part(self) -> list[str]:
+        self.places()
         self.left, self.touch = self.touch, Engaged.NONE
         if self.y[1] == 0.0:
             self.way = self._alone()
@@ -214,7 +221,7 @@ class LoadAxis:
         plastic = d.rule in {"momentum", "contact"}
         together = v + d.kept * d.eta * (w - v) if plastic else 0.0
         self.y[1] = self.y[3] = together
-        self.y[2] = x if self.rigid else x + side * self.half
+        self.y[2] = x if self.rigid else x + side * self.half(x)
         self.touch = Engaged(side)
         self.way = int(np.sign(together))
         met = ["falls back" if side == self.left and not self.rigid else "picks up"]
@@ -233,12 +240,14 @@ class MotorAxis:
     """
 
     def __init__(self, drive: Drive, position: float, speed: float, flank: int) -> None:
-        self.motor = LoadAxis(replace(drive, gap=0.0), position, speed, flank)
-        self.half = 0.5 * drive.gap
+        self.motor = LoadAxis(replace(drive, gap=0.0, wider=None), position, speed, flank)
+        self.half = drive.half
+        self.open = drive.gap > 0.0 or drive.wider is not None
         # A load towards minus leaves the table on the flank that pushes towards plus.
         self.hung = next((s for s in (1, -1) if s * drive.load > drive.held(-s)), 0)
         self.touch = self.left = Engaged(self.hung or flank)
-        self.x = position - self.touch * self.half
+        self.x = position
+        self.places()
 
     @property
     def y(self) -> NDArray[np.float64]:
@@ -251,7 +260,8 @@ class MotorAxis:
 
     def places(self) -> tuple[float, float]:
         if self.touch:
-            self.x = float(self.y[0]) - self.touch * self.half
+            m, most = float(self.y[0]), 1.0
+            self.x = brentq(lambda x: x + self.touch * self.half(x) - m, m - most, m + most, xtol=1e-16)
         return self.x, float(self.y[0])
 
     def rate(self, t: float, y: NDArray[np.float64]) -> list[float]:
@@ -261,7 +271,7 @@ class MotorAxis:
         mode = self.motor.mode(t)
         if not self.touch:
             for side in (1, -1):
-                beyond = watch(lambda t, y, s=side: s * (y[0] - self.x) - self.half - TINY, 1)
+                beyond = watch(lambda t, y, s=side: s * (y[0] - self.x) - self.half(self.x) - TINY, 1)
                 mode.functions.append(beyond)
                 mode.actions.append(("meets", side))
         return mode
@@ -279,7 +289,7 @@ class MotorAxis:
 
     def _turned(self) -> list[str]:
         """Open the gap where the motor now moves away from its flank."""
-        if self.hung or not self.half or not self.touch or self.motor.way != -self.touch:
+        if self.hung or not self.open or not self.touch or self.motor.way != -self.touch:
             return []
         self.left, self.touch = self.touch, Engaged.NONE
         return ["opens"]

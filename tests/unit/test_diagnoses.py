@@ -91,7 +91,7 @@ def test_the_view_holds_the_interfaces_numbers():
     )
     assert (force["unit"], force["noise"], force["shift"]) == ("N", 0.5, None)
     assert view["places"][1]["sentence"] == "82 % of the excess lies within 40 ms after X reversals"
-    assert (view["places"][1]["value"], view["places"][1]["unit"]) == (0.04, "s")
+    assert view["places"][1]["value_si"] == 0.04
 
 
 def test_what_is_not_finite_is_null():

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from ph_post.drive.effects import Effect, acting, not_acting, plant_of
 from ph_post.drive.effects.base import MILLIMETRE, Fault, Parameter
 from ph_post.drive.effects.registry import CATALOGUE, GROUP, effect_names, find_effect
-from ph_post.drive.plant import Plant, Reading, base_plant
+from ph_post.drive.plant import Plant, Reading, Widening, base_plant
 from ph_post.errors import InputError
 from ph_post.io.machinefile import read_machine
 from ph_post.types import Axis, EffectSetting, Gap, Limits, Scenario, Servo
@@ -36,8 +36,20 @@ THIS_STEP = {
     "thermal_growth",
     "squareness",
     "friction_asymmetry",
+    "cogging",
+    "cutting_force",
+    "position_dependent_backlash",
 }
-UNWRITTEN = {"cyclic_error", "scale_error", "thermal_growth", "squareness", "friction_asymmetry"}
+UNWRITTEN = {
+    "cyclic_error",
+    "scale_error",
+    "thermal_growth",
+    "squareness",
+    "friction_asymmetry",
+    "cogging",
+    "cutting_force",
+    "position_dependent_backlash",
+}
 """Effects whose rows the table of the README does not have yet."""
 AXIS = Axis(
     name="X",
@@ -91,6 +103,15 @@ def test_what_has_a_sign():
         ("friction_asymmetry", "plus_following_error_s"),
         ("friction_asymmetry", "minus_n_s_per_mm"),
         ("friction_asymmetry", "minus_following_error_s"),
+        ("cogging", "force_n"),
+        ("cogging", "following_error_mm"),
+        ("cogging", "phase_deg"),
+        ("cutting_force", "force_n"),
+        ("cutting_force", "following_error_mm"),
+        ("position_dependent_backlash", "slope_mm_per_mm"),
+        ("position_dependent_backlash", "reference_mm"),
+        ("position_dependent_backlash", "bump_mm"),
+        ("position_dependent_backlash", "centre_mm"),
     }
 
 
@@ -141,6 +162,33 @@ def test_what_has_a_sign():
             {"amplitude_mm": -0.004, "period_mm": 5},
             {"reading": Reading(cycles=((-4e-6, 5e-3, 0.0),))},
         ),
+        # 5° of the motor are 5 π/180 · r/N of travel
+        (
+            "cogging",
+            {"force_n": 20, "period_motor_deg": 5, "phase_deg": -90},
+            {"cogging": (pytest.approx((4e-5, math.pi / 900, -math.pi / 2), rel=1e-14),)},
+        ),
+        (
+            "cogging",
+            {"following_error_mm": 0.04, "period_mm": 2},
+            {"cogging": (pytest.approx((4e-5, 2e-3, 0.0), rel=1e-14),)},
+        ),
+        ("cutting_force", {"force_n": 20}, {"cutting": (pytest.approx((4e-5, 1 / 60, 0.0), rel=1e-14),)}),
+        (
+            "cutting_force",
+            {"following_error_mm": -0.04, "feed_mm_min": 600, "exponent": 0.7},
+            {"cutting": (pytest.approx((-4e-5, 0.01, 0.7), rel=1e-14),)},
+        ),
+        (
+            "position_dependent_backlash",
+            {"slope_mm_per_mm": 1e-4, "reference_mm": 200},
+            {"widening": Widening(slope=1e-4, reference=0.2, width=0.1)},
+        ),
+        (
+            "position_dependent_backlash",
+            {"bump_mm": 0.03, "centre_mm": -40, "width_mm": 25},
+            {"widening": Widening(bump=3e-5, centre=-0.04, width=0.025)},
+        ),
         ("scale_error", {"error": -2e-5}, {"reading": Reading(scale=-2e-5)}),
         (
             "thermal_growth",
@@ -160,7 +208,7 @@ def test_what_an_effect_does_to_the_plant(name, given, expected):
     found = changed((name, given))
     assert found.keys() == expected.keys()
     for key, value in expected.items():
-        exact = isinstance(value, str | Reading)
+        exact = isinstance(value, str | Reading | Widening | tuple)
         assert found[key] == (value if exact else pytest.approx(value, rel=1e-14))
 
 
@@ -198,6 +246,9 @@ ALL = (
     ("thermal_growth", {"growth_mm": 0.03, "time_constant_s": 1200}),
     ("squareness", {"angle_rad": 1e-4}),
     ("friction_asymmetry", {"plus_following_error_s": 5e-4, "minus_following_error_s": -5e-4}),
+    ("cogging", {"following_error_mm": 0.04, "period_mm": 2}),
+    ("cutting_force", {"following_error_mm": 0.03, "feed_mm_min": 600}),
+    ("position_dependent_backlash", {"slope_mm_per_mm": 1e-4}),
 )
 
 
@@ -208,6 +259,9 @@ def test_effects_of_all_kinds_act_together():
     assert found.pop("reading") == Reading(
         cycles=((4e-6, 5e-3, 0.0),), scale=1e-5, growths=((3e-5, 1200.0),), others=(("Y", 1e-4),)
     )
+    assert found.pop("cogging") == (pytest.approx((4e-5, 2e-3, 0.0)),)
+    assert found.pop("cutting") == (pytest.approx((3e-5, 0.01, 0.0)),)
+    assert found.pop("widening") == Widening(slope=1e-4, width=0.1)
     assert found == pytest.approx(
         {
             "coulomb_plus": 5e-5,

@@ -19,6 +19,8 @@ from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Quality
 from ph_post.diagnose.repeats import find_repeats
 from ph_post.diagnose.response import linear_response
+from ph_post.diagnose.structure import is_structured
+from ph_post.diagnose.where import locate
 from ph_post.types import AxisLog, Log, Machine, Servo
 
 Array = NDArray[np.float64]
@@ -129,6 +131,22 @@ def test_a_grid_counts_to_the_noise() -> None:
     assert noise == pytest.approx(5.0 * UM / math.sqrt(12.0), rel=0.15)
 
 
+@pytest.mark.parametrize("quantum", [1.0, 5.0, 20.0])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("cycle", [4.0, 3.3337])
+def test_rounding_that_repeats_with_the_motion_is_noise_all_the_same(
+    quantum: float, noise: float, cycle: float
+) -> None:
+    """What a true model leaves of such a record is no structure."""
+    command = 0.02 * np.sin(2.0 * np.pi * PERIOD * np.arange(20_000) / cycle)
+    true = servo(command)
+    reading = quantum * UM * np.round((true + white(true.size, noise * quantum * UM)) / (quantum * UM))
+    quality = examine(record(command, reading), machine())
+    assert quality.channels[0].noise_from == "repeats"
+    counted = np.arange(true.size) >= quality.first
+    assert not is_structured(reading - true, counted, quality.channels[0].noise)[0]
+
+
 @pytest.mark.parametrize("cycle", [4.0, 2.0 * math.pi / 1.37])
 def test_repeats_see_the_wander_that_differences_miss(cycle: float) -> None:
     """Also where the motion comes again between two samples; friction and gap repeat and are no noise."""
@@ -236,6 +254,32 @@ def test_a_drive_that_is_slower_than_its_file_is_not_late() -> None:
     assert channel.shift in {0.0, None}
 
 
+def test_where_a_delay_looks_like_something_else_none_is_told() -> None:
+    """One sine tells no delay from a slow drive, one speed none from an offset."""
+    t = PERIOD * np.arange(20_000)
+    for command in (0.005 * np.sin(19.0 * t), 0.01 * t):
+        late = np.interp(t - 2e-3, t, servo(command)) + white(t.size, 0.2 * UM)
+        (channel,) = examine(record(command, late), machine()).channels
+        assert channel.shift is None
+
+
+@pytest.mark.parametrize("side", ["friction", "play"])
+def test_friction_and_play_are_no_delay(side: str) -> None:
+    t = PERIOD * np.arange(20_000)
+    triangle = 0.02 * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * t / 4.7773))
+    command = np.asarray(signal.lfilter(np.ones(60) / 60.0, [1.0], triangle), dtype=np.float64)
+    if side == "friction":
+        reading = servo(command - 15.0 * UM * np.sign(np.gradient(command)))
+    else:
+        table = servo(command)
+        reading, flank = np.empty(t.size), 0.0
+        for row, place in enumerate(table):
+            flank = min(max(flank, place - 15.0 * UM), place + 15.0 * UM)
+            reading[row] = flank
+    (channel,) = examine(record(command, reading + white(t.size, 0.2 * UM)), machine()).channels
+    assert channel.shift in {0.0, None}
+
+
 def test_missing_samples_are_counted_and_harmless() -> None:
     command = sweeps(20.0)
     reading = servo(command) + white(command.size, 0.2 * UM)
@@ -293,6 +337,25 @@ def test_a_coarse_grid_shows_what_is_larger_than_it() -> None:
     assert faults(record(command, fine)) == ()
     away = 0.1 * MM * np.round(servo(command - 0.3 * MM * np.sign(np.gradient(command))) / (0.1 * MM))
     assert faults(record(command, away)) == ()
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, 40, 300])
+@pytest.mark.parametrize("steps", [0.0, 1e-5])
+def test_short_empty_and_broken_records_trip_nothing(n: int, steps: float) -> None:
+    rng = np.random.default_rng(n)
+    command = steps * np.arange(n)
+    holes = np.where(rng.random(n) < 0.5, np.nan, command)
+    drives = (machine(), make_machine([make_axis("none", 0.0, 0.0, 0.0)], PERIOD), machine("Z"))
+    for reading in (None, command, np.full(n, np.nan), command + white(n, UM), holes):
+        for drive in drives:
+            log = record(command, reading)
+            quality = examine(log, drive)
+            assert all(np.isfinite(channel.noise) for channel in quality.channels)
+            assert 0 <= quality.first <= n // 5
+            residual = np.zeros(n) if reading is None else reading
+            for noise in (0.0, UM):
+                found = locate(log, "X", residual, np.ones(n, dtype=np.bool_), noise, drive)
+                assert all(math.isfinite(place.value) for place in found)
 
 
 @pytest.mark.skipif(EMPS is None, reason="the measured record lies in ../shared/data/emps, which is not here")

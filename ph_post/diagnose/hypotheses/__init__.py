@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ph_post.diagnose.hypotheses.base import Hypothesis
 from ph_post.diagnose.hypotheses.drives import drive_hypotheses
-from ph_post.diagnose.hypotheses.forces import FORCES
-from ph_post.diagnose.hypotheses.readings import READINGS
+from ph_post.diagnose.hypotheses.forces import force_hypotheses
+from ph_post.diagnose.hypotheses.readings import reading_hypotheses
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import is_effect
 
@@ -20,7 +20,7 @@ def hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
 
 def every_hypothesis(problem: Problem) -> tuple[Hypothesis, ...]:
     """List all hypotheses, whether or not they can act on an axis."""
-    return (*drive_hypotheses(problem), *FORCES, *READINGS)
+    return (*drive_hypotheses(problem), *force_hypotheses(problem), *reading_hypotheses(problem))
 
 
 def why_not(problem: Problem, hypothesis: Hypothesis) -> str:

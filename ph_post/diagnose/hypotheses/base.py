@@ -63,6 +63,8 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
         Names whose effect is a special case of this one.
     replaces : tuple of str
         Base values ("b", "c", "gap") that it sets free of their prior.
+    excludes : tuple of str
+        Names beside which its numbers mean nothing, as both do the same.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     bars: Callable[[Problem], str] = always
     within: tuple[str, ...] = ()
     replaces: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:

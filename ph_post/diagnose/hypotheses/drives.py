@@ -139,6 +139,7 @@ MISMATCH = Hypothesis(
     },
     bars=_no_servo,
     replaces=("b", "c"),
+    excludes=("viscous_friction",),
 )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
-from ph_post.diagnose.hypotheses.scan import periods, reversal_step, speeds
+from ph_post.diagnose.hypotheses.scan import longest_period, periods, reversal_step, speeds
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
@@ -100,6 +100,7 @@ VISCOUS = Hypothesis(
     starts=lambda _problem, _left: [(1e-4,)],
     values=named("coefficient"),
     bars=_no_friction,
+    excludes=("servo_mismatch",),
 )
 
 
@@ -120,6 +121,18 @@ ASYMMETRY = Hypothesis(
     values=named("plus", "minus"),
     bars=_no_friction,
     within=("viscous_friction",),
+    excludes=("viscous_friction", "servo_mismatch", "friction_asymmetry"),
+)
+
+
+DIFFERENCE = replace(
+    ASYMMETRY,
+    variant="about c",
+    numbers=(Number(name="difference", low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True),),
+    apply=lambda plant, n: _asymmetry(plant, (0.5 * n[0], -0.5 * n[0])),
+    starts=lambda _problem, _left: [(1e-4,)],
+    values=lambda _problem, n: {"plus": 0.5 * n[0], "minus": -0.5 * n[0]},
+    excludes=(),
 )
 
 
@@ -153,10 +166,11 @@ def wave_values(first: str) -> Callable[[Problem, Numbers], dict[str, float]]:
     return values
 
 
-def wave_numbers(high: float) -> tuple[Number, ...]:
-    """Sine, cosine and log of the period [m]."""
+def wave_numbers(high: float, longest: float) -> tuple[Number, ...]:
+    """Return sine, cosine and log of the period [m], of which the travel must hold some."""
     size = [Number(name=n, low=-high, high=high, scale=MICRON, linear=True) for n in ("sine", "cosine")]
-    return (*size, Number(name="period", low=math.log(1e-4), high=math.log(1.0), scale=0.003))
+    periods = Number(name="period", low=math.log(1e-4), high=math.log(max(longest, 2e-4)), scale=0.003)
+    return (*size, periods)
 
 
 def _cogging(plant: Plant, numbers: Numbers) -> Plant:
@@ -169,14 +183,15 @@ def _cogging(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("cogging").apply(plant, values)
 
 
-COGGING = Hypothesis(
-    name="cogging",
-    numbers=wave_numbers(MOST_FORCE),
-    apply=_cogging,
-    starts=waves,
-    values=wave_values("force"),
-    bars=_no_friction,
-)
+def _cogs(longest: float) -> Hypothesis:
+    return Hypothesis(
+        name="cogging",
+        numbers=wave_numbers(MOST_FORCE, longest),
+        apply=_cogging,
+        starts=waves,
+        values=wave_values("force"),
+        bars=_no_friction,
+    )
 
 
 def _one_axis(problem: Problem) -> str:
@@ -212,4 +227,8 @@ CUTTING_BY_FEED = replace(
     values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
 )
 
-FORCES: Final = (COULOMB, STRIBECK, VISCOUS, ASYMMETRY, LOAD, COGGING, CUTTING, CUTTING_BY_FEED)
+
+def force_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+    """Hypotheses about forces on one axis."""
+    cogs = _cogs(longest_period(problem))
+    return (COULOMB, STRIBECK, VISCOUS, DIFFERENCE, ASYMMETRY, LOAD, cogs, CUTTING, CUTTING_BY_FEED)

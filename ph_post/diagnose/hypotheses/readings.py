@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
 from ph_post.diagnose.hypotheses.forces import by_effect, named, wave_numbers, wave_values, waves
+from ph_post.diagnose.hypotheses.scan import longest_period
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
@@ -38,14 +39,16 @@ def _cyclic(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("cyclic_error").apply(plant, values)
 
 
-CYCLIC = Hypothesis(
-    name="cyclic_error",
-    numbers=wave_numbers(MOST_ERROR),
-    apply=_cyclic,
-    starts=waves,
-    values=wave_values("amplitude"),
-    bars=_needs_table,
-)
+def _cycles(longest: float) -> Hypothesis:
+    return Hypothesis(
+        name="cyclic_error",
+        numbers=wave_numbers(MOST_ERROR, longest),
+        apply=_cyclic,
+        starts=waves,
+        values=wave_values("amplitude"),
+        bars=_needs_table,
+    )
+
 
 SCALE = Hypothesis(
     name="scale_error",
@@ -134,4 +137,10 @@ def _loop_reads_late(problem: Problem) -> str:
 LATE_COMMAND = _delay(0.0)
 LATE_READING = replace(_delay(1.0), bars=_loop_reads_late)
 
-READINGS: Final = (CYCLIC, SCALE, THERMAL, _squareness("Y"), _squareness("Z"), LATE_COMMAND, LATE_READING)
+SQUARENESS: Final = (_squareness("Y"), _squareness("Z"))
+
+
+def reading_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+    """Hypotheses about what is read of one axis."""
+    cycles = _cycles(longest_period(problem))
+    return (cycles, SCALE, THERMAL, *SQUARENESS, LATE_COMMAND, LATE_READING)

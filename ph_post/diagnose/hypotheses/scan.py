@@ -45,7 +45,12 @@ def periods(problem: Problem, left: Residuals, most: int = 3) -> list[float]:
     span = float(np.ptp(place[use]))
     if span > 0.0:
         found += _spectral_periods(place[use] - np.min(place[use]), values[use], span, most)
-    return [period for period in found if SHORTEST <= period <= 2.0 * span]
+    return [period for period in found if SHORTEST <= period <= longest_period(problem)]
+
+
+def longest_period(problem: Problem) -> float:
+    """Return the longest period that the travel still holds one and a half times [m]."""
+    return float(np.ptp(problem.command)) / 1.5
 
 
 def _spectral_periods(place: Array, values: Array, span: float, most: int) -> list[float]:

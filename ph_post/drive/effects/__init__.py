@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import msgspec
+from msgspec.structs import replace
 
 from ph_post.drive.effects.base import Effect
 from ph_post.drive.effects.registry import find_effect, is_effect
 from ph_post.drive.effects.values import effect_values
 from ph_post.drive.plant import Plant, base_plant
+from ph_post.drive.widening import widened
 from ph_post.types import Axis, EffectSetting, Scenario
 
 
@@ -61,8 +63,13 @@ def _felt(axis: Axis, setting: EffectSetting) -> Effect | None:
 
 
 def plant_of(axis: Axis, scenario: Scenario) -> Plant:
-    """Return an axis as a scenario has it, with its effects applied in the order of the file."""
+    """Return an axis as a scenario has it, with its effects applied in the order of the file.
+
+    A scenario's factor of the gap is one of all that the gap is at any place.
+    """
     plant = base_plant(axis, scenario)
     for one in acting(axis):
         plant = one.effect.apply(plant, one.values)
-    return plant
+    if plant.widening is None or scenario.gap == 1.0:
+        return plant
+    return replace(plant, widening=widened(plant.widening, scenario.gap))

@@ -7,15 +7,15 @@ To add one: make an :class:`Effect` and register it, under its own name, as entr
 ``ph_post.effects``. Its `apply` is a pure function of plant and values and adds to what it finds, so that
 effects combine in the order of the file. Where two of a kind cannot both hold on one axis it says `once`.
 
-What can be said in the constants of a plant (friction, viscous coefficients, loads, delays, ...) runs
-compiled, whoever wrote the effect. Any other force is a Python function that `apply` adds to the `forces` of
-the plant::
+What can be said in the constants of a plant (friction, viscous coefficients, loads, delays, cogging, a gap
+that differs from place to place, what is read of a table, ...) runs compiled, whoever wrote the effect. Any
+other force is a Python function that `apply` adds to the `forces` of the plant::
 
-    def cog(plant: Plant, values: Values) -> Plant:
-        size, pitch = values["size"], values["pitch"]
+    def drag(plant: Plant, values: Values) -> Plant:
+        size, speed_of_size = values["size"], values["speed"]
 
         def force(t: float, position: float, speed: float, direction: float) -> float:
-            return size * math.sin(2.0 * math.pi * position / pitch)
+            return size * (speed / speed_of_size) ** 3
 
         return replace(plant, forces=(*plant.forces, force))
 
@@ -33,7 +33,7 @@ import msgspec
 
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis, Feedback
-from ph_post.units import DEGREE, HERTZ, MM, MS
+from ph_post.units import DEGREE, HERTZ, MM, MM_PER_MIN, MS
 
 Values = Mapping[str, float]
 """Values of an effect in SI units by :attr:`Parameter.gives`; of a choice, its place among the choices."""
@@ -164,6 +164,7 @@ SECOND = constant("s", 1.0)
 MILLISECOND = constant("ms", MS)
 MILLIMETRE = constant("mm", MM)
 MM_PER_S = constant("mm/s", MM)
+FEED = constant("mm/min", MM_PER_MIN)
 HZ = constant("Hz", HERTZ)
 RADIAN = constant("rad", 1.0)
 DEGREES = constant("°", DEGREE)

@@ -33,12 +33,15 @@ CATALOGUE = (
 
 _HERE = "ph_post.drive.effects"
 BUILT_IN = {
+    "cogging": f"{_HERE}.cogging:EFFECT",
     "coulomb_friction": f"{_HERE}.coulomb_friction:EFFECT",
+    "cutting_force": f"{_HERE}.cutting_force:EFFECT",
     "cyclic_error": f"{_HERE}.cyclic_error:EFFECT",
     "elastic_windup": f"{_HERE}.elastic_windup:EFFECT",
     "engagement_impact": f"{_HERE}.engagement_impact:EFFECT",
     "friction_asymmetry": f"{_HERE}.friction_asymmetry:EFFECT",
     "load_offset": f"{_HERE}.load_offset:EFFECT",
+    "position_dependent_backlash": f"{_HERE}.position_dependent_backlash:EFFECT",
     "scale_error": f"{_HERE}.scale_error:EFFECT",
     "squareness": f"{_HERE}.squareness:EFFECT",
     "stribeck_friction": f"{_HERE}.stribeck_friction:EFFECT",

@@ -20,3 +20,8 @@ TEST_CODE: Final = "ISO 230-1: Test code for machine tools, part 1: Geometric ac
 POSITIONING: Final = "ISO 230-2: Test code for machine tools, part 2: Positioning accuracy, 2014"
 
 THERMAL: Final = "ISO 230-3: Test code for machine tools, part 3: Determination of thermal effects, 2020"
+
+CUTTING: Final = (
+    "Y. Altintas: Manufacturing Automation: Metal Cutting Mechanics, Machine Tool Vibrations, "
+    "and CNC Design, 2nd ed., Cambridge University Press 2012"
+)

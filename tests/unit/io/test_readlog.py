@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ph_post.cli.main import main
 from ph_post.errors import InputError
 from ph_post.gcode.controller.run import run_program
 from ph_post.gcode.reader.read import read_program
 from ph_post.io.logfile import log_content
-from ph_post.io.logsheet import Sheet
-from ph_post.io.logtime import clock_of
 from ph_post.io.machinefile import read_machine
 from ph_post.io.readlog import read_log
 from ph_post.simulate.machine import simulate
@@ -127,6 +126,19 @@ def test_halsampler_with_numbered_samples_tells_what_was_lost(tmp_path):
     assert log.warnings[0] == words
 
 
+def test_what_a_linuxcnc_recorded_is_read():
+    """Eight pins of LinuxCNC 2.9 while it begins to move: commands of X, Y, Z, motors, line, in position."""
+    file = Path(__file__).parent / "recorded" / "halsampler.txt"
+    columns = ["X_cmd=2", "X_motor=5", "Y_cmd=3", "Y_motor=6"]
+    log = read_log(file, columns=columns, machine=read_machine("mill"))
+    rows = np.loadtxt(file)
+    assert log.missing == 0
+    assert log.t == pytest.approx(rows[:, 0] * 0.001, abs=1e-9)
+    assert log.axes["X"].command == pytest.approx(rows[:, 1] * 1e-3, abs=1e-12)
+    assert log.axes["Y"].motor == pytest.approx(rows[:, 5] * 1e-3, abs=1e-12)
+    assert (log.axes["X"].table, np.ptp(rows[:, 1]) > 1.0) == (None, True)
+
+
 def test_halsampler_without_numbers_takes_its_period_from_a_remark(tmp_path):
     file = put(tmp_path, "".join(["# period: 0.002\n", *halsampler(tag=False)]))
     log = recorded(read_log(file, columns=["X_cmd=1", "X_act=2"]))
@@ -189,41 +201,6 @@ def test_a_real_drive_is_read_by_mapping_its_variables():
     law = 35.15 * kv * (kp * (axis.command - axis.motor) - np.gradient(axis.motor, log.period))
     assert np.corrcoef(law, axis.effort)[0, 1] > 0.98
     assert np.std(law) == pytest.approx(np.std(axis.effort), rel=0.05)
-
-
-def sheet():
-    return Sheet(
-        name="a", stem="a", digest="", names=(), rows=0, load=dict, where=lambda row: f"a:{row}", header="a:0"
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("rate", "decimals"), [(1000, 3), (3000, 3), (3000, 6), (700, 3), (400, 3), (8000, 9)]
-)
-def test_rounded_times_are_at_one_period(rate, decimals):
-    k = np.arange(20000)
-    clock = clock_of(np.round(5.0 + k / rate, decimals), sheet())
-    assert np.array_equal(clock.place, k)
-    assert clock.period == pytest.approx(1.0 / rate, rel=1e-7)
-    assert clock.jitter <= 0.51 * 10.0**-decimals
-
-
-def test_holes_are_seen_in_rounded_times():
-    k = np.delete(np.arange(20000), [100, 5000, 5001])
-    clock = clock_of(np.round(k / 400, 3), sheet())
-    assert np.array_equal(clock.place, k)
-    assert clock.period == pytest.approx(1.0 / 400, rel=1e-7)
-
-
-@pytest.mark.parametrize(("jitter", "taken"), [(0.09, True), (0.13, False)])
-def test_a_sample_may_be_off_by_a_tenth_of_the_period(jitter, taken):
-    t = 0.001 * np.arange(2000)
-    t[777] += jitter * 0.001
-    if taken:
-        assert clock_of(t, sheet()).jitter == pytest.approx(jitter * 0.001, rel=0.01)
-        return
-    with pytest.raises(InputError, match="a:777: the sampling period is not constant"):
-        clock_of(t, sheet())
 
 
 places = st.floats(-0.09, 0.09).map(lambda x: round(x, 9))
@@ -313,3 +290,57 @@ def test_axes_that_the_machine_does_not_have_are_refused(tmp_path, ran):
         read_log(file, machine=read_machine("paper"))
     words = "the machine has no axis Z; is the log of another one?; expected X, Y; got X, Y, Z"
     assert str(refusal.value) == f"{file}:1: {words}"
+
+
+def test_without_a_machine_the_program_is_not_compared(tmp_path):
+    log = recorded(read_log(put(tmp_path, text()), program=PROGRAM))
+    assert log.warnings == ("without a machine the commands cannot be compared with part.ngc",)
+
+
+def test_a_column_that_is_mapped_is_not_taken_under_its_own_name_too(tmp_path):
+    axis = read_log(put(tmp_path, text()), columns=["X_motor=X_act:mm"]).axes["X"]
+    assert axis.table is None
+    assert axis.motor == pytest.approx((X - 0.01) * 1e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("reading", "words"),
+    [
+        (X * 1e-3, "has another scale than X_cmd: is it in another unit?; expected a travel of 19.9956 mm"),
+        (np.where(K % 2, 5.0, -5.0), "does not follow X_cmd: is it the same axis, program and sign?"),
+    ],
+)  # fmt: skip
+def test_a_reading_of_something_else_is_refused(tmp_path, reading, words):
+    rows = [(a, b, f"{x:.7f}") for (a, b, _), x in zip(ROWS, reading, strict=True)]
+    with pytest.raises(InputError) as refusal:
+        read_log(put(tmp_path, text(rows)))
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "reading",
+    [np.zeros(300), np.round(X / 4) * 4, 1e-3 * (K % 2), np.roll(X, 10) * 0.9 + 0.5, X + 0.01 * K],
+    ids=["still", "coarse", "noise only", "late", "drifting"],
+)
+def test_what_a_poor_reading_shows_is_left_to_others(tmp_path, reading):
+    rows = [(a, b, f"{x:.6f}") for (a, b, _), x in zip(ROWS, reading, strict=True)]
+    assert read_log(put(tmp_path, text(rows))).warnings == ()
+
+
+def test_what_is_before_and_after_the_program_is_told(tmp_path, ran):
+    lines = part(ran, ("X_cmd", "X_act", "Y_cmd", "Y_act")).split("\n")
+    away = ["60,60,60,60"] * 100
+    rows = [f"{k * 0.001:.3f},{line}" for k, line in enumerate(away + lines[1:] + away)]
+    file = put(tmp_path, "\n".join(["t," + lines[0], *rows]))
+    log = read_log(file, program=PROGRAM, machine=MACHINE)
+    assert log.warnings == ("200 samples before and after the path of part.ngc are not of this program",)
+
+
+def test_what_simulate_writes_is_read_as_it_is(tmp_path, capsys):
+    file = tmp_path / "run.csv"
+    assert main(["simulate", "circle", "-m", "stepper", "--log", str(file)]) == 0
+    capsys.readouterr()
+    log = read_log(file, machine=read_machine("stepper"))
+    assert (log.warnings, log.missing, set(log.axes)) == ((), 0, {"X", "Y"})
+    assert log.remarks["made by"].startswith("ph-post ")
+    assert all(axis.motor is not None and axis.table is not None for axis in log.axes.values())

@@ -1,0 +1,42 @@
+"""What is told of identified parameters: the interface's object, and a table."""
+
+import json
+import math
+
+from ph_post.diagnose.record import Estimate
+from ph_post.report.identifications import identification_lines, identification_view
+
+AXES = {
+    "X": {
+        "b": Estimate(value=1.562e-4, stderr=2e-6, unit="s²"),
+        "lost_motion": Estimate(value=0.0301, stderr=0.0004, unit="mm"),
+    },
+    "Y": {"c": Estimate(value=0.03, stderr=None, unit="s")},
+}
+NOTE = "X: beta and C are not told apart by positions alone"
+
+
+def test_the_view_has_parameters_by_axis_with_standard_errors():
+    view = json.loads(json.dumps(identification_view(AXES, [NOTE]), allow_nan=False))
+    assert view["axes"]["X"]["lost_motion"] == {"value": 0.0301, "stderr": 0.0004, "unit": "mm"}
+    assert view["axes"]["Y"]["c"] == {"value": 0.03, "stderr": None, "unit": "s"}
+    assert view["notes"] == [NOTE]
+
+
+def test_what_is_not_finite_is_null():
+    view = identification_view({"X": {"c": Estimate(value=math.nan, stderr=math.inf, unit="s")}})
+    assert view["axes"]["X"]["c"] == {"value": None, "stderr": None, "unit": "s"}
+
+
+def test_the_table_has_a_line_a_parameter():
+    lines = identification_lines(AXES, [NOTE])
+    assert [line.split() for line in lines[1:4]] == [
+        ["X", "b", "0.0001562", "±", "2e-06", "s²"],
+        ["X", "lost_motion", "0.0301", "±", "0.0004", "mm"],
+        ["Y", "c", "0.03", "not", "known", "s"],
+    ]
+    assert lines[4:] == [f"note: {NOTE}"]
+
+
+def test_a_record_that_shows_nothing_says_so():
+    assert identification_lines({}) == ["This record shows no parameter."]
