@@ -72,9 +72,17 @@ class _Body:
             plant.gap > 0.0 or plant.effect("position_dependent_backlash") is not None
         )
         self.rows = np.empty((len(grid), 3))  # table or loop's side, velocity, motor
-        self.t, self.x, self.v, self.side = 0.0, 0.0, 0.0, plant.flank
-        self.w = 0.0
+        self.t, self.x, self.v, self.w, self.side = 0.0, 0.0, 0.0, 0.0, plant.flank
+        self._settle()
         self.events: list[tuple[float, str]] = []
+
+    def _settle(self) -> None:
+        """Begin where constant forces let the axis rest; inside a gap on the flank that they push it to."""
+        for _ in range(60):
+            force = self.forces.rigid(0.0, self.x, 0.0) + self.forces.cogged(self._touching(self.x))
+            self.x = -math.copysign(max(abs(force) - self.forces.held, 0.0), force)
+        if self.inside and self.x:
+            self.side = -int(math.copysign(1, self.x))
 
     def _touching(self, x: float) -> float:
         return x + 0.5 * self.side * self.plant.width(x) if self.inside else x
@@ -225,7 +233,7 @@ def _play(plant: Plant, motor: Floats) -> Floats:
     """The play operator: the table stands where it was last pushed to."""
     if plant.gap == 0.0 and plant.effect("position_dependent_backlash") is None:
         return motor
-    x = -0.5 * plant.flank * plant.width(0.0)
+    x = float(motor[0]) - 0.5 * plant.flank * plant.width(0.0)
     table = np.empty_like(motor)
     for i, m in enumerate(motor.tolist()):
         half = 0.5 * plant.width(x)
@@ -261,5 +269,6 @@ def _two_masses(plant: Plant, forces: Forces, n: int, resonance: float, damping:
 
     grid = np.arange(n + 1) * PERIOD
     body = _Body(plant, forces, grid)
-    rows = solve(rhs, 0.0, (0.0, 0.0, 0.0, 0.0), grid, float(grid[-1]))[0]
+    load = forces.rigid(0.0, body.x, 0.0)
+    rows = solve(rhs, 0.0, (body.x + load / spring, 0.0, body.x, 0.0), grid, float(grid[-1]))[0]
     return body.motion(np.column_stack([rows[:, 2], rows[:, 3], rows[:, 0]]))

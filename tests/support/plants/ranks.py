@@ -16,20 +16,29 @@ from tests.support.plants.axis import Hidden, Plant
 from tests.support.plants.cases import Case, Truth
 from tests.support.plants.courses import pace
 from tests.support.plants.readings import NAMES, Floats, Observer, Readings
+from tests.support.plants.responses import Added, Ground
 from tests.support.plants.rivals import Rival, Scene, rivals
 
 ALIKE = 50.0
 """Sum of squares, in noise floors, below which two names are alike: seven standard deviations of a number
 that is known exactly, of which little is left where part of a record is held out."""
 
+UNSEEN = 9.0
+"""Below this b and c may take it within their prior: three standard errors."""
+
 PRIOR = 0.02
 """Standard error of b and c."""
 
-PROMISING = 0.6
-"""Share of the signature that may be left after a straight line's guess for a rival to be tried further."""
+PROMISING = 0.35
+"""Share of the signature that a linear answer may leave for the rival's plant to be tried."""
 
-ROUNDS = 5
-STEP = 0.05
+ROUNDS = 6
+
+LIKE_CONSTANTS = ("servo_mismatch", "viscous_friction", "friction_asymmetry")
+NOTHING = Rival("nothing", lambda plant, free: plant, (), lambda ground: [])
+
+CONTAINED = {"coulomb_friction": ("stribeck_friction",), "viscous_friction": ("friction_asymmetry",)}
+"""Names that hold another one as a special case: the simpler one is the right answer, and can be told."""
 
 
 def without(plant: Plant, base: Plant, name: str) -> Plant:
@@ -56,8 +65,18 @@ class _Signature:
         self.nuisances = np.column_stack([
             (self.observe(self.off(self.base, *shift)) - self.plain) for shift in ((1.0, 0.0), (0.0, 1.0))
         ])  # fmt: skip
+        others = [observer.motion(each, i).table for i, each in enumerate(case.plants) if i != self.axis]
+        self.ground = Ground(
+            self.base,
+            observer.motion(self.base, self.axis),
+            case.track,
+            self.axis,
+            others[0] if others else None,
+        )
         paces = [pace(case.track, axis) for axis in range(len(case.plants))]
         size = float(np.sqrt(np.mean(self.signature**2)) * np.mean(list(case.floors.values())))
+        self.whole = float(self.signature @ self.signature)
+        self.bare = self.left(self.nuisances, self.signature, np.zeros(2))[1]
         self.scene = Scene(
             size=max(size, 1e-8),
             pace=paces[self.axis],
@@ -91,46 +110,47 @@ class _Signature:
         rest = target - np.vstack([columns, tail]) @ step
         return step, float(rest @ rest)
 
-    def nothing(self) -> float:
-        return self.left(self.nuisances, self.signature, np.zeros(2))[1]
-
-    def against(self, rival: Rival) -> float:
-        """What a rival leaves of the signature: Gauss-Newton, as far as it is worth the while."""
+    def columns(self, rival: Rival) -> tuple[list[Floats], Floats]:
+        """What a rival's numbers add each, and the numbers at which nothing is added yet."""
+        if rival.columns is not None:
+            return [self.whiten(each) for each in rival.columns(self.ground)], np.zeros(len(rival.start))
         start = np.asarray(rival.start)
         begun = self.observe(rival.make(self.base, start)) - self.plain
-        columns = [begun / start[0]] if len(start) == 1 else self.slopes(rival, start, begun, np.zeros(2))
-        offset = np.zeros_like(begun) if len(start) == 1 else begun - np.column_stack(columns) @ start
-        whole = float(self.signature @ self.signature)
-        step, best = self.left(
-            np.column_stack([*columns, self.nuisances]), self.signature - offset, np.zeros(2)
-        )
-        if best > PROMISING * whole:
-            return best
-        free, off = step[:-2], step[-2:]
-        reached = np.inf
-        for _ in range(ROUNDS):
-            model = self.observe(rival.make(self.off(self.base, *off), free)) - self.plain
-            rest = self.signature - model
+        return [begun / start[0]], np.zeros(1)
+
+    def whiten(self, added: Added) -> Floats:
+        name = NAMES[self.axis]
+        still = np.zeros(len(self.ground.motion.t))
+        told = {key: added.get(key[2:], still) if key[0] == name else still for key in self.case.floors}
+        return whitened(told, self.case.floors)
+
+    def worth(self, rival: Rival) -> float:
+        """What a linear answer may leave at most for a plant to be tried: less than b and c leave alone."""
+        if rival.name in LIKE_CONSTANTS or rival is NOTHING:
+            return PROMISING * self.whole
+        return min(PROMISING * self.whole, 0.8 * self.bare)
+
+    def against(self, rival: Rival) -> float:
+        """What a rival leaves of the signature: by its linear answer, and by the plant where that is little.
+
+        The plant's own steps keep the linear answer as their slope: one run a step.
+        """
+        columns, free = self.columns(rival)
+        # Beside a free b and c, or what acts just as they do, their own freedom says nothing.
+        nuisances = self.nuisances * (rival.name not in LIKE_CONSTANTS)
+        slopes = np.column_stack([*columns, nuisances])
+        off, rest, reached = np.zeros(2), self.signature, np.inf
+        for step in range(ROUNDS):
+            by, left = self.left(slopes, rest, off)
+            if step == 0 and left > self.worth(rival):
+                return left
+            free, off = free + by[:-2], off + by[-2:]
+            rest = self.signature - (self.observe(rival.make(self.off(self.base, *off), free)) - self.plain)
             now = float(rest @ rest + off @ off)
-            if now > 0.8 * reached:
+            if now > 0.9 * reached or now < 0.1 * ALIKE:
                 return min(now, reached)
             reached = now
-            if now < 0.1 * ALIKE:
-                return now
-            columns = self.slopes(rival, free, model, off)
-            step, _ = self.left(np.column_stack([*columns, self.nuisances]), rest, off)
-            free, off = free + step[:-2], off + step[-2:]
         return reached
-
-    def slopes(self, rival: Rival, free: Floats, model: Floats, off: Floats) -> list[Floats]:
-        found = []
-        for k in range(len(free)):
-            moved = free.copy()
-            by = STEP * max(abs(free[k]), 0.2)
-            moved[k] += by
-            plant = rival.make(self.off(self.base, *off), moved)
-            found.append((self.observe(plant) - self.plain - model) / by)
-        return found
 
 
 def whitened(readings: Readings, floors: Mapping[str, float]) -> Floats:
@@ -151,16 +171,23 @@ def tell_apart(case: Case, names: Sequence[str] = ()) -> dict[str, dict[str, flo
     for truth in case.truths:
         observer = Observer(case.track)
         signature = _Signature(case, truth, observer)
-        rests = found.setdefault(truth.name, {"nothing": signature.nothing()})
+        rests = found.setdefault(truth.name, {"nothing": signature.against(NOTHING)})
         for rival in rivals(signature.base, signature.scene):
-            if rival.name != truth.name and (not names or rival.name in names):
+            if rival.name == truth.name or rival.name in CONTAINED.get(truth.name, ()):
+                continue
+            if not names or rival.name in names:
                 rests[rival.name] = min(signature.against(rival), rests.get(rival.name, np.inf))
     return found
 
 
 def alike(apart: Mapping[str, float]) -> set[str]:
-    """Names that a record cannot tell from the truth."""
-    return {name for name, rest in apart.items() if rest < ALIKE}
+    """Names that a record cannot tell from the truth; "nothing" where it does not show.
+
+    A name that takes no more than b and c take alone is not like the truth, only as good as none.
+    """
+    bare = apart.get("nothing", np.inf)
+    names = {name for name, rest in apart.items() if rest < min(ALIKE, 0.5 * bare)}
+    return names | ({"nothing"} if bare < UNSEEN else set())
 
 
 def distinguishable(case: Case) -> set[str]:

@@ -6,20 +6,28 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tests.support.plants.axis import Hidden, Plant
 from tests.support.plants.courses import Pace
+from tests.support.plants.responses import Added, Ground
 from tests.support.plants.sizes import steady, with_effect
 
 Make = Callable[[Plant, Sequence[float]], Plant]
+Columns = Callable[[Ground], list[Added]]
 
 
 @dataclass(frozen=True)
 class Rival:
-    """`make` gives a plant for free numbers of about 1, which begin at `start`."""
+    """`make` gives a plant for free numbers of about 1, which begin at `start`.
+
+    `columns` are the linear answers to each number; None where only the plant itself can tell.
+    """
 
     name: str
     make: Make
     start: tuple[float, ...]
+    columns: Columns | None = None
 
 
 @dataclass(frozen=True)
@@ -45,41 +53,61 @@ def rivals(base: Plant, of: Scene) -> Iterator[Rival]:
         yield _waves("cogging", "force", 1.8 * of.size, of.truth["period"])
 
 
-def _linear(name: str, leading: str, unit: float, lowest: float = -math.inf) -> Rival:
+def _linear(
+    name: str, leading: str, unit: float, column: Callable[[Ground], Added], lowest: float = -math.inf
+) -> Rival:
     def make(plant: Plant, free: Sequence[float]) -> Plant:
-        value = max(unit * free[0], lowest) if unit > 0.0 else unit * free[0]
+        value = max(unit * free[0], lowest)
         return with_effect(plant, name, **{leading: value}) if value else plant
 
-    return Rival(name, make, (1.0,))
+    return Rival(name, make, (1.0,), lambda ground: [column(ground)])
 
 
 def _frictions(of: Scene) -> Iterator[Rival]:
     size, speed = of.size, of.pace.velocity
-    yield _linear("coulomb_friction", "force", size, 0.0)
+    slow = size / speed
+    yield _linear("coulomb_friction", "force", size, lambda g: g.pushed(size * g.way), 0.0)
+
+    def fade(plant: Plant, more: float) -> float:
+        return max(4e-3, 0.9 * more / plant.c)
 
     def stribeck(plant: Plant, free: Sequence[float]) -> Plant:
         force, more = (max(value, 0.0) * size for value in free)
-        fade = max(4e-3, 0.9 * more / plant.c)
         return with_effect(
-            plant, "stribeck_friction", force=force, static_force=force + more, stribeck_velocity=fade
-        )
+            plant, "stribeck_friction", force=force, static_force=force + more,
+            stribeck_velocity=fade(plant, more),
+        )  # fmt: skip
 
-    yield Rival("stribeck_friction", stribeck, (1.0, 0.5))
-    yield _linear("viscous_friction", "coefficient", size / speed, 0.0)
+    def extra(ground: Ground) -> Added:
+        ratio = ground.motion.velocity / fade(ground.plant, size)
+        return ground.pushed(size * ground.way * np.exp(-ratio * ratio))
+
+    yield Rival("stribeck_friction", stribeck, (1.0, 0.5), lambda g: [g.pushed(size * g.way), extra(g)])
+    yield _linear("viscous_friction", "coefficient", slow, lambda g: g.pushed(slow * g.motion.velocity), 0.0)
 
     def asymmetry(plant: Plant, free: Sequence[float]) -> Plant:
-        plus, minus = (max(value * size / speed, -0.8 * plant.c) for value in free)
+        plus, minus = (max(value * slow, -0.8 * plant.c) for value in free)
         return with_effect(plant, "friction_asymmetry", plus=plus, minus=minus)
 
-    yield Rival("friction_asymmetry", asymmetry, (1.0, -1.0))
-    yield _linear("load_offset", "force", size)
+    def directions(ground: Ground) -> list[Added]:
+        v = slow * ground.motion.velocity
+        return [ground.pushed(np.maximum(v, 0.0)), ground.pushed(np.minimum(v, 0.0))]
 
-    def cutting(plant: Plant, free: Sequence[float]) -> Plant:
-        exponent = min(max(free[1], 0.02), 2.0)
-        return with_effect(plant, "cutting_force", force=size * free[0], feed=speed, exponent=exponent)
+    yield Rival("friction_asymmetry", asymmetry, (1.0, -1.0), directions)
+    yield _linear("load_offset", "force", size, lambda g: g.pushed(np.full(len(g.motion.t), size)))
+    for exponent in (0.02, 0.3, 0.7, 1.0, 1.5):
+        yield _cutting(size, speed, exponent)
 
-    yield Rival("cutting_force", cutting, (1.0, 0.15))
-    yield Rival("cutting_force", cutting, (1.0, 1.0))
+
+def _cutting(size: float, feed: float, begun: float) -> Rival:
+    """The second number is what the exponent changes by, times the first: so both act linearly."""
+
+    def make(plant: Plant, free: Sequence[float]) -> Plant:
+        changed = free[1] / free[0] if free[0] else 0.0
+        exponent = min(max(begun + changed, 0.02), 2.0)
+        return with_effect(plant, "cutting_force", force=size * free[0], feed=feed, exponent=exponent)
+
+    return Rival("cutting_force", make, (1.0, 0.0), lambda ground: ground.cut(size, feed, begun))
 
 
 def _drives(base: Plant, of: Scene) -> Iterator[Rival]:
@@ -89,7 +117,12 @@ def _drives(base: Plant, of: Scene) -> Iterator[Rival]:
         b, c = (min(max(1.0 + 0.05 * value, 0.3), 3.0) for value in free)
         return replace(plant, b=plant.b * b, c=plant.c * c)
 
-    yield Rival("servo_mismatch", servo, (1.0, 1.0))
+    def both(ground: Ground) -> list[Added]:
+        plant = ground.plant
+        inert, viscous = plant.b * ground.acceleration, plant.c * ground.motion.velocity
+        return [ground.pushed(0.05 * inert), ground.pushed(0.05 * viscous)]
+
+    yield Rival("servo_mismatch", servo, (1.0, 1.0), both)
 
     def windup(plant: Plant, free: Sequence[float]) -> Plant:
         if free[0] <= 1e-3:
@@ -99,25 +132,35 @@ def _drives(base: Plant, of: Scene) -> Iterator[Rival]:
             resonance *= 1.1
         return with_effect(plant, "elastic_windup", resonance=resonance, damping_ratio=0.1)
 
-    if base.feedback != "load" or not (base.gap or Forced.of(base)):
+    if base.feedback != "load":
+        yield Rival(
+            "elastic_windup", windup, (1.0,), lambda g: [g.read(-size / pace.acceleration * g.acceleration)]
+        )
+    elif not base.gap and not Forced.of(base):
         yield Rival("elastic_windup", windup, (1.0,))
-
-    def delay(reading: float) -> Make:
-        def make(plant: Plant, free: Sequence[float]) -> Plant:
-            late = max(free[0], 0.0) * size / pace.velocity
-            return with_effect(plant, "transport_delay", delay=late, reading=reading)
-
-        return make
-
-    yield Rival("transport_delay", delay(0.0), (1.0,))
-    if of.reading_seen:
-        yield Rival("transport_delay", delay(1.0), (1.0,))
+    yield from _delays(of)
 
     def saturation(plant: Plant, free: Sequence[float]) -> Plant:
         held = min(max(3.0 * size * free[0], 0.0), 0.6 * of.peak)
         return with_effect(plant, "torque_saturation", limit=of.peak - held)
 
-    yield Rival("torque_saturation", saturation, (1.0,))
+    yield Rival(
+        "torque_saturation", saturation, (1.0,), lambda g: [g.held(max(of.peak - 3.0 * size, 0.4 * of.peak))]
+    )
+
+
+def _delays(of: Scene) -> Iterator[Rival]:
+    unit = of.size / of.pace.velocity
+
+    def delay(reading: float) -> Make:
+        def make(plant: Plant, free: Sequence[float]) -> Plant:
+            return with_effect(plant, "transport_delay", delay=max(free[0], 0.0) * unit, reading=reading)
+
+        return make
+
+    yield Rival("transport_delay", delay(0.0), (1.0,), lambda g: [g.late(unit)])
+    if of.reading_seen:
+        yield Rival("transport_delay", delay(1.0), (1.0,), lambda g: [g.read(g.late(unit)["act"])])
 
 
 class Forced:
@@ -129,32 +172,38 @@ class Forced:
 
 
 def _gaps(base: Plant, of: Scene) -> Iterator[Rival]:
-    unit = of.size * (2.0 if base.feedback != "load" else 20.0)
-    windup = base.feedback == "load" and base.effect("elastic_windup") is not None
-    if not windup:
-        yield Rival(
-            "backlash", lambda plant, free: replace(plant, gap=max(plant.gap + unit * free[0], 0.0)), (1.0,)
-        )
+    inside = base.feedback == "load"
+    unit = of.size * (20.0 if inside else 2.0)
+
+    def gap(plant: Plant, free: Sequence[float]) -> Plant:
+        return replace(plant, gap=max(plant.gap + unit * free[0], 0.0))
+
+    if not inside or base.effect("elastic_windup") is None:
+        yield Rival("backlash", gap, (1.0,), None if inside else lambda g: [g.read(-0.5 * unit * g.way)])
     if base.gap <= 0.0:
         return
-    if base.feedback == "load":
+    if inside:
         yield Rival(
             "engagement_impact", lambda plant, free: replace(plant, kept=min(max(free[0], 0.0), 1.0)), (0.5,)
         )
-    most = base.gap / of.pace.place
+    slant, most = unit / of.pace.place, base.gap / of.pace.place
 
     def position(plant: Plant, free: Sequence[float]) -> Plant:
-        slope = min(max(unit / of.pace.place * free[0], -most), most)
+        slope = min(max(slant * free[0], -most), most)
         return with_effect(plant, "position_dependent_backlash", slope=slope, reference=of.pace.middle)
 
+    def slanted(ground: Ground) -> list[Added]:
+        return [ground.read(-0.5 * slant * ground.way * (ground.motion.table - of.pace.middle))]
+
     if base.effect("position_dependent_backlash") is None:
-        yield Rival("position_dependent_backlash", position, (1.0,))
+        yield Rival("position_dependent_backlash", position, (1.0,), None if inside else slanted)
 
 
 def _readings(of: Scene) -> Iterator[Rival]:
     if not of.reading_seen:
         return
-    yield _linear("scale_error", "error", of.size / of.pace.place)
+    longer = of.size / of.pace.place
+    yield _linear("scale_error", "error", longer, lambda g: g.read(longer * g.motion.table))
     for share in (0.15, 0.4, 1.2):
         yield _thermal(of.size, share * of.duration)
     periods = {2.5e-3, 5e-3, 10e-3, 20e-3}
@@ -163,14 +212,18 @@ def _readings(of: Scene) -> Iterator[Rival]:
     for period in sorted(periods):
         yield _waves("cyclic_error", "amplitude", 1.4 * of.size, period)
     if of.other is not None:
-        yield _linear("squareness", "angle", of.size / of.other.place)
+        angle = of.size / of.other.place
+        yield _linear("squareness", "angle", angle, lambda g: g.read(angle * np.asarray(g.other)))
 
 
 def _thermal(size: float, constant: float) -> Rival:
     def make(plant: Plant, free: Sequence[float]) -> Plant:
         return with_effect(plant, "thermal_growth", growth=3.0 * size * free[0], time_constant=constant)
 
-    return Rival("thermal_growth", make, (1.0,))
+    def column(ground: Ground) -> list[Added]:
+        return [ground.read(3.0 * size * -np.expm1(-ground.motion.t / constant))]
+
+    return Rival("thermal_growth", make, (1.0,), column)
 
 
 def _waves(name: str, leading: str, unit: float, period: float) -> Rival:
@@ -178,4 +231,10 @@ def _waves(name: str, leading: str, unit: float, period: float) -> Rival:
         size, phase = unit * math.hypot(*free), math.atan2(free[1], free[0])
         return with_effect(plant, name, **{leading: size, "period": period, "phase": phase})
 
-    return Rival(name, make, (1.0, 1.0))
+    def columns(ground: Ground) -> list[Added]:
+        motion = ground.motion
+        act = ground.pushed if leading == "force" else ground.read
+        turned = 2.0 * np.pi / period * (motion.motor if leading == "force" else motion.table)
+        return [act(unit * np.sin(turned)), act(unit * np.cos(turned))]
+
+    return Rival(name, make, (1.0, 1.0), columns)
