@@ -59,27 +59,32 @@ def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -
         if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
     ]
     if quality.faults or not problems:
-        return _blind(log, machine, quality)
+        return _blind(machine, quality)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         outcomes = list(pool.map(lambda one: settle_outcome(choose(one, stage)), problems))
     stage("telling")
     return _tell(log, machine, quality, outcomes)
 
 
-def _blind(log: Log, machine: Machine, quality: Quality) -> Diagnosis:
+def _blind(machine: Machine, quality: Quality) -> Diagnosis:
     """Tell that a record can show nothing."""
     if not quality.faults:
         quality = replace(quality, faults=("no axis that has a reading moves in this record",))
-    floor = _pooled_noise(log, quality)
+    floor = _pooled([one.noise for one in quality.channels if one.channel != "force"])
     return Diagnosis(
         verdict="not-identifiable", findings=(), noise_floor=floor, steps=(), quality=quality, places=(),
         remaining=(), trails=(), machine=machine,
     )  # fmt: skip
 
 
-def _pooled_noise(_log: Log, quality: Quality) -> float:
-    noise = [one.noise for one in quality.channels if one.channel != "force"]
+def _pooled(noise: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
+
+
+def _floor(outcomes: Sequence[Outcome]) -> float:
+    """Noise of all position channels together."""
+    seen = [one for outcome in outcomes for one in outcome.choice.problem.observed]
+    return _pooled([one.noise for one in seen if one.channel != "force"])
 
 
 def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outcome]) -> Diagnosis:
@@ -89,7 +94,7 @@ def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outco
         findings += findings_of(outcome, {}, {}, unit)
     findings = [_unknown_side(log, one) for one in findings]
     steps = _steps(outcomes)
-    verdict = _verdict(outcomes, findings, _pooled_noise(log, quality), steps)
+    verdict = _verdict(outcomes, findings, _floor(outcomes), steps)
     if verdict == "unknown":
         findings, steps = [], steps[:1]
     axes = dict(machine.axes)
@@ -97,7 +102,7 @@ def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outco
         axes[name] = better_axis(axes[name], tuple(one for one in findings if one.axis == name))
     better = replace(machine, axes=axes) if findings else machine
     return Diagnosis(
-        verdict=verdict, findings=tuple(findings), noise_floor=_pooled_noise(log, quality), steps=steps,
+        verdict=verdict, findings=tuple(findings), noise_floor=_floor(outcomes), steps=steps,
         quality=quality, places=(), remaining=(), trails=_trails(outcomes, verdict), machine=better,
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ph_post.diagnose.record import Channel, Quality
 from ph_post.drive.effects import plant_of
+from ph_post.drive.following import following_error
 from ph_post.drive.plant import Plant
 from ph_post.drive.reading import read_table
 from ph_post.simulate.cutting import cutting_force
@@ -138,7 +139,7 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
             found["motor"] = motor
         else:
             side = table if plant.feedback == "load" else motor
-            e = command - side
+            e = following_error(plant, command, table, motor, problem.period)
             found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
     return found
 

@@ -31,7 +31,7 @@ from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.record import Channel
 from ph_post.diagnose.structure import is_structured
-from ph_post.types import Array
+from ph_post.types import Array, BoolArray
 
 PRICE: Final = 3.0
 """Nats that a number must earn on samples that it was not fitted to."""
@@ -56,6 +56,9 @@ FLOOR: Final = 1.5
 
 CLEAN: Final = 1.02
 """Times the noise up to which nothing can be left to explain."""
+
+OUT: Final = 0.5
+"""Root mean square of what is more than noise, in parts of the noise, from which it is looked into."""
 
 MOST: Final = 4
 """Effects that are looked for on one axis."""
@@ -283,9 +286,26 @@ def _fit_from(
 def has_structure(problem: Problem, fitted: Fitted) -> bool:
     """Whether what a model leaves of any channel is more than noise."""
     return any(
-        is_structured(fitted.left[one.channel], problem.counted & one.ok, one.noise)[0]
+        _stands_out(fitted.left[one.channel], problem.counted & one.ok, one.noise) for one in problem.observed
+    )
+
+
+def _stands_out(values: Array, use: BoolArray, noise: float) -> bool:
+    structured, size = is_structured(values, use, noise)
+    return structured and size > OUT
+
+
+def _with_noise(problem: Problem, fitted: Fitted) -> Problem:
+    """Lower the noise of a channel to what a model leaves of it: nothing leaves less than the noise."""
+    observed = tuple(
+        one._replace(
+            noise=min(
+                one.noise, float(np.sqrt(mean_square(fitted.left[one.channel], problem.counted & one.ok)))
+            )
+        )
         for one in problem.observed
     )
+    return replace(problem, observed=observed)
 
 
 def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
@@ -303,6 +323,7 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
     name = problem.axis.name
     base = fit_model(problem, base_model(problem), problem.fit)
+    problem = _with_noise(problem, base)
     search = Search(problem)
     stages, scores = [base], [0.0]
     while len(stages) <= MOST and has_structure(problem, stages[-1]):
