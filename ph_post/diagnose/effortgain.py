@@ -1,7 +1,8 @@
 """The servo's stiffness K from a recorded force or current: effort = K (e - c_e v), a P loop's own equation.
 
 It holds whatever the table does, so that friction that nobody knows of is in none of its terms. All of them
-are smoothed alike, which leaves the equation as it is.
+are smoothed alike, which leaves the equation as it is. A drive knows its speed a little late, nobody says how
+much: either the record tells that too, or up to a sample of it counts as uncertainty.
 """
 
 from __future__ import annotations
@@ -54,19 +55,32 @@ def effort_gain(
         return None
     place = gaussian_filter1d(np.nan_to_num(reading), SMOOTH)
     error = gaussian_filter1d(record.command, SMOOTH) - place
-    columns = np.stack([error, np.gradient(place, period), np.ones(place.size)], axis=1)[use]
     effort = gaussian_filter1d(np.nan_to_num(record.effort), SMOOTH)[use]
+    speed = np.gradient(place, period)
+    late = speed - period * np.gradient(speed, period)
+    plain, later, free = (
+        _regressed(effort, np.stack(columns, axis=1)[use])
+        for columns in ((error, speed), (error, late), (error, speed, late))
+    )
+    bounded = (plain[0], math.hypot(plain[1], later[0] - plain[0]))
+    K, stderr = min(bounded, free, key=lambda one: one[1])
+    return (K, stderr) if stderr <= TELLS * K else None
+
+
+def _regressed(effort: Array, columns: Array) -> tuple[float, float]:
+    """Return the coefficient of the first column, an origin aside, and its standard error."""
+    columns = columns - np.mean(columns, axis=0)
+    effort = effort - np.mean(effort)
     size = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
     frame = columns / size
     found = np.linalg.lstsq(frame, effort, rcond=1e-12)[0]
     left = effort - frame @ found
     variance = float(np.mean(left**2)) * _worth(left) * np.linalg.pinv(frame.T @ frame, rcond=1e-12)[0, 0]
-    K, stderr = float(found[0] / size[0]), math.sqrt(variance) / float(size[0])
-    return (K, stderr) if stderr <= TELLS * K else None
+    return float(found[0] / size[0]), math.sqrt(variance) / float(size[0])
 
 
 def _whole(known: BoolArray) -> BoolArray:
-    """Samples whose smoothed value is made of known ones only."""
+    """Return which samples are, smoothed, made of known ones only."""
     holes = np.convolve(~known, np.ones(2 * REACH + 1), mode="same")
     return np.asarray(holes < 0.5)
 
