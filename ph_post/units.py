@@ -32,5 +32,8 @@ HERTZ: Final = math.tau
 DEGREE: Final = math.pi / 180.0
 """One degree in radians."""
 
+LEAD: Final = MM / math.tau
+"""A screw's lead of one millimetre a turn in metres a radian."""
+
 LENGTH_UNITS: Final = {"mm": MM, "m": 1.0, "inch": INCH}
 """Length units a path file may name, in metres."""

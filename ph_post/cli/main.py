@@ -21,6 +21,7 @@ COMMANDS = (
     "diff",
     "rehearse",
     "sweep",
+    "identify",
     "diagnose",
     "calibrate",
     "demo",

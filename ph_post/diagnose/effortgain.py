@@ -2,7 +2,7 @@
 
 It holds whatever the table does, so that friction that nobody knows of is in none of its terms. All of them
 are smoothed alike, which leaves the equation as it is. A drive knows its speed a little late, nobody says how
-much: either the record tells that too, or up to a sample of it counts as uncertainty.
+much: what a sample of it changes counts as uncertainty.
 """
 
 from __future__ import annotations
@@ -58,12 +58,8 @@ def effort_gain(
     effort = gaussian_filter1d(np.nan_to_num(record.effort), SMOOTH)[use]
     speed = np.gradient(place, period)
     late = speed - period * np.gradient(speed, period)
-    plain, later, free = (
-        _regressed(effort, np.stack(columns, axis=1)[use])
-        for columns in ((error, speed), (error, late), (error, speed, late))
-    )
-    bounded = (plain[0], math.hypot(plain[1], later[0] - plain[0]))
-    K, stderr = min(bounded, free, key=lambda one: one[1])
+    plain, later = (_regressed(effort, np.stack([error, v], axis=1)[use]) for v in (speed, late))
+    K, stderr = plain[0], math.hypot(plain[1], later[0] - plain[0])
     return (K, stderr) if stderr <= TELLS * K else None
 
 

@@ -72,7 +72,7 @@ def identify(
     """
     stage("looking at the record")
     draft = draft_machine(log, machine, feedback or {}, transmission or {})
-    quality = examine(log, draft.machine)
+    quality = examine(log, _nearer(log, draft.machine))
     if quality.faults:
         raise InputError(log.name, f"the record shows no parameter: {quality.faults[0]}")
     drives: dict[str, Drive] = {}
@@ -91,6 +91,18 @@ def identify(
     return Identification(
         drives=drives, machine=replace(draft.machine, axes=axes), notes=(*quality.notes, *notes)
     )  # fmt: skip
+
+
+def _nearer(log: Log, machine: Machine) -> Machine:
+    """Return the machine with the lags that the record has: a file may be far from what was recorded."""
+    axes = dict(machine.axes)
+    for name, record in log.axes.items():
+        axis = axes.get(name)
+        lag = None if axis is None else start_lag(record, axis.feedback, log.period)
+        if axis is None or lag is None or lag.c is None or axis.servo.b == 0.0 or axis.servo.ki_over_kp:
+            continue
+        axes[name] = replace(axis, servo=replace(axis.servo, b=lag.b or 0.25 * lag.c**2, c=lag.c))
+    return replace(machine, axes=axes)
 
 
 def _identify_axis(

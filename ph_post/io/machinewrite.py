@@ -90,7 +90,7 @@ def _change(axis: Axis, diagnosis: Diagnosis, log: Log, original: Source) -> Axi
     return axis_change(
         axis, diagnosis.machine.axes[axis.name], original,
         parameters={name: one for finding in numbers for name, one in finding.parameters.items()},
-        above=above or [f"fitted to {_source(log)}"],
+        above=above or [f"fitted to {log_words(log)}"],
         effects={
             one.setting.name: _described(one, diagnosis, log) for one in findings if one.setting is not None
         },
@@ -110,14 +110,15 @@ def _described(finding: Finding, diagnosis: Diagnosis, log: Log) -> EffectChange
 
 def _provenance(finding: Finding, diagnosis: Diagnosis, log: Log) -> Iterator[str]:
     """Tell where a change comes from, and what it did to the gap."""
-    yield f"{finding.name}, diagnosed from {_source(log)}"
+    yield f"{finding.name}, diagnosed from {log_words(log)}"
     for last, step in zip(diagnosis.steps, diagnosis.steps[1:], strict=False):
         if step.added == f"{finding.name}:{finding.axis}":
             gaps = f"{last.holdout_rms / UM:.3g} -> {step.holdout_rms / UM:.3g} um"
             yield f"gap between model and record on held-out data {gaps}"
 
 
-def _source(log: Log) -> str:
+def log_words(log: Log) -> str:
+    """Name a log and the hash of its bytes."""
     name = " ".join(log.name.split())
     return f"{name} (sha256 {log.digest})" if log.digest else name
 

@@ -1,0 +1,143 @@
+"""``ph-post identify``: the drive parameters of a machine, from what it did."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import click
+
+from ph_post.cli import options
+from ph_post.cli.recordings import log_options
+
+if TYPE_CHECKING:
+    from ph_post.diagnose.draftmachine import Transmission
+    from ph_post.types import Feedback, Machine
+
+LOOPS: Final = ("load", "motor", "none")
+AXES: Final = ("X", "Y", "Z")
+
+
+def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
+    """Read ``motor`` or ``X=motor``; what names its axis goes before what does not."""
+    every: dict[str, str] = {}
+    own: dict[str, str] = {}
+    for text in given:
+        name, equals, kind = (part.strip() for part in text.rpartition("="))
+        if kind not in LOOPS or (equals and name not in AXES):
+            raise click.BadParameter(f"expected load, motor or none, or AXIS=one of them; got {text!r}")
+        into, names = (own, (name,)) if equals else (every, AXES)
+        if any(one in into for one in names):
+            raise click.BadParameter(f"one feedback an axis; got two for {name or 'all'}")
+        into.update(dict.fromkeys(names, kind))
+    return every | own
+
+
+@click.command()
+@click.argument("source", metavar="LOG")
+@options.optional_machine
+@click.option(
+    "-o",
+    "--output",
+    metavar="MACHINE.toml",
+    help="The machine file with what was identified; - for standard output.",
+)
+@click.option(
+    "--feedback",
+    multiple=True,
+    callback=_loops,
+    metavar="[AXIS=]LOOP",
+    help="Where the loop closes, without -m: load, motor or none, for all axes or such as Y=load; may be "
+    "given several times. [assumed from which sides were read, and said]",
+)
+@click.option(
+    "--gear-ratio",
+    type=options.positive,
+    metavar="N",
+    help="Turns of the motor a turn of the screw; a new file for a load loop needs it.",
+)
+@click.option(
+    "--screw-lead",
+    type=options.positive,
+    metavar="MM",
+    help="Lead of the screw; a new file for a load loop needs it.",
+)
+@log_options
+@options.common
+def command(source: str, machine: str | None, output: str | None, as_json: bool, **how: Any) -> int:
+    """Identify b, c and the gap of every axis from a record, with standard errors.
+
+    LOG is what was measured while the machine ran, as `ph-post diagnose --help` says. With -m the machine
+    file gives limits, controller, effects and what the record does not show; -o then writes the same file
+    with the new numbers. Without -m it writes a new file, whose limits are what the record reached, to be put
+    right by hand.
+
+    A gap is taken where it explains samples that it was not fitted to; else it is said how wide it could be
+    unseen. A load loop shows more: the motor's part of the inertia and its time constant, where both sides
+    were read. A stretch in which the axis coasts down without drive gives the time constant too. With a force
+    or current the servo's stiffness is told.
+
+    What a record cannot separate is said, and the file's value is kept: from positions on one side a load
+    loop's gap is known only as Δθ_m/C.
+
+    Exit status 0: done. 2: the record or the machine file cannot be read, they do not belong together, or the
+    record shows no parameter at all.
+
+    \b
+    Examples:
+      ph-post identify run.csv -m router.toml -o identified.toml
+      ph-post identify run.csv --feedback motor -o machine.toml
+      ph-post identify run.csv --feedback load --gear-ratio 2 --screw-lead 5 -o machine.toml
+      ph-post identify run.mat --feedback motor --column X_cmd=qg:m --column X_motor=qm:m --json
+    """
+    from ph_post.cli.recordings import check_places, read_recording
+    from ph_post.diagnose.identify import identify
+    from ph_post.io.atomic import Content, write_atomically
+    from ph_post.io.identifiedmachine import identified_machine
+    from ph_post.io.machinefile import machine_of, machine_source
+    from ph_post.report.identifications import fit_view, identification_lines, identification_view
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+
+    check_places({"LOG": source, "-m": machine, "--program": how["program"]}, {"-o": output}, json=as_json)
+    with Progress() as stage:
+        stage("reading")
+        text = None if machine is None else machine_source(machine)
+        drives = None if text is None else machine_of(text)
+        transmission = _transmission(drives, how["gear_ratio"], how["screw_lead"])
+        log = read_recording(source, how, drives)
+        loops = {name: cast("Feedback", kind) for name, kind in how["feedback"].items() if name in log.axes}
+        found = identify(log, drives, loops, transmission, stage)
+        products: dict[str, Content] = {}
+        if output is not None:
+            stage("writing")
+            products[output] = identified_machine(text, found, log)
+        write_atomically(products)
+    if as_json:
+        view = identification_view(found.axes, found.sentences)
+        print_json({**view, **fit_view(found), "warnings": list(log.warnings)})
+    else:
+        for line in identification_lines(found.axes, found.sentences):
+            click.echo(line, err="-" in products)
+    for warning in log.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    for name in products:
+        if name != "-":
+            click.echo(f"wrote {name}", err=True)
+    return 0
+
+
+def _transmission(
+    drives: Machine | None, ratio: float | None, lead: float | None
+) -> dict[str, Transmission] | None:
+    """Return N and r of all axes by the options; None where there are none."""
+    from ph_post.diagnose.draftmachine import Transmission
+    from ph_post.units import LEAD
+
+    if ratio is None and lead is None:
+        return None
+    if drives is not None:
+        given = "--gear-ratio" if lead is None else "--screw-lead"
+        raise click.UsageError(f"with -m the machine file gives gear ratio and lead; got {given}")
+    if ratio is None or lead is None:
+        raise click.UsageError("--gear-ratio and --screw-lead go together; got one of them")
+    return dict.fromkeys(AXES, Transmission(ratio, lead * LEAD))
