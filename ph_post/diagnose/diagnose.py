@@ -136,6 +136,8 @@ def _steps(outcomes: Sequence[Outcome]) -> tuple[GapStep, ...]:
     """Pool the gap over the axes: the file as it is, then one effect after the other."""
     at: list[Mapping[Channel, Array]] = [_as_it_is(outcome) for outcome in outcomes]
     steps = [_step(None, outcomes, at)]
+    # With the first effect every axis is told with its base values refitted within their priors.
+    at = [outcome.choice.stages[0].left for outcome in outcomes]
     for number, outcome in enumerate(outcomes):
         for count, part in enumerate(outcome.choice.fitted.model.parts, 1):
             at[number] = outcome.choice.stages[count].left

@@ -25,6 +25,9 @@ MOVED: Final = 0.1
 OWN_KEYS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
 """Effects that are numbers of the axis itself."""
 
+DERIVED: Final = {"difference": "plus"}
+"""Values that follow from the others, and whose unit they have; a machine file does not hold them."""
+
 _SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
 """Unit and its size of those numbers."""
 
@@ -115,7 +118,7 @@ def findings_of(outcome: Outcome, where: Mapping[str, str], evidence: Mapping[st
 
 def _ways(effect: Effect, gives: str, axis: Axis) -> tuple[Parameter, float | None]:
     """Return the key that a value is written under, the first whose unit the axis knows, and its size."""
-    for parameter in effect.ways()[gives]:
+    for parameter in effect.ways()[DERIVED.get(gives, gives)]:
         if parameter.unit is None:
             return parameter, None
         scale = parameter.unit.scale(axis)
@@ -125,7 +128,8 @@ def _ways(effect: Effect, gives: str, axis: Axis) -> tuple[Parameter, float | No
 
 
 def _is_force(effect: Effect, gives: str) -> bool:
-    return any(one.unit is not None and one.unit.symbol == "N" for one in effect.ways()[gives])
+    ways = effect.ways()[DERIVED.get(gives, gives)]
+    return any(one.unit is not None and one.unit.symbol == "N" for one in ways)
 
 
 def _estimates(outcome: Outcome, found: Found, effort_unit: str) -> dict[str, Estimate]:
@@ -165,6 +169,8 @@ def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
     effect = find_effect(name)
     parameters: dict[str, Any] = {}
     for gives, value in found.values.items():
+        if gives in DERIVED:
+            continue
         parameter, scale = _ways(effect, gives, axis)
         if scale is None:
             parameters[parameter.name] = parameter.choices[int(value)]

@@ -36,6 +36,11 @@ the motion keeps step with the grid.
 ROUNDING: Final = {"act": 1e-6 * MM, "motor": 1e-6 * MM, "force": 1e-6}
 """Last decimal that files usually have, by channel [m, or the effort's unit]."""
 
+STILL: Final = "stationary stretches"
+
+WANDERS: Final = 3.0
+"""Times the sample to sample noise from which a motor is taken to wander through its gap."""
+
 SAMPLES_A_MEMORY: Final = 2.0
 """Samples that a servo time constant needs so that its answer can be seen."""
 
@@ -152,8 +157,10 @@ def _channel(
     source: NoiseFrom
     size, source = noise.of_repeats(values, repeats, log.period), "repeats"
     if size is None:
-        still = noise.of_standstill(values, command, _memory(log, machine), log.period)
-        size, source = still, "stationary stretches"
+        size, source = noise.of_standstill(values, command, _memory(log, machine), log.period), STILL
+        # A motor that stands in the gap of a loop over the table is not held by anything.
+        if reading.channel == "motor" and machine.axes[reading.axis].feedback == "load":
+            size = None if size is None or size > WANDERS * fast else size
     if size is None:
         size, source = fast, "differences"
     quantum = visible_quantum(quantum, max(size, fast))

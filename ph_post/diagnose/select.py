@@ -157,10 +157,26 @@ def _shift(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> Array:
     return shift
 
 
+def _at_file(model: Model) -> Model:
+    """Return a model with its base values as the file has them."""
+    return replace(model, off=(0.0,) * len(model.off))
+
+
+def is_linear(hypothesis: Hypothesis) -> bool:
+    """Whether a straight fit finds its sizes."""
+    return any(number.linear for number in hypothesis.numbers)
+
+
 def seed(ground: Ground, hypothesis: Hypothesis) -> list[tuple[float, Numbers]]:
-    """Return numbers to start from, best first, with the squares that they promise to explain."""
+    """Return numbers to start from, best first, with the squares that they promise to explain.
+
+    Where a straight fit does not find the size, each start is tried with the base values of the file: what
+    these were bent to without the effect may hide it.
+    """
     linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
     before = ground.beyond(ground.rows)
+    if not linear:
+        ground = replace(ground, fitted=replace(ground.fitted, model=_at_file(ground.fitted.model)))
     found: list[tuple[float, Numbers]] = []
     for start in hypothesis.starts(ground.problem, ground.fitted.left):
         numbers = list(start)
@@ -226,19 +242,21 @@ class Search:
 
 def _try_all(problem: Problem, ground: Fitted) -> list[tuple[Hypothesis, Fitted]]:
     base = ground_of(problem, ground)
+    squares = float(base.rows @ base.rows)
     seeds = []
     for hypothesis in hypotheses(problem):
         if not _joins(ground.model, hypothesis):
             continue
         found = seed(base, hypothesis)
-        if found and found[0][0] > 0.0:
+        # A start that makes things much worse is on the wrong side of what can be reached from it.
+        if found and (found[0][0] > 0.0 or (not is_linear(hypothesis) and found[0][0] > -squares)):
             seeds.append((found[0][0], hypothesis, found))
     seeds.sort(key=lambda one: -one[0])
     most = seeds[0][0] if seeds else 0.0
     close = [
         (hypothesis, found)
         for place, (promise, hypothesis, found) in enumerate(seeds)
-        if place < CLOSEST or promise > NEARLY * most
+        if place < CLOSEST or promise > NEARLY * most or not is_linear(hypothesis)
     ]
     tried = [_fit_from(problem, ground, *one) for one in close if not one[0].within]
     # What contains another is only worth its time where the other leaves something.
@@ -275,9 +293,11 @@ def _fit_from(
     problem: Problem, ground: Fitted, hypothesis: Hypothesis, seeds: Sequence[tuple[float, Numbers]]
 ) -> tuple[Hypothesis, Fitted]:
     """Fit one hypothesis from its two best starts."""
+    model = ground.model if is_linear(hypothesis) else _at_file(ground.model)
+    starts = seeds[:1] if hypothesis.within else seeds[:2]
     fits = [
-        fit_model(problem, with_part(ground.model, hypothesis, numbers), problem.fit, 1, FIRST_LOOK)
-        for _, numbers in seeds[:2]
+        fit_model(problem, with_part(model, hypothesis, numbers), problem.fit, 1, FIRST_LOOK)
+        for _, numbers in starts
     ]
     best = max(fits, key=lambda one: nats(problem, one.left, problem.fit))
     return hypothesis, fit_model(problem, best.model, problem.fit, rounds=1)

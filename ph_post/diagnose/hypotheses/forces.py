@@ -111,6 +111,12 @@ def _asymmetry(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus})
 
 
+def _by_direction(_problem: Problem, numbers: Numbers) -> dict[str, float]:
+    """Return the difference, which is what c does not hold, and both coefficients."""
+    plus, minus = numbers
+    return {"difference": plus - minus, "plus": plus, "minus": minus}
+
+
 ASYMMETRY = Hypothesis(
     name="friction_asymmetry",
     numbers=tuple(
@@ -118,7 +124,7 @@ ASYMMETRY = Hypothesis(
     ),
     apply=_asymmetry,
     starts=lambda _problem, _left: [(1e-4, -1e-4)],
-    values=named("plus", "minus"),
+    values=_by_direction,
     bars=_no_friction,
     within=("viscous_friction",),
     excludes=("viscous_friction", "servo_mismatch", "friction_asymmetry"),
@@ -131,7 +137,7 @@ DIFFERENCE = replace(
     numbers=(Number(name="difference", low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True),),
     apply=lambda plant, n: _asymmetry(plant, (0.5 * n[0], -0.5 * n[0])),
     starts=lambda _problem, _left: [(1e-4,)],
-    values=lambda _problem, n: {"plus": 0.5 * n[0], "minus": -0.5 * n[0]},
+    values=lambda problem, n: _by_direction(problem, (0.5 * n[0], -0.5 * n[0])),
     excludes=(),
 )
 
@@ -222,7 +228,8 @@ CUTTING = Hypothesis(
 CUTTING_BY_FEED = replace(
     CUTTING,
     variant="by feed",
-    numbers=(*CUTTING.numbers, Number(name="exponent", low=-1.0, high=2.0, scale=0.1)),
+    bars=_no_friction,
+    numbers=(*CUTTING.numbers, Number(name="exponent", low=0.05, high=2.0, scale=0.1)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
     values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from ph_post.diagnose.hypotheses.base import Residuals
 from ph_post.diagnose.model import Problem
+from ph_post.diagnose.record import Channel
 from ph_post.types import Array
 
 BINS: Final = 2048
@@ -34,15 +35,26 @@ def reversal_step(problem: Problem, left: Residuals) -> float:
     return float(-np.mean((values - np.mean(values[moving]))[moving] * np.sign(problem.speed[moving])))
 
 
+def predicted_position(problem: Problem, left: Residuals) -> Array:
+    """Return the reading of the table, or of the motor where there is no other, less its residual [m]."""
+    channel: Channel = "act" if "act" in left else "motor"
+    values: Array = next(one.values for one in problem.observed if one.channel == channel)
+    predicted: Array = values - left[channel]
+    return predicted
+
+
 def periods(problem: Problem, left: Residuals, most: int = 3) -> list[float]:
-    """List the periods over position that the residual holds most of [m], and the screw's own."""
+    """List the periods over position that the residual holds most of [m], and the screw's own.
+
+    By the position itself, not the command: at speed these are apart by more than a short period.
+    """
     found: list[float] = []
     travel = problem.axis.gap.travel_per_rad
     if travel is not None:
         found.append(2.0 * np.pi * travel)
-    values, place = position_residual(left), problem.command
-    use = problem.counted & np.isfinite(values)
-    span = float(np.ptp(place[use]))
+    values, place = position_residual(left), predicted_position(problem, left)
+    use = problem.counted & np.isfinite(place)
+    span = float(np.ptp(place[use])) if use.any() else 0.0
     if span > 0.0:
         found += _spectral_periods(place[use] - np.min(place[use]), values[use], span, most)
     return [period for period in found if SHORTEST <= period <= longest_period(problem)]
