@@ -104,7 +104,7 @@ def _bumps(problem: Problem, left: Residuals) -> list[Numbers]:
 
 
 def _bumped(half: float) -> Hypothesis:
-    """A bump is narrower than half the travel, or it is a gap of another size."""
+    """Return a bump narrower than half the travel: a wider one is a gap of another size."""
     widest = math.log(max(half, 2e-3))
     return Hypothesis(
         name="position_dependent_backlash",
