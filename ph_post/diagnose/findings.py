@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from ph_post.diagnose.fit import Fitted, Part, covariance, fit_model, plant_at
 from ph_post.diagnose.model import Problem, predict
 from ph_post.diagnose.record import Estimate, Finding
-from ph_post.diagnose.select import Choice
+from ph_post.diagnose.select import Choice, with_noise
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty
@@ -57,8 +57,9 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def settle_outcome(choice: Choice) -> Outcome:
     """Fit the chosen model to every sample that counts, and work out what its numbers are worth."""
-    problem = choice.problem
-    fitted = fit_model(problem, choice.fitted.model, problem.counted, rounds=2)
+    fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted, rounds=2)
+    problem = with_noise(choice.problem, fitted)
+    choice = replace(choice, problem=problem)
     spread = covariance(problem, fitted, problem.counted)
     at, found = len(fitted.model.free), []
     for part in fitted.model.parts:

@@ -348,7 +348,7 @@ def _stands_out(values: Array, use: BoolArray, noise: float) -> bool:
     return structured and size > OUT
 
 
-def _with_noise(problem: Problem, fitted: Fitted) -> Problem:
+def with_noise(problem: Problem, fitted: Fitted) -> Problem:
     """Lower the noise of a channel to what a model leaves of it: nothing leaves less than the noise."""
     observed = tuple(
         one._replace(
@@ -376,7 +376,7 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
     name = problem.axis.name
     base = fit_model(problem, base_model(problem), problem.fit)
-    problem = _with_noise(problem, base)
+    problem = with_noise(problem, base)
     search = Search(problem)
     stages, scores = [base], [0.0]
     while len(stages) <= MOST and has_structure(problem, stages[-1]):

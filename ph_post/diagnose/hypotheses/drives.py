@@ -189,7 +189,7 @@ IMPACT = Hypothesis(
     name="engagement_impact",
     numbers=(Number(name="kept", low=0.0, high=1.0, scale=0.1),),
     apply=by_effect("engagement_impact", "kept"),
-    starts=lambda _problem, _left: [(0.95,), (0.5,), (0.2,)],
+    starts=lambda _problem, _left: [(0.97,), (0.85,), (0.7,), (0.55,), (0.4,), (0.2,)],
     values=named("kept"),
     bars=_no_impact,
 )
