@@ -12,14 +12,16 @@ from ph_post.diagnose.evidence import evidence_of
 from ph_post.diagnose.evidence.exhibit import Exhibit
 from ph_post.diagnose.experiments import next_experiment
 from ph_post.diagnose.findings import Found, Outcome
-from ph_post.diagnose.fit import inflation, left_of, mean_square, plant_at
+from ph_post.diagnose.fit import Model, inflation, left_of, mean_square, plant_at
+from ph_post.diagnose.hum import humming
 from ph_post.diagnose.hypotheses import barred
 from ph_post.diagnose.model import Observed, residuals
 from ph_post.diagnose.motion import Motion, motion_of
-from ph_post.diagnose.phrases import phrase, usual_phrase
+from ph_post.diagnose.phrases import best_phrase
 from ph_post.diagnose.record import Channel, Experiment, Finding, Place, Quality, Verdict
 from ph_post.diagnose.select import has_structure
 from ph_post.diagnose.sentences import length
+from ph_post.diagnose.structure import is_structured
 from ph_post.diagnose.where import locate
 from ph_post.types import Array, BoolArray, Log, Machine
 
@@ -31,7 +33,7 @@ SURE: Final = 5.0
 
 FIELDS: Final = {
     "b": "b", "c": "c", "gap": "the lost motion", "eta": "the motor's part of the inertia",
-    "beta": "the rate at which the motor loses speed",
+    "beta": "the motor's rate 1 / motor_time_constant_s",
 }  # fmt: skip
 """Base values as a sentence names them."""
 
@@ -76,16 +78,23 @@ def _tell_axis(
 def _exhibit(log: Log, quality: Quality, outcome: Outcome, number: int, motion: Motion) -> Exhibit:
     """Lay out the record without one of the parts, all else being what it is in the end."""
     problem, model, found = outcome.choice.problem, outcome.fitted.model, outcome.found[number]
-    parts = model.parts[:number] + model.parts[number + 1 :]
     axis = problem.axis.name
     shifts = {
         one.channel: one.shift for one in quality.channels if one.axis == axis and one.channel != "force"
     }
     return Exhibit(
-        problem=problem, motion=motion, before=left_of(problem, replace(model, parts=parts)),
+        problem=problem, motion=motion, before=left_of(problem, _without(model, number)),
         after=outcome.fitted.left, values=found.values, errors=found.errors,
         effort_unit=log.axes[axis].effort_unit, shift=shifts.get("act", shifts.get("motor")),
     )  # fmt: skip
+
+
+def _without(model: Model, number: int) -> Model:
+    """Return a model less one part; the base values that this had taken over are those of the file again."""
+    parts = model.parts[:number] + model.parts[number + 1 :]
+    gone = model.parts[number].hypothesis.replaces
+    off = tuple(0.0 if prior.field in gone else x for prior, x in zip(model.priors, model.off, strict=True))
+    return replace(model, parts=parts, off=off)
 
 
 def _where(log: Log, machine: Machine, exhibit: Exhibit, found: Found) -> str:
@@ -94,14 +103,13 @@ def _where(log: Log, machine: Machine, exhibit: Exhibit, found: Found) -> str:
     added = exhibit.before[channel] - exhibit.after[channel]
     noise = exhibit.noise(channel)
     places = locate(log, exhibit.axis, added, exhibit.use(), noise, machine)
-    best = phrase(places[0]) if places else ""
-    return best or usual_phrase(found.part.hypothesis.name, exhibit.axis)
+    return best_phrase(found.part.hypothesis.name, exhibit.axis, places, exhibit.values)
 
 
 def locate_left(
     log: Log, machine: Machine, outcomes: Sequence[Outcome], lefts: Sequence[Mapping[Channel, Array]]
 ) -> tuple[Place, ...]:
-    """Find where what models leave of the positions lies, axis by axis.
+    """Find where what models leave of the positions lies, the axis with most of it first.
 
     Parameters
     ----------
@@ -111,12 +119,18 @@ def locate_left(
     lefts : sequence of mapping
         By outcome: residuals (n,) by channel [m].
     """
-    found: list[Place] = []
+    found = []
     for outcome, left in zip(outcomes, lefts, strict=True):
         problem, one = outcome.choice.problem, _position(outcome)
         use = problem.counted & one.ok
-        found += locate(log, problem.axis.name, left[one.channel], use, one.noise, machine)
-    return tuple(sorted(found, key=lambda place: -place.share))
+        excess = mean_square(left[one.channel], use) - one.noise**2
+        name = problem.axis.name
+        places = locate(log, name, left[one.channel], use, one.noise, machine)
+        if not places and is_structured(left[one.channel], use, one.noise)[0]:
+            places = tuple(humming(name, left[one.channel], use, one.noise, log.period))
+        found.append((excess, places))
+    found.sort(key=lambda one: -one[0])
+    return tuple(place for _, places in found for place in places)
 
 
 def _position(outcome: Outcome) -> Observed:
@@ -129,32 +143,32 @@ def notes_of(
     log: Log, outcomes: Sequence[Outcome], remaining: Sequence[Place], verdict: Verdict
 ) -> tuple[str, ...]:
     """Say what else a person should know: base values, origins, what is left, what could not show."""
-    said: list[str] = []
-    for outcome in outcomes:
-        if verdict != "unknown":
-            said += _moved(outcome)
-        said += _shifted(outcome)
-        if outcome.found and verdict != "unknown":
-            said += _left(log, outcome, remaining)
+    known = () if verdict == "unknown" else outcomes
+    said = [sentence for one in known if one.found for sentence in _left(log, one, remaining)]
+    said += [sentence for one in known for sentence in _moved(one)]
+    shifted = [words for one in outcomes for words in _shifted(one)]
+    if shifted:
+        listed = ", ".join(shifted)
+        said.append(f"readings whose origin is not that of the command, which was left free: {listed}")
     return (*said, *_could_not_show(outcomes))
 
 
 def _moved(outcome: Outcome) -> Iterator[str]:
-    """Yield base values that the record puts elsewhere than the file, within what the file allows."""
-    model, name = outcome.fitted.model, outcome.choice.problem.axis.name
+    """Yield in a sentence the base values that the record puts elsewhere than the file."""
+    model, said = outcome.fitted.model, []
     for k in model.free:
         prior, off = model.priors[k], model.off[k]
         if abs(off) >= MOVED:
-            by, word = 100.0 * prior.error * abs(off), "larger" if off > 0.0 else "smaller"
-            within = "within" if abs(off) <= 1.0 else f"{abs(off):.2g} times"
-            yield (
-                f"{FIELDS.get(prior.field, prior.field)} of {name} is {by:.2g} % {word} than in the file, "
-                f"{within} its standard error of {100.0 * prior.error:g} %"
-            )
+            name, word = FIELDS.get(prior.field, prior.field), "larger" if off > 0.0 else "smaller"
+            file = f"{100.0 * prior.error:g} % of the file"
+            far = f"within the {file}" if abs(off) <= 1.0 else f"{abs(off):.2g} times the {file}"
+            said.append(f"{name} is {100.0 * prior.error * abs(off):.2g} % {word}, {far}")
+    if said:
+        yield f"base values of {outcome.choice.problem.axis.name} as the record has them: {'; '.join(said)}"
 
 
 def _shifted(outcome: Outcome) -> Iterator[str]:
-    """Yield readings whose origin is not that of the commands."""
+    """Yield readings whose origin is not that of the command, and by how much."""
     problem, model = outcome.choice.problem, outcome.fitted.model
     if not model.origin_free:
         return
@@ -168,8 +182,7 @@ def _shifted(outcome: Outcome) -> Iterator[str]:
         worth = np.count_nonzero(use) / _fewer(outcome, one, left, use)
         error = float(np.sqrt(mean_square(left[one.channel], use) / worth))
         if abs(shift) > max(SURE * error, 0.5 * one.noise):
-            column = f"{problem.axis.name}_{one.channel}"
-            yield f"the origin of {column} is {length(shift)} from that of the command: it was left free"
+            yield f"{problem.axis.name}_{one.channel} by {length(shift)}"
 
 
 def _fewer(outcome: Outcome, one: Observed, left: Mapping[Channel, Array], use: BoolArray) -> float:
@@ -213,7 +226,7 @@ def _could_not_show(outcomes: Sequence[Outcome]) -> Iterator[str]:
         if all(any(word in one for word in OF_THE_RECORD) for one in everywhere):
             reasons.setdefault(why, []).append(name)
     if reasons:
-        listed = "; ".join(f"{', '.join(names)} ({why})" for why, names in reasons.items())
+        listed = "; ".join(f"{', '.join(names).replace('_', ' ')} ({why})" for why, names in reasons.items())
         yield f"this record could not have shown: {listed}"
 
 

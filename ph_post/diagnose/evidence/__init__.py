@@ -32,6 +32,10 @@ SIGNATURES: Final[Mapping[str, Callable[[Exhibit], Iterator[str]]]] = {
 """By the names of the catalogue."""
 
 
+VISIBLE: Final = 0.02
+"""Part by which a residual must fall for the gain to be told."""
+
+
 def evidence_of(name: str, exhibit: Exhibit) -> tuple[str, ...]:
     """Say what speaks for an effect, in sentences.
 
@@ -57,11 +61,9 @@ def _gain(exhibit: Exhibit) -> Iterator[str]:
         use = exhibit.use(one.channel)
         sizes = rms(exhibit.before[one.channel], use), rms(exhibit.after[one.channel], use)
         if sizes[0] is not None and sizes[1] is not None:
-            without, within = (
-                exhibit.effort(size) if one.channel == "force" else length(size)
-                for size in sizes
-                if size is not None
-            )
-            said.append(f"{exhibit.column(one.channel)} {without} rms off without it, {within} with it")
+            write = exhibit.effort if one.channel == "force" else length
+            if sizes[1] < (1.0 - VISIBLE) * sizes[0]:
+                column = exhibit.column(one.channel)
+                said.append(f"{write(sizes[0])} rms from {column}, with it {write(sizes[1])}")
     if said:
-        yield "; ".join(said)
+        yield f"without it the model is {'; '.join(said)}"

@@ -20,7 +20,7 @@ from ph_post.diagnose.evidence.exhibit import (
     slopes,
 )
 from ph_post.diagnose.fit import PRIOR
-from ph_post.diagnose.sentences import UM, length, place, velocity
+from ph_post.diagnose.sentences import UM, length, velocity
 from ph_post.diagnose.signature import by_speed, reversal_sizes
 from ph_post.types import Array
 from ph_post.units import MM, MS
@@ -40,10 +40,10 @@ def backlash(exhibit: Exhibit) -> Iterator[str]:
         return
     levels = settled(exhibit, _before(exhibit), exhibit.use())
     if levels:
-        words = ", ".join(f"{length(2.0 * abs(one.half))} at {velocity(one.speed)}" for one in levels)
+        words = ", ".join(f"{length(-2.0 * one.half)} at {velocity(one.speed)}" for one in levels)
         yield against(
             "a gap is the same at every speed",
-            f"{exhibit.reading} differs between the directions by {words}",
+            f"{exhibit.reading} differs between the directions by {words}{_beside(exhibit)}",
             alike(levels[0].half, levels[-1].half),
         )  # fmt: skip
     if not exhibit.has("motor"):
@@ -55,11 +55,11 @@ def by_place(exhibit: Exhibit) -> Iterator[str]:
     found = _at_places(exhibit)
     if len(found) > 1:
         sizes = [size for _, size in found]
-        words = ", ".join(f"{length(size)} at {place(x)}" for x, size in found)
+        words = ", ".join(f"{length(size)} at {x / MM:.3g} mm" for x, size in found)
         what = (
             f"the error behind reversals of {exhibit.axis} is"
             if exhibit.problem.plant.feedback == "load"
-            else f"{exhibit.reading} differs between the directions by"
+            else f"the gap that {exhibit.reading} shows is"
         )
         yield against(
             "such a gap depends on the position", f"{what} {words}", not alike(min(sizes), max(sizes))
@@ -74,6 +74,9 @@ def servo(exhibit: Exhibit) -> Iterator[str]:
     said = []
     for name in ("c", "b"):
         ratio = exhibit.values[name] / getattr(plant, name) - 1.0
+        if abs(ratio) < 0.1 * PRIOR:
+            said.append(f"{name} is that of the file")
+            continue
         word = "larger" if ratio > 0.0 else "smaller"
         said.append(f"{name} is {100.0 * abs(ratio):.3g} % {word}, {abs(ratio) / PRIOR:.2g} times that")
     yield against(f"the file's values are good to {100.0 * PRIOR:g} %", " and ".join(said))
@@ -146,6 +149,12 @@ def saturation(exhibit: Exhibit) -> Iterator[str]:
         )
 
 
+def _beside(exhibit: Exhibit) -> str:
+    """Say what of a gap the file knows."""
+    gap = exhibit.problem.plant.gap
+    return f", beside the {length(gap)} that the file has" if gap > 0.0 else ""
+
+
 def _before(exhibit: Exhibit) -> Array:
     return exhibit.before[exhibit.channel]
 
@@ -207,6 +216,6 @@ def _at_places(exhibit: Exhibit) -> list[tuple[float, float]]:
         inside = use & (motion.position >= low) & (motion.position <= high)
         ways = [np.count_nonzero(inside & (motion.direction == way)) for way in (1, -1)]
         if min(ways) > 100:
-            step = 2.0 * abs(half_between(residual, motion, inside))
-            found.append((float(np.mean(motion.position[inside])), step))
+            gap = exhibit.problem.plant.gap - 2.0 * half_between(residual, motion, inside)
+            found.append((float(np.mean(motion.position[inside])), gap))
     return found

@@ -183,7 +183,8 @@ def rms(residual: Array, use: BoolArray) -> float | None:
 def effort_parts(exhibit: Exhibit) -> tuple[float, float] | None:
     """Parts of the effort: what steps where the axis reverses (half of it), and what is always there.
 
-    Least squares, while the axis moves and behind what the servo needs to settle, of the effort as recorded on direction, speed and acceleration beside a constant.
+    Least squares of the effort as recorded on direction, speed and acceleration beside a constant, while the
+    axis moves and behind what the servo needs to settle.
     """
     motion = exhibit.motion
     if not exhibit.has("force"):

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
+from scipy import optimize
 
-from ph_post.diagnose.evidence.exhibit import FEWEST, Exhibit, against, alike, slopes
-from ph_post.diagnose.sentences import length, percent, place, velocity
+from ph_post.diagnose.evidence.exhibit import FEWEST, Exhibit, against, alike, correlation, slopes
+from ph_post.diagnose.sentences import length, percent, velocity
 from ph_post.diagnose.signature import SAME_FEED, best_period
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM
+
+NEAR: Final = (0.97, 1.03)
+"""Parts of a period within which it is refined."""
 
 
 def wave_words(exhibit: Exhibit, physics: str, same: bool = False) -> Iterator[str]:
@@ -29,9 +34,12 @@ def wave_words(exhibit: Exhibit, physics: str, same: bool = False) -> Iterator[s
     found = best_period(residual, x, use)
     if found is None:
         return
-    numbers = f"every {place(found.period)}, {length(found.amplitude)}{turns(exhibit)}"
-    numbers += f", which is {percent(found.share)} of the residual"
-    sizes = _sizes(exhibit, residual, use, found.period)
+    period = _refined(residual, x, found.period, use)
+    numbers = (
+        f"{length(amplitude(residual, x, period, use))} every {period / MM:.3g} mm ({turns(exhibit)}), "
+        f"{percent(found.share)} of the residual"
+    )
+    sizes = _sizes(exhibit, residual, use, period)
     agrees = True
     if sizes is not None:
         (slow, small), (fast, large) = sizes
@@ -44,12 +52,23 @@ def turns(exhibit: Exhibit) -> str:
     """Lay a period beside the travel of a turn of screw and motor, where the file tells them."""
     gap = exhibit.problem.axis.gap
     if gap.travel_per_rad is None:
-        return ", the file tells no screw lead to lay it beside"
+        return "the file tells no screw lead"
     lead = 2.0 * math.pi * gap.travel_per_rad
-    words = f", the screw's lead is {lead / MM:.4g} mm"
+    words = f"the screw's lead is {lead / MM:.4g} mm"
     if gap.gear_ratio is not None and gap.gear_ratio != 1.0:
         words += f" and a turn of the motor {lead / gap.gear_ratio / MM:.4g} mm"
     return words
+
+
+def _refined(residual: Array, position: Array, period: float, use: BoolArray) -> float:
+    """Find the period near one that explains most beside a constant and a line, fitted together [m]."""
+
+    def missed(share: float) -> float:
+        angle = 2.0 * math.pi * position / (period * share)
+        return -correlation(residual, use, np.sin(angle), np.cos(angle), position)
+
+    found = optimize.minimize_scalar(missed, bounds=NEAR, method="bounded", options={"xatol": 1e-4})
+    return period * float(found.x)
 
 
 def amplitude(residual: Array, position: Array, period: float, use: BoolArray) -> float:
