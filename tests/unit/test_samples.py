@@ -1,10 +1,15 @@
 """Every script in samples/ is imported and asserted on one number."""
 
 import importlib.util
+import json
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+
+from ph_post.cli.main import main
+from ph_post.io.readlog import read_log
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 
@@ -45,3 +50,33 @@ def test_compensate_program():
     # router.toml: half of the lost motions of 0.12, 0.08 and 0.01 mm.
     assert delivery.edits.amplitude == pytest.approx({"X": 60e-6, "Y": 40e-6, "Z": 5e-6})
     assert outcome.after.error.max < outcome.before.error.max / 3.0
+
+
+def test_close_the_loop():
+    errors, found = load("close_the_loop").close_the_loop()
+    # The worn router's play of 1.5 x 0.12 mm, and its friction.
+    assert [(one.name, one.axis) for one in found.findings] == [("backlash", "X"), ("coulomb_friction", "X")]
+    assert found.machine.axes["X"].gap.lost_motion == pytest.approx(180e-6, rel=1e-3)
+    assert found.findings[1].parameters["force"].value == pytest.approx(0.006, rel=0.01)
+    # Before, half the 0.06 mm that the file lacks is left, and the friction; after, the friction.
+    assert errors["compensated with the file"] < 0.5 * errors["plain"]
+    assert errors["compensated with the diagnosed file"] < 0.25 * errors["compensated with the file"]
+
+
+def test_the_recorded_log_is_what_its_remarks_say(tmp_path):
+    anew = tmp_path / "anew.csv"
+    anew.write_text(load("close_the_loop").record_log(), encoding="utf-8")
+    logs = [read_log(str(file)) for file in (anew, SAMPLES / "logs" / "worn_router.csv")]
+    columns = [np.array([log.axes["X"].table, log.axes["X"].motor, log.axes["X"].command]) for log in logs]
+    # Steps of 0.1 um: another machine's last bit may fall on the other side of one.
+    assert np.allclose(*columns, rtol=0.0, atol=1.1e-7)
+    assert logs[0].remarks == logs[1].remarks
+
+
+@pytest.mark.parametrize("log", sorted((SAMPLES / "logs").glob("*.csv")), ids=lambda log: log.stem)
+def test_every_log_is_diagnosed(log, tmp_path, capsys):
+    better = tmp_path / "better.toml"
+    assert main(["diagnose", str(log), "-m", "router", "-o", str(better), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == "named"
+    assert main(["inspect", "oval", "-m", str(better)]) == 0
+    assert log.stat().st_size < 300_000
