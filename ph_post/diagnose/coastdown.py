@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
 from ph_post.diagnose.noise import still_stretches
@@ -34,12 +35,15 @@ SLOW: Final = 5.0
 COUPLED: Final = 0.1
 """Part of the motor's travel from which on the table goes along."""
 
+SMOOTH: Final = 5.0
+"""Standard deviation of the smoothing before speeds are compared, samples."""
+
 WINDOW: Final = 64
 """Samples over which what is left is averaged to see how far it is from white noise."""
 
 
 class CoastDown(NamedTuple):
-    """A free decay: its samples, its rate and standard error [1/s], and whether the table went along."""
+    """A free decay: the stretch without drive, its rate and error [1/s], and whether the table went along."""
 
     start: int
     stop: int
@@ -70,7 +74,8 @@ def find_coast_downs(
     for start, stop in _undriven(record, effort_noise):
         if (stop - start) * period < SHORTEST:
             continue
-        decay = _decay(reading[start:stop], period, noise)
+        onset = start + _fastest(reading[start:stop])
+        decay = _decay(reading[onset:stop], period, noise)
         if decay is not None and 1.0 / decay[0] > SLOW * memory:
             coupled = _goes_along(record, reading, start, stop)
             found.append(CoastDown(start, stop, *decay, coupled))
@@ -86,6 +91,15 @@ def _undriven(record: AxisLog, effort_noise: float) -> Iterator[tuple[int, int]]
         for start, stop in still_stretches(driven):
             if np.ptp(record.command[start:stop]) > 0.0:
                 yield start + 1, stop
+
+
+def _fastest(reading: Array) -> int:
+    """Sample of the largest speed: a decay begins there, or a little later."""
+    known = np.isfinite(reading)
+    if np.count_nonzero(known) < 4 * WINDOW:
+        return 0
+    place = np.interp(np.arange(reading.size), np.flatnonzero(known), reading[known])
+    return int(np.argmax(np.abs(np.gradient(gaussian_filter1d(place, SMOOTH))))) + round(2.0 * SMOOTH)
 
 
 def _decay(reading: Array, period: float, noise: float) -> tuple[float, float] | None:

@@ -127,7 +127,7 @@ def fit_drive(problem: Problem, plant: Plant, names: Sequence[str], rounds: int 
     rounds : int
         How often the channels are weighed anew by what is left of them.
     """
-    for _ in range(rounds):
+    for _ in range(rounds if names else 0):
         before = _values(plant, names)
         plant = _fit_once(problem, plant, names)
         if np.allclose(_values(plant, names), before, rtol=0.0, atol=1e-7):

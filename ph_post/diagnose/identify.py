@@ -143,7 +143,7 @@ def _without(problem: Problem, coasts: list[CoastDown]) -> Problem:
     driven = np.ones(problem.t.size, dtype=np.bool_)
     settle = math.ceil(settling_time(problem.axis) / problem.period)
     for one in coasts:
-        driven[max(one.start - settle, 0) : one.stop + settle] = False
+        driven[one.start : one.stop + settle] = False
     if not np.any(driven & problem.counted):
         raise InputError(
             problem.axis.name, "the record holds a coast-down and nothing else",

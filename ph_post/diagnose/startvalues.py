@@ -43,7 +43,10 @@ def lag_of(command: Array, reading: Array, period: float) -> Lag:
     gain = np.gradient(speed, period)
     moving = np.abs(speed) > 1e-3 * np.max(np.abs(speed), initial=1e-12)
     columns = np.stack([gain, speed, np.sign(speed) * moving, np.ones(speed.size)], axis=1)
-    columns, error = columns[EDGE:-EDGE], error[EDGE:-EDGE]
+    asked = np.abs(np.gradient(gaussian_filter1d(command, SMOOTH), period))
+    use = asked > 1e-3 * np.max(asked)  # where the command stands the drive may be off
+    use[:EDGE] = use[-EDGE:] = False
+    columns, error = columns[use], error[use]
     size = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
     scaled = columns / size
     found = np.linalg.lstsq(scaled, error, rcond=1e-10)[0]
