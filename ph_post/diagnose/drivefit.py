@@ -89,6 +89,22 @@ class DriveFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     worth: float
 
 
+class Known(NamedTuple):
+    """What of a plant is known beforehand: the plant, and relative standard errors of some numbers of it."""
+
+    plant: Plant
+    errors: Mapping[str, float]
+
+    def rows(self, there: Plant) -> Array:
+        """By how many standard errors another plant is off."""
+        return np.array(
+            [
+                (_logarithm(name, there) - _logarithm(name, self.plant)) / error
+                for name, error in self.errors.items()
+            ]
+        )
+
+
 def whole(problem: Problem) -> Problem:
     """Return a problem in which every sample that counts is fitted."""
     counted = problem.counted
@@ -114,7 +130,9 @@ def position_rms(problem: Problem, left: Mapping[Channel, Array], use: BoolArray
     return math.sqrt(float(np.mean(np.concatenate(squares))))
 
 
-def fit_drive(problem: Problem, plant: Plant, names: Sequence[str], rounds: int = 3) -> DriveFit:
+def fit_drive(
+    problem: Problem, plant: Plant, names: Sequence[str], rounds: int = 3, priors: Mapping[str, float] = {}
+) -> DriveFit:
     """Fit numbers of a plant to the samples of `problem.fit`.
 
     Parameters
@@ -126,10 +144,13 @@ def fit_drive(problem: Problem, plant: Plant, names: Sequence[str], rounds: int 
         See :func:`knob_of`.
     rounds : int
         How often the channels are weighed anew by what is left of them.
+    priors : mapping, optional
+        Numbers of the plant to start from that are known beforehand, and their relative standard errors.
     """
+    known = Known(plant, priors)
     for _ in range(rounds if names else 0):
         before = _values(plant, names)
-        plant = _fit_once(problem, plant, names)
+        plant = _fit_once(problem, plant, names, known)
         if np.allclose(_values(plant, names), before, rtol=0.0, atol=1e-7):
             break
     return tangent(problem, plant, names)
@@ -139,12 +160,13 @@ def _values(plant: Plant, names: Sequence[str]) -> Array:
     return np.array([knob_of(name, plant).read(plant) for name in names])
 
 
-def _fit_once(problem: Problem, plant: Plant, names: Sequence[str]) -> Plant:
+def _fit_once(problem: Problem, plant: Plant, names: Sequence[str], known: Known) -> Plant:
     knobs = [knob_of(name, plant) for name in names]
     weights = weights_of(problem, left_by(problem, plant), problem.fit)
 
     def rows(unknowns: Array) -> Array:
-        return rows_of(problem, left_by(problem, turned(plant, knobs, unknowns)), weights)
+        there = turned(plant, knobs, unknowns)
+        return np.concatenate([rows_of(problem, left_by(problem, there), weights), known.rows(there)])
 
     low, high = np.array([one.low for one in knobs]), np.array([one.high for one in knobs])
     start = np.clip(_values(plant, names), low + 1e-6, high - 1e-6)

@@ -61,27 +61,26 @@ def why_hidden(problem: Problem, record: AxisLog) -> str:
 def judge_gap(problem: Problem, base: DriveFit) -> GapVerdict:
     """Fit a gap, and friction in its place, and compare them on what was held out."""
     gapped = _fitted_with(problem, base, "gap")
-    gain = held_out_gain(problem, gapped, base)
-    if gain < EARNS or gapped.plant.gap <= 0.0:
-        return GapVerdict(None, smallest_shown(problem, base))
+    shows = held_out_gain(problem, gapped, base) >= EARNS and gapped.plant.gap > 0.0
+    plain = GapVerdict(gapped, None) if shows else GapVerdict(None, smallest_shown(problem, base))
     if base.plant.coulomb_plus > 0.0:
-        return GapVerdict(gapped, None)
+        return plain
     rival = _fitted_with(problem, base, "friction")
-    ahead = held_out_gain(problem, rival, gapped)
-    size = rival.plant.coulomb_plus / MICROMETRE
+    size = f"friction of {rival.plant.coulomb_plus / MICROMETRE:.3g} µm of following error"
+    ahead = held_out_gain(problem, rival, gapped if shows else base)
     if ahead > EARNS:
         words = (
-            f"friction of {size:.3g} µm of following error explains the record better than play; the gap is "
-            "not identified, and b and c are those of a drive without friction: ph-post diagnose names it"
+            f"{size} explains the record better than play; the gap is not identified, and b and c are those "
+            "of a drive without friction: ph-post diagnose names it"
         )
         return GapVerdict(None, None, (words,))
-    if ahead > -EARNS:
+    if shows and ahead > -EARNS:
         words = (
-            f"friction of {size:.3g} µm of following error explains the record as well as the lost motion: "
-            "they are not told apart; the motor's side or its force would do it"
+            f"{size} explains the record as well as the lost motion: they are not told apart; the motor's "
+            "side or its force would do it"
         )
         return GapVerdict(gapped, None, (words,))
-    return GapVerdict(gapped, None)
+    return plain
 
 
 def _fitted_with(problem: Problem, base: DriveFit, name: str) -> DriveFit:

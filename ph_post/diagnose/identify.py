@@ -15,7 +15,9 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.coastdown import CoastDown, find_coast_downs, pooled
 from ph_post.diagnose.draftmachine import Draft, Transmission, draft_machine, start_lag
-from ph_post.diagnose.drivefit import DriveFit, fit_drive, position_rms, tangent, whole
+from ph_post.diagnose.drivefit import fit_drive, position_rms, tangent, whole
+from ph_post.diagnose.findings import LEAST_UNCERTAINTY
+from ph_post.diagnose.fit import PRIOR
 from ph_post.diagnose.gapsearch import GapVerdict, judge_gap, why_hidden
 from ph_post.diagnose.identification import Drive, Identification
 from ph_post.diagnose.identifyaxis import Settled, identified_axis, told_drive
@@ -23,7 +25,7 @@ from ph_post.diagnose.model import Problem, problem_of
 from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Quality
 from ph_post.diagnose.response import servo_memory, settling_time
-from ph_post.diagnose.separation import between_samples, sensitivity_of, shown_names
+from ph_post.diagnose.separation import Settling, shown_names
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
 from ph_post.types import Axis, AxisLog, Feedback, Log, Machine
@@ -31,8 +33,8 @@ from ph_post.types import Axis, AxisLog, Feedback, Log, Machine
 GIVE_UP: Final = ("beta", "eta", "b", "c")
 """What is held first where it does not show: the more is known of it from elsewhere, the earlier."""
 
-ROUNDS: Final = 3
-"""How often the fit is begun anew by what it shows."""
+ASSUMED: Final = {"b": 1.0, "c": 1.0, "eta": 0.5, "beta": 1.5}
+"""Standard errors of the logarithms of what is assumed because nobody said it."""
 
 
 def quiet(_words: str) -> None:
@@ -120,12 +122,12 @@ def _identify_axis(
         plant = replace(plant, beta=pooled(free)[0])
     if verdict.fit is None:
         plant = replace(plant, gap=_kept_gap(axis, verdict))
-    full = _all_names(problem.plant, verdict, bool(free))
-    shown, fit = _settle(whole(problem), plant, full)
+    counted = whole(problem)
+    names = _all_names(problem.plant, verdict, bool(free))
     settled = Settled(
-        problem=whole(problem), record=record, fit=fit, shown=shown, between=between_samples(fit, shown),
-        verdict=verdict, coasts=tuple(coasts), sensitivity=sensitivity_of(fit), from_file=from_file,
-        rms=position_rms(problem, fit.left, problem.counted), notes=draft.assumed.get(axis.name, ()),
+        problem=counted, record=record, settling=_settle(counted, plant, names, _known(axis, from_file)),
+        verdict=verdict, coasts=tuple(coasts), from_file=from_file,
+        notes=draft.assumed.get(axis.name, ()),
     )  # fmt: skip
     drive = told_drive(settled)
     return drive, identified_axis(settled, drive)
@@ -186,23 +188,32 @@ def _all_names(plant: Plant, verdict: GapVerdict, beta_known: bool) -> tuple[str
     return (*names, "gap", "eta") if beta_known else (*names, "gap", "eta", "beta")
 
 
-def _settle(problem: Problem, plant: Plant, names: tuple[str, ...]) -> tuple[tuple[str, ...], DriveFit]:
+def _settle(problem: Problem, plant: Plant, names: tuple[str, ...], known: Mapping[str, float]) -> Settling:
     """Fit what shows and hold the rest, until what shows remains the same.
 
-    Returns
-    -------
-    tuple
-        Names of what shows, and the sensitivities by all of the names.
+    What is held is let go, as far as it is not known beforehand: what that changes is uncertain, and what shows
+    then is fitted.
     """
+    start = plant
     shown = tuple(name for name in names if name in ("b", "c", "gap"))
-    for _ in range(ROUNDS):
+    for last in (False, False, True):
         plant = _bounded(fit_drive(problem, plant, shown).plant)
-        fit = tangent(problem, plant, names)
-        now = shown_names(fit, GIVE_UP)
-        if now == shown:
+        held = {name: known[name] for name in names if name not in shown}
+        loose = fit_drive(problem, plant, names, priors=held) if held else tangent(problem, plant, names)
+        now = shown_names(loose, GIVE_UP)
+        if now == shown or last:
             break
-        shown = now
-    return shown, fit
+        still = {name: getattr(start, name) for name in names if name not in now and name != "gap"}
+        plant, shown = replace(loose.plant, **still), now
+    return Settling(shown, tangent(problem, plant, names), loose, held)
+
+
+def _known(axis: Axis, from_file: bool) -> Mapping[str, float]:
+    """Return how well the numbers are known before the record, as relative standard errors."""
+    if not from_file:
+        return ASSUMED
+    said = {"b": PRIOR, "c": PRIOR, "eta": axis.uncertainty.gain, "beta": axis.uncertainty.beta}
+    return {name: max(error, LEAST_UNCERTAINTY) for name, error in said.items()}
 
 
 def _bounded(plant: Plant) -> Plant:

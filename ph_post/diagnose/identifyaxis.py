@@ -11,14 +11,15 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.diagnose.coastdown import CoastDown, pooled
-from ph_post.diagnose.drivefit import DriveFit
+from ph_post.diagnose.drivefit import position_rms
 from ph_post.diagnose.effortgain import effort_gain
 from ph_post.diagnose.findings import LEAST_UNCERTAINTY
 from ph_post.diagnose.gapsearch import GapVerdict
-from ph_post.diagnose.identification import Drive, Origin, Sensitivity
+from ph_post.diagnose.identification import Drive, Origin
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.record import Estimate
-from ph_post.diagnose.separation import relative_errors
+from ph_post.diagnose.separation import Settling, sensitivity_of
+from ph_post.drive.plant import Plant
 from ph_post.types import Axis, AxisLog, Gap, Uncertainty
 from ph_post.units import MICROMETRE, MM
 
@@ -29,23 +30,25 @@ MOST_UNCERTAIN: Final = 0.9
 
 
 class Settled(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A fitted axis and what was decided on the way.
-
-    `fit` has the sensitivities by all numbers that act, of which `shown` are those that the record tells;
-    `between` says by how much each of them, relative, depends on what the command does between samples.
-    """
+    """A fitted axis and what was decided on the way."""
 
     problem: Problem
     record: AxisLog
-    fit: DriveFit
-    shown: tuple[str, ...]
-    between: Mapping[str, float]
+    settling: Settling
     verdict: GapVerdict
     coasts: tuple[CoastDown, ...]
-    sensitivity: Sensitivity
     from_file: bool
-    rms: float
     notes: tuple[str, ...]
+
+    @property
+    def plant(self) -> Plant:
+        """The fitted plant."""
+        return self.settling.fit.plant
+
+    @property
+    def rms(self) -> float:
+        """What the free run leaves of the positions [m]."""
+        return position_rms(self.problem, self.settling.fit.left, self.problem.counted)
 
 
 def told_drive(settled: Settled) -> Drive:
@@ -58,17 +61,9 @@ def told_drive(settled: Settled) -> Drive:
     noise = [one.noise for one in settled.problem.observed if one.channel != "force"]
     notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *_left(settled, noise)]
     return Drive(
-        parameters=parameters, origins=_origins(settled, parameters), sensitivity=settled.sensitivity,
-        rms=settled.rms, noise=math.sqrt(float(np.mean(np.square(noise)))), notes=tuple(notes),
+        parameters=parameters, origins=_origins(settled, parameters),
+        sensitivity=sensitivity_of(settled.settling.loose), rms=settled.rms, noise=math.sqrt(float(np.mean(np.square(noise)))), notes=tuple(notes),
     )  # fmt: skip
-
-
-def _errors(settled: Settled) -> dict[str, float]:
-    """Return relative standard errors of what shows: by noise and by what is not known of the command."""
-    if not settled.shown:
-        return {}
-    errors = relative_errors(settled.fit, settled.shown)
-    return {name: math.hypot(errors[name], shift) for name, shift in settled.between.items()}
 
 
 def _kept(settled: Settled) -> str:
@@ -78,7 +73,7 @@ def _kept(settled: Settled) -> str:
 
 def _base(settled: Settled) -> tuple[dict[str, Estimate], list[str]]:
     """Tell b and c."""
-    plant, errors = settled.fit.plant, _errors(settled)
+    plant, errors = settled.plant, settled.settling.errors()
     parameters, notes = {}, []
     if plant.b == 0.0:
         return {}, ["no lag shows: an ideal stepper, b and c are 0"]
@@ -95,26 +90,25 @@ def _base(settled: Settled) -> tuple[dict[str, Estimate], list[str]]:
 
 def _gap(settled: Settled) -> tuple[dict[str, Estimate], list[str]]:
     """Tell the lost motion; on a load loop, where η does not show, its product with η."""
-    plant, verdict, errors = settled.fit.plant, settled.verdict, _errors(settled)
+    plant, verdict, errors = settled.plant, settled.verdict, settled.settling.errors()
     notes = list(verdict.notes)
     if verdict.fit is None:
         return _no_gap(settled, notes)
     width, relative = plant.gap / MM, errors["gap"]
-    if plant.feedback != "load" or "eta" in settled.shown:
+    if plant.feedback != "load" or "eta" in settled.settling.shown:
         return {"lost_motion": Estimate(value=width, stderr=width * relative, unit="mm")}, notes
-    product = Estimate(value=plant.eta * width, stderr=plant.eta * width * relative, unit="mm")
+    product = plant.eta * width
+    told = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
     words = (
         "from positions on one side only Δθ_m/C shows on a load loop: η times the lost motion is "
-        f"{product.value:.4g} ± {product.stderr:.2g} mm; the lost motion is that with η = {plant.eta:.4g} of "
+        f"{product:.4g} ± {told.stderr:.2g} mm; the lost motion is that with η = {plant.eta:.4g} of "
     )
     if settled.from_file:
-        whole_error = width * math.hypot(relative, settled.problem.axis.uncertainty.gain)
         notes.append(words + "the machine file, and as uncertain as the file says of C")
     else:
-        whole_error = None
         notes.append(words + "no measurement")
-    gap = Estimate(value=width, stderr=whole_error, unit="mm")
-    return {"lost_motion": gap, PRODUCT: product}, notes
+    gap = Estimate(value=width, stderr=width * relative if settled.from_file else None, unit="mm")
+    return {"lost_motion": gap, PRODUCT: told}, notes
 
 
 def _no_gap(settled: Settled, notes: list[str]) -> tuple[dict[str, Estimate], list[str]]:
@@ -133,7 +127,7 @@ def _no_gap(settled: Settled, notes: list[str]) -> tuple[dict[str, Estimate], li
 
 def _motor(settled: Settled) -> tuple[dict[str, Estimate], list[str]]:
     """Tell η and β, β from coast-downs too."""
-    plant, errors, notes = settled.fit.plant, _errors(settled), []
+    plant, errors, notes = settled.plant, settled.settling.errors(), []
     parameters: dict[str, Estimate] = {}
     if "eta" in errors:
         parameters["inertia_fraction"] = Estimate(value=plant.eta, stderr=plant.eta * errors["eta"], unit="")
@@ -165,12 +159,12 @@ def _motor(settled: Settled) -> tuple[dict[str, Estimate], list[str]]:
 def _held(settled: Settled, name: str) -> str:
     if settled.from_file:
         return "that of the machine file is kept"
-    return f"{name} = {settled.fit.plant.beta:.4g} 1/s is assumed"
+    return f"{name} = {settled.plant.beta:.4g} 1/s is assumed"
 
 
 def _stiffness(settled: Settled) -> dict[str, Estimate]:
     """Tell K by the recorded effort, in its unit a millimetre of following error."""
-    plant, problem, record = settled.fit.plant, settled.problem, settled.record
+    plant, problem, record = settled.plant, settled.problem, settled.record
     if plant.ki or plant.kd or plant.command_delay:
         return {}
     found = effort_gain(record, plant.feedback, problem.period, problem.counted)
@@ -203,7 +197,7 @@ def _origins(settled: Settled, parameters: dict[str, Estimate]) -> dict[str, Ori
 
 def identified_axis(settled: Settled, drive: Drive) -> Axis:
     """Return the axis with the numbers that the record shows, rounded as they are written."""
-    axis, plant = settled.problem.axis, settled.fit.plant
+    axis, plant = settled.problem.axis, settled.plant
     servo, gap = axis.servo, axis.gap
     shown = drive.parameters
     if "b" in shown:

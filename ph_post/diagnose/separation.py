@@ -8,8 +8,8 @@ as many of them as are independent; one over a singular value is then a relative
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -26,6 +26,48 @@ TELLS: Final = 0.25
 
 SHARE: Final = 0.3
 """Part of a direction from which on a number belongs to it."""
+
+
+class Settling(NamedTuple):
+    """A fit and how sure it is.
+
+    `shown` are the numbers that the record tells and that were fitted; the others are held in `fit`. In
+    `loose` these too are let go, as far as `known` lets them: their relative standard errors beforehand.
+    """
+
+    shown: tuple[str, ...]
+    fit: DriveFit
+    loose: DriveFit
+    known: Mapping[str, float]
+
+    def errors(self) -> dict[str, float]:
+        """Relative standard errors of what is shown.
+
+        They are made of the noise and of what is held, and of what a command may do between its samples.
+        """
+        spread = np.sqrt(np.diag(spread_with(self.loose, self.known)))
+        moved = self._moved()
+        between = between_samples(self.fit, self.shown)
+        names = self.fit.names
+        return {
+            name: math.hypot(float(spread[names.index(name)]), moved[name], between[name])
+            for name in self.shown
+        }
+
+    def product_error(self) -> float:
+        """Relative standard error of η times the gap, η being held."""
+        names, spread, moved = self.fit.names, spread_with(self.loose, self.known), self._moved()
+        both = [names.index("gap"), names.index("eta")]
+        own = math.sqrt(float(np.sum(spread[np.ix_(both, both)])))
+        between = between_samples(self.fit, self.shown)["gap"]
+        return math.hypot(own, moved["gap"] + moved["eta"], between)
+
+    def _moved(self) -> dict[str, float]:
+        """By how much the logarithms changed as the others were let go."""
+        return {
+            name: math.log(max(getattr(self.loose.plant, name), 1e-12) / getattr(self.fit.plant, name))
+            for name in self.fit.names
+        }
 
 
 def scaled(fit: DriveFit) -> Array:
@@ -46,6 +88,19 @@ def spread_of(columns: Array) -> Array:
     _, values, directions = np.linalg.svd(columns, full_matrices=False)
     inverse = np.divide(1.0, values, out=np.full_like(values, 1e9), where=values > 1e-9)
     return np.asarray((directions.T * inverse**2) @ directions)
+
+
+def spread_with(fit: DriveFit, priors: Mapping[str, float]) -> Array:
+    """Covariance of the logarithms of all numbers, some of them known beforehand.
+
+    Parameters
+    ----------
+    fit : DriveFit
+    priors : mapping
+        Relative standard errors of what is held, by name.
+    """
+    rows = [np.eye(len(fit.names))[fit.names.index(name)] / error for name, error in priors.items()]
+    return spread_of(np.vstack([scaled(fit), *rows]))
 
 
 def sensitivity_of(fit: DriveFit) -> Sensitivity:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +45,13 @@ def record(plant: Plant, *channels: str, seed: int = 1, track: Track | None = No
     ],
 )  # fmt: skip
 def test_a_drive_is_found_within_its_standard_errors(plant, channels, names) -> None:
-    drive = identify(record(plant, *channels), None, {"X": plant.feedback}).drives["X"]
+    track = to_and_fro(np.random.default_rng(1), 8)
+    drive = identify(record(plant, *channels, track=track), None, {"X": plant.feedback}).drives["X"]
     assert set(drive.parameters) == names
     true = truth(plant)
     for name, one in drive.parameters.items():
         assert abs(off(one, true[name])) < 3.0, name
-        assert one.value == pytest.approx(true[name], rel=0.1 if name == "motor_time_constant" else 0.02), (
+        assert one.value == pytest.approx(true[name], rel=0.2 if name == "motor_time_constant" else 0.02), (
             name
         )
     assert drive.rms == pytest.approx(drive.noise, rel=0.1)
@@ -73,10 +75,11 @@ def test_standard_errors_are_calibrated() -> None:
 
 
 def test_positions_on_one_side_show_the_product_of_a_load_loop_only() -> None:
-    found = identify(record(LOAD, "act"), None, {"X": "load"})
+    plant = replace(LOAD, beta=2.0)
+    found = identify(record(plant, "act"), None, {"X": "load"})
     drive = found.drives["X"]
-    assert abs(off(drive.parameters[PRODUCT], truth(LOAD)[PRODUCT])) < 3.0
-    assert drive.parameters[PRODUCT].value == pytest.approx(truth(LOAD)[PRODUCT], rel=0.02)
+    assert abs(off(drive.parameters[PRODUCT], truth(plant)[PRODUCT])) < 3.0
+    assert drive.parameters[PRODUCT].value == pytest.approx(truth(plant)[PRODUCT], rel=0.02)
     assert drive.parameters["lost_motion"].stderr is None
     assert "inertia_fraction" not in drive.parameters
     assert drive.origins["inertia_fraction"] == "assumed"
