@@ -21,7 +21,7 @@ BETA: Final = 1.0
 
 DIALECT: Final = "linuxcnc"
 
-SMOOTH: Final = 2.0
+SMOOTH: Final = 1.0
 """Standard deviation of the smoothing before a command is differentiated, samples."""
 
 
@@ -108,8 +108,15 @@ def _servo(log: Log, name: str, record: AxisLog, feedback: Feedback) -> Servo:
     raise InputError(
         f"{log.name}: {name}", "no reading that lags behind its command by its speed",
         expected="a drive as Eq. (9) has it, without feedforward, read for 0.2 s at least",
-        got="no lag" if lag is not None else "too few samples",
+        got=_instead(loop_reading(record, feedback), lag),
     )  # fmt: skip
+
+
+def _instead(reading: Array | None, lag: Lag | None) -> str:
+    """Say what there is in place of a lag."""
+    if lag is None or reading is None:
+        return "too few samples"
+    return "a reading that stands still" if np.nanmax(reading) == np.nanmin(reading) else "no lag"
 
 
 def _limits(log: Log, record: AxisLog) -> Limits:

@@ -191,8 +191,8 @@ def _all_names(plant: Plant, verdict: GapVerdict, beta_known: bool) -> tuple[str
 def _settle(problem: Problem, plant: Plant, names: tuple[str, ...], known: Mapping[str, float]) -> Settling:
     """Fit what shows and hold the rest, until what shows remains the same.
 
-    What is held is let go, as far as it is not known beforehand: what that changes is uncertain, and what shows
-    then is fitted.
+    What is held is let go, as far as it is not known beforehand: what that changes is uncertain, and what
+    shows then is fitted.
     """
     start = plant
     shown = tuple(name for name in names if name in ("b", "c", "gap"))

@@ -61,8 +61,9 @@ def told_drive(settled: Settled) -> Drive:
     noise = [one.noise for one in settled.problem.observed if one.channel != "force"]
     notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *_left(settled, noise)]
     return Drive(
-        parameters=parameters, origins=_origins(settled, parameters),
-        sensitivity=sensitivity_of(settled.settling.loose), rms=settled.rms, noise=math.sqrt(float(np.mean(np.square(noise)))), notes=tuple(notes),
+        parameters=parameters, origins=_origins(settled, parameters), rms=settled.rms,
+        noise=math.sqrt(float(np.mean(np.square(noise)))),
+        sensitivity=sensitivity_of(settled.settling.loose), notes=tuple(notes),
     )  # fmt: skip
 
 
