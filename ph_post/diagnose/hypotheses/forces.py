@@ -236,9 +236,8 @@ CUTTING = Hypothesis(
 CUTTING_BY_FEED = replace(
     CUTTING,
     variant="by feed",
-    bars=_no_friction,
-    within=("coulomb_friction", "viscous_friction", "transport_delay"),
-    numbers=(*CUTTING.numbers, Number(name="exponent", low=0.05, high=2.0, scale=0.1)),
+    within=("viscous_friction", "transport_delay"),
+    numbers=(*CUTTING.numbers, Number(name="exponent", low=0.05, high=1.1, scale=0.1)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
     values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
 )
