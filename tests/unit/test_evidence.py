@@ -263,7 +263,8 @@ def test_a_cutting_force_goes_with_the_path() -> None:
     one = exhibit(m, {"act": -6.0 * UM * along})
     size, path, sign = told(
         "cutting_force", one,
-        "# µm behind along the path; the path's direction explains # % of the residual, the sign of X alone # %",
+        "# µm behind along the path; the path's direction explains # % of the residual, the sign of X alone "
+        "# %",
     )  # fmt: skip
     assert size == pytest.approx(6.0, rel=0.05)
     # The mean of |cos| is 2/π, of its square 1/2: the sign holds 8/π² of the variance.
