@@ -106,6 +106,7 @@ def parameter_words(key: str, one: Estimate) -> str:
     '0.0201 ± 0.0003 mm of following error'
     """
     following = " of following error" if key in FORCES and one.unit == "mm" else ""
+    following = " mm per mm" if key == "slope" and one.unit == "1" else following
     return f"{estimate_words(one)}{following}"
 
 

@@ -41,7 +41,7 @@ EMPS = next(
 
 
 def rubbing() -> tuple[Log, Machine, Quality]:
-    """Return a loop with friction, b x'' + c x' + x = X - F sign(x'); c 1.5 % above the file, an origin off."""
+    """Return a loop with friction, b x'' + c x' + x = X - F sign(x'); c 1.5 % above the file's."""
     command = sweeps(30.0, 0.02, 0.06)
     m = moved(command, 0.0 * command)
     reading = servo(command - FRICTION * np.sign(m.v)) + ORIGIN + white(command.size, NOISE, 3)
@@ -177,7 +177,7 @@ def test_a_hum_has_its_frequency() -> None:
 EXCESS = "80 % of the excess"
 PHRASES = {
     "within 40 ms after X reversals": (
-        "reversal", 0.04, "lies within 40 ms after X reversals, 12 % of the samples; equal in both directions",
+        "reversal", 0.04, "lies within 40 ms after X reversals, 12 % of the samples; equal both ways",
     ),
     "at speeds up to 10.6 mm/s": ("speed", 0.0106, "lies at speeds up to 10.6 mm/s, 39 % of the samples"),
     "at X -3 to 12.5 mm": ("position", 0.0, "lies where X is -3 mm to 12.5 mm, 9 % of the samples"),
