@@ -116,7 +116,9 @@ def test_friction_by_direction() -> None:
     m = lines()
     one = exhibit(m, {"act": np.where(m.v > 0.0, -2e-4, -0.5e-4) * m.v})
     found = told(
-        "friction_asymmetry", one, "here X_act is # ms late times the speed to plus, # ms late to minus"
+        "friction_asymmetry",
+        one,
+        "here X_act lags by # ms times the speed to plus and lags by # ms times it to minus",
     )
     assert found == pytest.approx((0.2, 0.05), rel=0.05)
 

@@ -75,8 +75,8 @@ def asymmetry(exhibit: Exhibit) -> Iterator[str]:
         if np.count_nonzero(use) < 100:
             return
         found.append(-slopes(residual, use, motion.velocity, motion.acceleration)[0] / MS)
-    plus, minus = (f"{abs(late):.3g} ms {'late' if late >= 0.0 else 'early'}" for late in found)
-    numbers = f"{exhibit.reading} is {plus} times the speed to plus, {minus} to minus"
+    plus, minus = (f"{'lags' if late >= 0.0 else 'leads'} by {abs(late):.3g} ms" for late in found)
+    numbers = f"{exhibit.reading} {plus} times the speed to plus and {minus} times it to minus"
     yield against(
         "friction that differs by direction lags by another factor each way", numbers,
         not alike(found[0], found[1]),
