@@ -31,10 +31,13 @@ from ph_post.types import Log
 from ph_post.units import MICROMETRE, MM, MS
 
 PLACES_SHOWN: Final = 4
-"""So many places are told on the terminal, those with the largest shares."""
+"""So many places of an axis are told on the terminal, those with the largest shares."""
 
 SHARE_SHOWN: Final = 0.05
 """Places with a smaller share of the excess are left to the JSON object."""
+
+SHORT: Final = 20
+"""Characters up to which what is to be recorded is the name of a column."""
 
 JITTER: Final = 1e-3
 """Jitter below this part of the period is not told on the terminal."""
@@ -198,8 +201,14 @@ def _channel_words(one: ChannelQuality, efforts: Mapping[str, str]) -> str:
 
 
 def _place_lines(title: str, places: tuple[Place, ...]) -> list[str]:
-    shown = sorted((one for one in places if one.share >= SHARE_SHOWN), key=lambda one: -one.share)
-    return [title, *(f"  {one.sentence}" for one in shown[:PLACES_SHOWN])] if shown else []
+    axes = list(dict.fromkeys(one.axis for one in places))
+    lines = []
+    for axis in axes:
+        mine = [one for one in places if one.axis == axis and one.share >= SHARE_SHOWN]
+        mine.sort(key=lambda one: -one.share)
+        whose = f"{axis}: " if len(axes) > 1 else ""
+        lines += [f"  {whose}{one.sentence}" for one in mine[:PLACES_SHOWN]]
+    return [title, *lines] if lines else []
 
 
 def _gap_lines(diagnosis: Diagnosis) -> list[str]:
@@ -236,7 +245,11 @@ def _next_lines(diagnosis: Diagnosis, given: Collection[str]) -> Iterator[str]:
     if following is not None:
         how = "" if "--next" in given else "; --next FILE writes the program"
         yield f"Next: run {following.name}: {following.why}"
-        yield f"  record {', '.join(following.record)}{how}"
+        if max(map(len, following.record), default=0) > SHORT:
+            yield f"  record, by these lines{how}:"
+            yield from (f"    {line}" for line in following.record)
+        else:
+            yield f"  record {', '.join(following.record)}{how}"
     if len(diagnosis.steps) > 1 and diagnosis.verdict == "ambiguous":
         yield "The better machine assumes the first name of each doubtful set."
     if len(diagnosis.steps) > 1 and "-o" not in given:

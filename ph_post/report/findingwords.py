@@ -106,6 +106,7 @@ def parameter_words(key: str, one: Estimate) -> str:
     '0.0201 ± 0.0003 mm of following error'
     """
     following = " of following error" if key in FORCES and one.unit == "mm" else ""
+    following = " mm per mm" if key == "slope" and one.unit == "1" else following
     return f"{estimate_words(one)}{following}"
 
 
@@ -188,8 +189,10 @@ def _cannot_show(diagnosis: Diagnosis) -> str:
 
 def _not_explained(diagnosis: Diagnosis, *, also: bool) -> str:
     places = diagnosis.remaining or diagnosis.places
-    most = max(places, key=lambda place: place.share, default=None)
-    where = f" {most.sentence.rstrip('.')}." if most is not None else ""
+    first = places[0].axis if places else ""
+    most = max((one for one in places if one.axis == first), key=lambda place: place.share, default=None)
+    whose = f" {first}:" if len({one.axis for one in places}) > 1 else ""
+    where = f"{whose} {most.sentence.rstrip('.')}." if most is not None else ""
     what = "the rest" if also else "it"
     return f"None of the effects that are known explains {what}: {gap_words(diagnosis)}.{where}"
 

@@ -15,6 +15,7 @@ from ph_post.diagnose.evidence.exhibit import (
     behind,
     between_ways,
     half_between,
+    lag_words,
     rms,
     settled,
     slopes,
@@ -84,7 +85,7 @@ def servo(exhibit: Exhibit) -> Iterator[str]:
     late, bend, _ = slopes(_before(exhibit), exhibit.use(), motion.velocity, motion.acceleration)
     yield against(
         "a wrong c shows with the velocity, a wrong b with the acceleration",
-        f"{exhibit.reading} lags by {-late / MS:.3g} ms times the velocity and {-bend / UM:.3g} µm per m/s²",
+        f"{exhibit.reading} {lag_words(late, bend)}",
     )
 
 

@@ -16,10 +16,11 @@ import numpy as np
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.motion import RESTING, Motion
 from ph_post.diagnose.record import Channel
-from ph_post.diagnose.sentences import length, velocity
+from ph_post.diagnose.sentences import UM, length, velocity
 from ph_post.diagnose.signature import SAME_FEED
 from ph_post.diagnose.splits import solve
 from ph_post.types import Array, BoolArray
+from ph_post.units import MS
 
 SETTLING: Final = 5.0
 """Servo time constants behind a reversal, in which a lag is not yet what it will be."""
@@ -214,6 +215,15 @@ def alike(one: float, other: float) -> bool:
 def behind(half: float) -> str:
     """Write a lag or a lead."""
     return f"{length(abs(half))} {'behind' if half <= 0.0 else 'ahead'}"
+
+
+def lag_words(late: float, bend: float) -> str:
+    """Write what goes with the velocity [s] and with the acceleration [s²]: < 0 lags."""
+    ways = ["lags" if slope <= 0.0 else "leads" for slope in (late, bend)]
+    return (
+        f"{ways[0]} by {abs(late) / MS:.3g} ms times the velocity and {ways[1]} by {abs(bend) / UM:.3g} µm "
+        "per m/s²"
+    )
 
 
 def level_words(levels: tuple[Level, ...]) -> str:

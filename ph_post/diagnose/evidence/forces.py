@@ -61,8 +61,8 @@ def viscous(exhibit: Exhibit) -> Iterator[str]:
     per_speed, step, *_ = slopes(_before(exhibit), use, motion.velocity, way, motion.acceleration)
     yield against(
         "it is nothing at standstill",
-        f"{exhibit.reading} is late by {-per_speed / MS:.3g} ms times the speed, with {length(abs(step))} of "
-        "either direction beside it",
+        f"{exhibit.reading} is late by {-per_speed / MS:.3g} ms times the speed, and {length(abs(step))} go "
+        "with the direction alone",
     )
 
 
@@ -75,9 +75,8 @@ def asymmetry(exhibit: Exhibit) -> Iterator[str]:
         if np.count_nonzero(use) < 100:
             return
         found.append(-slopes(residual, use, motion.velocity, motion.acceleration)[0] / MS)
-    numbers = (
-        f"{exhibit.reading} is late by {found[0]:.3g} ms times the speed to plus, {found[1]:.3g} ms to minus"
-    )
+    plus, minus = (f"{'lags' if late >= 0.0 else 'leads'} by {abs(late):.3g} ms" for late in found)
+    numbers = f"{exhibit.reading} {plus} times the speed to plus and {minus} times it to minus"
     yield against(
         "friction that differs by direction lags by another factor each way", numbers,
         not alike(found[0], found[1]),

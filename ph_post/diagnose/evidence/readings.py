@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ph_post.diagnose.evidence.exhibit import FEWEST, Exhibit, against, alike, slopes
+from ph_post.diagnose.evidence.exhibit import FEWEST, Exhibit, against, alike, lag_words, slopes
 from ph_post.diagnose.evidence.waves import amplitude, wave_words
-from ph_post.diagnose.sentences import UM, length
+from ph_post.diagnose.sentences import length
 from ph_post.diagnose.signature import by_rotation, drift
 from ph_post.units import MM, MS
 
@@ -94,7 +94,7 @@ def delay(exhibit: Exhibit) -> Iterator[str]:
     late, bend, _ = slopes(exhibit.before[exhibit.channel], use, motion.velocity, motion.acceleration)
     yield against(
         "a delay is a lag in proportion to the velocity, hardly to the acceleration",
-        f"{exhibit.reading} lags by {-late / MS:.3g} ms times the velocity and {-bend / UM:.3g} µm per m/s²",
+        f"{exhibit.reading} {lag_words(late, bend)}",
     )
     if exhibit.shift is not None:
         way = "late" if exhibit.shift >= 0.0 else "early"

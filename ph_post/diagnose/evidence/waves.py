@@ -18,6 +18,9 @@ from ph_post.units import MM
 NEAR: Final = (0.97, 1.03)
 """Parts of a period within which it is refined."""
 
+APART: Final = 0.03
+"""Part by which the period that stands out may differ from the fitted one."""
+
 
 def wave_words(exhibit: Exhibit, physics: str, same: bool = False) -> Iterator[str]:
     """Yield the period that stands out, what turn it belongs to, and its size slow and fast.
@@ -34,11 +37,15 @@ def wave_words(exhibit: Exhibit, physics: str, same: bool = False) -> Iterator[s
     found = best_period(residual, x, use)
     if found is None:
         return
-    period = _refined(residual, x, found.period, use)
-    numbers = (
-        f"{length(amplitude(residual, x, period, use))} every {period / MM:.3g} mm ({turns(exhibit)}), "
-        f"{percent(found.share)} of the residual"
-    )
+    period, fitted = _refined(residual, x, found.period, use), exhibit.values["period"]
+    named, share = "", found.share
+    if abs(period - fitted) > APART * fitted:
+        # What stands out may be another effect, or this one blurred by its own lag.
+        angle = 2.0 * math.pi * x / fitted
+        period, named = fitted, " by the fit"
+        share = correlation(residual, use, np.sin(angle), np.cos(angle))
+    size = length(amplitude(residual, x, period, use))
+    numbers = f"{size} every {period / MM:.3g} mm{named} ({turns(exhibit)}), {percent(share)} of the residual"
     sizes = _sizes(exhibit, residual, use, period)
     agrees = True
     if sizes is not None:
