@@ -20,6 +20,7 @@ from ph_post.diagnose.model import Problem, problem_of
 from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Channel, Diagnosis, Finding, GapStep, Quality, Trail, Verdict
 from ph_post.diagnose.select import choose, has_structure
+from ph_post.diagnose.telling import locate_left, next_of, notes_of, tell
 from ph_post.types import Array, BoolArray, Log, Machine
 
 FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
@@ -59,14 +60,14 @@ def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -
         if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
     ]
     if quality.faults or not problems:
-        return _blind(machine, quality)
+        return _blind(log, machine, quality)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         outcomes = list(pool.map(lambda one: settle_outcome(choose(one, stage)), problems))
     stage("telling")
     return _tell(log, machine, quality, outcomes)
 
 
-def _blind(machine: Machine, quality: Quality) -> Diagnosis:
+def _blind(log: Log, machine: Machine, quality: Quality) -> Diagnosis:
     """Tell that a record can show nothing."""
     if not quality.faults:
         quality = replace(quality, faults=("no axis that has a reading moves in this record",))
@@ -74,6 +75,7 @@ def _blind(machine: Machine, quality: Quality) -> Diagnosis:
     return Diagnosis(
         verdict="not-identifiable", findings=(), noise_floor=floor, steps=(), quality=quality, places=(),
         remaining=(), trails=(), machine=machine,
+        next_experiment=next_of(log, machine, "not-identifiable", ()),
     )  # fmt: skip
 
 
@@ -89,9 +91,9 @@ def _floor(outcomes: Sequence[Outcome]) -> float:
 
 def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outcome]) -> Diagnosis:
     findings: list[Finding] = []
-    for outcome in outcomes:
+    for outcome, told in zip(outcomes, tell(log, machine, quality, outcomes), strict=True):
         unit = log.axes[outcome.choice.problem.axis.name].effort_unit
-        findings += findings_of(outcome, {}, {}, unit)
+        findings += findings_of(outcome, told.where, told.evidence, unit)
     findings = [_unknown_side(log, one) for one in findings]
     steps = _steps(outcomes)
     verdict = _verdict(outcomes, findings, _floor(outcomes), steps)
@@ -101,9 +103,13 @@ def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outco
     for name in log.axes:
         axes[name] = better_axis(axes[name], tuple(one for one in findings if one.axis == name))
     better = replace(machine, axes=axes) if findings else machine
+    places = locate_left(log, machine, outcomes, [_as_it_is(one) for one in outcomes])
+    remaining = locate_left(log, machine, outcomes, [one.fitted.left for one in outcomes]) if findings else ()
     return Diagnosis(
         verdict=verdict, findings=tuple(findings), noise_floor=_floor(outcomes), steps=steps,
-        quality=quality, places=(), remaining=(), trails=_trails(outcomes, verdict), machine=better,
+        quality=quality, places=places, remaining=remaining, trails=_trails(outcomes, verdict),
+        machine=better, next_experiment=next_of(log, machine, verdict, findings, places),
+        notes=notes_of(log, outcomes, remaining, verdict),
     )  # fmt: skip
 
 
@@ -136,6 +142,8 @@ def _steps(outcomes: Sequence[Outcome]) -> tuple[GapStep, ...]:
     """Pool the gap over the axes: the file as it is, then one effect after the other."""
     at: list[Mapping[Channel, Array]] = [_as_it_is(outcome) for outcome in outcomes]
     steps = [_step(None, outcomes, at)]
+    # With the first effect every axis is told with its base values refitted within their priors.
+    at = [outcome.choice.stages[0].left for outcome in outcomes]
     for number, outcome in enumerate(outcomes):
         for count, part in enumerate(outcome.choice.fitted.model.parts, 1):
             at[number] = outcome.choice.stages[count].left

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from ph_post.diagnose.fit import Fitted, Part, covariance, fit_model, plant_at
 from ph_post.diagnose.model import Problem, predict
 from ph_post.diagnose.record import Estimate, Finding
-from ph_post.diagnose.select import Choice
+from ph_post.diagnose.select import Choice, with_noise
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty
@@ -24,6 +24,9 @@ MOVED: Final = 0.1
 
 OWN_KEYS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
 """Effects that are numbers of the axis itself."""
+
+DERIVED: Final = {"difference": "plus"}
+"""Values that follow from the others, and whose unit they have; a machine file does not hold them."""
 
 _SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
 """Unit and its size of those numbers."""
@@ -54,8 +57,9 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def settle_outcome(choice: Choice) -> Outcome:
     """Fit the chosen model to every sample that counts, and work out what its numbers are worth."""
-    problem = choice.problem
-    fitted = fit_model(problem, choice.fitted.model, problem.counted, rounds=2)
+    fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted, rounds=2)
+    problem = with_noise(choice.problem, fitted)
+    choice = replace(choice, problem=problem)
     spread = covariance(problem, fitted, problem.counted)
     at, found = len(fitted.model.free), []
     for part in fitted.model.parts:
@@ -115,7 +119,7 @@ def findings_of(outcome: Outcome, where: Mapping[str, str], evidence: Mapping[st
 
 def _ways(effect: Effect, gives: str, axis: Axis) -> tuple[Parameter, float | None]:
     """Return the key that a value is written under, the first whose unit the axis knows, and its size."""
-    for parameter in effect.ways()[gives]:
+    for parameter in effect.ways()[DERIVED.get(gives, gives)]:
         if parameter.unit is None:
             return parameter, None
         scale = parameter.unit.scale(axis)
@@ -125,7 +129,8 @@ def _ways(effect: Effect, gives: str, axis: Axis) -> tuple[Parameter, float | No
 
 
 def _is_force(effect: Effect, gives: str) -> bool:
-    return any(one.unit is not None and one.unit.symbol == "N" for one in effect.ways()[gives])
+    ways = effect.ways()[DERIVED.get(gives, gives)]
+    return any(one.unit is not None and one.unit.symbol == "N" for one in ways)
 
 
 def _estimates(outcome: Outcome, found: Found, effort_unit: str) -> dict[str, Estimate]:
@@ -165,6 +170,8 @@ def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
     effect = find_effect(name)
     parameters: dict[str, Any] = {}
     for gives, value in found.values.items():
+        if gives in DERIVED:
+            continue
         parameter, scale = _ways(effect, gives, axis)
         if scale is None:
             parameters[parameter.name] = parameter.choices[int(value)]

@@ -174,11 +174,16 @@ def weighted_rows(
     return np.concatenate([*rows, unknowns[: len(model.free)]])
 
 
-def _slopes(rows: partial[Array], numbers: list[Number], unknowns: Array) -> Array:
-    """Forward differences, away from the bounds."""
+def _slopes(
+    rows: partial[Array], numbers: list[Number], known: Mapping[int, Array], unknowns: Array
+) -> Array:
+    """Forward differences, away from the bounds; of some unknowns the columns may be known."""
     here = rows(unknowns)
     columns = np.empty((here.size, unknowns.size))
     for k, number in enumerate(numbers):
+        if k in known:
+            columns[:, k] = known[k]
+            continue
         step = STEP * max(abs(unknowns[k]), number.scale)
         if unknowns[k] + step > number.high:
             step = -step
@@ -214,12 +219,42 @@ def fit_model(
         rows = partial(weighted_rows, problem, model, weights_of(problem, left, use), use)
         found = least_squares(
             rows, np.clip(unknowns, low + 1e-9 * scale, high - 1e-9 * scale), bounds=(low, high),
-            jac=partial(_slopes, rows, numbers), x_scale=scale, max_nfev=evaluations,
+            jac=partial(_slopes, rows, numbers, {}), x_scale=scale, max_nfev=evaluations,
             ftol=1e-6, xtol=1e-6, gtol=1e-8,
         )  # fmt: skip
         unknowns, jacobian = found.x, np.asarray(found.jac)
         left = left_of(problem, unpack(model, unknowns))
     return Fitted(model=unpack(model, unknowns), left=left, jacobian=jacobian, unknowns=unknowns)
+
+
+def look_at(
+    problem: Problem, model: Model, weights: Mapping[Channel, float], known: Mapping[int, Array], steps: int
+) -> Fitted:
+    """Fit a model for a few steps only, most of whose slopes are taken from the model that it grew from.
+
+    Parameters
+    ----------
+    problem : Problem
+    model : Model
+        With the numbers to start from.
+    weights : mapping
+        Of the channels, as the known slopes have them.
+    known : mapping of int to Array, shape (rows,)
+        Slopes by unknown.
+    steps : int
+    """
+    numbers = _numbers(model)
+    low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
+    scale = np.array([one.scale for one in numbers])
+    start = np.clip(pack(model), low + 1e-9 * scale, high - 1e-9 * scale)
+    rows = partial(weighted_rows, problem, model, weights, problem.fit)
+    found = least_squares(
+        rows, start, bounds=(low, high), jac=partial(_slopes, rows, numbers, known), x_scale=scale,
+        max_nfev=steps, ftol=1e-4, xtol=1e-4,
+    )  # fmt: skip
+    there = unpack(model, found.x)
+    left = left_of(problem, there)
+    return Fitted(model=there, left=left, jacobian=np.asarray(found.jac), unknowns=found.x)
 
 
 def covariance(problem: Problem, fitted: Fitted, use: BoolArray) -> Array:

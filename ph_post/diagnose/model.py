@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.diagnose.record import Channel, Quality
 from ph_post.drive.effects import plant_of
@@ -123,7 +124,9 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
         `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort, the
         following error [m] and the speed [m/s] at the loop's own side: K (e - c_e v).
     """
-    command = problem.command
+    command = later(problem.command, plant.command_delay / problem.period)
+    reading_delay = plant.reading_delay / problem.period
+    plant = replace(plant, command_delay=0.0, reading_delay=0.0)
     speed = float(np.median(problem.speed[:3]))
     speed = speed if abs(speed) * problem.period > 1e-9 else 0.0
     trace = Trace(command, float(command[0]), speed)
@@ -134,13 +137,35 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         if one.channel == "act":
-            found["act"] = read_table(plant, problem.t, table, problem.others)
+            found["act"] = read_table(plant, problem.t, later(table, reading_delay), problem.others)
         elif one.channel == "motor":
             found["motor"] = motor
         else:
             side = table if plant.feedback == "load" else motor
             e = following_error(plant, command, table, motor, problem.period)
             found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
+    return found
+
+
+def later(values: Array, samples: float) -> Array:
+    """Return values as they were so many samples before, by cubics through four neighbours.
+
+    Straight lines between samples would cut the corners of a delay that is a part of a sample by more than
+    good sensors read. Before the first there is the first.
+    """
+    if samples == 0.0:
+        return values
+    whole = int(np.floor(samples))
+    u = 1.0 - (samples - whole)
+    # Of the samples whole + 2, whole + 1, whole and whole - 1 before, u from the second to the third.
+    weights = (
+        -u * (u - 1.0) * (u - 2.0) / 6.0, (u * u - 1.0) * (u - 2.0) / 2.0,
+        -u * (u + 1.0) * (u - 2.0) / 2.0, u * (u * u - 1.0) / 6.0,
+    )  # fmt: skip
+    rows = np.arange(values.size)
+    found = np.zeros(values.size)
+    for back, weight in zip((2, 1, 0, -1), weights, strict=True):
+        found += weight * values[np.clip(rows - whole - back, 0, values.size - 1)]
     return found
 
 

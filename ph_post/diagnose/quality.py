@@ -36,6 +36,9 @@ the motion keeps step with the grid.
 ROUNDING: Final = {"act": 1e-6 * MM, "motor": 1e-6 * MM, "force": 1e-6}
 """Last decimal that files usually have, by channel [m, or the effort's unit]."""
 
+WANDERS: Final = 3.0
+"""Times the sample to sample noise from which an axis is taken to wander in its gap."""
+
 SAMPLES_A_MEMORY: Final = 2.0
 """Samples that a servo time constant needs so that its answer can be seen."""
 
@@ -151,8 +154,13 @@ def _channel(
     quantum = find_quantum(values, ROUNDING[reading.channel])
     source: NoiseFrom
     size, source = noise.of_repeats(values, repeats, log.period), "repeats"
-    if size is None:
-        still = noise.of_standstill(values, command, _memory(log, machine), log.period)
+    still = noise.of_standstill(values, command, _memory(log, machine), log.period)
+    # In the gap of a loop over the table nothing holds an axis that stands: it may wander.
+    drive = machine.axes.get(reading.axis)
+    in_loop = drive is not None and drive.feedback == "load"
+    wanders = in_loop and still is not None and still > WANDERS * fast
+    # What differs between repeats may be the other axes' doing, so that the smaller of the two counts.
+    if still is not None and not wanders and (size is None or still < size):
         size, source = still, "stationary stretches"
     if size is None:
         size, source = fast, "differences"

@@ -58,8 +58,8 @@ class Place(msgspec.Struct, frozen=True, kw_only=True):
     """Where a residual lies, of one axis: its `share` of the excess over the noise floor, and a sentence.
 
     `by` names the split ("reversal", "travel", "offset", "direction", "speed", "acceleration", "position",
-    "position of Y" and the like, "period", "time", "rotation"); `value` is what the split measured (a time, a
-    length, a ratio), in SI units.
+    "position of Y" and the like, "period", "time", "rotation", "frequency"); `value` is what the split
+    measured (a time, a length, a ratio), in SI units.
     """
 
     axis: str

@@ -21,6 +21,7 @@ from ph_post.diagnose.fit import (
     base_model,
     fit_model,
     inflation,
+    look_at,
     mean_square,
     nats,
     weighted_rows,
@@ -54,8 +55,8 @@ BLUR: Final = 0.15
 FLOOR: Final = 1.5
 """Times the noise up to which what is left counts as noise."""
 
-CLEAN: Final = 1.02
-"""Times the noise up to which nothing can be left to explain."""
+ABREAST: Final = 0.6
+"""Part of the best one's gain from which a hypothesis is fitted to the end."""
 
 OUT: Final = 0.5
 """Root mean square of what is more than noise, in parts of the noise, from which it is looked into."""
@@ -157,10 +158,26 @@ def _shift(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> Array:
     return shift
 
 
+def _at_file(model: Model) -> Model:
+    """Return a model with its base values as the file has them."""
+    return replace(model, off=(0.0,) * len(model.off))
+
+
+def is_linear(hypothesis: Hypothesis) -> bool:
+    """Whether a straight fit finds its sizes."""
+    return any(number.linear for number in hypothesis.numbers)
+
+
 def seed(ground: Ground, hypothesis: Hypothesis) -> list[tuple[float, Numbers]]:
-    """Return numbers to start from, best first, with the squares that they promise to explain."""
+    """Return numbers to start from, best first, with the squares that they promise to explain.
+
+    Where a straight fit does not find the size, each start is tried with the base values of the file: what
+    these were bent to without the effect may hide it.
+    """
     linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
     before = ground.beyond(ground.rows)
+    if not linear:
+        ground = replace(ground, fitted=replace(ground.fitted, model=_at_file(ground.fitted.model)))
     found: list[tuple[float, Numbers]] = []
     for start in hypothesis.starts(ground.problem, ground.fitted.left):
         numbers = list(start)
@@ -226,25 +243,73 @@ class Search:
 
 def _try_all(problem: Problem, ground: Fitted) -> list[tuple[Hypothesis, Fitted]]:
     base = ground_of(problem, ground)
+    squares = float(base.rows @ base.rows)
     seeds = []
     for hypothesis in hypotheses(problem):
         if not _joins(ground.model, hypothesis):
             continue
         found = seed(base, hypothesis)
-        if found and found[0][0] > 0.0:
+        # A start that makes things much worse is on the wrong side of what can be reached from it.
+        if found and (found[0][0] > 0.0 or (not is_linear(hypothesis) and found[0][0] > -squares)):
             seeds.append((found[0][0], hypothesis, found))
     seeds.sort(key=lambda one: -one[0])
     most = seeds[0][0] if seeds else 0.0
     close = [
         (hypothesis, found)
         for place, (promise, hypothesis, found) in enumerate(seeds)
-        if place < CLOSEST or promise > NEARLY * most
+        if place < CLOSEST or promise > NEARLY * most or not is_linear(hypothesis)
     ]
-    tried = [_fit_from(problem, ground, *one) for one in close if not one[0].within]
+    tried = _race(base, [one for one in close if not one[0].within])
     # What contains another is only worth its time where the other leaves something.
-    if not any(at_floor(problem, fitted, CLEAN) for _, fitted in tried):
-        tried += [_fit_from(problem, ground, *one) for one in close if one[0].within]
+    if not any(not has_structure(problem, fitted) for _, fitted in tried):
+        tried += _race(base, [one for one in close if one[0].within])
     return tried
+
+
+def _race(
+    base: Ground, close: Sequence[tuple[Hypothesis, Sequence[tuple[float, Numbers]]]]
+) -> list[tuple[Hypothesis, Fitted]]:
+    """Look at every hypothesis, and fit those to the end that gain nearly as much as the best."""
+    problem = base.problem
+    looked = [(hypothesis, _look(base, hypothesis, seeds)) for hypothesis, seeds in close]
+    start = nats(problem, base.fitted.left, problem.fit)
+    gains = [nats(problem, fitted.left, problem.fit) - start for _, fitted in looked]
+    most = max(gains, default=0.0)
+    return [
+        (hypothesis, fit_model(problem, fitted.model, problem.fit) if gain > ABREAST * most else fitted)
+        for (hypothesis, fitted), gain in zip(looked, gains, strict=True)
+    ]
+
+
+def _look(base: Ground, hypothesis: Hypothesis, seeds: Sequence[tuple[float, Numbers]]) -> Fitted:
+    """Fit one hypothesis for a few steps from its best starts."""
+    problem, ground = base.problem, base.fitted
+    model = ground.model if is_linear(hypothesis) else _at_file(ground.model)
+    starts = seeds[:1] if hypothesis.within else seeds[:2]
+    fits = []
+    for _, numbers in starts:
+        more = with_part(model, hypothesis, numbers)
+        fits.append(look_at(problem, more, base.weights, _known_slopes(ground, more), FIRST_LOOK))
+    return max(fits, key=lambda one: nats(problem, one.left, problem.fit))
+
+
+def _known_slopes(ground: Fitted, more: Model) -> dict[int, Array]:
+    """Slopes of a fitted model by the unknowns of one that has a part more."""
+    if not ground.jacobian.shape[0]:
+        return {}
+    was, now = ground.model.free, more.free
+    gone = len(was) - len(now)
+    known = {}
+    for column, prior in enumerate(was):
+        if prior in now:
+            slope = ground.jacobian[:, column]
+            # The rows of the priors come last, one each: those that are replaced have none any more.
+            rows = [slope.size - len(was) + k for k, one in enumerate(was) if one not in now]
+            known[now.index(prior)] = np.delete(slope, rows) if gone else slope
+    for column in range(len(was), ground.unknowns.size):
+        rows = [ground.jacobian.shape[0] - len(was) + k for k, one in enumerate(was) if one not in now]
+        known[column - gone] = np.delete(ground.jacobian[:, column], rows)
+    return known
 
 
 def _joins(model: Model, hypothesis: Hypothesis) -> bool:
@@ -271,18 +336,6 @@ def rank(problem: Problem, ground: Fitted, fits: Sequence[tuple[Hypothesis, Fitt
     return sorted(scored, key=lambda one: -one.score)
 
 
-def _fit_from(
-    problem: Problem, ground: Fitted, hypothesis: Hypothesis, seeds: Sequence[tuple[float, Numbers]]
-) -> tuple[Hypothesis, Fitted]:
-    """Fit one hypothesis from its two best starts."""
-    fits = [
-        fit_model(problem, with_part(ground.model, hypothesis, numbers), problem.fit, 1, FIRST_LOOK)
-        for _, numbers in seeds[:2]
-    ]
-    best = max(fits, key=lambda one: nats(problem, one.left, problem.fit))
-    return hypothesis, fit_model(problem, best.model, problem.fit, rounds=1)
-
-
 def has_structure(problem: Problem, fitted: Fitted) -> bool:
     """Whether what a model leaves of any channel is more than noise."""
     return any(
@@ -295,7 +348,7 @@ def _stands_out(values: Array, use: BoolArray, noise: float) -> bool:
     return structured and size > OUT
 
 
-def _with_noise(problem: Problem, fitted: Fitted) -> Problem:
+def with_noise(problem: Problem, fitted: Fitted) -> Problem:
     """Lower the noise of a channel to what a model leaves of it: nothing leaves less than the noise."""
     observed = tuple(
         one._replace(
@@ -323,7 +376,7 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
     name = problem.axis.name
     base = fit_model(problem, base_model(problem), problem.fit)
-    problem = _with_noise(problem, base)
+    problem = with_noise(problem, base)
     search = Search(problem)
     stages, scores = [base], [0.0]
     while len(stages) <= MOST and has_structure(problem, stages[-1]):
@@ -432,10 +485,10 @@ def _equals(
     return tuple(dict.fromkeys(found))
 
 
-def at_floor(problem: Problem, fitted: Fitted, floor: float = FLOOR) -> bool:
-    """Whether a model leaves no more than so many times the noise of the positions, held out."""
+def at_floor(problem: Problem, fitted: Fitted) -> bool:
+    """Whether a model leaves no more than noise of the positions, held out."""
     return all(
-        mean_square(fitted.left[one.channel], problem.held & one.ok) < (floor * one.noise) ** 2
+        mean_square(fitted.left[one.channel], problem.held & one.ok) < (FLOOR * one.noise) ** 2
         for one in problem.observed
         if one.channel != "force"
     )

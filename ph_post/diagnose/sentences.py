@@ -89,8 +89,10 @@ def proportion(name: str, slope: float) -> str:
 
 def stretch(window: Window, word: str, unit: Callable[[float], str]) -> str:
     """Say how much lies in a stretch, against the samples in it."""
+    slow = unit is velocity and window.low < 0.01 * window.high
+    low = "up to" if slow else f"{unit(window.low)} to"
     return (
-        f"{percent(window.share)} of the excess lies {word} {unit(window.low)} to {unit(window.high)}, "
+        f"{percent(window.share)} of the excess lies {word} {low} {unit(window.high)}, "
         f"{percent(window.chance)} of the samples"
     )
 

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
 from ph_post.diagnose.hypotheses.forces import by_effect, named
-from ph_post.diagnose.hypotheses.scan import middle, reach, reversal_step
+from ph_post.diagnose.hypotheses.scan import middle, predicted_position, reach, reversal_step
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
@@ -103,19 +103,23 @@ def _bumps(problem: Problem, left: Residuals) -> list[Numbers]:
     return [(step, centre + share * half, width) for share in (-0.9, -0.5, 0.0, 0.5, 0.9)]
 
 
-BUMP = Hypothesis(
-    name="position_dependent_backlash",
-    variant="bump",
-    numbers=(
-        Number(name="bump", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
-        Number(name="centre", low=-10.0, high=10.0, scale=1e-3),
-        Number(name="width", low=math.log(5e-4), high=math.log(1.0), scale=0.1),
-    ),
-    apply=_bump,
-    starts=_bumps,
-    values=lambda _problem, n: {"bump": n[0], "centre": n[1], "width": math.exp(n[2])},
-    bars=_shows_gap,
-)
+def _bumped(half: float) -> Hypothesis:
+    """Return a bump narrower than half the travel: a wider one is a gap of another size."""
+    widest = math.log(max(half, 2e-3))
+    return Hypothesis(
+        name="position_dependent_backlash",
+        variant="bump",
+        numbers=(
+            Number(name="bump", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
+            Number(name="centre", low=-10.0, high=10.0, scale=1e-3),
+            Number(name="width", low=math.log(5e-4), high=widest, scale=0.1),
+        ),
+        apply=_bump,
+        starts=_bumps,
+        values=lambda _problem, n: {"bump": n[0], "centre": n[1], "width": math.exp(n[2])},
+        bars=_shows_gap,
+        within=("backlash",),
+    )
 
 
 def _mismatch(plant: Plant, numbers: Numbers) -> Plant:
@@ -185,7 +189,7 @@ IMPACT = Hypothesis(
     name="engagement_impact",
     numbers=(Number(name="kept", low=0.0, high=1.0, scale=0.1),),
     apply=by_effect("engagement_impact", "kept"),
-    starts=lambda _problem, _left: [(0.95,), (0.5,), (0.2,)],
+    starts=lambda _problem, _left: [(0.97,), (0.85,), (0.7,), (0.55,), (0.4,), (0.2,)],
     values=named("kept"),
     bars=_no_impact,
 )
@@ -195,13 +199,12 @@ def _saturated(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("torque_saturation").apply(plant, {"limit": math.exp(numbers[0])})
 
 
-def _limits(problem: Problem, _left: Residuals) -> list[Numbers]:
-    """Parts of the largest output that the plain loop asks for."""
-    b, c = problem.plant.b, problem.plant.c
-    speed = problem.speed
-    asked = np.abs(c * speed + b * np.gradient(speed, problem.period))
-    largest = max(float(np.quantile(asked, 0.9995)), MICRON)
-    return [(math.log(share * largest),) for share in (0.95, 0.85, 0.7, 0.5)]
+def _limits(problem: Problem, left: Residuals) -> list[Numbers]:
+    """Return parts of the largest following error that the model asks its motor to answer."""
+    asked = np.abs(problem.command - predicted_position(problem, left))
+    asked = asked[problem.counted & np.isfinite(asked)]
+    largest = max(float(np.max(asked, initial=0.0)), MICRON)
+    return [(math.log(share * largest),) for share in (0.99, 0.95, 0.87, 0.75, 0.5)]
 
 
 def _no_torque(problem: Problem) -> str:
@@ -220,4 +223,5 @@ SATURATION = Hypothesis(
 
 def drive_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
     """Hypotheses about gap, servo and motor on one axis; a slope is told about the middle of its travel."""
-    return (BACKLASH, _sloped(middle(problem)), BUMP, MISMATCH, WINDUP, IMPACT, SATURATION)
+    uneven = (_sloped(middle(problem)), _bumped(reach(problem)))
+    return (BACKLASH, *uneven, MISMATCH, WINDUP, IMPACT, SATURATION)

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
-from ph_post.diagnose.hypotheses.scan import longest_period, periods, reversal_step, speeds
+from ph_post.diagnose.hypotheses.scan import force_periods, longest_period, periods, reversal_step, speeds
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
@@ -111,6 +111,12 @@ def _asymmetry(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus})
 
 
+def _by_direction(_problem: Problem, numbers: Numbers) -> dict[str, float]:
+    """Return the difference, which is what c does not hold, and both coefficients."""
+    plus, minus = numbers
+    return {"difference": plus - minus, "plus": plus, "minus": minus}
+
+
 ASYMMETRY = Hypothesis(
     name="friction_asymmetry",
     numbers=tuple(
@@ -118,7 +124,7 @@ ASYMMETRY = Hypothesis(
     ),
     apply=_asymmetry,
     starts=lambda _problem, _left: [(1e-4, -1e-4)],
-    values=named("plus", "minus"),
+    values=_by_direction,
     bars=_no_friction,
     within=("viscous_friction",),
     excludes=("viscous_friction", "servo_mismatch", "friction_asymmetry"),
@@ -131,13 +137,16 @@ DIFFERENCE = replace(
     numbers=(Number(name="difference", low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True),),
     apply=lambda plant, n: _asymmetry(plant, (0.5 * n[0], -0.5 * n[0])),
     starts=lambda _problem, _left: [(1e-4,)],
-    values=lambda _problem, n: {"plus": 0.5 * n[0], "minus": -0.5 * n[0]},
+    values=lambda problem, n: _by_direction(problem, (0.5 * n[0], -0.5 * n[0])),
     excludes=(),
 )
 
 
 def _needs_effort(problem: Problem) -> str:
-    return _no_friction(problem) or ("" if problem.has_effort else "needs a force or current channel")
+    """Say where a load shows no more than a wrong origin: it also keeps a table in the loop on a flank."""
+    in_gap = problem.plant.feedback == "load" and problem.plant.gap > 0.0
+    shows = problem.has_effort or in_gap
+    return _no_friction(problem) or ("" if shows else "needs a force or current channel")
 
 
 LOAD = Hypothesis(
@@ -153,6 +162,11 @@ LOAD = Hypothesis(
 def waves(problem: Problem, left: Residuals) -> list[Numbers]:
     """Return a sine and a cosine worth trying for every period."""
     return [(GUESS, GUESS, math.log(period)) for period in periods(problem, left)]
+
+
+def _force_waves(problem: Problem, left: Residuals) -> list[Numbers]:
+    """Return those of forces, which the loop shifts and shrinks with the speed."""
+    return [(GUESS, GUESS, math.log(period)) for period in force_periods(problem, left)]
 
 
 def wave_values(first: str) -> Callable[[Problem, Numbers], dict[str, float]]:
@@ -188,7 +202,7 @@ def _cogs(longest: float) -> Hypothesis:
         name="cogging",
         numbers=wave_numbers(MOST_FORCE, longest),
         apply=_cogging,
-        starts=waves,
+        starts=_force_waves,
         values=wave_values("force"),
         bars=_no_friction,
     )
@@ -222,7 +236,9 @@ CUTTING = Hypothesis(
 CUTTING_BY_FEED = replace(
     CUTTING,
     variant="by feed",
-    numbers=(*CUTTING.numbers, Number(name="exponent", low=-1.0, high=2.0, scale=0.1)),
+    bars=_no_friction,
+    within=("coulomb_friction", "viscous_friction", "transport_delay"),
+    numbers=(*CUTTING.numbers, Number(name="exponent", low=0.05, high=2.0, scale=0.1)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
     values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
 )

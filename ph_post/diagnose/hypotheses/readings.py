@@ -86,12 +86,6 @@ THERMAL = Hypothesis(
 AXES: Final = ("X", "Y", "Z")
 
 
-def _other(problem: Problem) -> str:
-    """Name the axis out of square with this one: a later one of X, Y, Z."""
-    mine = AXES.index(problem.axis.name)
-    return next((name for name in AXES[mine + 1 :] if name in problem.others), "")
-
-
 def _squareness(other: str) -> Hypothesis:
     choice = float(AXES.index(other))
 
@@ -99,9 +93,7 @@ def _squareness(other: str) -> Hypothesis:
         return find_effect("squareness").apply(plant, {"angle": numbers[0], "other": choice})
 
     def bars(problem: Problem) -> str:
-        mine = problem.axis.name
-        named_first = AXES.index(mine) < AXES.index(other) and other in problem.others
-        return _needs_table(problem) if named_first else f"{other} is not beside it in the record"
+        return _needs_table(problem) if other in problem.others else f"{other} is not in the record"
 
     return Hypothesis(
         name="squareness",
@@ -137,7 +129,7 @@ def _loop_reads_late(problem: Problem) -> str:
 LATE_COMMAND = _delay(0.0)
 LATE_READING = replace(_delay(1.0), bars=_loop_reads_late)
 
-SQUARENESS: Final = (_squareness("Y"), _squareness("Z"))
+SQUARENESS: Final = tuple(_squareness(other) for other in AXES)
 
 
 def reading_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:

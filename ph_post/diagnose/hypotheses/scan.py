@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy import signal
 
 from ph_post.diagnose.hypotheses.base import Residuals
 from ph_post.diagnose.model import Problem
+from ph_post.diagnose.record import Channel
 from ph_post.types import Array
 
 BINS: Final = 2048
@@ -15,6 +17,9 @@ BINS: Final = 2048
 
 FINER: Final = 4
 """Zeros behind them, in their own lengths, so that a period falls near a line of the spectrum."""
+
+LINES: Final = 300.0
+"""Most periods that the travel is searched for."""
 
 SHORTEST: Final = 3e-4
 """Shortest period looked for [m]."""
@@ -34,15 +39,56 @@ def reversal_step(problem: Problem, left: Residuals) -> float:
     return float(-np.mean((values - np.mean(values[moving]))[moving] * np.sign(problem.speed[moving])))
 
 
+def predicted_position(problem: Problem, left: Residuals) -> Array:
+    """Return the reading of the table, or of the motor where there is no other, less its residual [m]."""
+    channel: Channel = "act" if "act" in left else "motor"
+    values: Array = next(one.values for one in problem.observed if one.channel == channel)
+    predicted: Array = values - left[channel]
+    return predicted
+
+
+def force_periods(problem: Problem, left: Residuals, most: int = 4) -> list[float]:
+    """List the periods over position of a force that explains most of the residual [m].
+
+    Each wave of force is passed through the loop, which shifts and shrinks it with the speed, and the share
+    of the residual that it then explains is what counts.
+    """
+    plant, values = problem.plant, position_residual(left)
+    place = predicted_position(problem, left)
+    use = problem.counted & np.isfinite(place)
+    span = float(np.ptp(place[use])) if use.any() else 0.0
+    if plant.b == 0.0 or span <= 0.0:
+        return []
+    top, bottom = signal.bilinear([1.0], [plant.b, plant.c, 1.0], fs=1.0 / problem.period)
+    finest = min(1.0 / SHORTEST, LINES / span)
+    lines = np.arange(1.0 / longest_period(problem), finest, 0.4 / span)
+    place = np.where(np.isfinite(place), place, 0.0)
+    wanted = values[use] - np.mean(values[use])
+    shares = []
+    for line in lines:
+        wave = signal.lfilter(top, bottom, np.exp(2j * np.pi * line * place))[use]
+        both = np.stack([wave.real, wave.imag], axis=1)
+        sizes = np.linalg.lstsq(both, wanted, rcond=None)[0]
+        shares.append(float(wanted @ (both @ sizes)))
+    power = np.array(shares)
+    inner = power[1:-1]
+    peaks = np.flatnonzero((inner >= power[:-2]) & (inner > power[2:])) + 1
+    best = peaks[np.argsort(power[peaks])[::-1][:most]]
+    return [float(1.0 / lines[k]) for k in best]
+
+
 def periods(problem: Problem, left: Residuals, most: int = 3) -> list[float]:
-    """List the periods over position that the residual holds most of [m], and the screw's own."""
+    """List the periods over position that the residual holds most of [m], and the screw's own.
+
+    By the position itself, not the command: at speed these are apart by more than a short period.
+    """
     found: list[float] = []
     travel = problem.axis.gap.travel_per_rad
     if travel is not None:
         found.append(2.0 * np.pi * travel)
-    values, place = position_residual(left), problem.command
-    use = problem.counted & np.isfinite(values)
-    span = float(np.ptp(place[use]))
+    values, place = position_residual(left), predicted_position(problem, left)
+    use = problem.counted & np.isfinite(place)
+    span = float(np.ptp(place[use])) if use.any() else 0.0
     if span > 0.0:
         found += _spectral_periods(place[use] - np.min(place[use]), values[use], span, most)
     return [period for period in found if SHORTEST <= period <= longest_period(problem)]

@@ -58,7 +58,7 @@ OUTSIDE = (
     "sticking_encoder",
     "random_walk",
 )
-NEEDS_TWO = ("squareness", "cross_talk")
+NEEDS_TWO = ("squareness", "cross_talk", "cutting_force")
 NEEDS_GAP = ("engagement_impact", "position_dependent_backlash")
 NEEDS_TABLE = ("cyclic_error", "scale_error", "thermal_growth", "squareness", *OUTSIDE[5:])
 

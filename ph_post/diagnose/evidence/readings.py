@@ -1,0 +1,101 @@
+"""Evidence of what is read, and when: screw, scale, heat, squareness, delay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ph_post.diagnose.evidence.exhibit import FEWEST, Exhibit, against, alike, slopes
+from ph_post.diagnose.evidence.waves import amplitude, wave_words
+from ph_post.diagnose.sentences import UM, length
+from ph_post.diagnose.signature import by_rotation, drift
+from ph_post.units import MM, MS
+
+SPAN = 100.0 * MM
+"""Travel over which a slope is told [m]."""
+
+AXES = ("X", "Y", "Z")
+
+
+def cyclic(exhibit: Exhibit) -> Iterator[str]:
+    """Yield what an error of the screw shows: its period, whatever the feed."""
+    yield from wave_words(exhibit, "a cyclic error comes again with the screw, the same at every feed", True)
+    if exhibit.has("motor") and exhibit.has("act"):
+        period, x = exhibit.values["period"], exhibit.motion.position
+        sides = (amplitude(exhibit.before[one], x, period, exhibit.use(one)) for one in ("motor", "act"))
+        motor, table = sides
+        yield against(
+            "it lies behind the motor",
+            f"{length(motor)} of that period on the motor's side, {length(table)} on the table's",
+            motor < 0.5 * table,
+        )
+
+
+def scale(exhibit: Exhibit) -> Iterator[str]:
+    """Yield whether an error is in proportion to the position."""
+    x, use, residual = exhibit.motion.position, exhibit.use("act"), exhibit.before["act"]
+    middle = 0.5 * float(np.min(x[use]) + np.max(x[use]))
+    whole = slopes(residual, use, x)[0] * SPAN
+    numbers = f"{exhibit.column('act')} gains {length(whole)} in 100 mm"
+    parts = [use & (x <= middle), use & (x > middle)]
+    agrees = True
+    if all(np.count_nonzero(part) > FEWEST and np.ptp(x[part]) > 0.0 for part in parts):
+        low, high = (slopes(residual, part, x)[0] * SPAN for part in parts)
+        numbers += f", {length(low)} in the lower half of the travel and {length(high)} in the upper"
+        agrees = alike(low, high)
+    yield against("a scale error is in proportion to the position", numbers, agrees)
+    if exhibit.has("motor"):
+        motor = slopes(exhibit.before["motor"], exhibit.use("motor"), x)[0] * SPAN
+        yield against(
+            "the motor's side does not see it", f"{exhibit.column('motor')} gains {length(motor)} in 100 mm",
+            abs(motor) < 0.5 * abs(whole),
+        )  # fmt: skip
+
+
+def thermal(exhibit: Exhibit) -> Iterator[str]:
+    """Yield the course of a slow drift that levels out."""
+    t, use = exhibit.motion.t, exhibit.use("act")
+    found = drift(exhibit.before["act"], t, use)
+    lasts = float(np.ptp(t[use]))
+    yield against(
+        "thermal growth is slow and levels out",
+        f"{exhibit.column('act')} drifts by {length(found.change)} in {lasts:.3g} s, half of it after "
+        f"{found.half:.3g} s",
+    )
+    constant = exhibit.values["time_constant"]
+    if constant > lasts:
+        yield (
+            f"the record of {lasts:.3g} s is shorter than the time constant of {constant:.3g} s: growth and "
+            "time constant hang together, what it shows is their course"
+        )
+
+
+def squareness(exhibit: Exhibit) -> Iterator[str]:
+    """Yield whether an error goes with the position of another axis, both ways round."""
+    other = AXES[int(exhibit.values["other"])]
+    y, use, residual = exhibit.motion.others[other], exhibit.use("act"), exhibit.before["act"]
+    slope = slopes(residual, use, y)[0] * SPAN
+    yield against(
+        f"out of square, {exhibit.axis} goes with the position of {other}, at any feed",
+        f"{exhibit.column('act')} goes off by {length(slope)} in 100 mm of {other}",
+    )
+    if by_rotation(residual, exhibit.motion, use) is not None:
+        sides = [slopes(residual, use & (exhibit.motion.turn == way), y)[0] * SPAN for way in (-1, 1)]
+        yield against(
+            "it is the same both ways round",
+            f"{length(sides[0])} in 100 mm clockwise, {length(sides[1])} counterclockwise", alike(*sides),
+        )  # fmt: skip
+
+
+def delay(exhibit: Exhibit) -> Iterator[str]:
+    """Yield whether the lag is one time at any speed and acceleration."""
+    motion, use = exhibit.motion, exhibit.use()
+    late, bend, _ = slopes(exhibit.before[exhibit.channel], use, motion.velocity, motion.acceleration)
+    yield against(
+        "a delay is a lag in proportion to the velocity, hardly to the acceleration",
+        f"{exhibit.reading} lags by {-late / MS:.3g} ms times the velocity and {-bend / UM:.3g} µm per m/s²",
+    )
+    if exhibit.shift is not None:
+        way = "late" if exhibit.shift >= 0.0 else "early"
+        yield f"{exhibit.reading} as a whole is {abs(exhibit.shift) / MS:.3g} ms {way} against its drive"
