@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 import msgspec
 
 from ph_post.drive.interval import backlash_interval
+from ph_post.drive.local import axis_at
 from ph_post.geometry.track import Track
 from ph_post.osculating import find_windows
 from ph_post.turning import find_turning_points
@@ -95,4 +96,4 @@ def _interval(
         return None, ""
     if swing[1] == 0.0:
         return None, "no osculating circle: the curvature vanishes here"
-    return solve(machine.axes[point.axis], *swing)
+    return solve(axis_at(machine.axes[point.axis], point.position), *swing)

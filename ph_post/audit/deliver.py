@@ -14,6 +14,7 @@ from ph_post.audit.verdict import Verdict
 from ph_post.audit.verify import verify
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import silent
+from ph_post.drive.local import has_gap
 from ph_post.drive.required import require_drives
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.controller.moves import moved_axes
@@ -143,7 +144,7 @@ def _plan(
     if request.plan.strategy == "none":
         return lasting, ()
     drives = [machine.axes[name] for name in moved_axes(program)]
-    gaps = [axis.feedback for axis in drives if axis.gap.lost_motion > 0.0]
+    gaps = [axis.feedback for axis in drives if has_gap(axis)]
     behind = sum(feedback != "load" for feedback in gaps) if shifts_axes(request.plan) else 0
     if behind:
         tell("planning lasting offsets")

@@ -108,13 +108,13 @@ class _Chooser:
         self.written = task.options.carrier == "program"
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
+        self.sized = task.sized
         self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
         self.known: list[Known] = []
         self.reached = 0
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
-            reversing(task.machine, [task.turning_points[k] for k in window.members])
-            for window in task.windows
+            reversing(self.sized, [task.turning_points[k] for k in window.members]) for window in task.windows
         ]
         self.approach = self._approach()
         pairs = zip(self.places, self.reversing, strict=True)
@@ -127,7 +127,7 @@ class _Chooser:
         """
         if not self.offsets or self.written or self.task.options.start == "moving":
             return 0.0
-        drives = [self.task.machine.axes[name] for name in self.task.path.axes]
+        drives = [self.sized.axes[name] for name in self.task.path.axes]
         times = [
             shortest_crossing(axis, self.lead, self.period) * (2.0 + axis.uncertainty.backlash)
             for axis in drives
@@ -137,7 +137,7 @@ class _Chooser:
 
     def _lasting(self) -> tuple[str, ...]:
         """Axes that turn back anywhere and that a program can give a lasting offset."""
-        axes = reversing(self.task.machine, self.task.turning_points)
+        axes = reversing(self.sized, self.task.turning_points)
         return tuple(sorted({axis.name for axis, _ in axes if carries_offset(axis)}))
 
     def propose(self) -> Proposal:
@@ -164,7 +164,7 @@ class _Chooser:
             return ()
         if self.written:
             return self._lasting()
-        drives = [self.task.machine.axes[name] for name in self.task.path.axes]
+        drives = [self.sized.axes[name] for name in self.task.path.axes]
         if self.task.options.start == "moving":
             # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.
             drives = [axis for number, axis in enumerate(drives) if heading(self.track, 0.0, number)]
@@ -208,7 +208,7 @@ class _Chooser:
         case = self._case(place, drives)
         families = self.choice(self.task, case)
         options, machine = self.task.options, self.task.machine
-        trial = Trial(self.nominal, self.track, place, machine, self.scenarios)
+        trial = Trial(self.nominal, self.track, place, machine, self.scenarios, self.sized)
         bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
         search = Search(trial, case, bounds, self.as_filed)
         if self._may_rest(drives) and not self.written:

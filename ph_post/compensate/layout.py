@@ -16,6 +16,7 @@ from ph_post.compensate.families import shortest_crossing, whole_crossing
 from ph_post.compensate.motion import Motion
 from ph_post.compensate.strategies.base import Wish
 from ph_post.compensate.surroundings import SAME_PLACE, came_from
+from ph_post.drive.local import axis_at
 from ph_post.geometry.track import Track
 from ph_post.types import Axis, Crossing, FeedProfile, Jog, Machine, Phase, TurningPoint, Window, frozen
 
@@ -228,6 +229,9 @@ def _delayed(crossing: Crossing, delay: float) -> Crossing:
 
 
 def reversing(machine: Machine, points: Sequence[TurningPoint]) -> tuple[tuple[Axis, int], ...]:
-    """Axes with a gap among those that turn back, each with the direction it goes on in."""
-    drives = ((machine.axes[point.axis], -came_from(point)) for point in points)
+    """Axes with a gap among those that turn back, each as it is there and with the direction it goes on in.
+
+    The machine is one to size by, see :func:`ph_post.drive.local.sized_machine`.
+    """
+    drives = ((axis_at(machine.axes[point.axis], point.position), -came_from(point)) for point in points)
     return tuple((axis, direction) for axis, direction in drives if axis.gap.lost_motion > 0.0)

@@ -210,7 +210,7 @@ class Draft:
         if self._planned is not None:
             phases = smooth_ramps(phases, self._breaks_limits)
         job = Job(
-            track=analysis.track, machine=self.machine, turning_points=analysis.turning_points,
+            track=analysis.track, machine=self.task.sized, turning_points=analysis.turning_points,
             windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
             phases=phases, moving=self.moving, lead=self.lead, shifted=proposal.shifted,
         )  # fmt: skip

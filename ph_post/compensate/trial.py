@@ -6,7 +6,7 @@ behind it. What a whole program makes of many designs is looked at afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -19,8 +19,11 @@ from ph_post.compensate.limits import asked_of_motor, usage
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
 from ph_post.compensate.surroundings import Surroundings
 from ph_post.drive.effects import plant_of
+from ph_post.drive.plant import Plant
+from ph_post.drive.reading import TRUE, read_table
 from ph_post.geometry.track import Track
 from ph_post.simulate.contour import Nominal
+from ph_post.simulate.cutting import cutting_force, path_velocity
 from ph_post.simulate.machine import Trace, run_plant
 from ph_post.types import Array, Command, Crossing, FeedProfile, Jog, Machine, Scenario, Shape
 
@@ -80,6 +83,8 @@ class Trial:
     place : Surroundings
     machine : Machine
     scenarios : sequence of Scenario
+    sized : Machine
+        By which lasting offsets are sized.
     """
 
     def __init__(
@@ -89,9 +94,10 @@ class Trial:
         place: Surroundings,
         machine: Machine,
         scenarios: Sequence[Scenario],
+        sized: Machine,
     ) -> None:
         self.nominal, self.track, self.place = nominal, track, place
-        self.machine, self.scenarios = machine, tuple(scenarios)
+        self.machine, self.scenarios, self.sized = machine, tuple(scenarios), sized
         self.axes, self.period = track.path.axes, machine.servo_period
         self.limits = axis_limits(self.axes, machine, self.period)
         self.constant = max(_time_constant(machine, name) for name in self.axes)
@@ -110,7 +116,8 @@ class Trial:
             Trace(np.ascontiguousarray(column), float(place), float(pace))
             for column, place, pace in zip(command.position.T, path, speed[0], strict=True)
         ]
-        errors = [self._error(traces, command.s, scenario)[counted:] for scenario in self.scenarios]
+        velocity = path_velocity(command)
+        errors = [self._error(traces, velocity, command.s, one)[counted:] for one in self.scenarios]
         shape = design.shape
         return Outcome(
             error=np.array([np.abs(error).max() for error in errors]),
@@ -163,17 +170,27 @@ class Trial:
 
     def _bias(self, name: str) -> float:
         """Lasting offset of an axis before the turning point [m]."""
-        axis = self.machine.axes[name]
+        axis = self.sized.axes[name]
         return 0.0 if axis.feedback == "load" else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
 
-    def _error(self, traces: Sequence[Trace], s: Array, scenario: Scenario) -> Array:
+    def _error(self, traces: Sequence[Trace], velocity: Array, s: Array, scenario: Scenario) -> Array:
         """Signed contour error in one scenario, shape (n,) [m]."""
-        executed = np.empty((s.size, len(self.axes)))
-        for number, name in enumerate(self.axes):
-            plant = plant_of(self.machine.axes[name], scenario)
-            flank = self.place.flanks[name]
-            executed[:, number] = run_plant(traces[number], plant, flank, self.period)[0]
-        return self.nominal.nearest(executed, s).error
+        plants = [plant_of(self.machine.axes[name], scenario) for name in self.axes]
+        tables: dict[str, Array] = {}
+        for number, (name, plant) in enumerate(zip(self.axes, plants, strict=True)):
+            trace = traces[number]
+            if plant.cutting:
+                trace = trace._replace(force=cutting_force(plant, velocity, number))
+            tables[name] = run_plant(trace, plant, self.place.flanks[name], self.period)[0]
+        return self.nominal.nearest(self._read(plants, tables), s).error
+
+    def _read(self, plants: Sequence[Plant], tables: Mapping[str, Array]) -> Array:
+        """Return what is read of the tables, shape (n, dim) [m], as cold as when the motion begins."""
+        if all(plant.reading == TRUE for plant in plants):
+            return np.stack(list(tables.values()), axis=1)
+        cold = np.zeros(len(next(iter(tables.values()))))
+        pairs = zip(plants, tables.items(), strict=True)
+        return np.stack([read_table(one, cold, table, tables) for one, (_, table) in pairs], axis=1)
 
     def _use(self, command: Command) -> float:
         """Largest part of a limit that a command takes; jogs keep theirs, as the path rests meanwhile."""

@@ -9,7 +9,8 @@ import numpy as np
 from ph_post.compensate.caps import UNBOUNDED, Caps
 from ph_post.compensate.layout import Layout
 from ph_post.compensate.limits import runs
-from ph_post.types import Array, Machine
+from ph_post.drive.local import varies
+from ph_post.types import Array, Axis, Machine
 from ph_post.units import MM, MM_PER_MIN
 
 _MOST = 12
@@ -67,7 +68,7 @@ def lasting_offsets(machine: Machine, layout: Layout) -> list[str]:
     """Whether the table has to stay on a flank by itself, which only friction sees to."""
     shifted = {name for name, offset in layout.bias.items() if offset}
     shifted |= {one.axis for one in layout.crossings if machine.axes[one.axis].feedback != "load"}
-    return friction_words(shifted)
+    return [*friction_words(shifted), *varying_words(machine.axes[name] for name in sorted(shifted))]
 
 
 def friction_words(shifted: Iterable[str]) -> list[str]:
@@ -79,6 +80,15 @@ def friction_words(shifted: Iterable[str]) -> list[str]:
     return [
         f"{who} on friction for the lasting offset, to hold the table on its flank: a cutter that pulls the "
         "table along, as in climb milling, can pull it across the gap"
+    ]
+
+
+def varying_words(axes: Iterable[Axis]) -> list[str]:
+    """Say of axes with their gap behind the loop that it changes on the way, and the offset does not."""
+    return [
+        f"the gap of axis {axis.name} changes along its travel, and its lasting offset does not"
+        for axis in axes
+        if axis.feedback != "load" and varies(axis)
     ]
 
 

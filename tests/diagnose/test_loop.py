@@ -157,6 +157,6 @@ def test_the_executed_error_falls_once_the_file_was_diagnosed(folder: Path) -> N
     run("diagnose", folder / "run.csv", "-m", folder / "wrong.toml", "-o", folder / "better.toml")
     better = executed_error(converted(folder, "better"), TRUE)
     known = executed_error(converted(folder, "true"), TRUE)
-    assert better < wrong / 4.0
+    assert better < wrong / 3.5
     assert better < 1.1 * known
     assert better < ideal + 2.0 * FRICTION["force"]

@@ -19,6 +19,7 @@ import msgspec
 from ph_post.analysis import Analysis
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.options import PlanOptions
+from ph_post.drive.local import sized_machine
 from ph_post.errors import InputError
 from ph_post.types import (
     BacklashInterval,
@@ -53,6 +54,11 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     machine: Machine
     options: PlanOptions
     tell: Callable[[str], None] = silent
+
+    @property
+    def sized(self) -> Machine:
+        """The machine to size crossings of the gap by."""
+        return sized_machine(self.machine, self.turning_points)
 
     @property
     def path(self) -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from ph_post.compensate import profile, shapes
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.drive.local import axis_at
 from ph_post.errors import InputError
 from ph_post.types import Feedback, Shape, TurningPoint, Window
 
@@ -124,7 +125,7 @@ def _wish(task: Task, window: Window, want: Callable[[Window, float], Wish]) -> 
 
 
 def _lost_motion(task: Task, point: TurningPoint) -> float:
-    return task.machine.axes[point.axis].gap.lost_motion
+    return axis_at(task.machine.axes[point.axis], point.position).gap.lost_motion
 
 
 def modulated_axes(task: Task, wishes: tuple[Wish, ...]) -> list[str]:

@@ -39,9 +39,9 @@ class Step:
         degree = task.options.degree or DEGREE
         if degree % 2 == 0:
             raise InputError("--degree", "not a degree of a shift", expected="3, 5 or 7", got=str(degree))
+        sized = task.sized
         drives = [
-            reversing(task.machine, [task.turning_points[k] for k in window.members])
-            for window in task.windows
+            reversing(sized, [task.turning_points[k] for k in window.members]) for window in task.windows
         ]
         order = (degree - 1) // 2
         return Proposal(

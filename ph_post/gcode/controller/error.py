@@ -13,6 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import maximum_filter1d
 
+from ph_post.drive.local import gaps_of
 from ph_post.errors import InputError
 from ph_post.gcode.controller.legs import Legs
 from ph_post.gcode.controller.moves import limit_table, programmed
@@ -80,7 +81,9 @@ class CutPath:
     def follow(self, command: Command) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m]."""
         position = self._in_space(command.axes, command.position)
-        gaps = [self._machine.axes[name].gap.lost_motion for name in command.axes]
+        drives = [self._machine.axes[name] for name in command.axes]
+        pairs = zip(drives, command.position.T, strict=True)
+        gaps = [float(gaps_of(axis, column).max()) for axis, column in pairs]
         return follow(self._shapes, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
 
     def command_distance(self, command: Command, place: Array) -> Array:

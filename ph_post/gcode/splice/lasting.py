@@ -20,7 +20,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.jogs import carries_offset, make_jog
-from ph_post.compensate.words import friction_words
+from ph_post.compensate.words import friction_words, varying_words
+from ph_post.gcode.controller.moves import moved_axes
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.reader.record import AXES, RAPID, PartProgram
 from ph_post.gcode.splice.cost import pauses
@@ -67,7 +68,8 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     InputError
         Where the dialect's decimals are too few for an axis.
     """
-    nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    said = tuple(varying_words(machine.axes[name] for name in moved_axes(program)))
+    nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))), warnings=said)
     axes = [
         machine.axes[name] for name in AXES if name in machine.axes and carries_offset(machine.axes[name])
     ]
@@ -75,7 +77,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         return nothing
     troubles = program_troubles(program)
     if troubles:
-        said = tuple(f"the program carries no lasting offset: {trouble}" for trouble in troubles)
+        said += tuple(f"the program carries no lasting offset: {trouble}" for trouble in troubles)
         return Edits(offset=nothing.offset, warnings=said)
     units = program_units(program)[0]
     amplitude = {axis.name: half_gap(axis, dialect, units) for axis in axes}
@@ -90,7 +92,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
             found = _edits_of(program, machine.axes[name], amplitude[name], rows, nothing.offset)
             edits = merge(edits, found)
     edits = replace(edits, offset=sealed(offset))
-    told = [*tell_blocked(program, blocked), *tell_unknown(program, amplitude), *said_of_time]
+    told = [*said, *tell_blocked(program, blocked), *tell_unknown(program, amplitude), *said_of_time]
     return _with_warnings(edits, program, dialect, told)
 
 

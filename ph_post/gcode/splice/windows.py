@@ -17,6 +17,7 @@ from ph_post.analysis import Analysis, analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.base import silent
+from ph_post.drive.local import has_gap, with_gap
 from ph_post.gcode.options import BLOCK_TIME
 from ph_post.gcode.paths.build import line_words
 from ph_post.gcode.paths.parts import divide
@@ -130,14 +131,14 @@ class _Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def _parts(path: ProgramPath, machine: Machine, tolerance: float) -> list[_Part]:
     """Divide a path, and leave out what has no window at which a gap is crossed."""
-    if not any(machine.axes[name].gap.lost_motion > 0.0 for name in path.path.axes):
+    if not any(has_gap(machine.axes[name]) for name in path.path.axes):
         return []
     found = analyse(path.path, None, tolerance)
     points = found.turning_points
     s = np.array([
         window.s
         for window in found.windows
-        if any(machine.axes[points[k].axis].gap.lost_motion > 0.0 for k in window.members)
+        if any(has_gap(machine.axes[points[k].axis]) for k in window.members)
     ])  # fmt: skip
     parts, begin = [], 0.0
     for one in divide(path, found.track, s, WINDOWS):
@@ -193,7 +194,7 @@ def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machi
         return machine
     axes = {
         name: axis if axis.feedback == "load" or name not in path.axes
-        else replace(axis, gap=replace(axis.gap, lost_motion=0.0))
+        else with_gap(axis, 0.0)
         for name, axis in machine.axes.items()
     }  # fmt: skip
     return replace(machine, axes=axes)
