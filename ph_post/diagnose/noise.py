@@ -26,6 +26,15 @@ BLOCKS: Final = 41
 THIRD: Final = math.sqrt(20.0)
 """Root of the sum of the squares of 1, 3, 3, 1."""
 
+LEAST_TURNS: Final = 1.25
+"""Oscillations that a standstill must hold to show one."""
+
+MOST_TURNS: Final = 40.0
+"""Oscillations of a standstill up to which one is looked for."""
+
+LINE: Final = 0.75
+"""Part of the power of a standstill that one oscillation must hold."""
+
 CREEP: Final = 4.0
 """Standard errors by which a creeping stretch has moved from its first part to its last."""
 
@@ -57,6 +66,24 @@ def of_standstill(reading: Array, command: Array, settle: int, period: float) ->
         if stop - start - settle >= least and piece.size >= FEWEST and not _creeps(piece):
             pieces.append(piece - np.mean(piece))
     return _pooled(pieces, lost=1)
+
+
+def hums(reading: Array, command: Array, settle: int) -> bool:
+    """Whether one oscillation is most of what a reading does in the longest standstill: that is motion."""
+    still = max(still_stretches(command), key=lambda one: one[1] - one[0], default=(0, 0))
+    piece = reading[still[0] + settle : still[1]]
+    piece = piece[np.isfinite(piece)]
+    if piece.size < FEWEST * FEWEST:
+        return False
+    piece = piece - np.mean(piece)
+    turns = np.arange(piece.size)[:, None] / piece.size
+    best = 0.0
+    for count in np.arange(LEAST_TURNS, min(MOST_TURNS, piece.size / 8.0), 0.25):
+        angle = 2.0 * np.pi * count * turns
+        wave = np.hstack([np.sin(angle), np.cos(angle), np.ones_like(turns)])
+        sizes = np.linalg.lstsq(wave, piece, rcond=None)[0]
+        best = max(best, float(np.sum((wave @ sizes) ** 2)))
+    return best > LINE * float(piece @ piece)
 
 
 def of_differences(residual: Array) -> float | None:

@@ -155,8 +155,12 @@ def _channel(
     source: NoiseFrom
     size, source = noise.of_repeats(values, repeats, log.period), "repeats"
     still = noise.of_standstill(values, command, _memory(log, machine), log.period)
-    # An axis that moves while it should stand hums, or wanders in the gap of its loop: that is no noise.
+    # An axis that hums while it should stand, or wanders in the gap of its loop, moves: that is no noise.
+    drive = machine.axes.get(reading.axis)
     wanders = still is not None and still > WANDERS * fast
+    wanders = wanders and (
+        (drive is not None and drive.feedback == "load") or noise.hums(values, command, _memory(log, machine))
+    )
     # What differs between repeats may be the other axes' doing, so that the smaller of the two counts.
     if still is not None and not wanders and (size is None or still < size):
         size, source = still, "stationary stretches"

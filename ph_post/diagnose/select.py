@@ -229,24 +229,29 @@ class Search:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.known: dict[int, tuple[Fitted, list[tuple[Hypothesis, Fitted]]]] = {}
+        self.plausible: set[str] = set()
 
-    def tried(self, ground: Fitted) -> list[tuple[Hypothesis, Fitted]]:
-        """Fit every hypothesis that promises something on top of a model."""
+    def tried(self, ground: Fitted, every: bool = True) -> list[tuple[Hypothesis, Fitted]]:
+        """Fit every hypothesis that promises something on top of a model, or only the plausible ones."""
         if id(ground) not in self.known:
-            self.known[id(ground)] = (ground, _try_all(self.problem, ground))
+            only = None if every else self.plausible
+            self.known[id(ground)] = (ground, _try_all(self.problem, ground, only))
         return self.known[id(ground)][1]
 
     def ranked(self, ground: Fitted) -> list[Scored]:
-        """Return those, best first."""
-        return rank(self.problem, ground, self.tried(ground))
+        """Return those, best first; what comes near the best is plausible from then on."""
+        found = rank(self.problem, ground, self.tried(ground))
+        most = found[0].score if found else 0.0
+        self.plausible |= {one.hypothesis.label for one in found if one.score > NEARLY * most}
+        return found
 
 
-def _try_all(problem: Problem, ground: Fitted) -> list[tuple[Hypothesis, Fitted]]:
+def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tuple[Hypothesis, Fitted]]:
     base = ground_of(problem, ground)
     squares = float(base.rows @ base.rows)
     seeds = []
     for hypothesis in hypotheses(problem):
-        if not _joins(ground.model, hypothesis):
+        if not _joins(ground.model, hypothesis) or (only is not None and hypothesis.label not in only):
             continue
         found = seed(base, hypothesis)
         # A start that makes things much worse is on the wrong side of what can be reached from it.
@@ -388,11 +393,19 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
         ]
         if not worthy:
             break
-        stages, scores = _settle(problem, [*stages, worthy[0].fitted], [*scores, worthy[0].score])
+        best = _simplest(worthy)
+        stages, scores = _settle(problem, [*stages, best.fitted], [*scores, best.score])
     stage(f"axis {name}: comparing names")
     stages, scores, standings = _exchange(search, stages, scores)
     stages = _anchored(problem, stages)
     return Choice(problem=problem, stages=tuple(stages), scores=tuple(scores), standings=standings)
+
+
+def _simplest(worthy: Sequence[Scored]) -> Scored:
+    """Return the best, or in its stead a special case of it that is as good."""
+    best = worthy[0]
+    special = (one for one in worthy if one.hypothesis.name in best.hypothesis.within)
+    return next((one for one in special if one.score > best.score - EQUAL), best)
 
 
 def _anchored(problem: Problem, stages: list[Fitted]) -> list[Fitted]:
@@ -457,8 +470,8 @@ def _stand(search: Search, stages: list[Fitted], number: int) -> Standing:
     less = stages[0] if alone else fit_model(problem, without_part(last.model, number), problem.fit)
     others = [
         one
-        for one in search.tried(less)
-        if one[0].label != part.hypothesis.label and explains(problem, less, one[1])
+        for one in search.tried(less, every=alone)
+        if explains(problem, less, one[1]) and not (alone and one[0].label == part.hypothesis.label)
     ]
     ranking = rank(problem, less, [(part.hypothesis, last), *others])
     mine = next(one.score for one in ranking if one.fitted is last)
