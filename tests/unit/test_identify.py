@@ -28,6 +28,9 @@ PRODUCT = "lost_motion_times_inertia_fraction"
 LOAD = Plant("load", 1.5e-4, 8e-3, gap=3e-5, eta=0.55, beta=8.0)
 MOTOR = Plant("motor", 1.5e-4, 8e-3, gap=3e-5)
 
+FINE = Plant("motor", 1.5e-5, 4e-3, gap=2e-5)
+LADDER = to_and_fro(np.random.default_rng(1), 4)
+
 
 def record(plant: Plant, *channels: str, seed: int = 1, track: Track | None = None, **how: object) -> Log:
     rng = np.random.default_rng(seed)
@@ -129,11 +132,10 @@ def test_friction_is_not_taken_for_play() -> None:
     assert any("friction of" in note and "better than play" in note for note in found.sentences)
 
 
-def test_friction_and_play_behind_the_motors_loop_are_said_to_look_alike() -> None:
-    found = identify(record(MOTOR, "act", noise=2e-6), None, {"X": "motor"})
+def test_friction_and_play_that_noise_makes_alike_are_said_to_be() -> None:
+    found = identify(record(FINE, "act", noise=2e-5, track=LADDER), None, {"X": "motor"})
     assert "lost_motion" in found.drives["X"].parameters
-    friction = any("they are not told apart" in note for note in found.sentences)
-    assert friction or found.drives["X"].rms == pytest.approx(2e-6, rel=0.1)
+    assert any("they are not told apart" in note for note in found.sentences)
 
 
 def test_without_a_reversal_no_gap_shows() -> None:
