@@ -28,6 +28,9 @@ PRODUCT = "lost_motion_times_inertia_fraction"
 LOAD = Plant("load", 1.5e-4, 8e-3, gap=3e-5, eta=0.55, beta=8.0)
 MOTOR = Plant("motor", 1.5e-4, 8e-3, gap=3e-5)
 
+FINE = Plant("motor", 1.5e-5, 4e-3, gap=2e-5)
+LADDER = to_and_fro(np.random.default_rng(1), 4)
+
 
 def record(plant: Plant, *channels: str, seed: int = 1, track: Track | None = None, **how: object) -> Log:
     rng = np.random.default_rng(seed)
@@ -58,18 +61,38 @@ def test_a_drive_is_found_within_its_standard_errors(plant, channels, names) -> 
     assert drive.sensitivity.rank == len(drive.sensitivity.names)
 
 
-def test_standard_errors_are_calibrated() -> None:
-    """Over 20 hidden motors the squared errors, in standard errors, follow their chi-square."""
+def test_standard_errors_are_calibrated_on_motor_loops() -> None:
+    """Over 12 hidden motors the squared errors, in standard errors, follow their chi-square."""
     rng = np.random.default_rng(20)
     squares = []
-    for seed in range(20):
+    for seed in range(12):
         b = float(np.exp(rng.uniform(np.log(6e-5), np.log(4e-4))))
-        plant = Plant(
-            "motor", b, float(rng.uniform(0.8, 1.6) * np.sqrt(b)), gap=float(rng.uniform(1e-5, 6e-5))
-        )
+        damping = float(rng.uniform(0.8, 1.6) * np.sqrt(b))
+        plant = Plant("motor", b, damping, gap=float(rng.uniform(1e-5, 6e-5)))
         log = record(plant, "act", "motor", seed=seed, track=to_and_fro(rng, 2), noise=2e-6)
         found = identify(log, None, {"X": "motor"}).drives["X"].parameters
         squares += [off(found[name], truth(plant)[name]) ** 2 for name in ("b", "c", "lost_motion")]
+    low, high = stats.chi2.ppf([0.001, 0.999], len(squares))
+    assert low < sum(squares) < high
+
+
+def test_standard_errors_are_calibrated_on_load_loops() -> None:
+    """By turns with one side read and with both; the flank that an axis begins on is not told."""
+    rng = np.random.default_rng(4)
+    squares = []
+    for seed in range(10):
+        b = float(np.exp(rng.uniform(np.log(6e-5), np.log(4e-4))))
+        plant = Plant(
+            "load", b, float(rng.uniform(0.8, 1.6) * np.sqrt(b)), gap=float(rng.uniform(1e-5, 6e-5)),
+            eta=float(rng.uniform(0.3, 0.7)), beta=float(rng.uniform(0.5, 5.0)),
+            flank=int(rng.choice([-1, 1])),
+        )  # fmt: skip
+        channels = ("act", "motor") if seed % 2 else ("act",)
+        log = record(plant, *channels, seed=seed, track=to_and_fro(rng), noise=2e-6)
+        found = identify(log, None, {"X": "load"}).drives["X"].parameters
+        told = {name: one for name, one in found.items() if one.stderr is not None}
+        assert {"b", "c", "lost_motion" if seed % 2 else PRODUCT} <= set(told)
+        squares += [off(one, truth(plant)[name]) ** 2 for name, one in told.items()]
     low, high = stats.chi2.ppf([0.001, 0.999], len(squares))
     assert low < sum(squares) < high
 
@@ -109,11 +132,10 @@ def test_friction_is_not_taken_for_play() -> None:
     assert any("friction of" in note and "better than play" in note for note in found.sentences)
 
 
-def test_friction_and_play_behind_the_motors_loop_are_said_to_look_alike() -> None:
-    found = identify(record(MOTOR, "act", noise=2e-6), None, {"X": "motor"})
+def test_friction_and_play_that_noise_makes_alike_are_said_to_be() -> None:
+    found = identify(record(FINE, "act", noise=2e-5, track=LADDER), None, {"X": "motor"})
     assert "lost_motion" in found.drives["X"].parameters
-    friction = any("they are not told apart" in note for note in found.sentences)
-    assert friction or found.drives["X"].rms == pytest.approx(2e-6, rel=0.1)
+    assert any("they are not told apart" in note for note in found.sentences)
 
 
 def test_without_a_reversal_no_gap_shows() -> None:
