@@ -52,7 +52,7 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fitted: Fitted
     found: tuple[Found, ...]
     gain: float | None
-    """K as the effort tells it, in the effort's unit over metres."""
+    """K as the file has it, or as the effort tells it, in the effort's unit over metres."""
 
 
 def settle_outcome(choice: Choice) -> Outcome:
@@ -87,6 +87,8 @@ def _found(problem: Problem, part: Part, spread: Array) -> Found:
 def _gain(problem: Problem, fitted: Fitted) -> float | None:
     if not problem.has_effort:
         return None
+    if problem.axis.servo.stiffness is not None and problem.effort_unit == "N":
+        return problem.axis.servo.stiffness
     columns = predict(problem, plant_at(problem, fitted.model))["force"]
     effort = next(one for one in problem.observed if one.channel == "force")
     use = problem.counted & effort.ok

@@ -20,7 +20,7 @@ from ph_post.drive.plant import Plant
 from ph_post.drive.reading import read_table
 from ph_post.simulate.cutting import cutting_force
 from ph_post.simulate.machine import AS_IT_IS, Trace, first_flank, run_plant
-from ph_post.types import Array, Axis, BoolArray, Log
+from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
 
 BLOCKS: Final = 32
 """Blocks that a record is cut into; by turns they are fitted and held out."""
@@ -64,6 +64,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fit: BoolArray
     held: BoolArray
     side: str = "table"
+    effort_unit: str = "N"
 
     @property
     def counted(self) -> BoolArray:
@@ -101,10 +102,17 @@ def problem_of(log: Log, name: str, axis: Axis, quality: Quality) -> Problem | N
     fit, held = _split(log.t.size, quality.first)
     return Problem(
         axis=axis, plant=plant_of(axis, AS_IT_IS), period=log.period, t=log.t, command=record.command,
-        others={one: log.axes[one].command for one in names if one != name},
+        others={one: _place(log.axes[one]) for one in names if one != name},
         velocity=np.gradient(commands, log.period, axis=0), number=names.index(name),
         observed=observed, fit=fit, held=held, side=record.side,
+        effort_unit=record.effort_unit,
     )  # fmt: skip
+
+
+def _place(axis: AxisLog) -> Array:
+    """Return where an axis was, as it was read; where it was not, what it was told."""
+    read = axis.table if axis.table is not None else axis.motor
+    return axis.command if read is None else np.where(np.isfinite(read), read, axis.command)
 
 
 def _split(size: int, first: int) -> tuple[BoolArray, BoolArray]:

@@ -52,6 +52,9 @@ EQUAL: Final = 5.0
 BLUR: Final = 0.15
 """Where a model leaves more than noise: the part of a score within which two are equal."""
 
+LOYAL: Final = 0.4
+"""Where a model leaves more than noise: what a special case may lack of a score and still be taken."""
+
 FLOOR: Final = 1.5
 """Times the noise up to which what is left counts as noise."""
 
@@ -380,7 +383,7 @@ def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
 def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
     name = problem.axis.name
-    base = fit_model(problem, base_model(problem), problem.fit)
+    base = _base(problem)
     problem = with_noise(problem, base)
     search = Search(problem)
     stages, scores = [base], [0.0]
@@ -389,39 +392,55 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
         worthy = [
             one
             for one in search.ranked(stages[-1])
-            if one.score > EARNS and explains(problem, stages[-1], one.fitted)
+            if one.score > EARNS
+            and explains(problem, stages[-1], one.fitted)
+            and not _refines(problem, stages[-1].model, one)
         ]
         if not worthy:
             break
-        best = _simplest(worthy)
+        best = _simplest(problem, worthy)
         stages, scores = _settle(problem, [*stages, best.fitted], [*scores, best.score])
     stage(f"axis {name}: comparing names")
     stages, scores, standings = _exchange(search, stages, scores)
-    stages = _anchored(problem, stages)
     return Choice(problem=problem, stages=tuple(stages), scores=tuple(scores), standings=standings)
 
 
-def _simplest(worthy: Sequence[Scored]) -> Scored:
+def _margin(problem: Problem, fitted: Fitted, score: float) -> float:
+    """Nats within which others are as good: more where the model leaves more than noise."""
+    return EQUAL if at_floor(problem, fitted) else max(EQUAL, BLUR * score)
+
+
+def _refines(problem: Problem, model: Model, one: Scored) -> bool:
+    """Whether a name would refine one that is there already, in a model that leaves more than noise anyway."""
+    there = {part.hypothesis.name for part in model.parts}
+    return bool(there & set(one.hypothesis.within)) and not at_floor(problem, one.fitted)
+
+
+def _simplest(problem: Problem, worthy: Sequence[Scored]) -> Scored:
     """Return the best, or in its stead a special case of it that is as good."""
     best = worthy[0]
+    margin = EQUAL if at_floor(problem, best.fitted) else max(EQUAL, LOYAL * best.score)
     special = (one for one in worthy if one.hypothesis.name in best.hypothesis.within)
-    return next((one for one in special if one.score > best.score - EQUAL), best)
+    return next((one for one in special if one.score > best.score - margin), best)
 
 
-def _anchored(problem: Problem, stages: list[Fitted]) -> list[Fitted]:
-    """Hold the origin of the readings where a load explains what a shifted one would.
+def _base(problem: Problem) -> Fitted:
+    """Fit the file's values within their priors, and say whether the origin of the readings is the file's.
 
-    A load shifts the positions and the effort, an origin the positions alone; if both can be said without a
-    shift, the file's origin was right, and the way there is told with it.
+    A load shifts the positions and the effort, an origin the positions alone: if a load explains the shift as
+    well, or there is none, the origin is held from then on.
     """
-    last = stages[-1]
-    if all(part.hypothesis.name != "load_offset" for part in last.model.parts):
-        return stages
-    held = fit_model(problem, replace(last.model, origin_free=False), problem.fit)
-    if gain_over(problem, last, held) / worth_of(problem, last) < -EQUAL:
-        return stages
-    base = fit_model(problem, replace(stages[0].model, origin_free=False), problem.fit)
-    return _restage(problem, held, base)[0]
+    model = base_model(problem)
+    free = fit_model(problem, model, problem.fit)
+    load = next((one for one in hypotheses(problem) if one.name == "load_offset"), None)
+    if load is None or not problem.has_effort:
+        return free
+    held = replace(free.model, origin_free=False)
+    start = with_part(held, load, (0.0,))
+    loaded = fit_model(problem, start, problem.fit)
+    if gain_over(problem, free, loaded) < -EQUAL * worth_of(problem, free):
+        return free
+    return fit_model(problem, held, problem.fit)
 
 
 def _settle(problem: Problem, stages: list[Fitted], scores: list[float]) -> tuple[list[Fitted], list[float]]:
@@ -429,7 +448,8 @@ def _settle(problem: Problem, stages: list[Fitted], scores: list[float]) -> tupl
     last = stages[-1]
     for number in range(len(last.model.parts) - 1):
         less = fit_model(problem, without_part(last.model, number), problem.fit)
-        if score_over(problem, less, last) <= 0.0 or not explains(problem, less, last):
+        needed = explains(problem, less, last) or not at_floor(problem, last)
+        if score_over(problem, less, last) <= 0.0 or not needed:
             return _restage(problem, less, stages[0])
     return stages, scores
 
@@ -475,12 +495,13 @@ def _stand(search: Search, stages: list[Fitted], number: int) -> Standing:
     ]
     ranking = rank(problem, less, [(part.hypothesis, last), *others])
     mine = next(one.score for one in ranking if one.fitted is last)
-    best = ranking[0]
+    best = _simplest(problem, ranking)
     equal = _equals(problem, last, part, mine, ranking)
-    weights = [np.exp(min(one.score - mine, 50.0)) for one in ranking] + [np.exp(-mine)]
+    scores = [one.score for one in ranking if one.hypothesis.label != part.hypothesis.label]
+    weights = [np.exp(min(score - mine, 50.0)) for score in (mine, 0.0, *scores)]
     return Standing(
         rivals=equal, confidence=float(1.0 / np.sum(weights)),
-        better=best.fitted if best.score > mine + PRICE else None,
+        better=best.fitted if best.score > mine + max(PRICE, 0.5 * _margin(problem, last, mine)) else None,
     )  # fmt: skip
 
 
@@ -489,7 +510,7 @@ def _equals(
 ) -> tuple[str, ...]:
     """Names whose score is that of a part, but for those that merely contain it."""
     name = part.hypothesis.name
-    margin = EQUAL if at_floor(problem, last) else max(EQUAL, BLUR * mine)
+    margin = _margin(problem, last, mine)
     found = (
         one.hypothesis.name
         for one in ranking

@@ -60,7 +60,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     bars : callable
         Why it cannot act on an axis, or cannot show in its record; empty where it can.
     within : tuple of str
-        Names whose effect is a special case of this one.
+        Names whose effect is a special case of this one, or as good as one where the record is poor.
     replaces : tuple of str
         Base values ("b", "c", "gap") that it sets free of their prior.
     excludes : tuple of str

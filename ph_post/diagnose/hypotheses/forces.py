@@ -21,6 +21,9 @@ MOST_FORCE: Final = 5e-3
 MOST_LAG: Final = 0.05
 """Largest viscous coefficient tried [s]."""
 
+FASTEST: Final = 0.05
+"""Speed over which static friction has died out on any machine's ways [m/s]."""
+
 GUESS: Final = 3e-6
 """A force worth trying, F/K [m]."""
 
@@ -80,7 +83,7 @@ STRIBECK = Hypothesis(
     numbers=(
         _force(),
         _force("more"),
-        Number(name="speed", low=math.log(1e-5), high=math.log(0.5), scale=0.3),
+        Number(name="speed", low=math.log(1e-5), high=math.log(FASTEST), scale=0.3),
     ),
     apply=_stribeck,
     starts=lambda problem, left: [(_step(problem, left), GUESS, math.log(v)) for v in speeds(problem)],
@@ -126,7 +129,7 @@ ASYMMETRY = Hypothesis(
     starts=lambda _problem, _left: [(1e-4, -1e-4)],
     values=_by_direction,
     bars=_no_friction,
-    within=("viscous_friction",),
+    within=("viscous_friction", "load_offset"),
     excludes=("viscous_friction", "servo_mismatch", "friction_asymmetry"),
 )
 
