@@ -411,7 +411,7 @@ def _margin(problem: Problem, fitted: Fitted, score: float) -> float:
 
 
 def _refines(problem: Problem, model: Model, one: Scored) -> bool:
-    """Whether a name would refine one that is there already, in a model that leaves more than noise anyway."""
+    """Whether a name would refine one that is there, in a model that leaves more than noise anyway."""
     there = {part.hypothesis.name for part in model.parts}
     return bool(there & set(one.hypothesis.within)) and not at_floor(problem, one.fitted)
 
@@ -497,7 +497,11 @@ def _stand(search: Search, stages: list[Fitted], number: int) -> Standing:
     mine = next(one.score for one in ranking if one.fitted is last)
     best = _simplest(problem, ranking)
     equal = _equals(problem, last, part, mine, ranking)
-    scores = [one.score for one in ranking if one.hypothesis.label != part.hypothesis.label]
+    scores = [
+        one.score
+        for one in ranking
+        if one.hypothesis.label != part.hypothesis.label and part.hypothesis.name not in one.hypothesis.within
+    ]
     weights = [np.exp(min(score - mine, 50.0)) for score in (mine, 0.0, *scores)]
     return Standing(
         rivals=equal, confidence=float(1.0 / np.sum(weights)),
