@@ -1,0 +1,90 @@
+"""Effects hidden in plants with equations of their own: named, sized, told apart, or said to be unknown."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.plants.draw import LEAST
+from tests.support.plants.score import Result, judge, near, quiet
+from tests.support.plants.trials import Kind, Trial
+
+SINGLES = [
+    ("backlash", "act+motor", "motor", 0),
+    ("coulomb_friction", "act+motor", "load", 0),
+    ("coulomb_friction", "act+force", "motor", 1),
+    ("cyclic_error", "act+motor", "load", 0),
+    ("elastic_windup", "act+motor", "load", 0),
+    ("engagement_impact", "act+motor", "load", 1),
+    ("load_offset", "act+force", "load", 0),
+    ("position_dependent_backlash", "act+motor", "motor", 0),
+    ("scale_error", "act+motor", "load", 1),
+    ("servo_mismatch", "act+motor", "motor", 1),
+    ("squareness", "act+motor", "motor", 0),
+    ("thermal_growth", "act+motor", "motor", 0),
+    ("torque_saturation", "act+motor", "load", 0),
+    ("cogging", "act+motor", "motor", 0),
+]
+
+
+def diagnosed(kind: Kind, names: list[str], channels: str, feedback: str, seed: int) -> Result:
+    """Draw a case and diagnose it through the files that a person would hand in."""
+    trial = Trial(kind, tuple(names), tuple(channels.split("+")), feedback, seed)
+    case = trial.case(None)
+    assert not names or kind == "outside" or case.ratio >= LEAST
+    return judge(trial, case)
+
+
+def named(result: Result) -> set[tuple[str, str]]:
+    return {(one["name"], one["axis"]) for one in result["findings"]}
+
+
+@pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES)
+def test_one_hidden_effect_is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
+    result = diagnosed("single", [name], channels, feedback, seed)
+    assert result["verdict"] == "named"
+    assert named(result) == {(name, result["truths"][0]["axis"])}
+    assert near(result)
+    assert quiet(result)
+
+
+@pytest.mark.parametrize(
+    ("names", "channels", "feedback", "seed"),
+    [
+        (["backlash", "scale_error"], "act+motor", "motor", 7),
+        (["coulomb_friction", "load_offset"], "act+motor+force", "motor", 0),
+        (["cyclic_error", "thermal_growth"], "act+motor", "motor", 13),
+    ],
+)
+def test_two_hidden_effects_are_both_named(names: list[str], channels: str, feedback: str, seed: int) -> None:
+    result = diagnosed("pair", names, channels, feedback, seed)
+    assert named(result) == {(truth["name"], truth["axis"]) for truth in result["truths"]}
+    assert quiet(result)
+
+
+@pytest.mark.parametrize(
+    ("channels", "feedback", "seed"),
+    [
+        ("act", "load", 21),
+        ("act+motor", "motor", 1),
+        ("act+force", "motor", 2),
+        ("act+motor+force", "load", 24),
+    ],
+)
+def test_nothing_is_invented(channels: str, feedback: str, seed: int) -> None:
+    assert diagnosed("nothing", [], channels, feedback, seed)["verdict"] == "nothing-missing"
+
+
+def test_what_does_the_same_is_told_as_ambiguous() -> None:
+    """More friction by speed is a larger c: no record of positions can tell."""
+    result = diagnosed("single", ["viscous_friction"], "act+motor", "motor", 0)
+    assert result["verdict"] == "ambiguous"
+    first = result["findings"][0]
+    assert {"viscous_friction", "servo_mismatch"} <= {first["name"], *first["ambiguous_with"]}
+
+
+@pytest.mark.parametrize(("name", "seed"), [("hum", 0), ("loading", 4)])
+def test_what_no_name_explains_is_unknown_and_adds_nothing(name: str, seed: int) -> None:
+    result = diagnosed("outside", [name], "act", "motor", seed)
+    assert result["verdict"] == "unknown"
+    assert not result["findings"]
+    assert len(result["steps"]) == 1
