@@ -49,7 +49,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
     of which this axis' is column `number`. `fit` and `held` mark the samples that are fitted and held out.
-    `side` is that of the table's readings.
+    `side` is that of the table's readings; `at_motor` says that these are the motor's instead.
     """
 
     axis: Axis
@@ -64,6 +64,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fit: BoolArray
     held: BoolArray
     side: str = "table"
+    at_motor: bool = False
     effort_unit: str = "N"
 
     @property
@@ -145,7 +146,8 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         if one.channel == "act":
-            found["act"] = read_table(plant, problem.t, later(table, reading_delay), problem.others)
+            read = motor if problem.at_motor else table
+            found["act"] = read_table(plant, problem.t, later(read, reading_delay), problem.others)
         elif one.channel == "motor":
             found["motor"] = motor
         else:
@@ -153,6 +155,15 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
             e = following_error(plant, command, table, motor, problem.period)
             found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
     return found
+
+
+def sided(problem: Problem) -> Problem:
+    """Decide where a position of unknown side was read: at the motor where the file's model says so."""
+    if problem.side != "unknown" or not any(one.channel == "act" for one in problem.observed):
+        return problem
+    motor = replace(problem, at_motor=True)
+    left = [np.mean(residuals(one, one.plant, True)["act"][one.counted] ** 2) for one in (problem, motor)]
+    return motor if left[1] < left[0] else problem
 
 
 def later(values: Array, samples: float) -> Array:

@@ -29,7 +29,7 @@ from ph_post.diagnose.fit import (
 )
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
-from ph_post.diagnose.model import Problem
+from ph_post.diagnose.model import Problem, sided
 from ph_post.diagnose.record import Channel
 from ph_post.diagnose.structure import is_structured
 from ph_post.types import Array, BoolArray
@@ -61,7 +61,7 @@ FLOOR: Final = 1.5
 ABREAST: Final = 0.6
 """Part of the best one's gain from which a hypothesis is fitted to the end."""
 
-OUT: Final = 0.5
+OUT: Final = 0.75
 """Root mean square of what is more than noise, in parts of the noise, from which it is looked into."""
 
 MOST: Final = 4
@@ -382,8 +382,19 @@ def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
 
 def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
-    name = problem.axis.name
+    problem = sided(problem)
     base = _base(problem)
+    found = _choose_from(problem, base, stage)
+    if base.model.origin_free or at_floor(found.problem, found.fitted):
+        return found
+    # The origin was held because a load would explain its shift: that was wrong if only a free one fits.
+    other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), stage)
+    return other if at_floor(other.problem, other.fitted) else found
+
+
+def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -> Choice:
+    """Add one effect after the other to the file's values, as long as each earns its place."""
+    name = problem.axis.name
     problem = with_noise(problem, base)
     search = Search(problem)
     stages, scores = [base], [0.0]

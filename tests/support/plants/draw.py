@@ -37,7 +37,8 @@ def draw_plant(rng: np.random.Generator, feedback: str, effects: Sequence[str], 
         if c / (2.0 * math.sqrt(b)) >= 0.15:
             break
     gapped = bool(rng.random() < 0.6) or any(name in NEEDS_GAP for name in effects)
-    if "elastic_windup" in effects:
+    # With a gap both are a matter of convention: where the spring is, and what holds the table in between.
+    if "elastic_windup" in effects or ("load_offset" in effects and feedback == "motor"):
         gapped = False
     gap = _log_uniform(rng, 1e-5, 8e-5) if gapped else 0.0
     electronic = float(rng.uniform(0.2, 0.9) * c) if rng.random() < 0.5 else 0.0
