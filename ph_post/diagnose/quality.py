@@ -147,19 +147,23 @@ def _channel(
     log: Log, machine: Machine, reading: Reading, repeats: tuple[Repeat, ...], first: int
 ) -> ChannelQuality:
     """Quality of one channel."""
-    values, command = reading.values, log.axes[reading.axis].command
+    values = reading.values
+    # What other axes do may move this one: still is where all of them are.
+    steps = [np.abs(np.diff(axis.command, prepend=axis.command[:1])) for axis in log.axes.values()]
+    travelled = np.cumsum(np.sum(steps, axis=0))
     position = reading.channel != "force"
     smooth = explained(log, machine, reading.axis)
     fast = noise.of_differences((values - smooth if position else values)[first:]) or 0.0
     quantum = find_quantum(values, ROUNDING[reading.channel])
     source: NoiseFrom
     size, source = noise.of_repeats(values, repeats, log.period), "repeats"
-    still = noise.of_standstill(values, command, _memory(log, machine), log.period)
+    still = noise.of_standstill(values, travelled, _memory(log, machine), log.period)
     # An axis that hums while it should stand, or wanders in the gap of its loop, moves: that is no noise.
     drive = machine.axes.get(reading.axis)
     wanders = still is not None and still > WANDERS * fast
     wanders = wanders and (
-        (drive is not None and drive.feedback == "load") or noise.hums(values, command, _memory(log, machine))
+        (drive is not None and drive.feedback == "load")
+        or noise.hums(values, travelled, _memory(log, machine))
     )
     # What differs between repeats may be the other axes' doing, so that the smaller of the two counts.
     if still is not None and not wanders and (size is None or still < size):

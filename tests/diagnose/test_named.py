@@ -15,7 +15,7 @@ SINGLES = [
     ("cyclic_error", "act+motor", "load", 0),
     ("elastic_windup", "act+motor", "load", 0),
     ("engagement_impact", "act+motor", "load", 1),
-    ("load_offset", "act+force", "load", 0),
+    ("load_offset", "act+force", "motor", 0),
     ("position_dependent_backlash", "act+motor", "motor", 0),
     ("scale_error", "act+motor", "load", 1),
     ("servo_mismatch", "act+motor", "motor", 1),
