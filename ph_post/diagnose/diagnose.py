@@ -19,7 +19,8 @@ from ph_post.diagnose.fit import base_model, left_of
 from ph_post.diagnose.model import Problem, problem_of
 from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Channel, Diagnosis, Finding, GapStep, Quality, Trail, Verdict
-from ph_post.diagnose.select import choose, has_structure
+from ph_post.diagnose.score import has_structure
+from ph_post.diagnose.select import choose
 from ph_post.diagnose.telling import locate_left, next_of, notes_of, tell
 from ph_post.types import Array, BoolArray, Log, Machine
 

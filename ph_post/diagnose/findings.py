@@ -13,7 +13,8 @@ from msgspec.structs import replace
 from ph_post.diagnose.fit import Fitted, Part, covariance, fit_model, plant_at
 from ph_post.diagnose.model import Problem, predict
 from ph_post.diagnose.record import Estimate, Finding
-from ph_post.diagnose.select import Choice, with_noise
+from ph_post.diagnose.score import with_noise
+from ph_post.diagnose.select import Choice
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty

@@ -19,7 +19,7 @@ from ph_post.diagnose.model import Observed, residuals
 from ph_post.diagnose.motion import Motion, motion_of
 from ph_post.diagnose.phrases import best_phrase
 from ph_post.diagnose.record import Channel, Experiment, Finding, Place, Quality, Verdict
-from ph_post.diagnose.select import has_structure
+from ph_post.diagnose.score import has_structure
 from ph_post.diagnose.sentences import length
 from ph_post.diagnose.structure import is_structured
 from ph_post.diagnose.where import locate

@@ -23,7 +23,8 @@ from ph_post.diagnose.model import problem_of
 from ph_post.diagnose.phrases import best_phrase, phrase
 from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Place, Quality
-from ph_post.diagnose.select import Choice, Standing, with_part
+from ph_post.diagnose.seeds import with_part
+from ph_post.diagnose.select import Choice, Standing
 from ph_post.diagnose.telling import locate_left, next_of, notes_of, tell
 from ph_post.types import AxisLog, Log, Machine
 

@@ -1,0 +1,109 @@
+"""What a hypothesis promises on top of a fitted model, and the numbers to start it from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.fit import Fitted, Model, Part, weighted_rows, weights_of
+from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
+from ph_post.diagnose.model import Problem
+from ph_post.diagnose.record import Channel
+from ph_post.types import Array
+
+
+def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
+    """Return a model with a part more."""
+    return replace(model, parts=(*model.parts, Part(hypothesis=hypothesis, numbers=numbers)))
+
+
+def without_part(model: Model, number: int) -> Model:
+    """Return a model with a part less."""
+    return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
+
+
+class Ground(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A fitted model as something to add to: weighted rows, and a basis (rows, k) of what it can absorb."""
+
+    problem: Problem
+    fitted: Fitted
+    weights: Mapping[Channel, float]
+    rows: Array
+    basis: Array
+
+    def beyond(self, rows: Array) -> Array:
+        """Return what of the rows the model cannot absorb."""
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+
+
+def ground_of(problem: Problem, fitted: Fitted) -> Ground:
+    """Make a ground of a fitted model."""
+    weights = weights_of(problem, fitted.left, problem.fit)
+    rows = weighted_rows(problem, fitted.model, weights, problem.fit, fitted.unknowns)
+    basis = np.zeros((rows.size, 0))
+    if fitted.jacobian.shape[0] == rows.size and fitted.unknowns.size:
+        u, s, _ = np.linalg.svd(fitted.jacobian, full_matrices=False)
+        basis = u[:, s > 1e-10 * s.max(initial=0.0)]
+    return Ground(problem=problem, fitted=fitted, weights=weights, rows=rows, basis=basis)
+
+
+def _shift(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> Array:
+    """By how much the rows change where a hypothesis acts, shorter by the priors that it replaces."""
+    model = with_part(ground.fitted.model, hypothesis, numbers)
+    unknowns = np.array([*(model.off[k] for k in model.free), *(x for p in model.parts for x in p.numbers)])
+    rows = weighted_rows(ground.problem, model, ground.weights, ground.problem.fit, unknowns)
+    data = ground.rows.size - len(ground.fitted.model.free)
+    shift = np.zeros(ground.rows.size)
+    shift[:data] = rows[:data] - ground.rows[:data]
+    return shift
+
+
+def at_file(model: Model) -> Model:
+    """Return a model with its base values as the file has them."""
+    return replace(model, off=(0.0,) * len(model.off))
+
+
+def is_linear(hypothesis: Hypothesis) -> bool:
+    """Whether a straight fit finds its sizes."""
+    return any(number.linear for number in hypothesis.numbers)
+
+
+def seed(ground: Ground, hypothesis: Hypothesis) -> list[tuple[float, Numbers]]:
+    """Return numbers to start from, best first, with the squares that they promise to explain.
+
+    Where a straight fit does not find the size, each start is tried with the base values of the file: what
+    these were bent to without the effect may hide it.
+    """
+    linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
+    before = ground.beyond(ground.rows)
+    if not linear:
+        ground = replace(ground, fitted=replace(ground.fitted, model=at_file(ground.fitted.model)))
+    found: list[tuple[float, Numbers]] = []
+    for start in hypothesis.starts(ground.problem, ground.fitted.left):
+        numbers = list(start)
+        if linear:
+            after, numbers = _scaled(ground, hypothesis, numbers, linear, before)
+        else:
+            after = before + ground.beyond(_shift(ground, hypothesis, tuple(numbers)))
+        found.append((float(before @ before - after @ after), tuple(numbers)))
+    return sorted(found, key=lambda one: -one[0])
+
+
+def _scaled(
+    ground: Ground, hypothesis: Hypothesis, numbers: list[float], linear: Sequence[int], before: Array
+) -> tuple[Array, list[float]]:
+    """Give the linear numbers the sizes of a straight fit."""
+    columns = []
+    for k in linear:
+        alone = [0.0 if j in linear and j != k else x for j, x in enumerate(numbers)]
+        columns.append(ground.beyond(_shift(ground, hypothesis, tuple(alone))))
+    matrix = np.stack(columns, axis=1)
+    factors = np.linalg.lstsq(matrix, -before, rcond=1e-10)[0]
+    for k, factor in zip(linear, factors, strict=True):
+        number = hypothesis.numbers[k]
+        size = float(np.clip(factor * numbers[k], number.low, number.high))
+        numbers[k] = size if size else number.scale
+    return before + matrix @ factors, numbers
