@@ -12,10 +12,9 @@ import pytest
 from scipy.io import loadmat
 
 from ph_post.cli.main import main
+from tests.support.measured import EMPS, needs_emps
 
-DATA = Path(__file__).parents[3] / "shared" / "data" / "emps" / "DATA_EMPS.mat"
-
-pytestmark = pytest.mark.skipif(not DATA.exists(), reason="the measured data are not beside the project")
+pytestmark = needs_emps
 
 MACHINE = """
 name = "EMPS"
@@ -60,7 +59,7 @@ def sizes(found: dict[str, Any]) -> dict[str, float]:
 
 
 def test_friction_and_offset_are_named_from_position_and_force(run: Run) -> None:
-    found = run(DATA, [*COMMAND, "--column", "X_motor=qm:m", *FORCE])
+    found = run(EMPS, [*COMMAND, "--column", "X_motor=qm:m", *FORCE])
     effects = sizes(found)
     assert effects["coulomb_friction"] == pytest.approx(20.4, rel=0.05)
     assert effects["load_offset"] == pytest.approx(-3.17, rel=0.10)
@@ -71,14 +70,14 @@ def test_friction_and_offset_are_named_from_position_and_force(run: Run) -> None
 
 
 def test_position_alone_of_unknown_side_cannot_tell_friction_from_play(run: Run) -> None:
-    found = run(DATA, [*COMMAND, "--column", "X_act=qm:m", "--side", "X=unknown"])
+    found = run(EMPS, [*COMMAND, "--column", "X_act=qm:m", "--side", "X=unknown"])
     assert found["verdict"] == "ambiguous"
     first = found["effects"][0]
     assert {"coulomb_friction", "backlash"} <= {first["name"], *first["ambiguous_with"]}
 
 
 def test_play_behind_the_encoder_is_named_and_sized(run: Run, tmp_path: Path) -> None:
-    data = loadmat(DATA)
+    data = loadmat(EMPS)
     motor, half = data["qm"].ravel(), 15e-6
     table, place = np.empty_like(motor), motor[0]
     for k, reading in enumerate(motor):

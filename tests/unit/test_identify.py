@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,17 +12,10 @@ from ph_post.diagnose.identify import identify
 from ph_post.errors import InputError
 from ph_post.types import AxisLog, Log
 from tests.support.identifying import Recorder, off, one_way, to_and_fro, truth
+from tests.support.measured import EMPS, needs_emps
 from tests.support.plants.axis import Hidden, Plant
 from tests.support.plants.tracks import Track
 
-EMPS = next(
-    (
-        folder / "emps" / "DATA_EMPS.mat"
-        for folder in (Path(__file__).parents[2].parent / "shared" / "data", Path("/work/shared/data"))
-        if (folder / "emps" / "DATA_EMPS.mat").is_file()
-    ),
-    None,
-)
 PRODUCT = "lost_motion_times_inertia_fraction"
 LOAD = Plant("load", 1.5e-4, 8e-3, gap=3e-5, eta=0.55, beta=8.0)
 MOTOR = Plant("motor", 1.5e-4, 8e-3, gap=3e-5)
@@ -223,7 +215,7 @@ def test_a_reading_that_leads_is_no_drive() -> None:
     assert str(refusal.value).startswith("swapped: X: ")
 
 
-@pytest.mark.skipif(EMPS is None, reason="the measured record lies in ../shared/data/emps, which is not here")
+@needs_emps
 def test_the_measured_drive() -> None:
     """Published: mass 95.1 kg, K 1.3707 N/um, 203.5 N s/m of friction; a linear model misses about 7.2 um."""
     from scipy.io import loadmat

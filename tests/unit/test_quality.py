@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,20 +21,13 @@ from ph_post.diagnose.response import linear_response
 from ph_post.diagnose.structure import is_structured
 from ph_post.diagnose.where import locate
 from ph_post.types import AxisLog, Log, Machine, Servo
+from tests.support.measured import EMPS, needs_emps
 
 Array = NDArray[np.float64]
 PERIOD = 1e-3
 B, C = 7e-5, 6.4e-3
 MM = 1e-3
 UM = 1e-6
-EMPS = next(
-    (
-        folder / "emps" / "DATA_EMPS.mat"
-        for folder in (Path(__file__).parents[2].parent / "shared" / "data", Path("/work/shared/data"))
-        if (folder / "emps" / "DATA_EMPS.mat").is_file()
-    ),
-    None,
-)
 
 
 def machine(*names: str, gap: float = 0.0) -> Machine:
@@ -358,7 +350,7 @@ def test_short_empty_and_broken_records_trip_nothing(n: int, steps: float) -> No
                 assert all(math.isfinite(place.value) for place in found)
 
 
-@pytest.mark.skipif(EMPS is None, reason="the measured record lies in ../shared/data/emps, which is not here")
+@needs_emps
 def test_the_measured_drive() -> None:
     """Four runs of one motion: they differ by far less than models of this drive miss, and by a wander."""
     data = matlab.loadmat(str(EMPS))

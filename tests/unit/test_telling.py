@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,18 +26,11 @@ from ph_post.diagnose.seeds import with_part
 from ph_post.diagnose.select import Choice, Standing
 from ph_post.diagnose.telling import locate_left, next_of, notes_of, tell
 from ph_post.types import AxisLog, Log, Machine
+from tests.support.measured import EMPS, needs_emps
 
 Array = NDArray[np.float64]
 FRICTION = 7.0 * UM
 ORIGIN = 50.0 * UM
-EMPS = next(
-    (
-        folder / "emps" / "DATA_EMPS.mat"
-        for folder in (Path(__file__).parents[2].parent / "shared" / "data", Path("/work/shared/data"))
-        if (folder / "emps" / "DATA_EMPS.mat").is_file()
-    ),
-    None,
-)
 
 
 def rubbing() -> tuple[Log, Machine, Quality]:
@@ -216,7 +208,7 @@ def test_the_phrase_is_of_what_the_effect_does_not_of_when_it_happened() -> None
     assert best_phrase("somebody's own effect", "X", (), {}) == "in X"
 
 
-@pytest.mark.skipif(EMPS is None, reason="the measured record lies in ../shared/data/emps, which is not here")
+@needs_emps
 def test_the_measured_drive() -> None:
     """Published: friction of 20.39 N, a force that changes sign with it; K = 1.3707 N/µm makes it 14.9 µm."""
     data = matlab.loadmat(str(EMPS))
