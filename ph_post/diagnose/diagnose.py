@@ -96,19 +96,21 @@ def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outco
         unit = log.axes[outcome.choice.problem.axis.name].effort_unit
         findings += findings_of(outcome, told.where, told.evidence, unit)
     findings = [_unknown_side(log, one) for one in findings]
-    steps = _steps(outcomes)
-    verdict = _verdict(outcomes, findings, _floor(outcomes), steps)
+    before = [_as_it_is(outcome) for outcome in outcomes]
+    steps = _steps(outcomes, before)
+    floor = _floor(outcomes)
+    verdict = _verdict(outcomes, findings, floor, steps)
     if verdict == "unknown":
         findings, steps = [], steps[:1]
     axes = dict(machine.axes)
     for name in log.axes:
         axes[name] = better_axis(axes[name], tuple(one for one in findings if one.axis == name))
     better = replace(machine, axes=axes) if findings else machine
-    places = locate_left(log, machine, outcomes, [_as_it_is(one) for one in outcomes])
+    places = locate_left(log, machine, outcomes, before)
     remaining = locate_left(log, machine, outcomes, [one.fitted.left for one in outcomes]) if findings else ()
     return Diagnosis(
-        verdict=verdict, findings=tuple(findings), noise_floor=_floor(outcomes), steps=steps,
-        quality=quality, places=places, remaining=remaining, trails=_trails(outcomes, verdict),
+        verdict=verdict, findings=tuple(findings), noise_floor=floor, steps=steps,
+        quality=quality, places=places, remaining=remaining, trails=_trails(outcomes, before, verdict),
         machine=better, next_experiment=next_of(log, machine, verdict, findings, places),
         notes=notes_of(log, outcomes, remaining, verdict),
     )  # fmt: skip
@@ -139,10 +141,9 @@ def _position_squares(outcome: Outcome, left: Mapping[Channel, Array], use: Bool
     return total, count
 
 
-def _steps(outcomes: Sequence[Outcome]) -> tuple[GapStep, ...]:
+def _steps(outcomes: Sequence[Outcome], before: Sequence[Mapping[Channel, Array]]) -> tuple[GapStep, ...]:
     """Pool the gap over the axes: the file as it is, then one effect after the other."""
-    at: list[Mapping[Channel, Array]] = [_as_it_is(outcome) for outcome in outcomes]
-    steps = [_step(None, outcomes, at)]
+    steps = [_step(None, outcomes, before)]
     # With the first effect every axis is told with its base values refitted within their priors.
     at = [outcome.choice.stages[0].left for outcome in outcomes]
     for number, outcome in enumerate(outcomes):
@@ -184,11 +185,12 @@ def _verdict(
     return "unknown" if structured else "nothing-missing"
 
 
-def _trails(outcomes: Sequence[Outcome], verdict: Verdict) -> tuple[Trail, ...]:
+def _trails(
+    outcomes: Sequence[Outcome], at_first: Sequence[Mapping[Channel, Array]], verdict: Verdict
+) -> tuple[Trail, ...]:
     trails = []
-    for outcome in outcomes:
+    for outcome, before in zip(outcomes, at_first, strict=True):
         problem: Problem = outcome.choice.problem
-        before = _as_it_is(outcome)
         after = before if verdict == "unknown" else outcome.fitted.left
         trails += [
             Trail(

@@ -71,7 +71,7 @@ def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tu
     ]
     tried = _race(base, [one for one in close if not one[0].within])
     # What contains another is only worth its time where the other leaves something.
-    if not any(not has_structure(problem, fitted) for _, fitted in tried):
+    if all(has_structure(problem, fitted) for _, fitted in tried):
         tried += _race(base, [one for one in close if one[0].within])
     return tried
 
@@ -107,19 +107,12 @@ def _known_slopes(ground: Fitted, more: Model) -> dict[int, Array]:
     """Slopes of a fitted model by the unknowns of one that has a part more."""
     if not ground.jacobian.shape[0]:
         return {}
-    was, now = ground.model.free, more.free
-    gone = len(was) - len(now)
-    known = {}
-    for column, prior in enumerate(was):
-        if prior in now:
-            slope = ground.jacobian[:, column]
-            # The rows of the priors come last, one each: those that are replaced have none any more.
-            rows = [slope.size - len(was) + k for k, one in enumerate(was) if one not in now]
-            known[now.index(prior)] = np.delete(slope, rows) if gone else slope
-    for column in range(len(was), ground.unknowns.size):
-        rows = [ground.jacobian.shape[0] - len(was) + k for k, one in enumerate(was) if one not in now]
-        known[column - gone] = np.delete(ground.jacobian[:, column], rows)
-    return known
+    was = ground.model.free
+    gone = [k for k, prior in enumerate(was) if prior not in more.free]
+    # The rows of the priors come last, one each: those that are replaced have none any more, nor a column.
+    data = ground.jacobian.shape[0] - len(was)
+    slopes = np.delete(np.delete(ground.jacobian, gone, axis=1), [data + k for k in gone], axis=0)
+    return dict(enumerate(slopes.T))
 
 
 def _joins(model: Model, hypothesis: Hypothesis) -> bool:

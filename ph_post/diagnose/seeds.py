@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import Fitted, Model, Part, weighted_rows, weights_of
+from ph_post.diagnose.fit import Fitted, Model, Part, pack, weighted_rows, weights_of
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.record import Channel
@@ -53,8 +53,7 @@ def ground_of(problem: Problem, fitted: Fitted) -> Ground:
 def _shift(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> Array:
     """By how much the rows change where a hypothesis acts, shorter by the priors that it replaces."""
     model = with_part(ground.fitted.model, hypothesis, numbers)
-    unknowns = np.array([*(model.off[k] for k in model.free), *(x for p in model.parts for x in p.numbers)])
-    rows = weighted_rows(ground.problem, model, ground.weights, ground.problem.fit, unknowns)
+    rows = weighted_rows(ground.problem, model, ground.weights, ground.problem.fit, pack(model))
     data = ground.rows.size - len(ground.fitted.model.free)
     shift = np.zeros(ground.rows.size)
     shift[:data] = rows[:data] - ground.rows[:data]
