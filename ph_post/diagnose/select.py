@@ -68,7 +68,6 @@ class Choice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     problem: Problem
     stages: tuple[Fitted, ...]
-    scores: tuple[float, ...]
     standings: tuple[Standing, ...]
 
     @property
@@ -94,7 +93,7 @@ def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -
     name = problem.axis.name
     problem = with_noise(problem, base)
     search = Search(problem)
-    stages, scores = [base], [0.0]
+    stages = [base]
     while len(stages) <= MOST and has_structure(problem, stages[-1]):
         stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
         worthy = [
@@ -107,10 +106,10 @@ def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -
         if not worthy:
             break
         best = _simplest(problem, worthy)
-        stages, scores = _settle(problem, [*stages, best.fitted], [*scores, best.score])
+        stages = _settle(problem, [*stages, best.fitted])
     stage(f"axis {name}: comparing names")
-    stages, scores, standings = _exchange(search, stages, scores)
-    return Choice(problem=problem, stages=tuple(stages), scores=tuple(scores), standings=standings)
+    stages, standings = _exchange(search, stages)
+    return Choice(problem=problem, stages=tuple(stages), standings=standings)
 
 
 def _margin(problem: Problem, fitted: Fitted, score: float) -> float:
@@ -151,7 +150,7 @@ def _base(problem: Problem) -> Fitted:
     return fit_model(problem, held, problem.fit)
 
 
-def _settle(problem: Problem, stages: list[Fitted], scores: list[float]) -> tuple[list[Fitted], list[float]]:
+def _settle(problem: Problem, stages: list[Fitted]) -> list[Fitted]:
     """Take out what is no longer needed."""
     last = stages[-1]
     for number in range(len(last.model.parts) - 1):
@@ -159,23 +158,20 @@ def _settle(problem: Problem, stages: list[Fitted], scores: list[float]) -> tupl
         needed = explains(problem, less, last) or not at_floor(problem, last)
         if score_over(problem, less, last) <= 0.0 or not needed:
             return _restage(problem, less, stages[0])
-    return stages, scores
+    return stages
 
 
-def _restage(problem: Problem, last: Fitted, base: Fitted) -> tuple[list[Fitted], list[float]]:
+def _restage(problem: Problem, last: Fitted, base: Fitted) -> list[Fitted]:
     """Make the stages up to a model: its parts one after the other, in their order."""
-    stages, scores = [base], [0.0]
+    stages = [base]
     for count in range(1, len(last.model.parts) + 1):
         model = replace(last.model, parts=last.model.parts[:count])
         fitted = last if count == len(last.model.parts) else fit_model(problem, model, problem.fit)
-        scores.append(score_over(problem, stages[-1], fitted))
         stages.append(fitted)
-    return stages, scores
+    return stages
 
 
-def _exchange(
-    search: Search, stages: list[Fitted], scores: list[float]
-) -> tuple[list[Fitted], list[float], tuple[Standing, ...]]:
+def _exchange(search: Search, stages: list[Fitted]) -> tuple[list[Fitted], tuple[Standing, ...]]:
     """Try every other name in the place of each part, and keep what is better; list what is as good."""
     problem = search.problem
     standings: list[Standing] = []
@@ -185,9 +181,8 @@ def _exchange(
         better = next((one.better for one in standings if one.better is not None), None)
         if better is None:
             break
-        stages, scores = _restage(problem, better, stages[0])
-        stages, scores = _settle(problem, stages, scores)
-    return stages, scores, tuple(standings)
+        stages = _settle(problem, _restage(problem, better, stages[0]))
+    return stages, tuple(standings)
 
 
 def _stand(search: Search, stages: list[Fitted], number: int) -> Standing:

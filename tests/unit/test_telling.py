@@ -52,7 +52,7 @@ def with_friction(log: Log, machine: Machine, quality: Quality, start: float) ->
         fit_model(problem, with_part(base, COULOMB, (start,)), problem.fit),
     )
     standing = Standing(rivals=(), confidence=0.99)
-    return settle_outcome(Choice(problem=problem, stages=stages, scores=(0.0, 1e3), standings=(standing,)))
+    return settle_outcome(Choice(problem=problem, stages=stages, standings=(standing,)))
 
 
 @cache
