@@ -30,6 +30,12 @@ REACH: Final = 3.0
 STEP: Final = 1e-3
 """Finite differences, of a number's size or scale."""
 
+SAME: Final = 0.03
+"""Relative change of the channels' weights below which a fit is not begun anew with them."""
+
+CLOSE: Final = 1e-5
+"""Relative change of cost or unknowns at which a fit ends: a tenth of a nat on ten thousand samples."""
+
 WHITE: Final = 256
 """Samples over which what is left is averaged to see how far it is from white noise."""
 
@@ -174,9 +180,21 @@ def weighted_rows(
     return np.concatenate([*rows, unknowns[: len(model.free)]])
 
 
-def _slopes(
-    rows: partial[Array], numbers: list[Number], known: Mapping[int, Array], unknowns: Array
-) -> Array:
+class _Rows:
+    """Rows as a function of the unknowns, which keeps the last ones: slopes begin where a step ended."""
+
+    def __init__(self, rows: partial[Array]) -> None:
+        self._rows = rows
+        self._at = np.zeros(0)
+        self._last = np.zeros(0)
+
+    def __call__(self, unknowns: Array) -> Array:
+        if not np.array_equal(unknowns, self._at):
+            self._at, self._last = unknowns.copy(), self._rows(unknowns)
+        return self._last
+
+
+def _slopes(rows: _Rows, numbers: list[Number], known: Mapping[int, Array], unknowns: Array) -> Array:
     """Forward differences, away from the bounds; of some unknowns the columns may be known."""
     here = rows(unknowns)
     columns = np.empty((here.size, unknowns.size))
@@ -215,15 +233,19 @@ def fit_model(
     unknowns = np.clip(pack(model), low, high)
     left = left_of(problem, unpack(model, unknowns))
     jacobian = np.zeros((0, unknowns.size))
+    weights = weights_of(problem, left, use)
     for _ in range(rounds if unknowns.size else 0):
-        rows = partial(weighted_rows, problem, model, weights_of(problem, left, use), use)
+        rows = _Rows(partial(weighted_rows, problem, model, weights, use))
         found = least_squares(
             rows, np.clip(unknowns, low + 1e-9 * scale, high - 1e-9 * scale), bounds=(low, high),
             jac=partial(_slopes, rows, numbers, {}), x_scale=scale, max_nfev=evaluations,
-            ftol=1e-6, xtol=1e-6, gtol=1e-8,
+            ftol=CLOSE, xtol=CLOSE, gtol=1e-8,
         )  # fmt: skip
         unknowns, jacobian = found.x, np.asarray(found.jac)
         left = left_of(problem, unpack(model, unknowns))
+        before, weights = weights, weights_of(problem, left, use)
+        if all(abs(weights[one] / before[one] - 1.0) < SAME for one in weights):
+            break
     return Fitted(model=unpack(model, unknowns), left=left, jacobian=jacobian, unknowns=unknowns)
 
 
@@ -247,7 +269,7 @@ def look_at(
     low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
     scale = np.array([one.scale for one in numbers])
     start = np.clip(pack(model), low + 1e-9 * scale, high - 1e-9 * scale)
-    rows = partial(weighted_rows, problem, model, weights, problem.fit)
+    rows = _Rows(partial(weighted_rows, problem, model, weights, problem.fit))
     found = least_squares(
         rows, start, bounds=(low, high), jac=partial(_slopes, rows, numbers, known), x_scale=scale,
         max_nfev=steps, ftol=1e-4, xtol=1e-4,
