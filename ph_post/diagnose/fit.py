@@ -30,6 +30,9 @@ REACH: Final = 3.0
 STEP: Final = 1e-3
 """Finite differences, of a number's size or scale."""
 
+LOG_STEP: Final = 0.02
+"""The same of a logarithm, of its scale: a thousandth of the logarithm of a period would be whole waves."""
+
 SAME: Final = 0.03
 """Relative change of the channels' weights below which a fit is not begun anew with them."""
 
@@ -202,7 +205,8 @@ def _slopes(rows: _Rows, numbers: list[Number], known: Mapping[int, Array], unkn
         if k in known:
             columns[:, k] = known[k]
             continue
-        step = STEP * max(abs(unknowns[k]), number.scale)
+        size = max(abs(unknowns[k]), number.scale)
+        step = LOG_STEP * number.scale if number.logarithm else STEP * size
         if unknowns[k] + step > number.high:
             step = -step
         there = unknowns.copy()

@@ -22,8 +22,14 @@ from ph_post.simulate.cutting import cutting_force
 from ph_post.simulate.machine import AS_IT_IS, Trace, first_flank, run_plant
 from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
 
-BLOCKS: Final = 32
-"""Blocks that a record is cut into; by turns they are fitted and held out."""
+BLOCKS: Final = (32, 128, 512)
+"""Numbers of blocks that a record is cut into; by turns they are fitted and held out."""
+
+SLIGHT: Final = 0.05
+"""Excess, in squares of the noise a sample, up to which it does not matter where it lies."""
+
+BOTH: Final = 0.15
+"""Part of what is to be explained that the fitted blocks, and those held out, have to hold each."""
 
 LOST: Final = 10.0
 """Positions [m] and speeds beyond which a plant that is tried has run away."""
@@ -116,12 +122,43 @@ def _place(axis: AxisLog) -> Array:
     return axis.command if read is None else np.where(np.isfinite(read), read, axis.command)
 
 
-def _split(size: int, first: int) -> tuple[BoolArray, BoolArray]:
+def _split(size: int, first: int, blocks: int = BLOCKS[0]) -> tuple[BoolArray, BoolArray]:
     """Deal the blocks out by the Thue-Morse sequence, which keeps in step with no period of the motion."""
-    number = np.minimum((np.arange(size) - first) * BLOCKS // max(size - first, 1), BLOCKS - 1)
-    odd = np.array([k.bit_count() % 2 for k in range(BLOCKS)], dtype=bool)[number]
+    number = np.minimum((np.arange(size) - first) * blocks // max(size - first, 1), blocks - 1)
+    odd = np.array([k.bit_count() % 2 for k in range(blocks)], dtype=bool)[number]
     behind = np.arange(size) >= first
     return behind & ~odd, behind & odd
+
+
+def dealt(problem: Problem, left: Mapping[Channel, Array]) -> Problem:
+    """Deal the samples out in finer blocks where most of what is left lies in one half: a rare event.
+
+    Parameters
+    ----------
+    problem : Problem
+    left : mapping
+        What a model leaves of each channel (n,).
+    """
+    first = int(np.argmax(problem.counted))
+    splits = [_split(problem.t.size, first, blocks) for blocks in BLOCKS]
+    shares = [_least_share(problem, left, fit, held) for fit, held in splits]
+    chosen = next((k for k, share in enumerate(shares) if share > BOTH), int(np.argmax(shares)))
+    return replace(problem, fit=splits[chosen][0], held=splits[chosen][1])
+
+
+def _least_share(problem: Problem, left: Mapping[Channel, Array], fit: BoolArray, held: BoolArray) -> float:
+    """Return the part of the excess over the noise, of the channel with most, in the half that has less."""
+    halves = np.array([
+        [_excess(left[one.channel][half & one.ok] / one.noise) for half in (fit, held)]
+        for one in problem.observed
+    ])  # fmt: skip
+    most = halves[np.argmax(halves.sum(axis=1))]
+    return float(most.min() / most.sum()) if most.sum() > SLIGHT * problem.t.size else 1.0
+
+
+def _excess(left: Array) -> float:
+    """Sum of squares beyond that of noise, of what is left in parts of the noise."""
+    return max(float(np.sum(left * left)) - left.size, 0.0)
 
 
 def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
@@ -131,7 +168,8 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
     -------
     dict
         `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort, the
-        following error [m] and the speed [m/s] at the loop's own side: K (e - c_e v).
+        following error [m], as far as the motor answers it, and the speed [m/s] at the loop's own side:
+        K (e - c_e v).
     """
     command = later(problem.command, plant.command_delay / problem.period)
     reading_delay = plant.reading_delay / problem.period
@@ -153,6 +191,8 @@ def predict(problem: Problem, plant: Plant) -> dict[Channel, Array]:
         else:
             side = table if plant.feedback == "load" else motor
             e = following_error(plant, command, table, motor, problem.period)
+            # With a part of c that is electronic this is where the torque saturates at low speed only.
+            e = np.clip(e, -plant.saturation, plant.saturation)
             found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
     return found
 

@@ -21,6 +21,9 @@ PRICE: Final = 3.0
 SHARE: Final = 0.25
 """Part of the excess over the noise, of one channel, that an effect has to explain."""
 
+MOST_SHARE: Final = 0.5
+"""The same where there is a name already, and more than noise is left behind the next one too."""
+
 VISIBLE: Final = 0.02
 """Part of a channel's held-out root mean square by which it must fall."""
 
@@ -96,11 +99,12 @@ def with_noise(problem: Problem, fitted: Fitted) -> Problem:
 
 def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
     """Whether a fit lowers what is left of some channel, held out, by enough to be worth a name."""
+    share = MOST_SHARE if before.model.parts and not at_floor(problem, after) else SHARE
     for one in problem.observed:
         here = problem.held & one.ok
         was, now = (mean_square(fit.left[one.channel], here) for fit in (before, after))
         excess = was - one.noise**2
-        if was - now > SHARE * excess > 0.0 and np.sqrt(now) < (1.0 - VISIBLE) * np.sqrt(was):
+        if was - now > share * excess > 0.0 and np.sqrt(now) < (1.0 - VISIBLE) * np.sqrt(was):
             return True
     return False
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from ph_post.diagnose.fit import Fitted, Model, fit_model, look_at, nats
 from ph_post.diagnose.hypotheses import hypotheses
-from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
+from ph_post.diagnose.hypotheses.base import Hypothesis
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.score import Scored, has_structure, rank
-from ph_post.diagnose.seeds import Ground, at_file, ground_of, is_linear, seed, with_part
+from ph_post.diagnose.seeds import Ground, Seed, ground_of, is_linear, seed
 from ph_post.types import Array
 
 ABREAST: Final = 0.6
@@ -60,8 +60,8 @@ def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tu
             continue
         found = seed(base, hypothesis)
         # A start that makes things much worse is on the wrong side of what can be reached from it.
-        if found and (found[0][0] > 0.0 or (not is_linear(hypothesis) and found[0][0] > -squares)):
-            seeds.append((found[0][0], hypothesis, found))
+        if found and (found[0].promise > 0.0 or (not is_linear(hypothesis) and found[0].promise > -squares)):
+            seeds.append((found[0].promise, hypothesis, found))
     seeds.sort(key=lambda one: -one[0])
     most = seeds[0][0] if seeds else 0.0
     close = [
@@ -77,7 +77,7 @@ def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tu
 
 
 def _race(
-    base: Ground, close: Sequence[tuple[Hypothesis, Sequence[tuple[float, Numbers]]]]
+    base: Ground, close: Sequence[tuple[Hypothesis, Sequence[Seed]]]
 ) -> list[tuple[Hypothesis, Fitted]]:
     """Look at every hypothesis, and fit those to the end that gain nearly as much as the best."""
     problem = base.problem
@@ -91,15 +91,13 @@ def _race(
     ]
 
 
-def _look(base: Ground, hypothesis: Hypothesis, seeds: Sequence[tuple[float, Numbers]]) -> Fitted:
+def _look(base: Ground, hypothesis: Hypothesis, seeds: Sequence[Seed]) -> Fitted:
     """Fit one hypothesis for a few steps from its best starts."""
     problem, ground = base.problem, base.fitted
-    model = ground.model if is_linear(hypothesis) else at_file(ground.model)
-    starts = seeds[:1] if hypothesis.within else seeds[:2]
-    fits = []
-    for _, numbers in starts:
-        more = with_part(model, hypothesis, numbers)
-        fits.append(look_at(problem, more, base.weights, _known_slopes(ground, more), FIRST_LOOK))
+    fits = [
+        look_at(problem, one.model, base.weights, _known_slopes(ground, one.model), FIRST_LOOK)
+        for one in (seeds[:1] if hypothesis.within else seeds[:2])
+    ]
     return max(fits, key=lambda one: nats(problem, one.left, problem.fit))
 
 

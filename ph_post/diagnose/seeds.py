@@ -25,6 +25,13 @@ def without_part(model: Model, number: int) -> Model:
     return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
 
 
+class Seed(msgspec.Struct, frozen=True, kw_only=True):
+    """A model to start a fit from, and the squares that it promises to explain."""
+
+    promise: float
+    model: Model
+
+
 class Ground(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A fitted model as something to add to: weighted rows, and a basis (rows, k) of what it can absorb."""
 
@@ -50,14 +57,11 @@ def ground_of(problem: Problem, fitted: Fitted) -> Ground:
     return Ground(problem=problem, fitted=fitted, weights=weights, rows=rows, basis=basis)
 
 
-def _shift(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> Array:
-    """By how much the rows change where a hypothesis acts, shorter by the priors that it replaces."""
-    model = with_part(ground.fitted.model, hypothesis, numbers)
+def _rows(ground: Ground, model: Model) -> Array:
+    """Return the rows of a model on the samples; those of the priors stay as the ground has them."""
     rows = weighted_rows(ground.problem, model, ground.weights, ground.problem.fit, pack(model))
     data = ground.rows.size - len(ground.fitted.model.free)
-    shift = np.zeros(ground.rows.size)
-    shift[:data] = rows[:data] - ground.rows[:data]
-    return shift
+    return np.concatenate([rows[:data], ground.rows[data:]])
 
 
 def at_file(model: Model) -> Model:
@@ -70,25 +74,31 @@ def is_linear(hypothesis: Hypothesis) -> bool:
     return any(number.linear for number in hypothesis.numbers)
 
 
-def seed(ground: Ground, hypothesis: Hypothesis) -> list[tuple[float, Numbers]]:
-    """Return numbers to start from, best first, with the squares that they promise to explain.
+def seed(ground: Ground, hypothesis: Hypothesis) -> list[Seed]:
+    """Return models to start from, one a start of the hypothesis, best first.
 
-    Where a straight fit does not find the size, each start is tried with the base values of the file: what
-    these were bent to without the effect may hide it.
+    Where a straight fit does not find the size, each start is tried with the base values as they were fitted
+    and as the file has them: what these were bent to without the effect may hide it.
     """
     linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
     before = ground.beyond(ground.rows)
-    if not linear:
-        ground = replace(ground, fitted=replace(ground.fitted, model=at_file(ground.fitted.model)))
-    found: list[tuple[float, Numbers]] = []
+    found: list[Seed] = []
     for start in hypothesis.starts(ground.problem, ground.fitted.left):
-        numbers = list(start)
         if linear:
-            after, numbers = _scaled(ground, hypothesis, numbers, linear, before)
+            after, numbers = _scaled(ground, hypothesis, list(start), linear, before)
+            model = with_part(ground.fitted.model, hypothesis, tuple(numbers))
         else:
-            after = before + ground.beyond(_shift(ground, hypothesis, tuple(numbers)))
-        found.append((float(before @ before - after @ after), tuple(numbers)))
-    return sorted(found, key=lambda one: -one[0])
+            after, model = _better_based(ground, hypothesis, start)
+        found.append(Seed(promise=float(before @ before - after @ after), model=model))
+    return sorted(found, key=lambda one: -one.promise)
+
+
+def _better_based(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> tuple[Array, Model]:
+    """Start from the fitted base values or the file's, whichever leave less that the model cannot absorb."""
+    fitted = ground.fitted.model
+    tried = [with_part(model, hypothesis, numbers) for model in (fitted, at_file(fitted))]
+    left = [(ground.beyond(_rows(ground, model)), model) for model in tried]
+    return min(left, key=lambda one: float(one[0] @ one[0]))
 
 
 def _scaled(
@@ -97,8 +107,9 @@ def _scaled(
     """Give the linear numbers the sizes of a straight fit."""
     columns = []
     for k in linear:
-        alone = [0.0 if j in linear and j != k else x for j, x in enumerate(numbers)]
-        columns.append(ground.beyond(_shift(ground, hypothesis, tuple(alone))))
+        alone = tuple(0.0 if j in linear and j != k else x for j, x in enumerate(numbers))
+        model = with_part(ground.fitted.model, hypothesis, alone)
+        columns.append(ground.beyond(_rows(ground, model) - ground.rows))
     matrix = np.stack(columns, axis=1)
     factors = np.linalg.lstsq(matrix, -before, rcond=1e-10)[0]
     for k, factor in zip(linear, factors, strict=True):

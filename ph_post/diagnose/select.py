@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from ph_post.diagnose.fit import Fitted, Model, Part, base_model, fit_model
 from ph_post.diagnose.hypotheses import hypotheses
-from ph_post.diagnose.model import Problem, sided
+from ph_post.diagnose.model import Problem, dealt, sided
 from ph_post.diagnose.score import (
     PRICE,
     Scored,
@@ -80,6 +80,9 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     """Find what is missing from one axis."""
     problem = sided(problem)
     base = _base(problem)
+    again = dealt(problem, base.left)
+    if not np.array_equal(again.fit, problem.fit):
+        problem, base = again, _base(again)
     found = _choose_from(problem, base, stage)
     if base.model.origin_free or at_floor(found.problem, found.fitted):
         return found

@@ -26,7 +26,8 @@ MICRON: Final = 1e-6
 class Number(msgspec.Struct, frozen=True, kw_only=True):
     """One number of a hypothesis: its bounds, its natural `scale`, and whether the reading is linear in it.
 
-    `linear` numbers start at what a straight fit to the residual gives.
+    `linear` numbers start at what a straight fit to the residual gives; of a `logarithm` only the scale tells
+    how far a slope reaches, not its size.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Number(msgspec.Struct, frozen=True, kw_only=True):
     high: float
     scale: float
     linear: bool = False
+    logarithm: bool = False
 
 
 def always(_problem: Problem) -> str:

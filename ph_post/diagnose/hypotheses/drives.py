@@ -22,6 +22,10 @@ FARTHEST: Final = math.log(8.0)
 """By how much b and c may be off, as a logarithm."""
 
 
+LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
+"""Torque limits that are tried, in parts of the largest torque that is asked for."""
+
+
 def _shows_gap(problem: Problem) -> str:
     if problem.plant.feedback == "load" or problem.side == "unknown":
         return ""
@@ -112,7 +116,7 @@ def _bumped(half: float) -> Hypothesis:
         numbers=(
             Number(name="bump", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
             Number(name="centre", low=-10.0, high=10.0, scale=1e-3),
-            Number(name="width", low=math.log(5e-4), high=widest, scale=0.1),
+            Number(name="width", low=math.log(5e-4), high=widest, scale=0.1, logarithm=True),
         ),
         apply=_bump,
         starts=_bumps,
@@ -164,7 +168,7 @@ def _rigid(problem: Problem) -> str:
 WINDUP = Hypothesis(
     name="elastic_windup",
     numbers=(
-        Number(name="frequency", low=math.log(6.0), high=math.log(6000.0), scale=0.02),
+        Number(name="frequency", low=math.log(6.0), high=math.log(6000.0), scale=0.02, logarithm=True),
         Number(name="damping", low=0.0, high=0.95, scale=0.05),
     ),
     apply=_windup,
@@ -196,15 +200,18 @@ IMPACT = Hypothesis(
 
 
 def _saturated(plant: Plant, numbers: Numbers) -> Plant:
-    return find_effect("torque_saturation").apply(plant, {"limit": math.exp(numbers[0])})
+    return find_effect("torque_saturation").apply(plant, {"limit": numbers[0]})
 
 
 def _limits(problem: Problem, left: Residuals) -> list[Numbers]:
-    """Return parts of the largest following error that the model asks its motor to answer."""
+    """Return parts of the largest following error that the model asks its motor to answer.
+
+    They lie close: a limit a hundredth too low is reached so much longer that nothing fits.
+    """
     asked = np.abs(problem.command - predicted_position(problem, left))
     asked = asked[problem.counted & np.isfinite(asked)]
     largest = max(float(np.max(asked, initial=0.0)), MICRON)
-    return [(math.log(share * largest),) for share in (0.99, 0.95, 0.87, 0.75, 0.5)]
+    return [(float(share * largest),) for share in LIMITS]
 
 
 def _no_torque(problem: Problem) -> str:
@@ -213,10 +220,10 @@ def _no_torque(problem: Problem) -> str:
 
 SATURATION = Hypothesis(
     name="torque_saturation",
-    numbers=(Number(name="limit", low=math.log(1e-6), high=math.log(1.0), scale=0.02),),
+    numbers=(Number(name="limit", low=1e-7, high=1.0, scale=1e-5),),
     apply=_saturated,
     starts=_limits,
-    values=lambda _problem, n: {"limit": math.exp(n[0])},
+    values=named("limit"),
     bars=_no_torque,
 )
 

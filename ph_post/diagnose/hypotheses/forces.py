@@ -83,7 +83,7 @@ STRIBECK = Hypothesis(
     numbers=(
         _force(),
         _force("more"),
-        Number(name="speed", low=math.log(1e-5), high=math.log(FASTEST), scale=0.3),
+        Number(name="speed", low=math.log(1e-5), high=math.log(FASTEST), scale=0.3, logarithm=True),
     ),
     apply=_stribeck,
     starts=lambda problem, left: [(_step(problem, left), GUESS, math.log(v)) for v in speeds(problem)],
@@ -186,7 +186,9 @@ def wave_values(first: str) -> Callable[[Problem, Numbers], dict[str, float]]:
 def wave_numbers(high: float, longest: float) -> tuple[Number, ...]:
     """Return sine, cosine and log of the period [m], of which the travel must hold some."""
     size = [Number(name=n, low=-high, high=high, scale=MICRON, linear=True) for n in ("sine", "cosine")]
-    periods = Number(name="period", low=math.log(1e-4), high=math.log(max(longest, 2e-4)), scale=0.003)
+    periods = Number(
+        name="period", low=math.log(1e-4), high=math.log(max(longest, 2e-4)), scale=0.003, logarithm=True
+    )
     return (*size, periods)
 
 

@@ -75,7 +75,7 @@ THERMAL = Hypothesis(
     name="thermal_growth",
     numbers=(
         Number(name="growth", low=-MOST_ERROR, high=MOST_ERROR, scale=MICRON, linear=True),
-        Number(name="time", low=math.log(SHORTEST_DRIFT), high=math.log(1e5), scale=0.1),
+        Number(name="time", low=math.log(SHORTEST_DRIFT), high=math.log(1e5), scale=0.1, logarithm=True),
     ),
     apply=_drift,
     starts=_drifts,

@@ -72,6 +72,9 @@ def shows(name: str, channels: Sequence[str], feedback: str) -> bool:
     """Whether an effect is there at all with that loop and can reach one of those channels."""
     if name == "engagement_impact" and feedback != "load":
         return False
+    # A constant force moves the positions of a P loop by a constant, which an origin does too.
+    if name == "load_offset" and "force" not in channels:
+        return False
     if channels[0] in ("act", "unknown"):
         return True
     if name in NEEDS_TABLE:
