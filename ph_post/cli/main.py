@@ -24,6 +24,8 @@ COMMANDS = (
     "identify",
     "diagnose",
     "calibrate",
+    "machines",
+    "machine",
     "demo",
     "paper",
 )
