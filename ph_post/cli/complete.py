@@ -101,7 +101,7 @@ def _strategies() -> Iterable[str]:
 _ANY_FILE: Final = Completed()
 _FOLDER: Final = CompletedFolder()
 
-KINDS: Final[dict[str, click.ParamType]] = {
+KINDS: Final[dict[str, click.types.StringParamType]] = {
     # by option
     "--strategy": Completed(_strategies, files=None),
     "--dialect": Completed(_dialects, files=None),

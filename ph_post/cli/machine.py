@@ -61,8 +61,8 @@ def new(output: str, answers: str | None, yes: bool, force: bool, as_json: bool,
     \b
     Examples:
       ph-post machine new my_mill.toml
-      ph-post machine new router.toml --yes --loop motor --lost-motion "0.12 0.08 0.01" --speed 7200mm/min
-      ph-post machine new router_xy.toml --yes --axes XY --loop none --lost-motion 0.002in --json
+      ph-post machine new my_router.toml --yes --loop motor --lost-motion "0.12 0.08 0.01" --speed 7200mm/min
+      ph-post machine new small_router.toml --yes --axes XY --loop none --lost-motion 0.002in --json
       ph-post machine new --answers answers.toml --yes > old_mill.toml
 
     \b
