@@ -7,13 +7,14 @@ ends the command, and so does the end of the input. Nothing is written here.
 from __future__ import annotations
 
 import sys
+import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ph_post.cli.questions import QUESTIONS, Question, State
 from ph_post.errors import InputError
-from ph_post.io.quantity import by_axis
+from ph_post.io.quantity import Choice, by_axis
 
 if TYPE_CHECKING:
     from ph_post.io.newmachine import Answers
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 WELCOME: Final = """\
 Enter takes what stands in [ ]. Of several axes: one value for all, one each (0.03 0.05 0.02), or by name
 (X=0.03 Y=0.05 Z=0.02). Inches as 0.002in. Ctrl-C writes nothing."""
+
+
+_SCREEN: Final = 100
+"""Width of what is told, in characters."""
 
 
 class Given(NamedTuple):
@@ -89,7 +94,7 @@ def conduct(given: Mapping[str, Given], defaults: bool) -> Outcome:
             continue
         if answer is None and not defaults:
             if welcome:
-                print(WELCOME, file=sys.stderr)  # noqa: T201 - the talk of an interview
+                _tell(WELCOME)
                 welcome = False
             value, by_default = _asked(question, state, terminal)
         else:
@@ -130,22 +135,33 @@ def _asked(question: Question, state: State, terminal: bool) -> tuple[Any, bool]
     axes = question.axes(state) if question.axes is not None else None
     default = question.default(state, axes or state.get("axes", ()))
     where = f"standard input, {question.key}"
+    if terminal:
+        _show(question, axes)
     while True:
         if terminal:
-            _show(question, axes, default)
+            _tell(f"  [{default}] ", end="")
         line = _line(where)
         try:
             return _value(question, line or default, axes, question.key if terminal else where), not line
         except InputError as error:
             if not terminal:
                 raise
-            print(f"  {error}", file=sys.stderr)  # noqa: T201
+            _tell(f"  {error}")
 
 
-def _show(question: Question, axes: Any, default: str) -> None:
-    """Put a question on the screen: standard output is for the product."""
+def _show(question: Question, axes: Any) -> None:
+    """Put a question on the screen."""
     about = f"{', '.join(axes)}: " if axes else ""
-    print(f"\n{about}{question.ask}\n  {question.hint}\n  [{default}] ", end="", file=sys.stderr, flush=True)  # noqa: T201
+    kind = question.kind
+    hint = f"{question.hint} {kind.words.capitalize()}." if isinstance(kind, Choice) else question.hint
+    indented = textwrap.fill(hint, _SCREEN, initial_indent="  ", subsequent_indent="  ")
+    _tell(f"\n{about}{question.ask}\n{indented}")
+
+
+def _tell(text: str, end: str = "\n") -> None:
+    """Talk on standard error: standard output is for the product."""
+    sys.stderr.write(text + end)
+    sys.stderr.flush()
 
 
 def _line(where: str) -> str:

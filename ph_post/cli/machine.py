@@ -24,7 +24,7 @@ def _answers(function: F) -> F:
     return function
 
 
-@click.group(name="machine")
+@click.group(name="machine", no_args_is_help=False)
 def command() -> None:
     """Write machine files; `ph-post machines` lists the shipped ones.
 

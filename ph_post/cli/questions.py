@@ -127,13 +127,14 @@ QUESTIONS: Final = (
     ),
     Question(
         "dialect", "NAME", "Which controller, that is which words of G-code?",
-        "grbl and most hobby boards: grbl; LinuxCNC and most that take its programs: linuxcnc.",
+        "Grbl boards take grbl; where none is yours, the nearest: linuxcnc has most words.",
         _dialects, _dialect_default,
     ),
     Question(
         "lost_motion", "MM", "How much does the axis lose when it turns round? [mm]",
         "Dial indicator on the table: creep to plus until it moves, zero it, step back by 0.01 mm; what you "
-        "command until it moves again is lost. 0: none, or not measured yet.",
+        "command until it moves again is lost. A glass scale hides that: drive off, turn the screw by hand; "
+        "the part of a turn before the table moves, times the lead. 0: none, or not measured yet.",
         Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.0, 10.0), _shipped("lost_motion"), _every,
     ),
     Question(

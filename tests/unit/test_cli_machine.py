@@ -83,6 +83,11 @@ def test_a_copy_of_nothing_names_what_there_is(capsys, tmp_path):
 # --- machine new ---
 
 
+def test_machine_alone_says_what_is_missing(capsys):
+    status, out, err = run(capsys, "machine")
+    assert (status, out, err) == (2, "", "ph-post: Missing command; see ph-post machine --help\n")
+
+
 def test_defaults_give_a_machine_that_compensates_nothing_and_says_so(capsys, tmp_path):
     file = tmp_path / "mine.toml"
     status, out, err = run(capsys, *NEW, str(file), "--yes")
@@ -360,6 +365,21 @@ def test_an_interrupt_writes_nothing(tmp_path):
     terminal.wait_for("interrupted; nothing more was written")
     assert terminal.end() == (130, "")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_comes_up_meanwhile_stays_and_no_answer_is_lost(tmp_path):
+    terminal = Terminal(tmp_path, "mine.toml", "--axes", "X", "--loop", "none", "--dialect", "grbl")
+    terminal.wait_for("[my machine]")
+    (tmp_path / "mine.toml").write_text("precious")
+    terminal.answer("the only one", "Dial indicator")
+    terminal.answer("0.0712", "$110")
+    terminal.answer("", "$120")
+    terminal.answer("", "[2ms]")
+    terminal.answer("", "is there already")
+    status, out = terminal.end()
+    assert status == 2
+    assert (tmp_path / "mine.toml").read_text() == "precious"
+    assert tomllib.loads(out)["axes"]["X"]["lost_motion_mm"] == 0.0712
 
 
 # --- the machine that was written works at once ---
