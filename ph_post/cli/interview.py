@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ph_post.cli.questions import QUESTIONS, Question, State
@@ -26,6 +26,13 @@ Enter takes what stands in [ ]. Of several axes: one value for all, one each (0.
 
 _SCREEN: Final = 100
 """Width of what is told, in characters."""
+
+
+Axes = Sequence[str] | None
+"""Axes that a question is asked for, None for one that is about the machine."""
+
+Settings = Mapping[str, Mapping[str, str]]
+"""What a controller's settings answer, by question and axis ("" for the machine)."""
 
 
 class Given(NamedTuple):
@@ -67,7 +74,38 @@ def answers_of(source: str) -> dict[str, Given]:
     }
 
 
-def conduct(given: Mapping[str, Given], defaults: bool) -> Outcome:
+def settings_of(source: str) -> Settings:
+    """Read a controller's own settings, as defaults of the questions that they answer.
+
+    Raises
+    ------
+    InputError
+        Where there are none in the file.
+    """
+    from ph_post.io.controllersettings import controller_settings
+    from ph_post.io.source import read_source
+
+    found = controller_settings(read_source(source))
+    settings = {
+        "speed": {axis: f"{value:.7g}mm/s" for axis, value in found.speed.items()},
+        "acceleration": {axis: f"{value:.7g}mm/s2" for axis, value in found.acceleration.items()},
+        "lost_motion": {axis: f"{value:.7g}mm" for axis, value in found.lost_motion.items()},
+        "dialect": {"": found.dialect},
+    }
+    if found.servo_period is not None:
+        settings["servo_period"] = {"": f"{found.servo_period:.7g}ms"}
+    return settings
+
+
+def twice_compensated(name: str, settings: Settings) -> list[str]:
+    """Warn of a controller that takes the lost motion back by itself: both would be too much."""
+    axes = [axis for axis, text in settings.get("lost_motion", {}).items() if text != "0mm"]
+    if not axes:
+        return []
+    return [f"{name} has BACKLASH of {', '.join(axes)}: the controller compensates too; set it to 0 there"]
+
+
+def conduct(given: Mapping[str, Given], defaults: bool, settings: Settings | None = None) -> Outcome:
     """Return a value for every question that applies.
 
     Parameters
@@ -76,6 +114,8 @@ def conduct(given: Mapping[str, Given], defaults: bool) -> Outcome:
         What need not be asked, by key.
     defaults : bool
         Take the default of everything else instead of asking.
+    settings : mapping, optional
+        Defaults of this machine, by key and axis, in place of the shipped machine's.
 
     Raises
     ------
@@ -92,17 +132,18 @@ def conduct(given: Mapping[str, Given], defaults: bool) -> Outcome:
         if axes is not None and not axes:
             _refuse_idle(answer)
             continue
-        if answer is None and not defaults:
+        default, own = _default(question, state, axes, settings or {})
+        if answer is not None or defaults:
+            place = f"--settings, {question.key}" if own else question.option
+            text, where = (default, place) if answer is None else answer
+            state[question.key] = _value(question, text, axes, where)
+            untouched = answer is None
+        else:
             if welcome:
                 _tell(WELCOME)
                 welcome = False
-            value, by_default = _asked(question, state, terminal)
-        else:
-            text = question.default(state, axes or state.get("axes", ())) if answer is None else answer.text
-            value = _value(question, text, axes, question.option if answer is None else answer.where)
-            by_default = answer is None
-        state[question.key] = value
-        if by_default:
+            state[question.key], untouched = _asked(question, axes, default, terminal)
+        if untouched and not own:
             taken.add(question.key)
     return Outcome(state, frozenset(taken))
 
@@ -130,10 +171,17 @@ def machine_answers(outcome: Outcome) -> Answers:
     )
 
 
-def _asked(question: Question, state: State, terminal: bool) -> tuple[Any, bool]:
-    """Ask until there is an answer; of a pipe once."""
-    axes = question.axes(state) if question.axes is not None else None
-    default = question.default(state, axes or state.get("axes", ()))
+def _default(question: Question, state: State, axes: Axes, settings: Settings) -> tuple[str, bool]:
+    """Return what is taken for an empty answer, and whether it is this machine's own."""
+    known = settings.get(question.key, {})
+    names = [""] if axes is None else axes
+    if known and set(names) <= set(known):
+        return " ".join(f"{name}={known[name]}" if name else known[name] for name in names), True
+    return question.default(state, axes or state.get("axes", ())), False
+
+
+def _asked(question: Question, axes: Axes, default: str, terminal: bool) -> tuple[Any, bool]:
+    """Ask until there is an answer, of a pipe once; also tell whether it was the default."""
     where = f"standard input, {question.key}"
     if terminal:
         _show(question, axes)
@@ -149,7 +197,7 @@ def _asked(question: Question, state: State, terminal: bool) -> tuple[Any, bool]
             _tell(f"  {error}")
 
 
-def _show(question: Question, axes: Any) -> None:
+def _show(question: Question, axes: Axes) -> None:
     """Put a question on the screen."""
     about = f"{', '.join(axes)}: " if axes else ""
     kind = question.kind
@@ -184,7 +232,7 @@ def _line(where: str) -> str:
     return line.strip()
 
 
-def _value(question: Question, text: str, axes: Any, where: str) -> Any:
+def _value(question: Question, text: str, axes: Axes, where: str) -> Any:
     return question.kind.one(text, where) if axes is None else by_axis(question.kind, text, axes, where)
 
 

@@ -81,6 +81,7 @@ def shop(tmp_path_factory):
     for name, source in copies.items():
         (folder / name).write_bytes((ROOT / source).read_bytes())
     (folder / "answers.toml").write_text('loop = "load"\nlost_motion = 0.05\n')
+    (folder / "grbl_settings.txt").write_text("$110=2400.000\n$111=2400.000\n$112=600.000\n")
     quick = ("--effort", "0.01")
     compensated = str(folder / "part_compensated.ngc")
     assert main(["convert", str(folder / "part.ngc"), "-m", "router", *quick, "-o", compensated]) == 0

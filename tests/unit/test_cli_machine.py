@@ -172,6 +172,118 @@ def test_answers_may_be_standard_input(capsys, monkeypatch):
     assert tomllib.loads(out)["axes"]["Z"]["lost_motion_mm"] == 0.07
 
 
+# --- the controller's own settings ---
+
+GRBL = """\
+Grbl 1.1h ['$' for help]
+$0=10
+$13=0
+$100=250.000
+$110=2400.000
+$111=1800.000
+$112=600.000
+$120=250.000
+$121=200.000
+$122=100.000
+$130=300.000
+ok
+"""
+
+LINUXCNC = """\
+[EMC]
+MACHINE = mill
+[TRAJ]
+COORDINATES = X Y Z
+LINEAR_UNITS = inch
+MAX_LINEAR_VELOCITY = 9
+[EMCMOT]
+SERVO_PERIOD = 500000   # half a millisecond
+[HAL]
+HALFILE = one.hal
+HALFILE = two.hal
+[AXIS_X]
+MAX_VELOCITY = 4.0
+MAX_ACCELERATION = 30.0
+[JOINT_0]
+MAX_VELOCITY = 3.5
+MAX_ACCELERATION = 35.0
+BACKLASH = 0.002
+[JOINT_1]
+MAX_VELOCITY = 2
+MAX_ACCELERATION = 20
+[JOINT_2]
+max_velocity = 1
+MAX_ACCELERATION = 10
+"""
+
+
+def test_grbls_settings_are_defaults_in_its_units(capsys, tmp_path):
+    file = tmp_path / "settings.txt"
+    file.write_text(GRBL)
+    status, out, _ = run(
+        capsys, *NEW, "--yes", "--settings", str(file), "--lost-motion", "0.1", "--axes", "XZ"
+    )
+    assert status == 0
+    made = tomllib.loads(out)
+    assert made["controller"]["dialect"] == "grbl"
+    assert {axis: keys["max_velocity_mm_s"] for axis, keys in made["axes"].items()} == {"X": 40.0, "Z": 10.0}
+    assert [keys["max_acceleration_mm_s2"] for keys in made["axes"].values()] == [250.0, 100.0]
+    line = next(line for line in out.splitlines() if line.startswith("max_velocity"))
+    assert "assumed" not in line
+    # an answer comes before a setting
+    status, out, _ = run(
+        capsys, *NEW, "--yes", "--settings", str(file), "--speed", "X=50mm/s Y=1mm/s Z=1mm/s"
+    )
+    assert tomllib.loads(out)["axes"]["X"]["max_velocity_mm_s"] == 50.0
+
+
+def test_linuxcncs_settings_are_defaults_in_its_units(capsys, monkeypatch, tmp_path):
+    file = tmp_path / "mill.ini"
+    file.write_text(LINUXCNC)
+    answered(monkeypatch, "", "", "motor", *[""] * 7)
+    status, out, err = run(capsys, *NEW, "--settings", str(file))
+    assert status == 0
+    made = tomllib.loads(out)
+    assert made["controller"] == {"dialect": "linuxcnc", "servo_period_ms": 0.5}
+    # the smaller one of axis and joint, in inches
+    assert [keys["max_velocity_mm_s"] for keys in made["axes"].values()] == [88.9, 50.8, 25.4]
+    assert [keys["max_acceleration_mm_s2"] for keys in made["axes"].values()] == [762.0, 508.0, 254.0]
+    # backlash is said for one axis alone: that of the others is not guessed
+    assert made["axes"]["X"]["lost_motion_mm"] == 0
+    assert "no lost motion of X, Y, Z" in err
+    status, out, err = run(capsys, *NEW, "--settings", str(file), "--axes", "X", "--yes")
+    assert tomllib.loads(out)["axes"]["X"]["lost_motion_mm"] == 0.0508
+    assert "no lost motion" not in err
+    assert f"warning: {file} has BACKLASH of X: the controller compensates too; set it to 0 there" in err
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("G1 X1", "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini file"),
+        ("$110=1.2.3", "$110: no number; expected a number; got '1.2.3'"),
+        (
+            "[TRAJ]\nCOORDINATES = X\n[AXIS_X]\nMAX_VELOCITY = fast",
+            "[AXIS_X] MAX_VELOCITY: no number; expected a number; got 'fast'",
+        ),
+        ("[EMCMOT]\nSERVO_PERIOD = nan", "[EMCMOT] SERVO_PERIOD: no number; expected a number; got 'nan'"),
+    ],
+)
+def test_bad_settings_name_the_place(capsys, tmp_path, text, line):
+    file = tmp_path / "settings.txt"
+    file.write_text(text)
+    status, out, err = run(capsys, *NEW, "--yes", "--settings", str(file))
+    assert (status, out, err) == (2, "", f"ph-post: {file}: {line}\n")
+
+
+def test_a_setting_out_of_bounds_is_refused_like_an_answer(capsys, tmp_path):
+    file = tmp_path / "settings.txt"
+    file.write_text(GRBL.replace("$110=2400.000", "$110=0"))
+    status, out, err = run(capsys, *NEW, "--yes", "--settings", str(file))
+    assert (status, out) == (2, "")
+    assert err.startswith("ph-post: --settings, speed: out of range; expected a speed with its unit")
+
+
 # --- broken interviews ---
 
 BAD = {
