@@ -91,6 +91,7 @@ def settings_of(source: str) -> Settings:
         "acceleration": {axis: f"{value:.7g}mm/s2" for axis, value in found.acceleration.items()},
         "lost_motion": {axis: f"{value:.7g}mm" for axis, value in found.lost_motion.items()},
         "dialect": {"": found.dialect},
+        "axes": {"": "".join(axis for axis in found.speed if axis in found.acceleration) or "XYZ"},
     }
     if found.servo_period is not None:
         settings["servo_period"] = {"": f"{found.servo_period:.7g}ms"}

@@ -53,9 +53,11 @@ def controller_settings(text: Source) -> ControllerSettings:
     ini = dict(_entries(text.text))
     if any(section in ("TRAJ", "EMCMOT") for section, _ in ini):
         return _linuxcnc(ini, text.name)
+    included = "#INCLUDE" in text.text
     raise InputError(
-        text.name, "no settings of a controller", expected="a listing of Grbl's $$, or LinuxCNC's .ini file"
-    )
+        text.name, "no settings of a controller", expected="a listing of Grbl's $$, or LinuxCNC's .ini file",
+        got="a file that includes others, which are not read" if included else "",
+    )  # fmt: skip
 
 
 def _grbl(found: list[tuple[str, str]], name: str) -> ControllerSettings:

@@ -257,9 +257,28 @@ def test_linuxcncs_settings_are_defaults_in_its_units(capsys, monkeypatch, tmp_p
     assert f"warning: {file} has BACKLASH of X: the controller compensates too; set it to 0 there" in err
 
 
+def test_the_axes_are_those_of_the_settings(capsys, tmp_path):
+    # a lathe, and a gantry with two motors on Y, whose Z is its fourth joint
+    for coordinates, joint, axes in (("XZC", 1, {"X": 5.0, "Z": 4.0}), ("X Y Y Z", 3, {"X": 5.0, "Z": 4.0})):
+        file = tmp_path / "machine.ini"
+        file.write_text(
+            f"[TRAJ]\nCOORDINATES = {coordinates}\nLINEAR_UNITS = mm\n"
+            "[JOINT_0]\nMAX_VELOCITY = 5\nMAX_ACCELERATION = 50\n"
+            f"[JOINT_{joint}]\nMAX_VELOCITY = 4\nMAX_ACCELERATION = 40\n"
+        )
+        _, out, _ = run(capsys, *NEW, "--yes", "--settings", str(file))
+        made = tomllib.loads(out)["axes"]
+        assert {axis: keys["max_velocity_mm_s"] for axis, keys in made.items()} == axes
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [
+        (
+            "#INCLUDE other.inc\n[FILTER]\nngc = cat",
+            "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini file; "
+            "got a file that includes others, which are not read",
+        ),
         ("G1 X1", "no settings of a controller; expected a listing of Grbl's $$, or LinuxCNC's .ini file"),
         ("$110=1.2.3", "$110: no number; expected a number; got '1.2.3'"),
         (
