@@ -83,6 +83,11 @@ def command(
       ph-post calibrate -m mill --centre 150,80 --travel 120
       ph-post calibrate -m router.toml -o tests --travel 300,200 --radius 40 --feeds 600,1800,4500
       ph-post calibrate -m mill --axes X,Y,Z --centre 150,80,-40 --travel 100,100,30
+
+    \b
+    JSON:
+      folder, plan  where the programs are, and the file name of the plan
+      programs      a list of {name, file, why, record}
     """
     from ph_post.diagnose.kit import calibration_kit
     from ph_post.diagnose.kitplan import program_file, recording_plan

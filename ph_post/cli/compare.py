@@ -32,6 +32,13 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
       ph-post compare part.json -m router.toml --allow-retrograde --max-slowdown 0.2 --json
       ph-post compare part.json -m stepper --carrier program
       ph-post compare circle -m paper --start moving --plot circle.png
+
+    \b
+    JSON:
+      strategies         a list of {name, error, error_worst, error_gap, cycle_time [s], min_feed [mm/min],
+                         standstill_time [s], retrograde, peak_acceleration, ok, reason, chosen, warnings}
+      error_without_gap  {max, rms} [mm]
+      warnings           a list of sentences
     """
     from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
     from ph_post.compensate.comparison import compare_strategies, without_gap

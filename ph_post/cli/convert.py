@@ -102,6 +102,24 @@ def command(
       ph-post convert part.ngc -m router --in-place --backup
       cat part.ngc | ph-post convert - -m router -o - | sender
       ph-post convert part_compensated.ngc --undo -o part.ngc
+
+    \b
+    JSON:
+      windows        as turning_points of inspect, with strategy, profile and crossings
+      cycle_time     {before, after} [s]
+      error          {before, after}, each {max, rms} [mm]; null where nothing was simulated
+      offsets        largest that is added, by axis [mm]
+      warnings       a list of sentences
+      carrier        what the object tells of: table or program
+      strategy       of a path: its name
+      other_crossings, bias, inverse_dynamics
+                     of a path: what is added beside the windows
+      program        the same object of the program, where -o and --table are given
+      table_error    what a table would reach, where -o stands alone
+      stops, dips    of a part program: how many
+      pulses         of a part program: by axis [mm]
+      verified       of a part program: whether the judge has passed it
+      unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.job import default_strategy, load_and_analyse
     from ph_post.cli.programs import convert_program

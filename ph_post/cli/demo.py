@@ -24,6 +24,18 @@ def command(out: str, as_json: bool) -> int:
     Writes the part program, the interpolator table and a picture into FOLDER, each planned with the strategy
     `auto` after a short search, and prints a line for every turning point of the table: lag of the reversal,
     duration of the backlash, window, how far the feed dips, and how the gap is crossed.
+
+    \b
+    Examples:
+      ph-post demo
+      ph-post demo --out shown
+
+    \b
+    JSON:
+      windows, cycle_time, error, strategy, other_crossings, bias, offsets, inverse_dynamics, warnings
+               as of convert, of the table
+      carrier  table
+      program  the same object of the program
     """
     from msgspec.structs import replace
 

@@ -57,6 +57,18 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
       ph-post diagnose run.csv -m router.toml --program part.ngc --side X=unknown --next ladder.ngc
       ph-post diagnose run.mat -m axis.toml --column X_cmd=qg:m --column X_act=qm:m --json
       ph-post diagnose run.csv -m router.toml -o - | ph-post convert part.ngc -m - -o compensated.ngc
+
+    \b
+    JSON:
+      verdict          named, nothing-missing, ambiguous, unknown or not-identifiable
+      effects          a list of {name, axis, parameters, where, confidence, ambiguous_with}
+      gap              {unit, noise_floor, steps}
+      next_experiment  what would tell more, else null
+      words            the evidence, in sentences
+      places           where the record parts from the model
+      remaining        what is left that nothing explains
+      quality          what the record can show
+      notes, warnings  lists of sentences
     """
     from ph_post.cli.recordings import check_places, read_recording
     from ph_post.diagnose.diagnose import diagnose

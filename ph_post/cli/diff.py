@@ -51,6 +51,18 @@ def command(
       ph-post diff part.ngc part_compensated.ngc
       ph-post diff old.ngc new.ngc --tolerance 0.001 --html diff.html
       ph-post convert part.ngc -m router | ph-post diff part.ngc - -m router --json
+
+    \b
+    JSON:
+      same, identical  whether a machine does the same, and whether the bytes are the same
+      tolerance        [mm]
+      files            {name, sha256, lines, motions, length, declares} of A and B
+      blocks           a list of {kind, a, b, text_a, text_b}
+      geometry         {max_deviation [mm], without_declared, stretches}
+      feed             {stretches}, with feeds [mm/min]
+      time             {a, b, stretches} [s]
+      orders, notes    other commands that differ; what was compared as text
+      error            with -m: contour error of A and B [mm], else null
     """
     from ph_post.audit.diff.compare import compare_programs
     from ph_post.drive.required import require_drives

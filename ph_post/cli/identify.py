@@ -88,6 +88,13 @@ def command(source: str, machine: str | None, output: str | None, as_json: bool,
       ph-post identify run.csv --feedback motor -o machine.toml
       ph-post identify run.csv --feedback load --gear-ratio 2 --screw-lead 5 -o machine.toml
       ph-post identify run.mat --feedback motor --column X_cmd=qg:m --column X_motor=qm:m --json
+
+    \b
+    JSON:
+      axes             parameters with value, stderr and unit, by axis
+      fit              {unit, rms, noise_floor} by axis
+      identifiability  what the record separates, by axis
+      notes, warnings  lists of sentences
     """
     from ph_post.cli.recordings import check_places, read_recording
     from ph_post.diagnose.identify import identify

@@ -30,6 +30,14 @@ def command(
       ph-post inspect part.json -m mill.toml --json
       ph-post inspect part.json --certify
       ph-post inspect part.ngc -m router.toml
+
+    \b
+    JSON:
+      turning_points  a list of {index, kind, segment, xi, axis, sense, position [mm], s [mm],
+                      curvature [1/mm], curvature_dot, curvature_ddot, torsion, radius [mm], note,
+                      window {half_length [mm], limited_by, estimate},
+                      backlash {lag [s], duration [s], standstill_travel [mm]}}
+      certificate     with --certify: {ok, count, found, roots, words}
     """
     from ph_post.cli.job import load_and_analyse
     from ph_post.report.progress import Progress

@@ -24,10 +24,16 @@ COMMANDS = (
     "identify",
     "diagnose",
     "calibrate",
+    "machines",
+    "machine",
+    "completion",
     "demo",
     "paper",
 )
 """Every command, in the order of the help page; each lives in the module of its name."""
+
+COMPLETE_VARIABLE = "_PH_POST_COMPLETE"
+"""Where a shell says that it wants words to be completed; the name is click's for a program `ph-post`."""
 
 
 class LazyGroup(click.Group):
@@ -42,6 +48,10 @@ class LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         command: click.Command = importlib.import_module(f"ph_post.cli.{cmd_name}").command
+        if COMPLETE_VARIABLE in os.environ:
+            from ph_post.cli.complete import complete_by_metavar
+
+            complete_by_metavar(command)
         return command
 
 

@@ -27,6 +27,10 @@ def command(figures: str | None, as_json: bool) -> int:
     Examples:
       ph-post paper
       ph-post paper --figures figures
+
+    \b
+    JSON:
+      numbers  a list of {where, name, value, reference, error, agrees}
     """
     from ph_post.io.atomic import make_folder, write_atomically
     from ph_post.report.paper import number_view, paper_numbers

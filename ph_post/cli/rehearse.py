@@ -47,6 +47,14 @@ def command(
       ph-post rehearse part_compensated.ngc -m router --plot part.png
       ph-post rehearse part_compensated.ngc -m router --backlash --json
       ph-post convert part.ngc -m router | ph-post rehearse - -m router --against part.ngc
+
+    \b
+    JSON:
+      speed     {rms, max, windows}: how far it is from the plan's in the windows, relative
+      path      {max, allowed} [mm]
+      time      {plan, controller, before} [s]
+      error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
+      lockstep  whether it was run period by period, not as time passes
     """
     from ph_post.audit.rehearse import original_of, rehearse
     from ph_post.drive.required import require_drives

@@ -42,8 +42,7 @@ def command(
 
     IN is a path file (.json), the name of a shipped one, a part program (.ngc, .nc, .tap, …) or - for
     standard input, and is planned first as `convert --table` would; or it is an interpolator table (.csv,
-    .npz, .parquet). Of a table the contour
-    error is told where --path names the path it was made for.
+    .npz, .parquet). Of a table the contour error is told where --path names the path it was made for.
 
     What the machine file leaves open is tried: the flank on which an axis stands at first, the pick-up rule,
     and gap, beta and gain off by their uncertainties. `error` is the worse of the first two at the file's
@@ -55,6 +54,17 @@ def command(
       ph-post simulate oval -m mill
       ph-post simulate oval -m mill --strategy suppress --plot oval.png --log oval_log.csv
       ph-post simulate part.csv --path part.json -m mill.toml --json
+
+    \b
+    JSON:
+      cycle_time          [s]
+      error, error_gap    {max, rms} [mm], and what of it the gap adds
+      error_worst         {max, rms} [mm] of the worst machine
+      per_turning_point   a list of {index, axis, sense, s, extreme, error, error_gap}
+      events              a list of {t [s], axis, kind}
+      scenario            the machine that error is of
+      scenarios           every machine that was tried, with its error
+      warnings            a list of sentences
     """
     from ph_post.cli.motion import is_table, log_of, motion_of, print_run, run_motion
     from ph_post.io.atomic import Content, write_atomically

@@ -111,6 +111,14 @@ def command(
       ph-post sweep -m paper --beta 0.5:2:16 --gain 1e5:2e5:21 --json
       ph-post sweep oval -m mill --beta 1,2,4 --gain 1e7:4e7:13:log -o mill.json
       ph-post sweep -m mill --beta 2 --gain 2e7,3e7 --radius 1:99:12:log --feed 200:6000:9:log -o mill.json
+
+    \b
+    JSON:
+      beta, C         the grids
+      duration        a matrix [s], a row for each β; null where there is no such orbit
+      tables          a list of {axis, radius [mm], feed [mm/min], duration, lag [s], position [mm]}
+      machine, axes   what it was worked out for
+      format, version  of the file
     """
     from ph_post.io.atomic import write_atomically
     from ph_post.io.intervalfile import interval_content, interval_view

@@ -37,6 +37,13 @@ def command(original: str, compensated: str, tolerance: float, machine: str | No
       ph-post verify part.ngc part_compensated.ngc
       ph-post verify part.ngc part_compensated.ngc -m router --json
       ph-post convert part.ngc -m router -o - | ph-post verify part.ngc - --tolerance 0.01
+
+    \b
+    JSON:
+      ok        whether it holds
+      failures  a list of what does not
+      found     how many failures there are
+      checked   how much of each kind was looked at
     """
     from ph_post.audit.verify import verify
     from ph_post.io.machinefile import read_machine

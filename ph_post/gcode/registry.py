@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
-from ph_post.gcode.dialect import Dialect
 from ph_post.registry import Registry
+
+if TYPE_CHECKING:  # a shell that completes names loads none of the mathematics
+    from ph_post.gcode.dialect import Dialect
 
 GROUP = "ph_post.dialects"
 
@@ -46,6 +48,8 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
 
 
 def _is_dialect(found: object) -> TypeGuard[Dialect]:
+    from ph_post.gcode.dialect import Dialect
+
     return isinstance(found, Dialect)
 
 

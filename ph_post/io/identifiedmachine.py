@@ -13,7 +13,7 @@ from ph_post.diagnose.identification import Drive, Identification
 from ph_post.diagnose.identifyaxis import PRODUCT
 from ph_post.errors import InputError
 from ph_post.io.machinechange import axis_change
-from ph_post.io.machineedit import edit_axes, written
+from ph_post.io.machineedit import edit_axes, put, written
 from ph_post.io.machinefile import machine_of
 from ph_post.io.machinewrite import log_words, read_back, require_same
 from ph_post.io.source import Source
@@ -104,8 +104,8 @@ def _new_file(found: Identification, log: Log) -> str:
         document.add(tomlkit.comment(line))
     document.add("name", tomlkit.item(machine.name))
     controller = tomlkit.table()
-    _put(controller, "dialect", machine.dialect, "put yours here")
-    _put(controller, "servo_period_ms", written(machine.servo_period / MS), "that of the record")
+    put(controller, "dialect", machine.dialect, "put yours here")
+    put(controller, "servo_period_ms", written(machine.servo_period / MS), "that of the record")
     document.add("controller", controller)
     axes = tomlkit.table(is_super_table=True)
     for name, drive in found.drives.items():
@@ -122,12 +122,12 @@ def _axis_table(axis: Axis, drive: Drive) -> Any:
     for note in drive.notes:
         table.add(tomlkit.comment(note))
     for key, value, comment in (*_drive_rows(axis, drive), *_uncertainty_rows(axis)):
-        _put(table, key, value, comment)
+        put(table, key, value, comment)
     table.add(tomlkit.comment("limits: what the record reached; put those of the machine here"))
     limits = axis.limits
-    _put(table, "max_velocity_mm_s", written(limits.velocity / MM))
-    _put(table, "max_acceleration_mm_s2", written(limits.acceleration / MM))
-    _put(table, "max_jerk_mm_s3", written(limits.jerk / MM))
+    put(table, "max_velocity_mm_s", written(limits.velocity / MM))
+    put(table, "max_acceleration_mm_s2", written(limits.acceleration / MM))
+    put(table, "max_jerk_mm_s3", written(limits.jerk / MM))
     return table
 
 
@@ -172,11 +172,3 @@ def _uncertainty_rows(axis: Axis) -> Iterator[Row]:
     ):
         if value != type(uncertainty)().backlash:
             yield key, value, ""
-
-
-def _put(table: Any, key: str, value: float | str, comment: str = "") -> None:
-    item = tomlkit.item(value)
-    if comment:
-        item.comment(comment)
-        item.trivia.comment_ws = "  "
-    table.add(key, item)

@@ -78,6 +78,15 @@ def written(value: float | str) -> float | str:
     return value if isinstance(value, str) else float(f"{value:.{DIGITS}g}")
 
 
+def put(table: Any, key: str, value: float | str, comment: str = "", column: int = 0) -> None:
+    """Add a key to a table of tomlkit, with its comment at a column, or two blanks behind the value."""
+    item = tomlkit.item(value)
+    if comment:
+        item.comment(comment)
+        item.trivia.comment_ws = " " * max(column - len(f"{key} = {item.as_string()}"), 2)
+    table.add(key, item)
+
+
 def _with_keys(text: str, change: AxisChange) -> str:
     """Set the keys that the file has where they stand, and add the others behind them."""
     document = tomlkit.parse(text)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
-from ph_post.compensate.strategies.base import Strategy
 from ph_post.registry import Registry
+
+if TYPE_CHECKING:  # a shell that completes names loads none of the mathematics
+    from ph_post.compensate.strategies.base import Strategy
 
 GROUP = "ph_post.strategies"
 
@@ -51,6 +53,8 @@ def find_strategy(name: str, where: str = "--strategy") -> Strategy:
 
 
 def _is_strategy(found: object) -> TypeGuard[Strategy]:
+    from ph_post.compensate.strategies.base import Strategy
+
     return isinstance(found, Strategy)
 
 

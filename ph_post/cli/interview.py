@@ -1,0 +1,268 @@
+"""Asking the questions of `ph-post machine new`: from options, a file of answers, a terminal or a pipe.
+
+What options and file answer is not asked. At a terminal a bad answer is told and asked again; elsewhere it
+ends the command, and so does the end of the input. Nothing is written here.
+"""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from ph_post.cli.questions import QUESTIONS, Question, State
+from ph_post.errors import InputError
+from ph_post.io.quantity import Choice, by_axis
+
+if TYPE_CHECKING:
+    from ph_post.io.newmachine import Answers
+
+WELCOME: Final = """\
+Enter takes what stands in [ ]. Of several axes: one value for all, one each (0.03 0.05 0.02), or by name
+(X=0.03 Y=0.05 Z=0.02). Inches as 0.002in. Ctrl-C writes nothing."""
+
+
+_SCREEN: Final = 100
+"""Width of what is told, in characters."""
+
+
+Axes = Sequence[str] | None
+"""Axes that a question is asked for, None for one that is about the machine."""
+
+Settings = Mapping[str, Mapping[str, str]]
+"""What a controller's settings answer, by question and axis ("" for the machine)."""
+
+
+class Given(NamedTuple):
+    """An answer that came with the command, and where it stands."""
+
+    text: str
+    where: str
+
+
+class Outcome(NamedTuple):
+    """Values by question, and the questions whose default was taken."""
+
+    state: State
+    taken: frozenset[str]
+
+
+def answers_of(source: str) -> dict[str, Given]:
+    """Read a file of answers (TOML): question = answer, or a table of axes with one each.
+
+    Raises
+    ------
+    InputError
+        Where it is no TOML, or has a question that is none.
+    """
+    from ph_post.io.check import one_of
+    from ph_post.io.source import read_source
+
+    file = read_source(source)
+    try:
+        raw = tomllib.loads(file.text)
+    except ValueError as error:
+        raise InputError(file.name, f"not valid TOML: {error}") from None
+    known = [question.key for question in QUESTIONS]
+    for key in raw:
+        if key not in known:
+            raise InputError(f"{file.name}: {key}", "no such question", expected=one_of(known, key))
+    return {
+        key: Given(_text(value, f"{file.name}: {key}"), f"{file.name}: {key}") for key, value in raw.items()
+    }
+
+
+def settings_of(source: str) -> Settings:
+    """Read a controller's own settings, as defaults of the questions that they answer.
+
+    Raises
+    ------
+    InputError
+        Where there are none in the file.
+    """
+    from ph_post.io.controllersettings import controller_settings
+    from ph_post.io.source import read_source
+
+    found = controller_settings(read_source(source))
+    settings = {
+        "speed": {axis: f"{value:.7g}mm/s" for axis, value in found.speed.items()},
+        "acceleration": {axis: f"{value:.7g}mm/s2" for axis, value in found.acceleration.items()},
+        "lost_motion": {axis: f"{value:.7g}mm" for axis, value in found.lost_motion.items()},
+        "dialect": {"": found.dialect},
+        "axes": {"": "".join(axis for axis in found.speed if axis in found.acceleration) or "XYZ"},
+    }
+    if found.servo_period is not None:
+        settings["servo_period"] = {"": f"{found.servo_period:.7g}ms"}
+    return settings
+
+
+def twice_compensated(name: str, settings: Settings) -> list[str]:
+    """Warn of a controller that takes the lost motion back by itself: both would be too much."""
+    axes = [axis for axis, text in settings.get("lost_motion", {}).items() if text != "0mm"]
+    if not axes:
+        return []
+    return [f"{name} has BACKLASH of {', '.join(axes)}: the controller compensates too; set it to 0 there"]
+
+
+def conduct(given: Mapping[str, Given], defaults: bool, settings: Settings | None = None) -> Outcome:
+    """Return a value for every question that applies.
+
+    Parameters
+    ----------
+    given : mapping of str to Given
+        What need not be asked, by key.
+    defaults : bool
+        Take the default of everything else instead of asking.
+    settings : mapping, optional
+        Defaults of this machine, by key and axis, in place of the shipped machine's.
+
+    Raises
+    ------
+    InputError
+        Where an answer is bad or missing, and nobody can be asked again.
+    """
+    state: dict[str, Any] = {}
+    taken = set()
+    terminal = sys.stdin is not None and sys.stdin.isatty()
+    welcome = terminal and not defaults
+    for question in QUESTIONS:
+        axes = question.axes(state) if question.axes is not None else None
+        answer = given.get(question.key)
+        if axes is not None and not axes:
+            _refuse_idle(answer)
+            continue
+        default, own = _default(question, state, axes, settings or {})
+        if answer is not None or defaults:
+            place = f"--settings, {question.key}" if own else question.option
+            text, where = (default, place) if answer is None else answer
+            state[question.key] = _value(question, text, axes, where)
+            untouched = answer is None
+        else:
+            if welcome:
+                _tell(WELCOME)
+                welcome = False
+            state[question.key], untouched = _asked(question, axes, default, terminal)
+        if untouched and not own:
+            taken.add(question.key)
+    return Outcome(state, frozenset(taken))
+
+
+def machine_answers(outcome: Outcome) -> Answers:
+    """Sort what was answered by axis."""
+    from ph_post.io.newmachine import Answers, AxisAnswers
+
+    state, taken = outcome
+    axes = {
+        axis: AxisAnswers(
+            feedback=state["loop"][axis],
+            lost_motion_mm=state["lost_motion"][axis],
+            max_velocity_mm_s=state["speed"][axis],
+            max_acceleration_mm_s2=state["acceleration"][axis],
+            c_s=state.get("following_error", {}).get(axis),
+            screw_lead_mm=state.get("lead", {}).get(axis),
+            gear_ratio=state.get("gear", {}).get(axis),
+            taken=taken,
+        )
+        for axis in state["axes"]
+    }
+    return Answers(
+        name=state["name"], dialect=state["dialect"], servo_period_ms=state["servo_period"], axes=axes
+    )
+
+
+def _default(question: Question, state: State, axes: Axes, settings: Settings) -> tuple[str, bool]:
+    """Return what is taken for an empty answer, and whether it is this machine's own."""
+    known = settings.get(question.key, {})
+    names = [""] if axes is None else axes
+    if known and set(names) <= set(known):
+        return " ".join(f"{name}={known[name]}" if name else known[name] for name in names), True
+    return question.default(state, axes or state.get("axes", ())), False
+
+
+def _asked(question: Question, axes: Axes, default: str, terminal: bool) -> tuple[Any, bool]:
+    """Ask until there is an answer, of a pipe once; also tell whether it was the default."""
+    where = f"standard input, {question.key}"
+    if terminal:
+        _show(question, axes)
+    while True:
+        if terminal:
+            _tell(f"  [{default}] ", end="")
+        line = _line(where)
+        try:
+            return _value(question, line or default, axes, question.key if terminal else where), not line
+        except InputError as error:
+            if not terminal:
+                raise
+            _tell(f"  {error}")
+
+
+def _show(question: Question, axes: Axes) -> None:
+    """Put a question on the screen."""
+    about = f"{', '.join(axes)}: " if axes else ""
+    kind = question.kind
+    hint = f"{question.hint} {kind.words.capitalize()}." if isinstance(kind, Choice) else question.hint
+    indented = textwrap.fill(hint, _SCREEN, initial_indent="  ", subsequent_indent="  ")
+    _tell(f"\n{about}{question.ask}\n{indented}")
+
+
+def _tell(text: str, end: str = "\n") -> None:
+    """Talk on standard error: standard output is for the product."""
+    sys.stderr.write(text + end)
+    sys.stderr.flush()
+
+
+def _line(where: str) -> str:
+    """Return the next line without its ends.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or it is no text.
+    """
+    try:
+        line = "" if sys.stdin is None else sys.stdin.readline()
+    except UnicodeDecodeError as error:
+        byte = f"byte 0x{error.object[error.start]:02x}"
+        raise InputError(where, "not text", expected="UTF-8", got=byte) from None
+    if not line:
+        raise InputError(
+            where, "no answer", expected="a line, or --yes for defaults", got="the end of the input"
+        )
+    return line.strip()
+
+
+def _value(question: Question, text: str, axes: Axes, where: str) -> Any:
+    return question.kind.one(text, where) if axes is None else by_axis(question.kind, text, axes, where)
+
+
+def _refuse_idle(answer: Given | None) -> None:
+    """Refuse the answer to a question that this machine does not have: it was meant for another."""
+    if answer is not None:
+        what = "answers nothing on a machine without such a loop"
+        raise InputError(answer.where, what, expected="no such answer", got=repr(answer.text))
+
+
+def _text(value: Any, where: str) -> str:
+    """Return a value of an answer file as a person would type it.
+
+    Raises
+    ------
+    InputError
+        Where it is no text, number, list or table of these.
+    """
+    if isinstance(value, dict):
+        return " ".join(f"{axis}={_text(one, where)}" for axis, one in value.items())
+    if isinstance(value, list):
+        return "; ".join(_items(value, where))
+    if isinstance(value, str | int | float) and not isinstance(value, bool):
+        return str(value)
+    raise InputError(
+        where, "wrong type", expected="a text, a number, or one by axis", got=type(value).__name__
+    )
+
+
+def _items(values: list[Any], where: str) -> Iterator[str]:
+    for one in values:
+        yield _text(one, where)
