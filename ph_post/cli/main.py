@@ -24,6 +24,7 @@ COMMANDS = (
     "identify",
     "diagnose",
     "calibrate",
+    "freecad",
     "demo",
     "paper",
 )
