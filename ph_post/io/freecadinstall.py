@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from ph_post.errors import InputError
-from ph_post.io.atomic import write_atomically
+from ph_post.io.atomic import make_folder, write_atomically
 from ph_post.io.shipped import shipped
 
 POST: Final = "backlash_post"
@@ -97,9 +97,8 @@ def install(folder: str | None = None) -> list[pathlib.Path]:
         raise InputError("freecad --install", "no folder of FreeCAD's was found",
                          expected="FreeCAD to have run once, or --folder FOLDER, where its Macro dialog"
                          " shows the user's macros")  # fmt: skip
-    for one in folders:
-        if folder is None:
-            one.mkdir(parents=True, exist_ok=True)
+    if folder is None:
+        folders = [make_folder(os.fspath(one)) for one in folders]
     text = shipped("freecad", POST).read_text(encoding="utf-8")
     text = text.replace('INSTALLED = ""', f"INSTALLED = {this_command()!r}", 1)
     files = [one / f"{POST}.py" for one in folders]
