@@ -48,7 +48,7 @@ def test_the_copy_knows_where_ph_post_is(tmp_path, monkeypatch):
     copy = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(copy)
     assert not original.INSTALLED
-    assert copy.INSTALLED == this_command()
+    assert this_command() == copy.INSTALLED
     before, after = Path(original.__file__).read_text(), file.read_text()
     changed = [
         pair for pair in zip(before.splitlines(), after.splitlines(), strict=True) if pair[0] != pair[1]
