@@ -73,8 +73,7 @@ def export(objectslist, filename, argstring):
     load = _script_loader()
 
     def plain(objects, more):
-        script = load(told["post"])
-        return _guarded(lambda: script.export(objects, "-", shlex.join(more)), told["post"])
+        return _guarded(lambda: _from_file(load(told["post"]), objects, shlex.join(more)), told["post"])
 
     knows = str(load(told["post"]).tooltipArgs or "")
     text = _finish(plain, objectslist, told, options, knows)
@@ -370,6 +369,16 @@ def _script_loader():
         return Loader.load(name)
 
     return load
+
+
+def _from_file(script, objects, arguments):
+    """Have a script write a file and read it: not all return their program, or know the file name -."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = os.path.join(folder, "program")
+        script.export(objects, place, arguments)
+        with contextlib.suppress(FileNotFoundError), open(place) as file:
+            return file.read()
+    return None
 
 
 def _factory(name, job):

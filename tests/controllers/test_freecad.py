@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(
     COMMAND is None, reason="FreeCAD is not installed here (apt-get install freecad-python3)"
 )
 
-PLAIN, LINES, CURVES = "plain.ngc", "lines.ngc", "curves.ngc"
+PLAIN, LINES, CURVES, GRBL = "plain.ngc", "lines.ngc", "curves.ngc", "grbl.ngc"
 ARGUMENTS = "--machine=router --max-slowdown=1 --no-header"
 REFUSED = {
     "no machine": ("backlash", "--no-header", "no machine; expected --machine=FILE.toml, or a shipped one"),
@@ -40,6 +40,9 @@ REFUSED = {
     "their dialect": ("backlash", "--machine=stepper --post=linuxcnc --strict", "ph-post: stdin:"),
 }  # fmt: skip
 """Arguments that cannot be served, and the line that FreeCAD shows."""
+
+POSTED = 4
+"""Programs before those."""
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +60,7 @@ def posted(tmp_path_factory):
         ("linuxcnc", "--no-header", PLAIN),
         ("backlash", f"{ARGUMENTS} --no-curves", LINES),
         ("backlash", ARGUMENTS, CURVES),
+        ("backlash", "--machine=stepper --max-slowdown=1 --no-header --translate_drill", GRBL),
         *((post, arguments, "kept.ngc") for post, arguments, _ in REFUSED.values()),
     ]
     environment = {
@@ -85,8 +89,8 @@ def moves(text, words):
     return [line for line in text.splitlines() if re.match(rf"({words})\s", line)]
 
 
-def test_all_three_are_posted(posted):
-    assert posted[1]["said"][:3] == ["", "", ""]
+def test_all_programs_are_posted(posted):
+    assert posted[1]["said"][:POSTED] == [""] * POSTED
 
 
 def test_without_curves_only_what_is_declared_differs_from_what_freecad_posts(posted):
@@ -137,6 +141,15 @@ def test_the_spline_reaches_the_program_as_a_spline(posted):
     assert 3 <= len(moves(text, "G5")) < len(sampled) / 5
 
 
+def test_a_grbl_machine_gets_what_freecads_grbl_post_processor_writes_and_no_word_that_grbl_refuses(posted):
+    after = program(posted, GRBL)
+    verdict = verify(original_of(after), after, tolerance=5e-6, machine=read_machine("stepper"))
+    assert verdict.ok, verdict.failures
+    text = after.data.decode()
+    assert "(ph-post: offset X 0.03 mm)" in text
+    assert not moves(text, "G5|G8[1-3]|G64|M0?6")
+
+
 def cubics_of(text):
     """Places on every G5 by de Casteljau's rule, written for this test; shape (n, 2) each."""
     u = np.linspace(0.0, 1.0, 4001)[:, None]
@@ -168,7 +181,7 @@ def to_polyline(places, line):
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_done_is_told_in_freecad_and_writes_nothing(posted, case):
-    said = posted[1]["said"][3 + list(REFUSED).index(case)]
+    said = posted[1]["said"][POSTED + list(REFUSED).index(case)]
     assert REFUSED[case][2] in said
     assert "Traceback" not in said
     assert len(said.splitlines()) <= 3

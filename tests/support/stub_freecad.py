@@ -104,13 +104,14 @@ class Script:
         self.tooltipArgs = "usage: [--no-header] [--no-show-editor] [--precision PRECISION] [--axis-modal]"
 
     def export(self, things, filename, arguments):
-        assert filename == "-"
         if "--preamble" in arguments:
             sys.stderr.write("usage: linuxcnc\nlinuxcnc: error: argument --preamble: expected one argument\n")
             raise SystemExit(2)
         if self.name == "mute":
             return None
-        return written(things, f"{self.name} {arguments}")
+        text = written(things, f"{self.name} {arguments}")
+        Path(filename).write_text(text)
+        return text if self.name == "linuxcnc" else None  # that for Grbl returns nothing
 
 
 class Loader:
