@@ -133,7 +133,7 @@ class Backlash(PostProcessor):
         options = read_arguments(argstring)
         sections = self._buildPostList()
         told = _ask([item for _, items in sections for item in items], options)
-        knows = str(getattr(_factory(told["post"], self._asked_job), "tooltipArgs", "") or "")
+        knows = _help(_factory(told["post"], self._asked_job))
 
         def plain(sublists, more):
             inner = self._inner(told["post"], more, sublists, method)
@@ -150,6 +150,12 @@ class Backlash(PostProcessor):
             inner._machine, inner._dialog_handled = self._machine, True
             _own_defaults(inner, self)
         return inner
+
+
+def _help(inner):
+    """Return the help text of the arguments; of a script in FreeCAD 1.x that is kept beside the general one."""
+    own = getattr(inner, "_tooltipargs", "")
+    return own if isinstance(own, str) and own.strip() else str(getattr(inner, "tooltipArgs", "") or "")
 
 
 def _own_defaults(inner, outer):

@@ -187,12 +187,23 @@ class Grbl(Linuxcnc):
         return [{"name": "preamble", "default": "G90 G21"}]
 
 
+class WrapperPost(PostProcessor):
+    """An old script in FreeCAD 1.x: its help is not what `tooltipArgs` shows."""
+
+    def __init__(self, job):
+        super().__init__(job, "", "", "Metric")
+        self.tooltipArgs, self._tooltipargs = "[--metric]", "[--no-tlo]"
+
+    def export(self):
+        return [(name, written(items, self._job.PostProcessorArgs)) for name, items in self._buildPostList()]
+
+
 class PostProcessorFactory:
     """What makes post-processors by their names."""
 
     @staticmethod
     def get_post_processor(job, name):
-        known = {"linuxcnc": Linuxcnc, "grbl": Grbl}
+        known = {"linuxcnc": Linuxcnc, "grbl": Grbl, "script": WrapperPost}
         return known[name](job) if name in known else None
 
 

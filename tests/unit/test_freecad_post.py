@@ -322,6 +322,14 @@ def test_1_x_gets_sections_with_their_programs(ph_post, monkeypatch):
     assert [command.Name for command in drawn.path.Commands] == ["G0", *["G1"] * 4]
 
 
+def test_a_script_in_1_x_gets_the_arguments_of_its_own_help(ph_post, monkeypatch):
+    post, _ = load_post(monkeypatch, "1.x")
+    job = job_of(("allitems", [operation()]), arguments="-m mill --post=script --no-tlo --strict")
+    found = post.Backlash(job).export()
+    assert found[0][1].splitlines()[1] == "(--no-tlo)"
+    assert "--strict" in calls(ph_post)[1]["words"]
+
+
 def test_1_x_finds_the_class_by_the_name_of_the_file(ph_post, monkeypatch):
     post, _ = load_post(monkeypatch, "1.x")
     assert getattr(post, POST.stem.removesuffix("_post").title()) is post.Backlash
