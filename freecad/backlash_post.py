@@ -153,7 +153,7 @@ class Backlash(PostProcessor):
 
 
 def _help(inner):
-    """Return the help text of the arguments; of a script in FreeCAD 1.x that is kept beside the general one."""
+    """Return the help text of the arguments; of a script in FreeCAD 1.x it stands beside the general one."""
     own = getattr(inner, "_tooltipargs", "")
     return own if isinstance(own, str) and own.strip() else str(getattr(inner, "tooltipArgs", "") or "")
 
