@@ -27,6 +27,7 @@ COMMANDS = (
     "machines",
     "machine",
     "completion",
+    "freecad",
     "demo",
     "paper",
 )

@@ -1,4 +1,4 @@
-"""Where the shipped paths and machines are: inside an installed package, or in the source tree."""
+"""Where shipped paths, machines and post-processors are: in an installed package, or in the source tree."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Final, Literal
 from ph_post.errors import InputError
 from ph_post.io.check import one_of
 
-Kind = Literal["paths", "machines"]
+Kind = Literal["paths", "machines", "freecad"]
 
 _PACKAGE: Final = pathlib.Path(__file__).resolve().parent.parent
 _FOLDERS: Final[dict[Kind, tuple[pathlib.Path, pathlib.Path, str]]] = {
     "paths": (_PACKAGE / "_shipped" / "paths", _PACKAGE.parent / "paths", ".json"),
     "machines": (_PACKAGE / "_shipped" / "machines", _PACKAGE.parent / "samples" / "machines", ".toml"),
+    "freecad": (_PACKAGE / "_shipped" / "freecad", _PACKAGE.parent / "freecad", ".py"),
 }
 
 
