@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ph_post.analysis import Analysis
     from ph_post.compensate.options import Carrier
-    from ph_post.gcode.options import ProgramOptions
     from ph_post.types import Plan
 
 
@@ -36,10 +34,8 @@ if TYPE_CHECKING:
     help=f"With --in-place: keep what was there as part.ngcEND. [{options.BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
-@click.option(
-    "--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before."
-)
-@click.option("--strict", is_flag=True, help="Refuse a program that holds anything which is not understood.")
+@options.force
+@options.strict
 @click.option(
     "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
 )
@@ -58,14 +54,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93).",
 )
-@click.option(
-    "--chord-tolerance", type=options.positive, metavar="MM", help="How far a G1 chord may leave the path."
-)
-@click.option(
-    "--block-time", type=options.positive, metavar="MS", help="Duration of the blocks in ramps and dips."
-)
-@click.option("--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left.")
-@click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
+@options.writing
 @click.option(
     "--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time."
 )
@@ -177,7 +166,7 @@ def _products(
     stage: Callable[[str], None],
 ) -> tuple[dict[str, str | bytes], dict[Carrier, Plan]]:
     """Write plans as what they are for, in memory, and add the writers' warnings to them."""
-    from ph_post.cli.job import program_of, with_warnings
+    from ph_post.cli.job import program_of, program_options, with_warnings
     from ph_post.compensate.offsets import command_of
     from ph_post.io.table import table_content
 
@@ -189,7 +178,7 @@ def _products(
         products[table] = table_content(rows, table)
     if (program := targets["program"]) is not None:
         stage("writing the program")
-        products[program], plan = program_of(analysis, plans["program"], _program_options(how))
+        products[program], plan = program_of(analysis, plans["program"], program_options(how))
         plans = {**plans, "program": with_warnings(plan, *_caveats(plan, plans.get("table")))}
     return products, plans
 
@@ -251,15 +240,6 @@ def _simulated(
         said = table_would_reach(after[0].error, after[1].error)
         plans = {"program": with_warnings(plans["program"], *said)}
     return errors, plans
-
-
-def _program_options(how: dict[str, Any]) -> ProgramOptions:
-    """Gather what concerns the program's text, in SI; what is not given keeps its default."""
-    from ph_post.gcode.options import ProgramOptions
-
-    scale = {"chord_tolerance": MM, "block_time": MS, "safe_z": MM, "depth": MM}
-    given = {name: how[name] * unit for name, unit in scale.items() if how[name] is not None}
-    return ProgramOptions(feed_mode=how["feed_mode"], **given)
 
 
 def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None:
