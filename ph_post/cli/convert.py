@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("source", metavar="IN")
+@click.argument("source", metavar="IN", required=False)
 @options.optional_machine
 @click.option(
     "-o", "--output", metavar="OUT", help="Part program; - for standard output (the default without --table)."
@@ -56,11 +56,20 @@ if TYPE_CHECKING:
 )
 @options.writing
 @click.option(
+    "--watch", metavar="FOLDER",
+    help="In place of IN: convert what is in a folder and what comes into it, until Ctrl-C, "
+    "to the folder of -o or beside it with --suffix.",
+)  # fmt: skip
+@click.option(
+    "--settle", type=options.positive, default=2.0, show_default=True, metavar="S",
+    help="With --watch: a file that has not changed for so long is wholly written.",
+)  # fmt: skip
+@click.option(
     "--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time."
 )
 @options.common
 def command(
-    source: str, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
+    source: str | None, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
 ) -> int:
     """Convert a path file or a part program into a compensated one, a path file also into a table.
 
@@ -82,6 +91,10 @@ def command(
     the program under `program` where both are written. Where -o stands alone it tells of the program, and
     `table_error` is what a table would reach; --no-simulation saves the time for that.
 
+    With --watch a file is taken when it has not changed for a while, again when it changes, and never what
+    was written here. Programs keep their names, that of part.json is part.ngc; a line tells of each. A bad
+    file is named and the next has its turn; what ph-post did not write is not overwritten (--force: is).
+
     \b
     Examples:
       ph-post convert oval -m mill -o oval.ngc
@@ -91,6 +104,7 @@ def command(
       ph-post convert part.ngc -m router --in-place --backup
       cat part.ngc | ph-post convert - -m router -o - | sender
       ph-post convert part_compensated.ngc --undo -o part.ngc
+      ph-post convert --watch from_cam -m router.toml -o to_machine
     """
     from ph_post.cli.job import default_strategy, load_and_analyse
     from ph_post.cli.programs import convert_program
@@ -101,9 +115,11 @@ def command(
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json, print_plans
 
+    everything = {**how, "machine": machine, "output": output, "table": table}
+    if source is None or how["watch"] is not None:
+        return _watch(source, everything, as_json)
     raw = read_raw(or_shipped("paths", source))
     if is_program(raw) and table is None:
-        everything = {**how, "machine": machine, "output": output, "table": table}
         return convert_program(source, raw.data, everything, as_json=as_json)
     _refuse_program_options(how, output if is_program(raw) else None)
     if machine is None:
@@ -126,6 +142,19 @@ def command(
         print_json(view)
     print_plans({str(carrier): plan for carrier, plan in plans.items()}, products)
     return 0
+
+
+def _watch(source: str | None, how: dict[str, Any], as_json: bool) -> int:
+    """Watch a folder in place of converting one file."""
+    if how["watch"] is None:
+        raise click.UsageError("Missing argument 'IN'")
+    if source is not None:
+        raise click.UsageError(f"--watch takes a folder in place of IN; got {source}")
+    if as_json:
+        raise click.UsageError("--json does not go with --watch")
+    from ph_post.cli.watch import watch_folder
+
+    return watch_folder(how["watch"], how)
 
 
 def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:

@@ -23,7 +23,7 @@ FILTER = [
     f"ngc = @FILTER@ -m router.toml --max-slowdown 1 {QUICK}",
     f"json = @FILTER@ --strategy suppress --safe-z 5 --depth -1 {QUICK}",
 ]
-"""Of the two, one names its machine file, by a name beside the INI file, and one finds the one that is there."""
+"""One names its machine file, by a name beside the INI file; the other finds the one that is there."""
 
 
 @pytest.fixture(scope="module")

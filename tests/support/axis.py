@@ -1,4 +1,4 @@
-"""The AXIS screen on a display that nobody sees, with a [FILTER] section, as a user has it in front of him."""
+"""The AXIS screen on a display that nobody sees, with a [FILTER] section, as a user has it before him."""
 
 from __future__ import annotations
 
