@@ -28,6 +28,9 @@ _PATH: Final = ".json"
 _PROGRAM: Final = ".ngc"
 """What the program of a path file ends with."""
 
+WATCHED: Final = (*sorted(ENDINGS), _PATH)
+"""Endings of files that are taken."""
+
 _MARK: Final = re.compile(rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)")
 """How what this package writes says so, within the first lines."""
 
@@ -61,8 +64,8 @@ def watch_folder(folder: str, how: Mapping[str, Any]) -> int:
     read_machine(how["machine"])
     watcher = Watcher(folder, how)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    mine = f", but for files that end in {how['suffix']}" if how["suffix"] else ""
-    _say(f"watching {folder}{mine}; Ctrl-C stops")
+    mine = f", but not *{how['suffix']}.*" if how["suffix"] else ""
+    _say(f"watching {folder} for {' '.join(WATCHED)}{mine}; Ctrl-C stops")
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             watcher.step(time.monotonic())
@@ -122,7 +125,7 @@ class Watcher:
         """Tell inputs by their names from all else, and from what was made of them."""
         stem, ending = os.path.splitext(name)  # noqa: PTH122
         mine = self._suffix is not None and stem.endswith(self._suffix)
-        return not mine and ending.lower() in (*ENDINGS, _PATH)
+        return not mine and ending.lower() in WATCHED
 
     def _require_place(self) -> None:
         if not self._place.is_dir():
