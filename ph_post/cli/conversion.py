@@ -118,11 +118,10 @@ def _convert_path(
 
 def _noted(program: str, warnings: tuple[str, ...], dialect: str) -> str:
     """Put warnings at the head of a program."""
-    from ph_post.gcode.format import comment_lines
     from ph_post.gcode.registry import find_dialect
 
-    longest = find_dialect(dialect).capabilities.max_line
-    notes = [line for word in warnings for line in comment_lines(f"warning: {word}", longest)]
+    remark = find_dialect(dialect).remark
+    notes = [line for word in warnings for line in remark(f"warning: {word}")]
     return "".join(f"{line}\n" for line in notes) + program
 
 

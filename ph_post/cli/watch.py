@@ -31,7 +31,9 @@ _PROGRAM: Final = ".ngc"
 WATCHED: Final = (*sorted(ENDINGS), _PATH)
 """Endings of files that are taken."""
 
-_MARK: Final = re.compile(rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)")
+_MARK: Final = re.compile(
+    rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE
+)
 """How what this package writes says so, within the first lines."""
 
 _HEAD: Final = 1 << 16
