@@ -23,7 +23,10 @@ _INI: Final = "INI_FILE_NAME"
 @click.argument("source", metavar="PATH")
 @options.pipeline
 @click.option(
-    "--quiet", is_flag=True, help="Say nothing on standard error but why it failed; no FILTER_PROGRESS."
+    "--quiet",
+    is_flag=True,
+    help="Say nothing on standard error but why it failed; no FILTER_PROGRESS: for panels of gladevcp, "
+    "which in LinuxCNC 2.9 give up on the first word there.",
 )
 @click.pass_context
 def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool, **how: Any) -> int:

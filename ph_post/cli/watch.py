@@ -104,7 +104,7 @@ class Watcher:
         self._how = how
         self._suffix: str | None = how["suffix"]
         self._folder = Folder(folder, self._wanted, how["settle"])
-        self._folder.ready(0.0)  # whether it is there
+        self._folder.require()
         self._place = pathlib.Path(folder)
         if self._suffix is None:
             self._place = make_folder(how["output"])

@@ -82,6 +82,10 @@ class Folder:
         ]
         return sorted(found, key=lambda name: (looks[name].modified, name))
 
+    def require(self) -> None:
+        """See that the folder is there; raises as :meth:`ready`, and takes no note of its files."""
+        self._looks()
+
     def look(self, name: str) -> Look | None:
         """See what a file looks like; None where there is none."""
         return _look(os.path.join(self.name, name))  # noqa: PTH118 - names as they are, also strange ones

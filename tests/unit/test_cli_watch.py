@@ -116,6 +116,18 @@ def converted(watched, times=2):
     return watched.converted
 
 
+def test_what_is_there_at_the_start_may_be_half_written_too(folders):
+    source, target = folders
+    (source / "part.ngc").write_text(CIRCLE)
+    watched = watcher(source, "-o", target)
+    now = float(next(CLOCK))
+    watched.step(now)
+    watched.step(now + 1.9)
+    assert watched.converted == 0
+    watched.step(now + 2.0)
+    assert watched.converted == 1
+
+
 def test_beside_it_never_takes_what_it_wrote_itself(folders):
     source, _ = folders
     watched = watcher(source, "--suffix", "_bl")
