@@ -19,7 +19,7 @@ from ph_post.drive.required import require_drives
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.controller.moves import moved_axes
 from ph_post.gcode.header import package_version
-from ph_post.gcode.paths.build import paths_of
+from ph_post.gcode.paths.build import line_words, paths_of
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
@@ -36,17 +36,22 @@ from ph_post.types import Machine, frozen
 SHOWN: Final = 3
 """Failures that are told where a program does not pass."""
 
+NOTED: Final = 20
+"""Warnings that the head of a program holds, where it is to hold them."""
+
 
 class Request(msgspec.Struct, frozen=True, kw_only=True):
     """What is asked of a compensation.
 
     `plan` tells the strategy and its limits, `splice` how it is written; with `force` a program that was
-    compensated otherwise before is taken back to its original first.
+    compensated otherwise before is taken back to its original first. With `noted` the head of the program
+    holds the warnings too, for those who see nothing but the program.
     """
 
     plan: PlanOptions
     splice: SpliceOptions
     force: bool = False
+    noted: bool = False
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
@@ -172,7 +177,18 @@ def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: 
     return declare(
         program, edits, machine, dialect, request.splice,
         options_digest=request.digest(machine.dialect), path_mode=mode,
+        notes=_notes(program, edits) if request.noted else (),
     )  # fmt: skip
+
+
+def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:
+    """Warnings for the head of a program; beyond the first ones their number."""
+    passed = (
+        f"{line_words(note.first, note.last)}: {note.what}: passed through as it is" for note in program.notes
+    )
+    words = [f"warning: {word}" for word in (*passed, *edits.warnings)]
+    more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
+    return (*words[:NOTED], *more)
 
 
 def _refusal(name: str, verdict: Verdict) -> PhPostError:

@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ph_post.analysis import Analysis
     from ph_post.compensate.options import Carrier
-    from ph_post.gcode.options import ProgramOptions
     from ph_post.types import Plan
 
 
 @click.command()
-@click.argument("source", metavar="IN")
+@click.argument("source", metavar="IN", required=False)
 @options.optional_machine
 @click.option(
     "-o", "--output", metavar="OUT", help="Part program; - for standard output (the default without --table)."
@@ -36,10 +34,8 @@ if TYPE_CHECKING:
     help=f"With --in-place: keep what was there as part.ngcEND. [{options.BACKUP}]",
 )
 @click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
-@click.option(
-    "--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before."
-)
-@click.option("--strict", is_flag=True, help="Refuse a program that holds anything which is not understood.")
+@options.force
+@options.strict
 @click.option(
     "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
 )
@@ -58,20 +54,22 @@ if TYPE_CHECKING:
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93).",
 )
+@options.writing
 @click.option(
-    "--chord-tolerance", type=options.positive, metavar="MM", help="How far a G1 chord may leave the path."
-)
+    "--watch", metavar="FOLDER",
+    help="In place of IN: convert what is in a folder and what comes into it, until Ctrl-C, "
+    "to the folder of -o or beside it with --suffix.",
+)  # fmt: skip
 @click.option(
-    "--block-time", type=options.positive, metavar="MS", help="Duration of the blocks in ramps and dips."
-)
-@click.option("--safe-z", type=float, metavar="MM", help="Height at which the path is approached and left.")
-@click.option("--depth", type=float, metavar="MM", help="Z at which a planar path is cut; needs --safe-z.")
+    "--settle", type=options.positive, default=2.0, show_default=True, metavar="S",
+    help="With --watch: a file that has not changed for so long is wholly written.",
+)  # fmt: skip
 @click.option(
     "--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time."
 )
 @options.common
 def command(
-    source: str, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
+    source: str | None, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
 ) -> int:
     """Convert a path file or a part program into a compensated one, a path file also into a table.
 
@@ -93,6 +91,10 @@ def command(
     the program under `program` where both are written. Where -o stands alone it tells of the program, and
     `table_error` is what a table would reach; --no-simulation saves the time for that.
 
+    With --watch a file is taken when it has not changed for a while, again when it changes, and never what
+    was written here. Programs keep their names, that of part.json is part.ngc; a line tells of each. A bad
+    file is named and the next has its turn; what ph-post did not write is not overwritten (--force: is).
+
     \b
     Examples:
       ph-post convert oval -m mill -o oval.ngc
@@ -102,6 +104,7 @@ def command(
       ph-post convert part.ngc -m router --in-place --backup
       cat part.ngc | ph-post convert - -m router -o - | sender
       ph-post convert part_compensated.ngc --undo -o part.ngc
+      ph-post convert --watch from_cam -m router.toml -o to_machine
 
     \b
     JSON:
@@ -130,9 +133,11 @@ def command(
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json, print_plans
 
+    everything = {**how, "machine": machine, "output": output, "table": table}
+    if source is None or how["watch"] is not None:
+        return _watch(source, everything, as_json)
     raw = read_raw(or_shipped("paths", source))
     if is_program(raw) and table is None:
-        everything = {**how, "machine": machine, "output": output, "table": table}
         return convert_program(source, raw.data, everything, as_json=as_json)
     _refuse_program_options(how, output if is_program(raw) else None)
     if machine is None:
@@ -155,6 +160,19 @@ def command(
         print_json(view)
     print_plans({str(carrier): plan for carrier, plan in plans.items()}, products)
     return 0
+
+
+def _watch(source: str | None, how: dict[str, Any], as_json: bool) -> int:
+    """Watch a folder in place of converting one file."""
+    if how["watch"] is None:
+        raise click.UsageError("Missing argument 'IN'")
+    if source is not None:
+        raise click.UsageError(f"--watch takes a folder in place of IN; got {source}")
+    if as_json:
+        raise click.UsageError("--json does not go with --watch")
+    from ph_post.cli.watch import watch_folder
+
+    return watch_folder(how["watch"], how)
 
 
 def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
@@ -195,7 +213,7 @@ def _products(
     stage: Callable[[str], None],
 ) -> tuple[dict[str, str | bytes], dict[Carrier, Plan]]:
     """Write plans as what they are for, in memory, and add the writers' warnings to them."""
-    from ph_post.cli.job import program_of, with_warnings
+    from ph_post.cli.job import program_of, program_options, with_warnings
     from ph_post.compensate.offsets import command_of
     from ph_post.io.table import table_content
 
@@ -207,7 +225,7 @@ def _products(
         products[table] = table_content(rows, table)
     if (program := targets["program"]) is not None:
         stage("writing the program")
-        products[program], plan = program_of(analysis, plans["program"], _program_options(how))
+        products[program], plan = program_of(analysis, plans["program"], program_options(how))
         plans = {**plans, "program": with_warnings(plan, *_caveats(plan, plans.get("table")))}
     return products, plans
 
@@ -269,15 +287,6 @@ def _simulated(
         said = table_would_reach(after[0].error, after[1].error)
         plans = {"program": with_warnings(plans["program"], *said)}
     return errors, plans
-
-
-def _program_options(how: dict[str, Any]) -> ProgramOptions:
-    """Gather what concerns the program's text, in SI; what is not given keeps its default."""
-    from ph_post.gcode.options import ProgramOptions
-
-    scale = {"chord_tolerance": MM, "block_time": MS, "safe_z": MM, "depth": MM}
-    given = {name: how[name] * unit for name, unit in scale.items() if how[name] is not None}
-    return ProgramOptions(feed_mode=how["feed_mode"], **given)
 
 
 def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None:

@@ -24,7 +24,7 @@ from ph_post.io.machinefile import read_machine
 from ph_post.io.shipped import or_shipped
 from ph_post.io.source import Raw
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
-from ph_post.units import MM, MM_PER_MIN
+from ph_post.units import MM, MM_PER_MIN, MS
 
 BASELINES: Final = frozenset(("none", "linear", "step"))
 """Strategies that stand for what machines do today, and so do without inverse dynamics."""
@@ -135,3 +135,10 @@ def program_of(analysis: Analysis, plan: Plan, how: ProgramOptions | None = None
     """Return the part program of a plan, and the plan with the writer's warnings added to its own."""
     program = make_program(plan, analysis.track, find_dialect(plan.machine.dialect), how)
     return program.text, with_warnings(plan, *program.warnings)
+
+
+def program_options(how: Mapping[str, Any]) -> ProgramOptions:
+    """Gather what concerns the text of a path's program, in SI; what is not given keeps its default."""
+    scale = {"chord_tolerance": MM, "block_time": MS, "safe_z": MM, "depth": MM}
+    given = {name: how[name] * unit for name, unit in scale.items() if how[name] is not None}
+    return ProgramOptions(feed_mode=how["feed_mode"], **given)

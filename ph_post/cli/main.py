@@ -14,6 +14,8 @@ from ph_post.errors import PhPostError
 
 COMMANDS = (
     "convert",
+    "filter",
+    "slicer",
     "inspect",
     "simulate",
     "compare",
@@ -70,7 +72,7 @@ def cli() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 done, 1 difference or miss, 2 bad usage or input."""
-    state: dict[str, bool] = {}
+    state: dict[str, bool] = {}  # what a command says of itself: "debug", "one_line"
     try:
         result = cli.main(arguments, prog_name="ph-post", standalone_mode=False, obj=state)
     except click.ClickException as error:
@@ -84,12 +86,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PhPostError as error:
         if state.get("debug"):
             traceback.print_exc()
-        return _refuse(str(error), excerpt=getattr(error, "excerpt", ""))
+        return _refuse(str(error), excerpt="" if state.get("one_line") else getattr(error, "excerpt", ""))
     except Exception as error:
         if state.get("debug"):
             traceback.print_exc()
         return _refuse(f"internal error: {type(error).__name__}: {error}; --debug shows where")
     return result if isinstance(result, int) else 0
+
+
+def filter_main() -> int:
+    """Run ``ph-post-filter``, the command that the screens of LinuxCNC call."""
+    return main(["filter", *sys.argv[1:]])
+
+
+def slicer_main() -> int:
+    """Run ``ph-post-slicer``, the command that slicers call."""
+    return main(["slicer", *sys.argv[1:]])
 
 
 def _refuse_stream(error: OSError) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import click
@@ -14,6 +14,9 @@ DEFAULT_TOLERANCE_MM = 0.005
 
 BACKUP = ".bak"
 """Ending of a backup where the user names none."""
+
+MACHINE_VARIABLE = "PH_POST_MACHINE"
+"""Environment variable that names the machine file where no option does."""
 
 
 def _set_debug(ctx: click.Context, _parameter: click.Parameter, value: bool) -> None:
@@ -140,6 +143,56 @@ _PLANNING = (
 
 def planning(function: F) -> F:
     """Add the options that say how the motion along a path is planned, but for the strategy."""
-    for option in reversed(_PLANNING):
-        function = option(function)
+    return _with(_PLANNING, function)
+
+
+_WRITING = (
+    click.option(
+        "--chord-tolerance", type=positive, metavar="MM", help="How far a G1 chord may leave the path."
+    ),
+    click.option(
+        "--block-time", type=positive, metavar="MS", help="Duration of the blocks in ramps and dips."
+    ),
+    click.option(
+        "--safe-z", type=float, metavar="MM",
+        help="Height at which the path of a path file is approached and left.",
+    ),
+    click.option(
+        "--depth", type=float, metavar="MM",
+        help="Z at which a planar path file is cut; needs --safe-z.",
+    ),
+)  # fmt: skip
+
+force = click.option(
+    "--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before."
+)
+
+strict = click.option(
+    "--strict", is_flag=True, help="Refuse a program that holds anything which is not understood."
+)
+
+
+def writing(function: F) -> F:
+    """Add the options that say how a program is written."""
+    return _with(_WRITING, function)
+
+
+_PIPELINE = (
+    click.option(
+        "-m", "--machine", default=None, metavar="MACHINE", envvar=MACHINE_VARIABLE, show_envvar=True,
+        help="Machine file (.toml), or the name of a shipped one.",
+    ),
+    strategy(None, "auto; suppress where a profile is described"),
+    planning, writing, strict, force, debug,
+)  # fmt: skip
+
+
+def pipeline(function: F) -> F:
+    """Add the options of commands that other programs call to have one file converted."""
+    return _with(_PIPELINE, function)
+
+
+def _with(decorators: Sequence[Callable[[F], F]], function: F) -> F:
+    for decorate in reversed(decorators):
+        function = decorate(function)
     return function

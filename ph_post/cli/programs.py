@@ -12,7 +12,11 @@ from ph_post.io.source import STDIN
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from ph_post.audit.deliver import Delivery, Request
     from ph_post.gcode.splice.options import SpliceOptions
+    from ph_post.types import Machine
 
 PATH_ONLY: Final = {
     "feed": "--feed", "safe_z": "--safe-z", "depth": "--depth",
@@ -34,7 +38,7 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
         The command's options by name.
     as_json : bool
     """
-    _refuse_path_options(how)
+    refuse_path_options(how)
     target = choose_target(source, how) or (None if as_json else Target(program="-"))
     if as_json and target is not None and target.program == "-":
         raise click.UsageError("standard output can take one product; got -o and --json")
@@ -46,7 +50,14 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
     return _compensate(name, data, how, target, as_json)
 
 
-def _refuse_path_options(how: dict[str, Any]) -> None:
+def refuse_path_options(how: Mapping[str, Any]) -> None:
+    """Refuse what a part program has of its own.
+
+    Raises
+    ------
+    click.UsageError
+        Where an option is given that is for path files.
+    """
     given = [option for name, option in PATH_ONLY.items() if how[name] is not None]
     given += ["--feed-mode"] if how["feed_mode"] != "per-minute" else []
     given += ["--start moving"] if how["start"] != "rest" else []
@@ -72,25 +83,14 @@ def _undo(name: str, data: bytes, target: Target | None) -> int:
 
 
 def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
-    from ph_post.audit.deliver import Request, deliver
     from ph_post.audit.outcome import weigh
-    from ph_post.cli.job import default_strategy, plan_options
-    from ph_post.gcode.reader.read import read_program
     from ph_post.io.atomic import write_atomically
-    from ph_post.io.machinefile import read_machine
     from ph_post.report.deliveries import delivery_lines, delivery_view
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
-    how = {**how, "strategy": how["strategy"] or default_strategy(how)}
     with Progress() as stage:
-        stage("reading")
-        machine = read_machine(how["machine"])
-        if how["dialect"] is not None:
-            machine = msgspec.structs.replace(machine, dialect=how["dialect"])
-        program = read_program(data, name, strict=how["strict"])
-        request = Request(plan=plan_options(how, "program"), splice=_splice_options(how), force=how["force"])
-        found = deliver(program, machine, request, stage)
+        found, machine, request = deliver_program(name, data, how, stage)
         products = {} if target is None else products_of(target, found.after.data, data)
         outcome = None if how["no_simulation"] else weigh(found, machine, errors=as_json, tell=stage)
         write_atomically(products)
@@ -101,7 +101,44 @@ def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | No
     return 0
 
 
-def _splice_options(how: dict[str, Any]) -> SpliceOptions:
+def deliver_program(
+    name: str, data: bytes, how: Mapping[str, Any], stage: Callable[[str], None], *, noted: bool = False
+) -> tuple[Delivery, Machine, Request]:
+    """Read a part program and the machine file, and compensate the one for the other.
+
+    Parameters
+    ----------
+    name : str
+        The program's, in messages.
+    data : bytes
+    how : mapping
+        The command's options by name.
+    stage : callable
+        Told what is being done.
+    noted : bool, optional
+        Whether the head of the program is to tell the warnings too.
+
+    Raises
+    ------
+    InputError
+        Where program or machine file are bad, and as :func:`ph_post.audit.deliver.deliver`.
+    """
+    from ph_post.audit.deliver import Request, deliver
+    from ph_post.cli.job import default_strategy, plan_options
+    from ph_post.gcode.reader.read import read_program
+    from ph_post.io.machinefile import read_machine
+
+    stage("reading")
+    machine = read_machine(how["machine"])
+    if how["dialect"] is not None:
+        machine = msgspec.structs.replace(machine, dialect=how["dialect"])
+    program = read_program(data, name, strict=how["strict"])
+    plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
+    request = Request(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
+    return deliver(program, machine, request, stage), machine, request
+
+
+def _splice_options(how: Mapping[str, Any]) -> SpliceOptions:
     from ph_post.gcode.splice.options import SpliceOptions
 
     scale = {"chord_tolerance": MM, "block_time": MS, "tolerance": MM, "max_slowdown": 1.0}

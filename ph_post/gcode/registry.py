@@ -14,7 +14,9 @@ GROUP = "ph_post.dialects"
 BUILT_IN = {
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
+    "klipper": "ph_post.gcode.dialects.klipper:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
+    "marlin": "ph_post.gcode.dialects.marlin:DIALECT",
 }
 """What a source tree without installed metadata offers."""
 

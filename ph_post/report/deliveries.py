@@ -16,14 +16,18 @@ from ph_post.units import MM
 
 def delivery_lines(delivery: Delivery, outcome: Outcome | None, products: Iterable[str]) -> Iterator[str]:
     """Say what was changed, what was left alone, and what was written where, a line each."""
-    name = delivery.before.name
-    if delivery.done:
-        yield f"{name}: compensated already for this machine, with these options: kept as it is"
-    else:
-        yield f"{name}: {_changes(delivery)}{_times(delivery, outcome)}"
+    yield summary(delivery, outcome)
     for warning in warnings_of(delivery):
         yield f"warning: {warning}"
     yield from written_lines(products)
+
+
+def summary(delivery: Delivery, outcome: Outcome | None) -> str:
+    """Say in one line what was changed."""
+    name = delivery.before.name
+    if delivery.done:
+        return f"{name}: compensated already for this machine, with these options: kept as it is"
+    return f"{name}: {_changes(delivery)}{_times(delivery, outcome)}"
 
 
 def written_lines(products: Iterable[str]) -> Iterator[str]:

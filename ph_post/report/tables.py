@@ -119,21 +119,26 @@ def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: Text
     `what` tells one plan of a job from another.
     """
     stream = stream or sys.stderr
+    stream.write(plan_summary(plan, what) + "\n")
+    for warning in plan.warnings:
+        stream.write(f"warning: {warning}\n")
+    for product in products:
+        if product != "-":
+            stream.write(f"wrote {product}\n")
+
+
+def plan_summary(plan: Plan, what: str = "") -> str:
+    """Say in one line what a plan does and what time that takes; `what` as in :func:`print_plan`."""
     before, after = cycle_time(plan.nominal), cycle_time(plan.phases)
     chosen = chosen_at(plan)
     left = chosen.pop("none", [])
     done = sum(map(len, chosen.values()))
     kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
     name = plan.path.name + (f", {what}" if what else "")
-    stream.write(
+    return (
         f"{name}: {done} of {done + len(left)} turning points compensated{f' ({kinds})' if kinds else ''}; "
-        f"cycle time {before:.3f} s before, {after:.3f} s after\n"
+        f"cycle time {before:.3f} s before, {after:.3f} s after"
     )
-    for warning in plan.warnings:
-        stream.write(f"warning: {warning}\n")
-    for product in products:
-        if product != "-":
-            stream.write(f"wrote {product}\n")
 
 
 def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: TextIO | None = None) -> None:

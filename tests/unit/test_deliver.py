@@ -7,7 +7,7 @@ from support.compensated import headed
 from support.corpus import stepper
 from support.splicing import with_edits
 
-from ph_post.audit.deliver import Request, deliver
+from ph_post.audit.deliver import NOTED, Request, deliver
 from ph_post.audit.verify import verify
 from ph_post.compensate.options import PlanOptions
 from ph_post.errors import InputError
@@ -15,6 +15,7 @@ from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits, Stop
+from ph_post.gcode.splice.undo import undo
 from ph_post.units import MM
 
 
@@ -105,3 +106,17 @@ def test_a_rapid_beside_axes_that_are_nowhere_known_is_part_of_the_path():
     program = read_program(b"G21 G90\nG1 Z-21.5 F600\nZ-24.5\nG0 Z-22\nG1 Z-25\nM2\n", "part.ngc")
     assert all(np.isfinite(path.s).all() for path in paths_of(program))
     assert len(paths_of(program)) == 1
+
+
+def test_a_head_tells_the_warnings_where_nobody_sees_them_elsewhere():
+    """The first ones; the rest by their number. It is the same job as without them."""
+    odd = "".join(f"#{k}=1\nG4 P0.1\n" for k in range(1, 31))
+    text = f"G21 G90 G64 P0.005\n{odd}G0 X0 Y0 Z5\nG1 Z0 F300\nX9\nY9\nX0\nY0\nM2\n"
+    request = replace(asked(), noted=True)
+    found = delivered(text, request=request).after.data
+    notes = [line for line in found.splitlines() if line.startswith(b"(ph-post: note ")]
+    assert notes[0] == b"(ph-post: note warning: line 2: parameter: _1=1: passed through as it is)"
+    assert notes[NOTED].endswith(b" more warnings)")
+    assert len(notes) == NOTED + 1
+    assert undo(found, "part.ngc") == text.encode()
+    assert delivered(found.decode()).done

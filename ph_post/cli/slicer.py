@@ -1,0 +1,108 @@
+"""``ph-post slicer``: what slicers call on the program that they have just written."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import pathlib
+from typing import Any, Final
+
+import click
+
+from ph_post.cli import options
+from ph_post.errors import InputError
+
+_NAME: Final = "SLIC3R_PP_OUTPUT_NAME"
+"""Slicers hand over a temporary file; this is what it will be called: a path, or a name on a print host."""
+
+_HOST: Final = "SLIC3R_PP_HOST"
+"""Where the program goes: "File", or a kind of print host."""
+
+_BINARY: Final = b"GCDE"
+"""How binary G-code begins."""
+
+
+@click.command()
+@click.argument("source", metavar="PATH")
+@options.pipeline
+@click.option(
+    "--backup", is_flag=True,
+    help="Keep the original too, beside the program where a slicer writes a file, else beside PATH: "
+    f"part.gcode{options.BACKUP}, or with a number behind it where that holds another program.",
+)  # fmt: skip
+@click.pass_context
+def command(ctx: click.Context, /, source: str, machine: str | None, backup: bool, **how: Any) -> int:
+    """Compensate the program at PATH in place, as the post-processing script of a slicer.
+
+    PATH is a part program, whatever its name ends with. It is replaced as a whole, or on any failure left
+    byte for byte as it was: then there is one line on standard error, which slicers show, and exit status 2.
+    The machine file is that of -m, or else the one that the environment variable PH_POST_MACHINE names.
+    `ph-post-slicer` is the same command under a name of its own.
+
+    PrusaSlicer, SuperSlicer and OrcaSlicer tell the name that the program will have in SLIC3R_PP_OUTPUT_NAME,
+    by which messages call it, and in SLIC3R_PP_HOST where it goes: where that is File, a backup is written
+    beside it. The name stays as it is. Their field for post-processing scripts takes this line:
+
+    \b
+      /home/me/ph_post/.venv/bin/ph-post-slicer -m /home/me/printer.toml
+
+    \b
+    Examples:
+      ph-post slicer -m stepper part.gcode
+      ph-post-slicer -m router.toml --backup --max-slowdown 0.25 part.gcode
+    """
+    from ph_post.cli.conversion import convert_part, hushed
+    from ph_post.io.atomic import write_atomically
+    from ph_post.io.source import Raw, read_raw
+
+    ctx.ensure_object(dict)["one_line"] = True
+    if machine is None:
+        raise InputError(
+            "machine", "no machine file is named", expected=f"-m FILE, or {options.MACHINE_VARIABLE}"
+        )
+    name = os.environ.get(_NAME) or source
+    data = _program(source, name, read_raw(source).data)
+    with hushed():
+        found = convert_part(
+            Raw(name=name, stem="", data=data), {**how, "machine": machine}, lambda _stage: None
+        )
+    products: dict[str, str | bytes] = {source: found.data}
+    if backup and found.data != data:
+        products = {_free(_final(source, name), data): data, **products}
+    if found.data != data:
+        write_atomically(products)
+    for line in (*found.lines, *(f"wrote {place}" for place in products if found.data != data)):
+        click.echo(line, err=True)
+    return 0
+
+
+def _program(source: str, name: str, data: bytes) -> bytes:
+    """See that there is a program in text.
+
+    Raises
+    ------
+    InputError
+        Where the file is empty, binary, or not to be written.
+    """
+    if not data.strip():
+        raise InputError(name, "the file is empty", expected="a part program")
+    if data.startswith(_BINARY):
+        raise InputError(name, "binary G-code", expected="text: binary G-code switched off in the slicer")
+    if not os.access(source, os.W_OK):
+        raise InputError(name, "cannot be written", got="a write-protected file")
+    return data
+
+
+def _final(source: str, name: str) -> str:
+    """Return the place that the program will have in the end, as far as that is on this machine."""
+    return name if os.environ.get(_HOST) == "File" and pathlib.Path(name).is_absolute() else source
+
+
+def _free(place: str, data: bytes) -> str:
+    """Return a name for a backup that is free, or holds these bytes already."""
+    first = place + options.BACKUP
+    for name in itertools.chain((first,), (f"{first}{number}" for number in itertools.count(2))):
+        there = pathlib.Path(name)
+        if not os.path.lexists(there) or (there.is_file() and there.read_bytes() == data):
+            return name
+    raise AssertionError(name)

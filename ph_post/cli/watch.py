@@ -1,0 +1,225 @@
+"""``ph-post convert --watch``: what comes into a folder is converted, for senders that call nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+import re
+import signal
+import time
+from collections.abc import Mapping
+from typing import Any, Final
+
+import click
+
+from ph_post.cli.conversion import Converted, convert_input, hushed
+from ph_post.errors import InputError, PhPostError
+from ph_post.io.atomic import make_folder, write_atomically
+from ph_post.io.folderwatch import Folder, Look
+from ph_post.io.inputs import ENDINGS
+from ph_post.io.machinefile import read_machine
+from ph_post.io.source import Raw, read_raw
+
+POLL: Final = 0.5
+"""Time between two looks at the folder [s]."""
+
+_PATH: Final = ".json"
+_PROGRAM: Final = ".ngc"
+"""What the program of a path file ends with."""
+
+WATCHED: Final = (*sorted(ENDINGS), _PATH)
+"""Endings of files that are taken."""
+
+_MARK: Final = re.compile(
+    rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE
+)
+"""How what this package writes says so, within the first lines."""
+
+_HEAD: Final = 1 << 16
+
+_UNFIT: Final = {
+    "table": "--table", "in_place": "--in-place", "backup": "--backup", "undo": "--undo",
+}  # fmt: skip
+
+
+def watch_folder(folder: str, how: Mapping[str, Any]) -> int:
+    """Convert what comes into a folder until the user, or the system, says stop.
+
+    Parameters
+    ----------
+    folder : str
+    how : mapping
+        The options of ``convert`` by name, with `machine` and `output` or `suffix`.
+
+    Returns
+    -------
+    int
+        0: it was stopped by Ctrl-C or SIGTERM.
+
+    Raises
+    ------
+    InputError
+        Where the folder, that of the outputs or the machine file are bad, or one of the folders vanishes.
+    """
+    _refuse_unfit(how)
+    read_machine(how["machine"])
+    watcher = Watcher(folder, how)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    mine = f", but not *{how['suffix']}.*" if how["suffix"] else ""
+    _say(f"watching {folder} for {' '.join(WATCHED)}{mine}; Ctrl-C stops")
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            watcher.step(time.monotonic())
+            time.sleep(POLL)
+    _say(f"stopped; {watcher.converted} converted, {watcher.refused} refused")
+    return 0
+
+
+def _refuse_unfit(how: Mapping[str, Any]) -> None:
+    given = [option for name, option in _UNFIT.items() if how[name]]
+    if given:
+        raise click.UsageError(f"{given[0]} does not go with --watch")
+    if how["machine"] is None:
+        raise click.UsageError("Missing option '-m' / '--machine'")
+    if (how["output"] is None) == (how["suffix"] is None):
+        raise click.UsageError("--watch needs a place for the programs: -o FOLDER or --suffix END")
+    if how["output"] in ("", "-"):
+        raise click.UsageError(f"-o needs the name of a folder with --watch; got {how['output']!r}")
+    if how["suffix"] is not None and (not how["suffix"] or set(how["suffix"]) & {"/", os.sep}):
+        raise click.UsageError(f"--suffix needs an end for the file's name; got {how['suffix']!r}")
+
+
+class Watcher:
+    """Converts the files of one folder, each as often as it changes.
+
+    Parameters
+    ----------
+    folder : str
+    how : mapping
+        As for :func:`watch_folder`.
+    """
+
+    def __init__(self, folder: str, how: Mapping[str, Any]) -> None:
+        self._how = how
+        self._suffix: str | None = how["suffix"]
+        self._folder = Folder(folder, self._wanted, how["settle"])
+        self._folder.require()
+        self._place = pathlib.Path(folder)
+        if self._suffix is None:
+            self._place = make_folder(how["output"])
+            if self._place.resolve() == pathlib.Path(folder).resolve():
+                raise InputError(
+                    how["output"], "the watched folder itself", expected="another folder, or --suffix END"
+                )
+        self._written: dict[pathlib.Path, str] = {}
+        self.converted, self.refused = 0, 0
+
+    def step(self, now: float) -> None:
+        """Look at the folder once, and convert what is ready."""
+        for name in self._folder.ready(now):
+            self._require_place()
+            look = self._folder.look(name)
+            if look is not None:
+                self._attempt(name, look)
+
+    def _wanted(self, name: str) -> bool:
+        """Tell inputs by their names from all else, and from what was made of them."""
+        stem, ending = os.path.splitext(name)  # noqa: PTH122
+        mine = self._suffix is not None and stem.endswith(self._suffix)
+        return not mine and ending.lower() in WATCHED
+
+    def _require_place(self) -> None:
+        if not self._place.is_dir():
+            raise InputError(str(self._place), "the folder for the programs is not there any more")
+
+    def _attempt(self, name: str, look: Look) -> None:
+        """Convert one file, and tell how it went; whatever is wrong with it, the next has its turn."""
+        try:
+            self._convert(name, look)
+        except click.ClickException as error:
+            words = f"ph-post: {name}: {error.format_message()}"
+        except PhPostError as error:
+            words = f"ph-post: {error}"
+        except Exception as error:
+            words = f"ph-post: {name}: internal error: {type(error).__name__}: {error}"
+        else:
+            return
+        if self._folder.look(name) != look:
+            return  # it has gone, or is written to: nobody wants to know what was wrong with it meanwhile
+        self._folder.take(name, look)
+        self.refused += 1
+        _say(" ".join(words.split()))
+
+    def _convert(self, name: str, look: Look) -> None:
+        """Convert one file, unless it changes meanwhile: then it has its turn later."""
+        raw = read_raw(os.path.join(self._folder.name, name))  # noqa: PTH118
+        target = self._target(name)
+        if self._is_there(target, raw):
+            found, lines = None, [f"{raw.name}: {target} is there already"]
+        else:
+            with hushed():
+                found = convert_input(raw, self._how, _silent)
+            self._require_free(target, raw, found)
+            said = found.said if found.said.startswith(raw.name) else f"{raw.name}: {found.said}"
+            lines = [f"{said}; wrote {target}", *found.lines[1:]]
+        if self._folder.look(name) != look:
+            return
+        if found is not None:
+            write_atomically({str(target): found.data})
+            self.converted += 1
+        self._written[target] = name
+        self._folder.take(name, look)
+        for line in lines:
+            _say(line)
+
+    def _target(self, name: str) -> pathlib.Path:
+        """Name the program that is made of a file."""
+        stem, ending = os.path.splitext(name)  # noqa: PTH122
+        ending = _PROGRAM if ending.lower() == _PATH else ending
+        return self._place / f"{stem}{self._suffix or ''}{ending}"
+
+    def _is_there(self, target: pathlib.Path, raw: Raw) -> bool:
+        """Whether the program is there from an earlier run, made of these bytes for this machine."""
+        known = raw.name.endswith(_PATH) or target in self._written
+        if known or self._how["force"] or not _is_ours(_bytes(target)):
+            return False
+        with contextlib.suppress(PhPostError), hushed():
+            found = convert_input(Raw(name=target.name, stem="", data=_bytes(target)), self._how, _silent)
+            return found.done and found.original == raw.data
+        return False
+
+    def _require_free(self, target: pathlib.Path, raw: Raw, found: Converted) -> None:
+        """See that nothing is lost that was not made here.
+
+        Raises
+        ------
+        InputError
+            Where the place is taken by the program of another file, or by something that somebody else wrote.
+        """
+        other = self._written.get(target)
+        if other not in (None, os.path.basename(raw.name)) and self._folder.look(str(other)):  # noqa: PTH119
+            raise InputError(raw.name, f"its program would overwrite that of {other}", got=str(target))
+        there = _bytes(target)
+        known = other is not None or there in (b"", raw.data, found.data) or _is_ours(there)
+        if not (known or self._how["force"]):
+            raise InputError(
+                str(target), "is there already, and not written by ph-post",
+                expected="that file moved away, or --force",
+            )  # fmt: skip
+
+
+def _bytes(place: pathlib.Path) -> bytes:
+    return place.read_bytes() if place.is_file() else b""
+
+
+def _is_ours(data: bytes) -> bool:
+    return _MARK.search(data[:_HEAD]) is not None
+
+
+def _silent(_stage: str) -> None:
+    """Say nothing: a line a file is enough."""
+
+
+def _say(words: str) -> None:
+    click.echo(words, err=True)
