@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import keyword
 import os
 import sys
 import traceback
@@ -14,6 +15,7 @@ from ph_post.errors import PhPostError
 
 COMMANDS = (
     "convert",
+    "import",
     "inspect",
     "simulate",
     "compare",
@@ -27,7 +29,7 @@ COMMANDS = (
     "demo",
     "paper",
 )
-"""Every command, in the order of the help page; each lives in the module of its name."""
+"""Every command, in the order of the help page; each in the module of its name, `import` in `import_`."""
 
 
 class LazyGroup(click.Group):
@@ -41,7 +43,8 @@ class LazyGroup(click.Group):
         """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"ph_post.cli.{cmd_name}").command
+        module = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
+        command: click.Command = importlib.import_module(f"ph_post.cli.{module}").command
         return command
 
 
