@@ -92,7 +92,8 @@ class _Chainer:
                 self._free[number] = False
                 chain = self._grow(list(shapes))
                 if not is_loop(chain, self._tolerance):
-                    chain = turned(self._grow(turned(chain)))
+                    before = self._grow(turned(chain))[len(chain) :]
+                    chain = [*turned(before), *chain]
                 yield chain
 
     def _grow(self, chain: list[Shape]) -> list[Shape]:

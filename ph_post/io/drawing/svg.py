@@ -160,6 +160,8 @@ class _Walk:
             except UnclearError as error:
                 found.leave_out(f"{node.tag} with {error}")
                 return
+            if not runs:
+                found.leave_out(f"{node.tag} without length")
             for shapes in runs:
                 found.add(shapes, context.matrix, context.layer, f"{node.tag} at line {node.line}")
 
