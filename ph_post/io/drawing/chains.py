@@ -6,7 +6,7 @@ lies the other way round is turned.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import msgspec
@@ -197,13 +197,30 @@ def in_order(contours: Sequence[Contour], layers: Sequence[str], nearest: bool) 
     place = np.zeros(3)
     for layer in dict.fromkeys((*layers, *(contour.layer for contour in contours))):
         group = [contour for contour in contours if contour.layer == layer]
-        starts = np.array([contour.shapes[0].start for contour in group]).reshape(-1, 3)
-        free = np.ones(len(group), dtype=np.bool_)
-        for number in range(len(group)):
-            if nearest:
-                away = np.where(free, ((starts - place) ** 2).sum(axis=1), np.inf)
-                number = int(np.argmin(away))  # noqa: PLW2901 - the order is made here
-            free[number] = False
-            ordered.append(group[number])
-            place = group[number].shapes[-1].end
+        if nearest and group:
+            group = [group[number] for number in _nearest_next(group, place)]
+        ordered.extend(group)
+        place = group[-1].shapes[-1].end if group else place
     return ordered
+
+
+def _nearest_next(group: Sequence[Contour], place: Array) -> Iterator[int]:
+    """Yield the numbers of contours, each the one whose start is nearest to where the last one ends."""
+    from scipy.spatial import cKDTree
+
+    left = np.arange(len(group))
+    starts = np.array([contour.shapes[0].start for contour in group])
+    free = np.ones(len(group), dtype=np.bool_)
+    while left.size:
+        tree = cKDTree(starts[left])
+        for _ in range((left.size + 1) // 2):  # then the tree is half empty, and planted anew
+            count, found = 4, left[:0]
+            while not found.size:
+                near = np.atleast_1d(tree.query(place, min(count, left.size))[1])
+                found = left[near][free[left[near]]]
+                count *= 4
+            number = int(found[0])
+            free[number] = False
+            yield number
+            place = group[number].shapes[-1].end
+        left = left[free[left]]

@@ -20,8 +20,10 @@ from ph_post.io.drawing.record import UNITS, Drawing, Run
 from ph_post.io.drawing.shapes import Shape, transformed
 from ph_post.io.drawing.write import path_text
 from ph_post.io.pathfile import path_of
+from ph_post.io.pathsegment import MAX_LENGTH
 from ph_post.io.source import STDIN, Source
 from ph_post.types import Path
+from ph_post.units import MM
 
 DEFAULT_FEED: Final = Fraction(1000)
 """Feed where none is given [mm/min]; `convert --feed` sets another."""
@@ -86,6 +88,7 @@ def import_drawing(drawing: Drawing, file: str, stem: str, wish: Wish) -> Import
     unit, factor = _unit(drawing, file, wish, notes)
     mm = float(UNITS[unit])
     runs = [msgspec.structs.replace(run, shapes=_scaled(run.shapes, factor)) for run in drawing.runs]
+    _require_near(runs, file, mm)
     runs, points = chains.without_points(runs, 2.0 * SAME / mm)
     if points:
         drawing = _also_left_out(drawing, "entities without length", points)
@@ -128,6 +131,18 @@ def _require_something(drawing: Drawing, runs: Sequence[Run], file: str, wish: W
         raise InputError(file, what, expected="lines, arcs or curves", got=names or "an empty drawing")
     if wish.strict and names:
         raise InputError(file, "some of the drawing cannot be taken, and --strict is given", got=names)
+
+
+def _require_near(runs: Sequence[Run], file: str, mm: float) -> None:
+    """Refuse what lies where no machine reaches, before numbers lose their digits."""
+    most = MAX_LENGTH / MM / mm
+    for run in runs:
+        size = max(float(np.abs(shape.points).max()) for shape in run.shapes)
+        if size > most:
+            raise InputError(
+                f"{file}: {run.name}", "a coordinate is too large", expected=f"at most {most * mm:g} mm",
+                got=f"{size * mm:.6g} mm",
+            )  # fmt: skip
 
 
 def _also_left_out(drawing: Drawing, what: str, times: int) -> Drawing:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.io.drawing.dxfcurves import FaultError, shapes_of
-from ph_post.io.drawing.record import MAX_DEPTH, Collector, Drawing
+from ph_post.io.drawing.record import MAX_DEPTH, MAX_ENTITIES, Collector, Drawing
 from ph_post.types import Array
 
 if TYPE_CHECKING:
@@ -31,7 +31,11 @@ if TYPE_CHECKING:
 UNIT_CODES: Final = {1: "inch", 2: "ft", 4: "mm", 5: "cm", 6: "m", 9: "mil", 13: "um"}
 """Units by the codes of $INSUNITS; no workpiece is drawn in the others."""
 
+MAX_RECORDS: Final = 5 * MAX_ENTITIES
+"""Most entities, vertices and table entries, which are counted before ezdxf makes objects of them."""
+
 _UNIT = re.compile(r"^\s*9\s*\n\s*\$INSUNITS\s*\n\s*70\s*\n\s*(-?\d+)\s*$", re.MULTILINE)
+_RECORD = re.compile(r"^ *0 *\n *[A-Z]", re.MULTILINE)
 _HIDDEN = "hidden (layer off or frozen, or invisible)"
 
 
@@ -174,6 +178,8 @@ def _document(text: str, file: str, told: _Told) -> Document:
     try:
         if text.rstrip().rpartition("\n")[2].strip() != "EOF":
             raise InputError(file, "the DXF drawing ends too early", expected="EOF in the last line")
+        if sum(1 for _ in _RECORD.finditer(text)) > MAX_RECORDS:
+            raise InputError(file, "the drawing is too large", expected=f"at most {MAX_RECORDS} records")
         return ezdxf.read(io.StringIO(text))  # type: ignore[attr-defined]
     except InputError:
         raise

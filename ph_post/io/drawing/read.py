@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from ph_post.errors import InputError
 from ph_post.io.drawing.record import MAX_BYTES, Drawing
+from ph_post.io.exact import quoted
 from ph_post.io.source import STDIN, Raw, read_raw, told_errors
 
 Kind = Literal["DXF", "SVG"]
@@ -89,7 +90,9 @@ def _kind(raw: Raw) -> Kind:
     words = head.split(None, 2)
     if words[:1] in ([b"0"], [b"999"]):
         return "DXF"
-    raise InputError(raw.name, "this is no drawing", expected="DXF or SVG", got=repr(head[:20])[1:])
+    raise InputError(
+        raw.name, "this is no drawing", expected="DXF or SVG", got=quoted(head[:20].decode("latin-1"))
+    )
 
 
 def _raw(source: str | os.PathLike[str]) -> Raw:

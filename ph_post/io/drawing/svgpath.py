@@ -20,6 +20,7 @@ from ph_post.io.drawing import shapes
 from ph_post.io.drawing.shapes import Shape
 from ph_post.io.drawing.svgsize import NUMBER
 from ph_post.io.drawing.xmltree import Node
+from ph_post.io.exact import quoted
 from ph_post.types import Array
 
 View = tuple[float, float] | None
@@ -78,7 +79,7 @@ def transform_of(node: Node, file: str) -> Array:
     if _TRANSFORM.fullmatch(text) is None:
         raise InputError(
             f"{file}:{node.line}", "transform is not understood",
-            expected="matrix, translate, scale, rotate, skewX or skewY of numbers", got=text[:60],
+            expected="matrix, translate, scale, rotate, skewX or skewY of numbers", got=quoted(text),
         )  # fmt: skip
     from svgelements import Matrix
 
@@ -131,7 +132,7 @@ def _subpaths(text: str) -> Runs:
 
 def shown(text: str, end: int) -> str:
     """Show the part of a text round a place."""
-    return f"{' '.join(text[max(0, end - 20) : end + 20].split())!r}"
+    return quoted(" ".join(text[max(0, end - 20) : end + 20].split()))
 
 
 def _segment(segment: Any) -> Shape | None:

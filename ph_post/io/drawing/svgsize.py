@@ -18,6 +18,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.io.drawing.record import UNITS
+from ph_post.io.exact import quoted
 from ph_post.types import Array
 
 NUMBER: Final = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
@@ -73,7 +74,7 @@ def length(text: str, whole: float | None) -> float:
 def _exact(text: str, whole: Fraction | None) -> Fraction:
     match = _LENGTH.fullmatch(text)
     if match is None or len(text) > 100:
-        raise UnclearError(f"{text[:40]!r} for a length")
+        raise UnclearError(f"{quoted(text)} for a length")
     number, unit = _number(match[1]), match[2].lower()
     if unit == "%" and whole is not None:
         return number / 100 * whole
@@ -105,11 +106,13 @@ def view_box(attributes: Mapping[str, str], where: str) -> Box | None:
         return None
     match = _FOUR.fullmatch(text)
     if match is None or len(text) > 400:
-        raise InputError(where, "viewBox is not understood", expected="four numbers", got=text[:40])
+        raise InputError(where, "viewBox is not understood", expected="four numbers", got=quoted(text))
     x, y, width, height = map(_number, match.groups())
     box = Box(x=x, y=y, width=width, height=height)
     if box.width <= 0 or box.height <= 0:
-        raise InputError(where, "viewBox has no area", expected="a width and a height above 0", got=text[:40])
+        raise InputError(
+            where, "viewBox has no area", expected="a width and a height above 0", got=quoted(text)
+        )
     return box
 
 
@@ -125,7 +128,7 @@ def fit(
     """
     match = _FIT.fullmatch(how)
     if match is None:
-        raise UnclearError(f"{how[:40]!r} for preserveAspectRatio")
+        raise UnclearError(f"{quoted(how)} for preserveAspectRatio")
     sx, sy = width / box.width, height / box.height
     tx, ty = Fraction(0), Fraction(0)
     if match[1] is None:
