@@ -9,8 +9,9 @@ import pytest
 from support.drawings import dxf, entity, imported, lwpolyline, point, sampled
 from support.streams import without_progress
 
+from ph_post.cli.import_ import UNIT_NAMES
 from ph_post.cli.main import main
-from ph_post.io.drawing.record import MAX_BYTES, MAX_ENTITIES
+from ph_post.io.drawing.record import MAX_BYTES, MAX_ENTITIES, UNITS
 from ph_post.io.pathfile import read_path
 
 DRAWINGS = Path(__file__).resolve().parents[2] / "samples" / "drawings"
@@ -175,3 +176,7 @@ def test_a_drawing_goes_through_to_a_compensated_program(capsys, tmp_path):
     assert {point["axis"] for point in points} == {"X", "Y"}
     assert main(["convert", str(path), "-m", "router", "--strategy", "suppress", "-o", str(program)]) == 0
     assert "G2" in program.read_text()
+
+
+def test_the_option_takes_every_unit_there_is():
+    assert set(UNIT_NAMES) == set(UNITS)

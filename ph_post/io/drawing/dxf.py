@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.io.drawing.dxfcurves import FaultError, shapes_of
+from ph_post.io.drawing.dxfcurves import FaultError, faults_told, shapes_of, value_of
 from ph_post.io.drawing.record import MAX_DEPTH, MAX_ENTITIES, Collector, Drawing
 from ph_post.types import Array
 
@@ -33,6 +33,9 @@ UNIT_CODES: Final = {1: "inch", 2: "ft", 4: "mm", 5: "cm", 6: "m", 9: "mil", 13:
 
 MAX_RECORDS: Final = 5 * MAX_ENTITIES
 """Most entities, vertices and table entries, which are counted before ezdxf makes objects of them."""
+
+MOST_TOLD: Final = 5
+"""Most warnings of ezdxf that are passed on word for word."""
 
 _UNIT = re.compile(r"^\s*9\s*\n\s*\$INSUNITS\s*\n\s*70\s*\n\s*(-?\d+)\s*$", re.MULTILINE)
 _RECORD = re.compile(r"^ *0 *\n *[A-Z]", re.MULTILINE)
@@ -69,8 +72,10 @@ def read_dxf(data: bytes, file: str, layers: Sequence[str] = ()) -> Drawing:
     told = _Told()
     document = _document(text, file, told)
     found = Collector(file, layers)
-    for message in told.messages:
+    for message in told.messages[:MOST_TOLD]:
         found.note(f"ezdxf: {message}")
+    if len(told.messages) > MOST_TOLD:
+        found.note(f"ezdxf: {len(told.messages) - MOST_TOLD} more of the kind")
     for layout in document.layouts:
         if layout.name != "Model" and len(layout):
             found.leave_out("in paper space", sum(1 for entity in layout if entity.dxftype() != "VIEWPORT"))
@@ -101,7 +106,7 @@ class _Walk:
                 self._entity(entity, layer, where)
 
     def _layer_of(self, entity: Any, where: _Where) -> str:
-        layer = str(entity.dxf.get("layer", "0"))
+        layer = str(value_of(entity, "layer", "0"))
         layer = self._layers.get(layer.casefold(), layer)
         return where.layer if layer == "0" else layer
 
@@ -110,10 +115,12 @@ class _Walk:
         found.count(layer, kind)
         if not found.wants(layer):
             return
-        if layer not in found.layers and (where.hidden or entity.dxf.get("invisible", 0) or self._off(layer)):
+        if layer not in found.layers and (
+            where.hidden or value_of(entity, "invisible", 0) or self._off(layer)
+        ):
             found.leave_out(_HIDDEN)
             return
-        name = f"{kind} {entity.dxf.get('handle', '')}".rstrip()
+        name = f"{kind} {value_of(entity, 'handle', '')}".rstrip()
         try:
             shapes, matrix = shapes_of(entity, found)
         except FaultError as fault:
@@ -122,23 +129,39 @@ class _Walk:
         found.add(shapes, where.matrix @ matrix, layer, name)
 
     def _insert(self, insert: Insert, layer: str, where: _Where) -> None:
-        found, name = self._found, str(insert.dxf.name)
+        found = self._found
         found.count(layer, "INSERT")
+        try:
+            with faults_told():
+                block, number = insert.block(), insert.mcount
+        except FaultError as fault:
+            found.leave_out(f"INSERT, {fault}")
+            return
         if insert.attribs and found.wants(layer):
             found.leave_out("ATTRIB", len(insert.attribs))
-        block = insert.block()
         if block is None or block.block is None or block.block.is_xref:
             found.leave_out("INSERT of a block that is not in the file")
             return
+        name = str(insert.dxf.name)
         if name in where.blocks or len(where.blocks) >= MAX_DEPTH:
             raise InputError(f"{found.file}: INSERT {insert.dxf.handle}", f"block {name} holds itself")
-        hidden = bool(
-            where.hidden or insert.dxf.get("invisible", 0) or self._hidden.get(layer.casefold(), (False,))[0]
-        )
-        found.spend(max(0, insert.mcount - 1))
-        for one in insert.multi_insert() if insert.mcount > 1 else (insert,):
-            matrix = where.matrix @ np.array(list(one.matrix44()), dtype=np.float64).reshape(4, 4).T
-            self.walk(block, _Where(matrix=matrix, layer=layer, blocks=(*where.blocks, name), hidden=hidden))
+        frozen = self._hidden.get(layer.casefold(), (False,))[0]
+        inside = _Where(
+            matrix=where.matrix, layer=layer, blocks=(*where.blocks, name),
+            hidden=bool(where.hidden or insert.dxf.get("invisible", 0) or frozen),
+        )  # fmt: skip
+        found.spend(max(0, number - 1))
+        for one in insert.multi_insert() if number > 1 else (insert,):
+            self._block(one, block, inside)
+
+    def _block(self, insert: Insert, block: Iterable[Any], where: _Where) -> None:
+        try:
+            with faults_told():
+                matrix = np.array(list(insert.matrix44()), dtype=np.float64).reshape(4, 4).T
+        except FaultError as fault:
+            self._found.leave_out(f"INSERT, {fault}")
+            return
+        self.walk(block, msgspec.structs.replace(where, matrix=where.matrix @ matrix))
 
     def _off(self, layer: str) -> bool:
         return any(self._hidden.get(layer.casefold(), (False,)))

@@ -7,9 +7,10 @@ References
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -31,6 +32,22 @@ class FaultError(Exception):
     """Why an entity does not become part of the path; empty where its kind is reason enough."""
 
 
+@contextlib.contextmanager
+def faults_told() -> Iterator[None]:
+    """Turn what ezdxf and arithmetic raise over missing, impossible and endless values into a fault."""
+    from ezdxf.lldxf.const import DXFError
+
+    try:
+        yield
+    except (DXFError, ArithmeticError, AttributeError, TypeError, ValueError) as error:
+        raise FaultError(f"which cannot be read ({' '.join(str(error).split())[:80]})") from None
+
+
+def value_of(entity: Any, name: str, default: Any) -> Any:
+    """Return an attribute of an entity, which need not have one of this name."""
+    return entity.dxf.get(name, default) if entity.dxf.is_supported(name) else default
+
+
 def shapes_of(entity: Any, found: Collector) -> Shapes:
     """Return the shapes of an entity, and the map from its coordinates to the world's.
 
@@ -39,16 +56,12 @@ def shapes_of(entity: Any, found: Collector) -> Shapes:
     FaultError
         Where it is not understood.
     """
-    from ezdxf.lldxf.const import DXFError
-
     build = _BUILDERS.get(entity.dxftype())
     if build is None:
         raise FaultError
-    try:
+    with faults_told():
         made = build(entity, found)
-    except (DXFError, ValueError) as error:  # an attribute or a count that ezdxf will not have
-        raise FaultError(f"which cannot be read ({' '.join(str(error).split())[:80]})") from None
-    if entity.dxf.is_supported("thickness") and entity.dxf.get("thickness", 0.0):
+    if value_of(entity, "thickness", 0.0):
         found.leave_out(f"thickness of a {entity.dxftype()}")
     return made
 

@@ -7,6 +7,8 @@ import pathlib
 from collections.abc import Sequence
 from typing import Final, Literal
 
+import numpy as np
+
 from ph_post.errors import InputError
 from ph_post.io.drawing.record import MAX_BYTES, Drawing
 from ph_post.io.exact import quoted
@@ -49,13 +51,15 @@ def read_drawing(
         One line: where it is missing, damaged, too large, or no drawing.
     """
     raw = _raw(source)
-    if kind_of(raw) == "SVG":
-        from ph_post.io.drawing.svg import read_svg
+    # what leaves a double's range is met by the checks, not by a warning
+    with np.errstate(all="ignore"):
+        if kind_of(raw) == "SVG":
+            from ph_post.io.drawing.svg import read_svg
 
-        return read_svg(raw.data, raw.name, layers, unit)
-    from ph_post.io.drawing.dxf import read_dxf
+            return read_svg(raw.data, raw.name, layers, unit)
+        from ph_post.io.drawing.dxf import read_dxf
 
-    return read_dxf(raw.data, raw.name, layers)
+        return read_dxf(raw.data, raw.name, layers)
 
 
 def kind_of(raw: Raw) -> Kind:

@@ -122,11 +122,11 @@ class Collector:
         InputError
             Where a coordinate is not a number.
         """
-        if not all(map(is_finite, shapes)):
+        mapped = tuple(transformed(shape, matrix) for shape in shapes if is_finite(shape))
+        if len(mapped) < len(shapes) or not all(map(is_finite, mapped)):
             raise InputError(
                 f"{self.file}: {name}", "a coordinate is not a number", expected="finite numbers"
             )
-        mapped = tuple(transformed(shape, matrix) for shape in shapes)
         if mapped:
             self.runs.append(Run(shapes=mapped, layer=layer, name=name))
         else:

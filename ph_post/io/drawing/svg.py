@@ -220,6 +220,7 @@ class _Walk:
         except UnclearError as error:
             self._found.leave_out(f"{node.tag} with {error}")
             return
+        self._found.note("inner views (<svg>, <symbol>) are taken whole, not cut off at their edges")
         self.children(node, msgspec.structs.replace(context, matrix=context.matrix @ matrix, view=view))
 
     def _size(self, node: Node, size: Node, axis: int, context: _Context) -> float:

@@ -83,7 +83,11 @@ def transform_of(node: Node, file: str) -> Array:
         )  # fmt: skip
     from svgelements import Matrix
 
-    made = Matrix(text)
+    try:
+        made = Matrix(text)
+    except (ArithmeticError, ValueError):
+        where = f"{file}:{node.line}"
+        raise InputError(where, "a coordinate is not a number", expected="finite numbers") from None
     matrix[:2, :2] = [[made.a, made.c], [made.b, made.d]]
     matrix[:2, 3] = made.e, made.f
     return matrix
@@ -109,7 +113,15 @@ def path_runs(node: Node, _view: View, file: str) -> Runs:
         )  # fmt: skip
     if not all(abs(float(word)) < LARGEST for word in ONE.findall(text)):
         raise InputError(f"{file}:{node.line}", "a coordinate is not a number", expected="finite numbers")
-    yield from _subpaths(text)
+    try:
+        yield from _subpaths(text)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        raise InputError(
+            f"{file}:{node.line}",
+            "an arc of the path has no shape",
+            expected="radii above 0",
+            got=shown(text, 20),
+        ) from None
 
 
 def _subpaths(text: str) -> Runs:

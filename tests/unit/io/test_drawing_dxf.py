@@ -15,6 +15,7 @@ from support.drawings import block, dxf, ellipse, entity, insert, lwpolyline, po
 from ph_post.errors import InputError
 from ph_post.io.drawing.convert import Wish, import_drawing
 from ph_post.io.drawing.dxf import read_dxf
+from ph_post.io.drawing.read import read_drawing
 from ph_post.io.drawing.record import MAX_ENTITIES
 
 WORLD = 1e-9
@@ -327,3 +328,23 @@ def test_a_layers_name_in_an_old_code_page_is_read():
     text = dxf(entity("LINE", point((0, 0)), point((1, 0), 11), layer="Fräsen"), version="AC1015")
     text = text.replace("9\n$INSUNITS", "9\n$DWGCODEPAGE\n3\nANSI_1252\n9\n$INSUNITS", 1)
     assert read_dxf(text.encode("cp1252"), "a.dxf").runs[0].layer == "Fräsen"
+
+
+def test_damaged_values_are_told_and_nothing_breaks(tmp_path):
+    """What ezdxf hands on without a look: missing points, names and layers, endless angles."""
+    arc = entity("ARC", point((1, 1, 0)), (40, 2.0), (50, "inf"), (51, 70.0))
+    text = dxf(
+        entity("LINE", point((0, 0)), point((1, 0), 11)),
+        arc,
+        entity("INSERT", point((0, 0))),
+        [(0, "70"), (8, "0")],
+    )
+    drawing = read_dxf(text.encode(), "a.dxf")
+    assert len(drawing.runs) == 1
+    assert sum(drawing.left_out.values()) == 3
+    far = dxf(
+        insert("P", (0, 0), 1e300, 1e300), blocks=[block("P", entity("CIRCLE", point((9, 0)), (40, 1e200)))]
+    )
+    with pytest.raises(InputError, match="a coordinate is not a number"):
+        (tmp_path / "far.dxf").write_text(far)
+        read_drawing(tmp_path / "far.dxf")

@@ -69,6 +69,13 @@ def test_a_path_of_every_command():
     assert points[13][16] == pytest.approx(up((80, 35)), abs=WORLD)
 
 
+def test_an_arc_without_a_radius_is_straight():
+    for radii in ("0 0", "0 5", "5 0"):
+        kinds, points = shape_of(svg(f'<path d="M0 0A{radii} 0 0 0 4 4"/>'))
+        assert kinds == ["line"]
+        assert points[0][-1] == pytest.approx(up((4, 4)))
+
+
 def spec_center(start, end, rx, ry, turn, large, sweep):
     """Centre and radii of an arc by SVG 1.1 F.6.5 and F.6.6, in 50 digits."""
     with mp.workdps(50):
@@ -236,11 +243,12 @@ def test_what_is_not_understood_is_named_with_its_count():
     ("body", "told"),
     [
         ('<path d="M0 0 L10"/>', "a.svg:1: path data is not understood; expected SVG path commands"),
-        ('<path d="M0 0 L1 1 X"/>', "got 'M0 0 L1 1 X'"),
+        ('<path d="M0 0 L1 1 X"/>', 'got "M0 0 L1 1 X"'),
         ('<path d="M0 0 L NaN 3"/>', "path data is not understood"),
         ('<path d="M0 0 L 1e999 3"/>', "a coordinate is not a number"),
         ('<path d="L0 0"/>', "path data is not understood"),
         ('<path d="M0 0A1 1 0 2 0 4 4"/>', "path data is not understood"),
+        ('<g transform="rotate(1e999)"><path d="M0 0h1"/></g>', "a coordinate is not a number"),
         ('<polygon points="0,0 1"/>', "points are not understood; expected pairs of numbers"),
         ('<g transform="rotate(4deg)"><path d="M0 0h1"/></g>', "transform is not understood"),
         ('<g transform="scale(1,2,3)"><path d="M0 0h1"/></g>', "transform is not understood"),
