@@ -151,20 +151,29 @@ class _Walk:
             hidden=bool(where.hidden or insert.dxf.get("invisible", 0) or frozen),
         )  # fmt: skip
         found.spend(max(0, number - 1))
-        for one in insert.multi_insert() if number > 1 else (insert,):
-            self._block(one, block, inside)
-
-    def _block(self, insert: Insert, block: Iterable[Any], where: _Where) -> None:
         try:
-            with faults_told():
-                matrix = np.array(list(insert.matrix44()), dtype=np.float64).reshape(4, 4).T
+            matrices = _places(insert, number)
         except FaultError as fault:
-            self._found.leave_out(f"INSERT, {fault}")
+            found.leave_out(f"INSERT, {fault}")
             return
-        self.walk(block, msgspec.structs.replace(where, matrix=where.matrix @ matrix))
+        for matrix in matrices:
+            self.walk(block, msgspec.structs.replace(inside, matrix=where.matrix @ matrix))
 
     def _off(self, layer: str) -> bool:
         return any(self._hidden.get(layer.casefold(), (False,)))
+
+
+def _places(insert: Insert, number: int) -> list[Array]:
+    """Return the maps of an insert's rows and columns, shape (4, 4) each.
+
+    Raises
+    ------
+    FaultError
+        Where its values are missing or impossible.
+    """
+    with faults_told():
+        each = list(insert.multi_insert()) if number > 1 else [insert]
+        return [np.array(list(one.matrix44()), dtype=np.float64).reshape(4, 4).T for one in each]
 
 
 class _Told(logging.Handler):
