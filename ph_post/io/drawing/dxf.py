@@ -68,6 +68,8 @@ def read_dxf(data: bytes, file: str, layers: Sequence[str] = ()) -> Drawing:
     InputError
         Where it is damaged, too large, or holds numbers that are none.
     """
+    # on its first import ezdxf looks for fonts, and warns where it cannot keep what it found
+    logging.getLogger("ezdxf").addHandler(logging.NullHandler())
     text = _text(data)
     told = _Told()
     document = _document(text, file, told)
