@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import keyword
 import os
 import sys
 import traceback
@@ -16,6 +17,7 @@ COMMANDS = (
     "convert",
     "filter",
     "slicer",
+    "import",
     "inspect",
     "simulate",
     "compare",
@@ -33,7 +35,7 @@ COMMANDS = (
     "demo",
     "paper",
 )
-"""Every command, in the order of the help page; each lives in the module of its name."""
+"""Every command, in the order of the help page; each in the module of its name, `import` in `import_`."""
 
 COMPLETE_VARIABLE = "_PH_POST_COMPLETE"
 """Where a shell says that it wants words to be completed; the name is click's for a program `ph-post`."""
@@ -55,6 +57,8 @@ class LazyGroup(click.Group):
             from ph_post.cli.complete import complete_by_metavar
 
             complete_by_metavar(command)
+        module = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
+        command: click.Command = importlib.import_module(f"ph_post.cli.{module}").command
         return command
 
 

@@ -1,0 +1,240 @@
+"""From a drawing to a path file: unit, scale and origin, contours in order; read back before it is given."""
+
+from __future__ import annotations
+
+import hashlib
+import pathlib
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Final, Literal
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.io.drawing import chains
+from ph_post.io.drawing.chains import Contour, Joining
+from ph_post.io.drawing.extents import extents_of
+from ph_post.io.drawing.joints import SAME
+from ph_post.io.drawing.record import UNITS, Drawing, Run
+from ph_post.io.drawing.shapes import Shape, transformed
+from ph_post.io.drawing.write import path_text
+from ph_post.io.pathfile import path_of
+from ph_post.io.pathsegment import MAX_LENGTH
+from ph_post.io.source import STDIN, Source
+from ph_post.types import Path
+from ph_post.units import MM
+
+DEFAULT_FEED: Final = Fraction(1000)
+"""Feed where none is given [mm/min]; `convert --feed` sets another."""
+
+DEFAULT_JOIN: Final = 0.01
+"""Distance up to which ends belong together [mm]."""
+
+KEPT: Final = ("mm", "m", "inch")
+"""Units that a path file has: a drawing's numbers stay as they are."""
+
+Origin = Literal["drawing", "corner", "center"] | tuple[float, float]
+
+
+class Wish(msgspec.Struct, frozen=True, kw_only=True):
+    """What the user asked for; lengths in mm, the feed in mm/min."""
+
+    layers: tuple[str, ...] = ()
+    unit: str | None = None
+    scale: Fraction = Fraction(1)
+    feed: Fraction | None = None
+    join: float = DEFAULT_JOIN
+    axes: Literal["XY", "XYZ"] = "XY"
+    origin: Origin = "drawing"
+    closed: bool = False
+    nearest: bool = True
+    strict: bool = False
+
+
+class Imported(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The path file's text, the path it reads as, and what there is to say."""
+
+    text: str
+    path: Path
+    contours: tuple[Contour, ...]
+    joining: Joining
+    unit: str
+    drawing: Drawing
+    notes: tuple[str, ...]
+
+
+def name_of(source: str) -> tuple[str, str]:
+    """Return what messages call a drawing, and a name for its content.
+
+    Examples
+    --------
+    >>> name_of("parts/plate.dxf"), name_of("-")
+    (('parts/plate.dxf', 'plate'), ('stdin', 'stdin'))
+    """
+    return ("stdin", "stdin") if source == STDIN else (source, pathlib.Path(source).stem)
+
+
+def import_drawing(drawing: Drawing, file: str, stem: str, wish: Wish) -> Imported:
+    """Make a path file of a drawing, and read it back.
+
+    Raises
+    ------
+    InputError
+        Where nothing is left to import, the unit is not known, or a wish cannot be granted.
+    """
+    notes = list(drawing.notes)
+    _require_known(drawing, file, wish)
+    unit, factor = _unit(drawing, file, wish, notes)
+    mm = float(UNITS[unit])
+    runs = [msgspec.structs.replace(run, shapes=_scaled(run.shapes, factor)) for run in drawing.runs]
+    _require_near(runs, file, mm)
+    runs, points = chains.without_points(runs, 2.0 * SAME / mm)
+    if points:
+        drawing = _also_left_out(drawing, "entities without length", points)
+    _require_something(drawing, runs, file, wish)
+    runs = _level(runs, file, wish, mm, notes)
+    joining = chains.join(runs, wish.join / mm, SAME / mm)
+    contours = tuple(chains.in_order(joining.contours, wish.layers, wish.nearest))
+    if wish.closed:
+        _require_closed(contours, file, wish, mm, unit)
+    contours = _moved(contours, wish, mm)
+    feed = wish.feed if wish.feed is not None else DEFAULT_FEED
+    if wish.feed is None:
+        notes.append(f"the feed is {DEFAULT_FEED} mm/min, as a drawing has none; --feed sets another")
+    notes.extend(_told(joining, wish, mm))
+    text = path_text(contours, unit, feed / UNITS[unit], wish.axes, (stem, pathlib.Path(file).name))
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    path = path_of(Source(name=f"{file}, imported", stem=stem, text=text, digest=digest))
+    return Imported(
+        text=text,
+        path=path,
+        contours=contours,
+        joining=joining,
+        unit=unit,
+        drawing=drawing,
+        notes=tuple(notes),
+    )
+
+
+def _require_known(drawing: Drawing, file: str, wish: Wish) -> None:
+    missing = [layer for layer in wish.layers if layer not in drawing.found]
+    if missing:
+        known = ", ".join(sorted(drawing.found)) or "none"
+        raise InputError(file, f"there is nothing on layer {missing[0]!r}", expected=f"one of {known}")
+
+
+def _require_something(drawing: Drawing, runs: Sequence[Run], file: str, wish: Wish) -> None:
+    names = ", ".join(f"{count} {what}" for what, count in drawing.left_out.items())
+    if not runs:
+        what = "there is nothing to cut in the drawing"
+        raise InputError(file, what, expected="lines, arcs or curves", got=names or "an empty drawing")
+    if wish.strict and names:
+        raise InputError(file, "some of the drawing cannot be taken, and --strict is given", got=names)
+
+
+def _require_near(runs: Sequence[Run], file: str, mm: float) -> None:
+    """Refuse what lies where no machine reaches, before numbers lose their digits."""
+    most = MAX_LENGTH / MM / mm
+    for run in runs:
+        size = max(float(np.abs(shape.points).max()) for shape in run.shapes)
+        if not size <= most:
+            raise InputError(
+                f"{file}: {run.name}", "a coordinate is too large", expected=f"at most {most * mm:g} mm",
+                got=f"{size * mm:.6g} mm",
+            )  # fmt: skip
+
+
+def _also_left_out(drawing: Drawing, what: str, times: int) -> Drawing:
+    return msgspec.structs.replace(drawing, left_out={**drawing.left_out, what: times})
+
+
+def _unit(drawing: Drawing, file: str, wish: Wish, notes: list[str]) -> tuple[str, Fraction]:
+    """Return the path file's unit, and what the drawing's numbers are multiplied by."""
+    unit = wish.unit or drawing.unit
+    if unit is None:
+        raise InputError(
+            file,
+            "the drawing does not tell its unit",
+            expected="--units mm, or another of " + ", ".join(UNITS),
+        )
+    if wish.unit and drawing.unit and wish.unit != drawing.unit:
+        notes.append(f"the drawing says {drawing.unit}, and is taken in {wish.unit}, as --units says")
+    if unit in KEPT:
+        return unit, wish.scale
+    return "mm", wish.scale * UNITS[unit]
+
+
+def _scaled(shapes: Sequence[Shape], factor: Fraction) -> tuple[Shape, ...]:
+    if factor == 1:
+        return tuple(shapes)
+    up, down = float(factor.numerator), float(factor.denominator)
+    with np.errstate(over="ignore"):  # met by _require_near
+        return tuple(msgspec.structs.replace(shape, points=shape.points * up / down) for shape in shapes)
+
+
+def _level(runs: Sequence[Run], file: str, wish: Wish, mm: float, notes: list[str]) -> list[Run]:
+    """Take a flat drawing down to the height 0; refuse one that is not flat, unless heights are kept."""
+    if wish.axes == "XYZ":
+        return list(runs)
+    heights = [float(z) for run in runs for shape in run.shapes for z in shape.points[:, 2]]
+    low, high = min(heights) * mm, max(heights) * mm
+    if high - low > wish.join:
+        raise InputError(
+            file, "the drawing is not flat", expected="one height, or --axes XYZ to keep the heights",
+            got=f"heights from {low:.6g} to {high:.6g} mm",
+        )  # fmt: skip
+    if low != 0.0 or high != 0.0:
+        notes.append(
+            f"the drawing lies at a height of {0.5 * (low + high):.6g} mm, which X and Y do not show"
+        )
+    flat = np.diag([1.0, 1.0, 0.0, 1.0])
+    return [
+        msgspec.structs.replace(run, shapes=tuple(transformed(shape, flat) for shape in run.shapes))
+        for run in runs
+    ]
+
+
+def _require_closed(contours: Sequence[Contour], file: str, wish: Wish, mm: float, unit: str) -> None:
+    still = [contour for contour in contours if not contour.closed]
+    if still:
+        ends = [still[0].shapes[0].start, still[0].shapes[-1].end]
+        gap = float(np.linalg.norm(ends[1] - ends[0])) * mm
+        shown = " and ".join(f"({point[0]:.6g}, {point[1]:.6g})" for point in ends)
+        raise InputError(
+            f"{file}: layer {still[0].layer}", f"{len(still)} of {len(contours)} contours are open",
+            expected=f"ends within --join {wish.join:g} mm",
+            got=f"ends at {shown} {unit}, {gap:.6g} mm apart",
+        )  # fmt: skip
+
+
+def _moved(contours: tuple[Contour, ...], wish: Wish, mm: float) -> tuple[Contour, ...]:
+    """Shift contours so that the origin lies where it was asked for."""
+    if wish.origin == "drawing":
+        return contours
+    if isinstance(wish.origin, tuple):
+        origin = np.array([*wish.origin, 0.0]) / mm
+    else:
+        box = extents_of(shape for contour in contours for shape in contour.shapes)
+        assert box is not None
+        origin = box[0] if wish.origin == "corner" else 0.5 * (box[0] + box[1])
+        origin[2] = 0.0
+    shift = np.eye(4)
+    shift[:3, 3] = -origin
+    return tuple(
+        msgspec.structs.replace(contour, shapes=tuple(transformed(shape, shift) for shape in contour.shapes))
+        for contour in contours
+    )
+
+
+def _told(joining: Joining, wish: Wish, mm: float) -> list[str]:
+    told = []
+    if joining.gaps:
+        bridged = f", {joining.bridges} of them by a line" if joining.bridges else ""
+        told.append(
+            f"{joining.gaps} gaps up to {joining.largest_gap * mm:.3g} mm closed (--join {wish.join:g} mm)"
+            f"{bridged}; no point moved by more than {joining.moved * mm:.3g} mm"
+        )
+    if joining.forks:
+        told.append(f"at {joining.forks} places more than two ends meet; the straightest way was taken")
+    return told

@@ -1,0 +1,207 @@
+"""Lengths of an SVG drawing, its view box, and the map from user units to the page in mm, y upwards.
+
+References
+----------
+.. [1] Scalable Vector Graphics (SVG) 1.1 (Second Edition), W3C 2011: 4.2 (lengths), 7 (coordinates).
+.. [2] CSS Values and Units Level 3, W3C: 6.2, an inch is 96 px.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.io.drawing.record import UNITS
+from ph_post.io.exact import quoted
+from ph_post.types import Array
+
+NUMBER: Final = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
+
+USER_UNITS: Final = {
+    "": Fraction(1), "px": Fraction(1), "in": Fraction(96), "cm": Fraction(4800, 127),
+    "mm": Fraction(480, 127), "q": Fraction(120, 127), "pt": Fraction(4, 3), "pc": Fraction(16),
+}  # fmt: skip
+"""User units to a unit of length [2]_."""
+
+_LENGTH = re.compile(rf"\s*({NUMBER})\s*([a-zA-Z]*|%)\s*")
+_FOUR = re.compile(rf"\s*({NUMBER})[\s,]+({NUMBER})[\s,]+({NUMBER})[\s,]+({NUMBER})\s*")
+_FIT = re.compile(r"\s*(?:defer\s+)?(?:(none)|x(Min|Mid|Max)Y(Min|Mid|Max))(?:\s+(meet|slice))?\s*")
+_PART: Final = {"Min": Fraction(0), "Mid": Fraction(1, 2), "Max": Fraction(1)}
+
+
+class UnclearError(Exception):
+    """A length that has no size in mm, such as one in em."""
+
+
+class Box(msgspec.Struct, frozen=True, kw_only=True):
+    """A rectangle in user units, exact."""
+
+    x: Fraction
+    y: Fraction
+    width: Fraction
+    height: Fraction
+
+
+class Page(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the outermost element says.
+
+    `matrix` maps to `unit`, y upwards; to user units where that is None. `view` is the size in user units.
+    """
+
+    matrix: Array
+    view: tuple[float, float] | None
+    unit: str | None
+    notes: tuple[str, ...]
+
+
+def length(text: str, whole: float | None) -> float:
+    """Return a length in user units; a percentage is one of `whole`.
+
+    Raises
+    ------
+    UnclearError
+        Where it has no size by itself.
+    """
+    return float(_exact(text, None if whole is None else Fraction(whole)))
+
+
+def _exact(text: str, whole: Fraction | None) -> Fraction:
+    match = _LENGTH.fullmatch(text)
+    if match is None or len(text) > 100:
+        raise UnclearError(f"{quoted(text)} for a length")
+    number, unit = _number(match[1]), match[2].lower()
+    if unit == "%" and whole is not None:
+        return number / 100 * whole
+    if unit not in USER_UNITS:
+        raise UnclearError(f"a length in {unit}")
+    return number * USER_UNITS[unit]
+
+
+def _number(word: str) -> Fraction:
+    """Return a decimal number exactly; one that is out of all proportion would fill the memory."""
+    size = abs(float(word))
+    if size == 0.0:
+        return Fraction(0)
+    if not 1e-100 < size < 1e100:
+        raise UnclearError(word[:40])
+    return Fraction(word)
+
+
+def view_box(attributes: Mapping[str, str], where: str) -> Box | None:
+    """Read a view box.
+
+    Raises
+    ------
+    InputError
+        Where it is not four numbers, or has no area.
+    """
+    text = attributes.get("viewBox")
+    if text is None:
+        return None
+    match = _FOUR.fullmatch(text)
+    if match is None or len(text) > 400:
+        raise InputError(where, "viewBox is not understood", expected="four numbers", got=quoted(text))
+    x, y, width, height = map(_number, match.groups())
+    box = Box(x=x, y=y, width=width, height=height)
+    if box.width <= 0 or box.height <= 0:
+        raise InputError(
+            where, "viewBox has no area", expected="a width and a height above 0", got=quoted(text)
+        )
+    return box
+
+
+def fit(
+    box: Box, width: Fraction, height: Fraction, how: str
+) -> tuple[Fraction, Fraction, Fraction, Fraction]:
+    """Return scales and shifts (sx, sy, tx, ty) that put a view box into a viewport, as [1]_ 7.8 has it.
+
+    Raises
+    ------
+    UnclearError
+        Where preserveAspectRatio is not understood.
+    """
+    match = _FIT.fullmatch(how)
+    if match is None:
+        raise UnclearError(f"{quoted(how)} for preserveAspectRatio")
+    sx, sy = width / box.width, height / box.height
+    tx, ty = Fraction(0), Fraction(0)
+    if match[1] is None:
+        sx = sy = max(sx, sy) if match[4] == "slice" else min(sx, sy)
+        tx = (width - box.width * sx) * _PART[match[2]]
+        ty = (height - box.height * sy) * _PART[match[3]]
+    return sx, sy, tx - box.x * sx, ty - box.y * sy
+
+
+def page_of(attributes: Mapping[str, str], where: str, unit: str | None) -> Page:
+    """Read width, height and view box of the outermost element.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the outermost element.
+    where : str
+        Its place for messages.
+    unit : str, optional
+        What one user unit is, in place of what the drawing says.
+
+    Raises
+    ------
+    InputError
+        Where they are not understood.
+    """
+    try:
+        box = view_box(attributes, where)
+        size, said = _size(attributes, box, unit)
+        if size is None:
+            return _plain(box, unit)
+        box = box or Box(x=Fraction(0), y=Fraction(0), width=size[0], height=size[1])
+        sx, sy, tx, ty = fit(box, *size, attributes.get("preserveAspectRatio", "xMidYMid"))
+    except UnclearError as error:
+        expected = "a width and a height such as 100mm"
+        raise InputError(where, "the size is not understood", expected=expected, got=str(error)) from None
+    mm = UNITS["px"]
+    matrix = _upright(sx * mm, sy * mm, tx * mm, (size[1] - ty) * mm)
+    notes = ("its px are taken as 1/96 inch; --units says otherwise",) if said == "px" else ()
+    return Page(matrix=matrix, view=(float(box.width), float(box.height)), unit="mm", notes=notes)
+
+
+def _size(
+    attributes: Mapping[str, str], box: Box | None, unit: str | None
+) -> tuple[tuple[Fraction, Fraction] | None, str]:
+    """Return the viewport in px and the unit it was told in; None where nothing or --units tells it."""
+    told = [attributes.get("width", "").strip(), attributes.get("height", "").strip()]
+    known = [text if text and not text.endswith("%") and text != "auto" else None for text in told]
+    if unit is not None or not any(known):
+        return None, ""
+    sizes = [None if text is None else _exact(text, None) for text in known]
+    if any(size is not None and size <= 0 for size in sizes):
+        raise UnclearError("a size that is not positive")
+    if None in sizes and box is None:
+        return None, ""
+    ratio = Fraction(1) if box is None else box.height / box.width
+    width = sizes[0] if sizes[0] is not None else (sizes[1] or 0) / ratio
+    height = sizes[1] if sizes[1] is not None else width * ratio
+    pixels = any(text is not None and re.search(r"(?:\d|\.|px)$", text.lower()) for text in known)
+    return (width, height), "px" if pixels else "mm"
+
+
+def _plain(box: Box | None, unit: str | None) -> Page:
+    """Map user units as they are, the view box' lower left corner to the origin."""
+    one = Fraction(1)
+    if box is None:
+        return Page(matrix=_upright(one, one, 0 * one, 0 * one), view=None, unit=unit, notes=())
+    matrix = _upright(one, one, -box.x, box.y + box.height)
+    return Page(matrix=matrix, view=(float(box.width), float(box.height)), unit=unit, notes=())
+
+
+def _upright(sx: Fraction, sy: Fraction, tx: Fraction, ty: Fraction) -> Array:
+    matrix = np.eye(4)
+    matrix[0, 0], matrix[1, 1] = float(sx), -float(sy)
+    matrix[0, 3], matrix[1, 3] = float(tx), float(ty)
+    return matrix
