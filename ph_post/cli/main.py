@@ -52,13 +52,12 @@ class LazyGroup(click.Group):
         """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = importlib.import_module(f"ph_post.cli.{cmd_name}").command
+        module = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
+        command: click.Command = importlib.import_module(f"ph_post.cli.{module}").command
         if COMPLETE_VARIABLE in os.environ:
             from ph_post.cli.complete import complete_by_metavar
 
             complete_by_metavar(command)
-        module = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
-        command: click.Command = importlib.import_module(f"ph_post.cli.{module}").command
         return command
 
 
