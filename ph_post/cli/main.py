@@ -20,6 +20,7 @@ COMMANDS = (
     "verify",
     "diff",
     "rehearse",
+    "report",
     "sweep",
     "identify",
     "diagnose",
