@@ -121,7 +121,7 @@ def _rows(picture: Picture, trace: Trace) -> IntArray:
 def _thinned(picture: Picture, kept: Sequence[IntArray]) -> list[str]:
     return [
         f"{trace.name}: {rows.size} of {trace.t.size} samples are drawn, closer in windows; the largest and "
-        "smallest errors and feeds of those left out are among them"
+        "smallest errors and feeds are among them, and lines between them are straight"
         for trace, rows in zip(picture.traces, kept, strict=True)
         if rows.size < trace.t.size
     ]

@@ -23,6 +23,9 @@ from ph_post.types import Array, BoolArray, IntArray, Machine, Plan, Run, Scenar
 Points = Callable[[Array], Array]
 """Points of a path (n, dimension) [m] at places along it (n,) [m]."""
 
+SAME: Final = 1e-9
+"""Commands that are no farther apart [m] are the same."""
+
 CHORDS: Final = 64
 """Points that a piece of a path, or a full turn of a program, is drawn with at least."""
 
@@ -118,8 +121,9 @@ def path_picture(analysis: Analysis, plan: Plan, warnings: Sequence[str] = ()) -
 
 
 def _alike(one: Trace, other: Trace) -> bool:
-    """Whether two motions are the same in every sample."""
-    return np.array_equal(one.run.commanded, other.run.commanded)
+    """Whether two motions are the same in every sample, but for rounding."""
+    a, b = one.run.commanded, other.run.commanded
+    return a.shape == b.shape and bool((np.abs(a - b) < SAME).all())
 
 
 def _path_trace(name: str, analysis: Analysis, plan: Plan, found: Assessment, nominal: Nominal) -> Trace:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from ph_post.io.shipped import shipped_names
 from ph_post.report.thinning import rows_to_draw
 
 SUPPRESS = ("--strategy", "suppress")
+WORN = Path(__file__).resolve().parents[2] / "samples" / "logs" / "worn_router.csv"
 
 
 def data_of(text):
@@ -154,3 +156,28 @@ def test_a_long_motion_keeps_its_peaks_and_what_is_to_be_kept():
 def test_a_short_motion_is_drawn_as_it_is():
     rows = rows_to_draw(np.zeros(50), np.zeros(50), np.zeros(50, dtype=bool), np.array([3]), 100)
     assert rows.tolist() == list(range(50))
+
+
+def test_identify_draws_what_is_left_of_the_record(tmp_path, capsys):
+    picture = tmp_path / "left.png"
+    assert main(["identify", str(WORN), "-m", "router", "--plot", str(picture)]) == 0
+    assert f"wrote {picture}" in capsys.readouterr().err
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_is_thinned_keeps_what_the_table_tells_and_says_so(tmp_path, monkeypatch):
+    page, whole = tmp_path / "thin.html", tmp_path / "whole.html"
+    assert main(["report", "oval", "-m", "mill", *SUPPRESS, "-o", str(whole)]) == 0
+    monkeypatch.setattr("ph_post.report.motionpage.ROWS", 300)
+    monkeypatch.setattr("ph_post.report.motionpage.MARKS", 2)
+    assert main(["report", "oval", "-m", "mill", *SUPPRESS, "-o", str(page)]) == 0
+    data, known = data_of(page.read_text(encoding="utf-8")), data_of(whole.read_text(encoding="utf-8"))
+    worst = sorted(known["points"], key=lambda point: -max(point["errors"]))[:2]
+    assert [one["index"] for one in data["points"]] == sorted(one["index"] for one in worst)
+    for number, run in enumerate(data["runs"]):
+        assert len(run["s"]) < 320
+        size = np.abs(run["e"])
+        for point in data["points"]:
+            assert np.isclose(size, point["errors"][number], atol=1e-3).any()
+    assert any("of 12658 samples are drawn" in note for note in data["notes"])
+    assert "of 4 turning points the 2 with the largest errors are listed and marked" in data["notes"]

@@ -18,7 +18,7 @@ const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
     values.forEach((v, k) => { if (k) b.append(" → "); b.append(el(k || !changed ? "em" : "i", v)); });
     t.append(title, b, el("span", below, "dim")); tiles.append(t);
   };
-  const gain = (a, b) => !changed || !a || !b ? "" : a >= b ? `${few(a / b)} times smaller` : `${few(b / a)} times larger`;
+  const gain = (a, b) => !changed || !a || !b ? "" : Math.abs(a / b - 1) < 0.005 ? "as before" : a >= b ? `${few(a / b)} times smaller` : `${few(b / a)} times larger`;
   const sizes = name => RUNS.map(one => size(one[name]));
   const shown = name => sizes(name).map(v => `${micro(v)}`);
   tile("Largest contour error, µm", shown("error"), gain(...sizes("error")));
@@ -156,7 +156,7 @@ let flat = null;
       const taken = [];
       MARKS.forEach(p => {
         const x = v.X(p.at[view[0]] || 0) + 7, y = v.Y(p.at[view[1]] || 0) - 6;
-        if (x < 0 || y < 0 || x > v.width || y > v.height || taken.some(([a, b]) => Math.abs(a - x) < 26 && Math.abs(b - y) < 14)) return;
+        if (x < 0 || y < 0 || x > v.width || y > v.height || taken.some(([a, b]) => Math.abs(a - x) < 14 + 8 * String(p.index).length && Math.abs(b - y) < 14)) return;
         taken.push([x, y]); draw(v.inside, "text", { x, y, class: "ink" }, `#${p.index}`);
       });
     }
@@ -182,7 +182,7 @@ let flat = null;
   const overlay = () => {
     if (!over) return;
     over.textContent = "";
-    if (lit !== null && MARKS[lit].window) bands(v, MARKS[lit], { stroke: "var(--point)", "stroke-width": 14, opacity: 0.35, class: "lit" }, over);
+    if (lit !== null && MARKS[lit].window) bands(v, MARKS[lit], { stroke: "var(--point)", "stroke-width": 14, opacity: 0.28, class: "lit" }, over);
     if (lit !== null) { const [x, y] = view.map(k => MARKS[lit].at[k] || 0); draw(over, "circle", { cx: v.X(x), cy: v.Y(y), r: 8, fill: "none", stroke: "var(--point)", "stroke-width": 2 }); }
     if (!pointed) return;
     RUNS.forEach((run, r) => {
@@ -215,9 +215,11 @@ let flat = null;
 {
   const shade = f => {
     P.rapid.forEach(([a, b]) => { if (b >= range.low && a <= range.high) draw(f.inside, "rect", { x: f.X(a), y: TOP, width: Math.max(f.X(b) - f.X(a), 0.5), height: f.height - LOW - TOP, fill: "var(--shade)" }); });
+    // Where they stand closer than a few pixels they would hide everything else.
+    const sparse = seen.points && MARKS.filter(p => p.s >= range.low && p.s <= range.high).length < f.width / 8;
     MARKS.forEach(p => {
       if (seen.windows && p.window && p.window[1] >= range.low && p.window[0] <= range.high) draw(f.inside, "rect", { x: f.X(p.window[0]), y: TOP, width: Math.max(f.X(p.window[1]) - f.X(p.window[0]), 0.8), height: f.height - LOW - TOP, fill: "var(--window)", opacity: 0.3, class: "window" });
-      if (seen.points && p.s >= range.low && p.s <= range.high) draw(f.inside, "line", { x1: f.X(p.s), x2: f.X(p.s), y1: TOP, y2: f.height - LOW, stroke: "var(--point)", "stroke-width": 0.8, "stroke-dasharray": "2 3" });
+      if (sparse && p.s >= range.low && p.s <= range.high) draw(f.inside, "line", { x1: f.X(p.s), x2: f.X(p.s), y1: TOP, y2: f.height - LOW, stroke: "var(--point)", "stroke-width": 0.8, "stroke-dasharray": "2 3" });
     });
   };
   const visible = (run, of) => run.s.map((s, k) => s >= range.low && s <= range.high ? of(run, k) : null);
@@ -234,7 +236,7 @@ let flat = null;
     const overlay = () => {
       if (!over) return;
       over.textContent = "";
-      if (lit !== null) { const p = MARKS[lit], [a, b] = p.window || [p.s, p.s]; draw(over, "rect", { x: f.X(a) - 1, y: TOP, width: Math.max(f.X(b) - f.X(a), 0) + 2, height: f.height - LOW - TOP, fill: "var(--point)", opacity: 0.25, class: "lit" }); }
+      if (lit !== null) { const p = MARKS[lit], [a, b] = p.window || [p.s, p.s]; draw(over, "rect", { x: f.X(a) - 1, y: TOP, width: Math.max(f.X(b) - f.X(a), 0) + 2, height: f.height - LOW - TOP, fill: "var(--point)", opacity: 0.16, class: "lit" }); }
       if (!pointed) return;
       const s = pointed.run.s[pointed.k];
       draw(over, "line", { x1: f.X(s), x2: f.X(s), y1: TOP, y2: f.height - LOW, stroke: "var(--ink)", "stroke-width": 1 });
