@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 QUICK: Final = 0.1
 """Part of the search that `convert` makes: a page is looked at now."""
 
+HEAD: Final = 4096
+"""Bytes at the beginning of a table that hold its header."""
+
 OF_LOGS: Final = ("columns", "sides", "program")
 OF_BOTH: Final = ("machine", "output", "plot", "as_json", "source", "other")
 """Options for records only, and for everything; all others say how a motion is planned."""
@@ -105,10 +108,22 @@ def _made(source: str, other: str | None, machine: str | None, how: dict[str, An
     if machine is None:
         raise click.UsageError("Missing option '-m' / '--machine'")
     if kind == "log":
+        _refuse_table(raw)
         _refuse("a record", keep=OF_LOGS)
         return _of_log(raw, machine, how, stage)
     _refuse(f"a {kind}", leave=OF_LOGS)
     return (_of_path if kind == "path" else _of_program)(raw, machine, how, stage)
+
+
+def _refuse_table(raw: Raw) -> None:
+    """Refuse an interpolator table, which looks like a record and is none."""
+    from ph_post.errors import InputError
+
+    if b"segment,xi,s" in raw.data[:HEAD]:
+        raise InputError(
+            raw.name, "is an interpolator table", expected="the path that it was made of, or a record",
+            got="what `ph-post simulate` takes",
+        )  # fmt: skip
 
 
 def _refuse(what: str, *, keep: tuple[str, ...] | None = None, leave: tuple[str, ...] = ()) -> None:

@@ -97,11 +97,13 @@ def test_the_page_goes_to_standard_output_and_a_picture_beside_it(tmp_path, caps
         ),
         (("oval", "-m", "mill", "-o", "-", "--json"), "standard output can take one product"),
         (("nothing.json", "-m", "mill"), "nothing.json: no such file"),
+        (("table.csv", "-m", "mill"), "table.csv: is an interpolator table; expected the path"),
     ],
 )
 def test_what_does_not_go_together_is_refused_in_words(tmp_path, monkeypatch, capsys, arguments, word):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run.csv").write_text("t,X_cmd,X_act\n0,0,0\n")
+    (tmp_path / "table.csv").write_text("t,segment,xi,s,X,Y,feed,window\n0,0,0,0,0,0,0,-1\n")
     for name in ("a.ngc", "b.ngc"):
         (tmp_path / name).write_text("G1 X1 F100\n")
     files = sorted(tmp_path.iterdir())
