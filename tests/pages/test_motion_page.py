@@ -285,6 +285,9 @@ def test_dark_print_and_phone(browser, files):
     dark.page.emulate_media(media="print")
     assert paper(dark) > 700
     assert not dark.page.locator(".bar.hand").first.is_visible()
+    dark.page.set_viewport_size({"width": 720, "height": 1000})  # a sheet of A4
+    dark.settle()
+    assert dark.page.evaluate("document.documentElement.scrollWidth") <= 720
     assert phone.page.evaluate("document.documentElement.scrollWidth") <= 390
     x, y = phone.middle("#feed")
     phone.page.touchscreen.tap(x, y)

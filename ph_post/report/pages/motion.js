@@ -341,7 +341,8 @@ function goTo(p) {
   }
   if (MARKS.length) {
     fill();
-    s.append(el("p", "A row lights up its window; a click or Enter goes there. Lag: how much later than commanded the axis turns; held: how long it then stands on the settled orbit, uncompensated.", "dim"), scroll(t), more);
+    s.append(el("p", "A row lights up its window; a click or Enter goes there.", "dim hand"),
+      el("p", "Lag: how much later than commanded the axis turns; held: how long it then stands on the settled orbit, uncompensated.", "dim"), scroll(t), more);
   }
 }
 
