@@ -15,7 +15,7 @@ from ph_post.cli import options
 @options.machine
 @options.planning
 @options.carrier
-@click.option("--plot", metavar="FILE", help="Picture of the errors: .png, .svg or .pdf.")
+@options.plot("the errors")
 @options.common
 def command(source: str, machine: str, plot: str | None, as_json: bool, **how: Any) -> int:
     """Plan and simulate every strategy on a path, the plain program first.
@@ -49,7 +49,6 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
-    picture = "" if plot is None else picture_format(plot)
     with Progress() as stage:
         analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"])
         contenders = compare_strategies(
@@ -58,7 +57,9 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
         floor = without_gap(analysis, contenders[0])
         if plot is not None:
             stage("drawing")
-            write_atomically({plot: render(draw_comparison(analysis.path.name, contenders), picture)})
+            write_atomically(
+                {plot: render(draw_comparison(analysis.path.name, contenders), picture_format(plot))}
+            )
     assert analysis.machine is not None
     warnings = effect_warnings(analysis.machine, analysis.path.axes)
     if as_json:

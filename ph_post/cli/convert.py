@@ -67,6 +67,7 @@ if TYPE_CHECKING:
 @click.option(
     "--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time."
 )
+@options.plot("the feed along the path, before and after; of a part program also the predicted error")
 @options.common
 def command(
     source: str | None, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
@@ -100,7 +101,7 @@ def command(
       ph-post convert oval -m mill -o oval.ngc
       ph-post convert part.json -m router.toml --ratio 0.3 --table part.csv -o part.ngc
       ph-post convert circle -m paper --start moving --table - > circle.csv
-      ph-post convert part.ngc -m router -o part_compensated.ngc
+      ph-post convert part.ngc -m router -o part_compensated.ngc --plot part.png
       ph-post convert part.ngc -m router --in-place --backup
       cat part.ngc | ph-post convert - -m router -o - | sender
       ph-post convert part_compensated.ngc --undo -o part.ngc
@@ -153,6 +154,8 @@ def command(
         )  # fmt: skip
         plans = _plans(analysis, how, table is not None or program is None, program is not None, stage)
         products, plans = _products(analysis, plans, {"table": table, "program": program}, how, stage)
+        if how["plot"] is not None:
+            products[how["plot"]] = _picture(analysis, next(iter(plans.values())), how["plot"], stage)
         if as_json:
             view, plans = _view(analysis, plans, how, stage)
         write_atomically(products)
@@ -183,6 +186,14 @@ def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
     given = [f"--{name.replace('_', '-')}" for name in names if how[name]]
     if given:
         raise click.UsageError(f"{given[0]} is for a part program that is written as one")
+
+
+def _picture(analysis: Analysis, plan: Plan, target: str, stage: Callable[[str], None]) -> bytes:
+    """Draw a plan."""
+    from ph_post.report.figures import draw_plan, picture_format, render
+
+    stage("drawing")
+    return render(draw_plan(analysis, plan), picture_format(target))
 
 
 def _plans(

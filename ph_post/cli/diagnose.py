@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     help="The machine file with what was found added to it; - for standard output.",
 )
 @click.option("--html", metavar="FILE", help="A page with the residuals drawn; it needs no network.")
-@click.option("--plot", metavar="FILE", help="Picture of the gap and the residuals: .png, .svg or .pdf.")
+@options.plot("the gap and the residuals")
 @click.option("--next", "following", metavar="FILE", help="The part program that would tell more.")
 @log_options
 @options.common
@@ -75,14 +75,11 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import machine_of, machine_source
     from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view, effort_units
-    from ph_post.report.figures import picture_format
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
     places = {"-o": how["output"], "--html": how["html"], "--plot": how["plot"], "--next": how["following"]}
     check_places({"LOG": source, "-m": machine, "--program": how["program"]}, places, json=as_json)
-    if how["plot"] is not None:
-        picture_format(how["plot"])
     with Progress() as stage:
         stage("reading")
         text = machine_source(machine)

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 import click
 
 from ph_post.cli import options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ph_post.audit.diff.record import Comparison
+    from ph_post.report.diffs import Programs
 
 
 @click.command()
@@ -18,6 +25,7 @@ from ph_post.cli import options
     help="Tool paths that are no farther apart are the same.",
 )  # fmt: skip
 @click.option("--html", metavar="FILE", help="A page with path and feed drawn; it needs no network.")
+@options.plot("the tool paths, how far they are apart, and the feeds")
 @click.option(
     "--color/--no-color", "colour", default=None,
     help="Colour, or none. [by default on a terminal, unless NO_COLOR is set]",
@@ -29,6 +37,7 @@ def command(
     machine: str | None,
     tolerance: float,
     html: str | None,
+    plot: str | None,
     colour: bool | None,
     as_json: bool,
 ) -> int:
@@ -64,43 +73,56 @@ def command(
       orders, notes    other commands that differ; what was compared as text
       error            with -m: contour error of A and B [mm], else null
     """
+    from ph_post.io.atomic import Content, write_atomically
+    from ph_post.io.source import STDIN
+    from ph_post.report.diffpage import diff_page
+    from ph_post.report.diffs import comparison_view, print_comparison
+    from ph_post.report.figures import picture_format, render
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+
+    if as_json and html == STDIN:
+        raise click.UsageError("standard output can take one product; got two for it")
+    products: dict[str, Content] = {}
+    with Progress() as stage:
+        found, programs = compare_files(a, b, machine, tolerance, stage)
+        stage("drawing")
+        if html is not None:
+            products[html] = diff_page(found, programs)
+        if plot is not None:
+            from ph_post.report.diff_figures import draw_comparison
+
+            products[plot] = render(draw_comparison(found, programs), picture_format(plot))
+        write_atomically(products)
+    if as_json:
+        print_json(comparison_view(found, programs))
+    elif STDIN not in products:
+        # A context knows whether its words are coloured; where nobody says, the terminal does.
+        click.get_current_context().color = False if colour is None and "NO_COLOR" in os.environ else colour
+        print_comparison(found, programs)
+    options.tell_written(found.notes, products)
+    return 0 if found.same else 1
+
+
+def compare_files(
+    a: str, b: str, machine: str | None, tolerance: float, stage: Callable[[str], None]
+) -> tuple[Comparison, Programs]:
+    """Read two programs, and compare them within `tolerance` [mm], on a machine where one is given."""
     from ph_post.audit.diff.compare import compare_programs
     from ph_post.drive.required import require_drives
     from ph_post.gcode.controller.moves import moved_axes
-    from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
     from ph_post.io.programfile import read_program_file
     from ph_post.io.source import STDIN
-    from ph_post.report.diffpage import make_page
-    from ph_post.report.diffs import comparison_view, print_comparison
-    from ph_post.report.progress import Progress
-    from ph_post.report.tables import print_json
     from ph_post.units import MM
 
     if a == b == STDIN:
         raise click.UsageError("standard input can give one program; got - for both")
-    if as_json and html == STDIN:
-        raise click.UsageError("standard output can take one product; got two for it")
-    with Progress() as stage:
-        stage("reading")
-        drives = None if machine is None else read_machine(machine)
-        programs = (read_program_file(a), read_program_file(b))
-        if drives is not None:
-            for program in programs:
-                require_drives(moved_axes(program), "program", drives, str(machine))
-        stage("comparing")
-        found = compare_programs(*programs, tolerance * MM, drives)
-        if html is not None:
-            stage("drawing")
-            write_atomically({html: make_page(found, programs)})
-    if as_json:
-        print_json(comparison_view(found, programs))
-    elif html != STDIN:
-        # A context knows whether its words are coloured; where nobody says, the terminal does.
-        click.get_current_context().color = False if colour is None and "NO_COLOR" in os.environ else colour
-        print_comparison(found, programs)
-    for note in found.notes:
-        click.echo(f"warning: {note}", err=True)
-    if html is not None and html != STDIN:
-        click.echo(f"wrote {html}", err=True)
-    return 0 if found.same else 1
+    stage("reading")
+    drives = None if machine is None else read_machine(machine)
+    programs = (read_program_file(a), read_program_file(b))
+    if drives is not None:
+        for program in programs:
+            require_drives(moved_axes(program), "program", drives, str(machine))
+    stage("comparing")
+    return compare_programs(*programs, tolerance * MM, drives), programs

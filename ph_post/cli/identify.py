@@ -61,9 +61,12 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     metavar="MM",
     help="Lead of the screw; a new file for a load loop needs it.",
 )
+@options.plot("what the machine that was found leaves of the record")
 @log_options
 @options.common
-def command(source: str, machine: str | None, output: str | None, as_json: bool, **how: Any) -> int:
+def command(
+    source: str, machine: str | None, output: str | None, plot: str | None, as_json: bool, **how: Any
+) -> int:
     """Identify b, c and the gap of every axis from a record, with standard errors.
 
     LOG is what was measured while the machine ran, as `ph-post diagnose --help` says. With -m the machine
@@ -84,7 +87,7 @@ def command(source: str, machine: str | None, output: str | None, as_json: bool,
 
     \b
     Examples:
-      ph-post identify run.csv -m router.toml -o identified.toml
+      ph-post identify run.csv -m router.toml -o identified.toml --plot run.png
       ph-post identify run.csv --feedback motor -o machine.toml
       ph-post identify run.csv --feedback load --gear-ratio 2 --screw-lead 5 -o machine.toml
       ph-post identify run.mat --feedback motor --column X_cmd=qg:m --column X_motor=qm:m --json
@@ -101,11 +104,13 @@ def command(source: str, machine: str | None, output: str | None, as_json: bool,
     from ph_post.io.atomic import Content, write_atomically
     from ph_post.io.identifiedmachine import identified_machine
     from ph_post.io.machinefile import machine_of, machine_source
+    from ph_post.report.figures import picture_format, render
     from ph_post.report.identifications import fit_view, identification_lines, identification_view
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
-    check_places({"LOG": source, "-m": machine, "--program": how["program"]}, {"-o": output}, json=as_json)
+    inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
+    check_places(inputs, {"-o": output, "--plot": plot}, json=as_json)
     with Progress() as stage:
         stage("reading")
         text = None if machine is None else machine_source(machine)
@@ -118,6 +123,11 @@ def command(source: str, machine: str | None, output: str | None, as_json: bool,
         if output is not None:
             stage("writing")
             products[output] = identified_machine(text, found, log)
+        if plot is not None:
+            from ph_post.report.identification_figures import draw_identification
+
+            stage("drawing")
+            products[plot] = render(draw_identification(found, log), picture_format(plot))
         write_atomically(products)
     if as_json:
         view = identification_view(found.axes, found.sentences)
@@ -125,11 +135,7 @@ def command(source: str, machine: str | None, output: str | None, as_json: bool,
     else:
         for line in identification_lines(found.axes, found.sentences):
             click.echo(line, err="-" in products)
-    for warning in log.warnings:
-        click.echo(f"warning: {warning}", err=True)
-    for name in products:
-        if name != "-":
-            click.echo(f"wrote {name}", err=True)
+    options.tell_written(log.warnings, products)
     return 0
 
 

@@ -15,9 +15,16 @@ from ph_post.cli import options
 @click.option(
     "--certify", is_flag=True, help="Count and isolate the turning points in exact rational arithmetic."
 )
+@options.plot("the path with its windows, and of what backlash does there")
 @options.common
 def command(
-    source: str, machine: str | None, tolerance: float, feed: float | None, certify: bool, as_json: bool
+    source: str,
+    machine: str | None,
+    tolerance: float,
+    feed: float | None,
+    certify: bool,
+    plot: str | None,
+    as_json: bool,
 ) -> int:
     """List the turning points of a path, their windows and, with a machine, their backlash.
 
@@ -29,7 +36,7 @@ def command(
       ph-post inspect circle -m paper
       ph-post inspect part.json -m mill.toml --json
       ph-post inspect part.json --certify
-      ph-post inspect part.ngc -m router.toml
+      ph-post inspect part.ngc -m router.toml --plot part.png
 
     \b
     JSON:
@@ -40,17 +47,24 @@ def command(
       certificate     with --certify: {ok, count, found, roots, words}
     """
     from ph_post.cli.job import load_and_analyse
+    from ph_post.io.atomic import Content, write_atomically
+    from ph_post.report.figures import draw_analysis, picture_format, render
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_certificate, print_inspection, print_json
     from ph_post.report.views import certificate_view, turning_point_views
     from ph_post.turning import certify as certify_turning_points
 
+    products: dict[str, Content] = {}
     with Progress() as stage:
         analysis = load_and_analyse(source, machine, tolerance, stage, feed=feed)
         certificate = None
         if certify:
             stage("counting roots in exact rational arithmetic")
             certificate = certify_turning_points(analysis.track)
+        if plot is not None:
+            stage("drawing")
+            products[plot] = render(draw_analysis(analysis), picture_format(plot))
+        write_atomically(products)
     if as_json:
         view = {"turning_points": turning_point_views(analysis)}
         print_json(view if certificate is None else {**view, "certificate": certificate_view(certificate)})
@@ -58,4 +72,5 @@ def command(
         print_inspection(analysis)
         if certificate is not None:
             print_certificate(certificate)
+    options.tell_written((), products)
     return 0 if certificate is None or certificate.ok else 1

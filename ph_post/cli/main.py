@@ -24,6 +24,7 @@ COMMANDS = (
     "verify",
     "diff",
     "rehearse",
+    "report",
     "sweep",
     "identify",
     "diagnose",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import click
@@ -102,6 +102,31 @@ carrier = click.option(
 )  # fmt: skip
 
 
+def _picture(_ctx: click.Context, _parameter: click.Parameter, name: str | None) -> str | None:
+    """Refuse a picture of another format before anything is worked out."""
+    if name is not None:
+        from ph_post.report.figures import picture_format
+
+        picture_format(name)
+    return name
+
+
+def plot(what: str) -> Callable[[F], F]:
+    """Return the option that asks for a picture of `what`; the ending of the file's name is its format."""
+    return click.option(
+        "--plot", metavar="FILE", callback=_picture, help=f"Picture of {what}: .png, .svg or .pdf.",
+    )  # fmt: skip
+
+
+def tell_written(warnings: Iterable[str], products: Iterable[str]) -> None:
+    """Say on standard error what is to be known, and which files were written."""
+    for warning in warnings:
+        click.echo(f"warning: {warning}", err=True)
+    for name in products:
+        if name != "-":
+            click.echo(f"wrote {name}", err=True)
+
+
 _PLANNING = (
     tolerance,
     feed,
@@ -132,18 +157,28 @@ _PLANNING = (
         "--feed-only", is_flag=True, help="Leave the path as it is: nothing is added to its positions."
     ),
     click.option(
-        "--effort", type=positive, default=1.0, show_default=True, metavar="FACTOR",
-        help="How much `auto` and `takeup` search: 1 for some ten seconds, less where a first look will do.",
-    ),
-    click.option(
         "--no-inverse-dynamics", is_flag=True, help="Do not lead the path by what the servos lag behind it."
     ),
 )  # fmt: skip
 
 
-def planning(function: F) -> F:
-    """Add the options that say how the motion along a path is planned, but for the strategy."""
-    return _with(_PLANNING, function)
+def planning_with(effort: float) -> Callable[[F], F]:
+    """Return what adds the options that say how the motion along a path is planned, but for the strategy.
+
+    `effort` is how much is searched where the user does not say.
+    """
+    searched = click.option(
+        "--effort", type=positive, default=effort, show_default=True, metavar="FACTOR",
+        help="How much `auto` and `takeup` search: 1 for some ten seconds, less where a first look will do.",
+    )  # fmt: skip
+
+    def add(function: F) -> F:
+        return _with((*_PLANNING, searched), function)
+
+    return add
+
+
+planning = planning_with(effort=1.0)
 
 
 _WRITING = (

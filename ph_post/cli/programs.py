@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from ph_post.audit.deliver import Delivery, Request
     from ph_post.gcode.splice.options import SpliceOptions
+    from ph_post.io.source import Raw
     from ph_post.types import Machine
 
 PATH_ONLY: Final = {
@@ -44,6 +45,8 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
         raise click.UsageError("standard output can take one product; got -o and --json")
     name = "stdin" if source == STDIN else source
     if how["undo"]:
+        if how["plot"] is not None:
+            raise click.UsageError("--undo draws nothing; leave out --plot")
         return _undo(name, data, target)
     if how["machine"] is None:
         raise click.UsageError("Missing option '-m' / '--machine'")
@@ -93,6 +96,8 @@ def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | No
         found, machine, request = deliver_program(name, data, how, stage)
         products = {} if target is None else products_of(target, found.after.data, data)
         outcome = None if how["no_simulation"] else weigh(found, machine, errors=as_json, tell=stage)
+        if how["plot"] is not None:
+            products = {**products, how["plot"]: _drawn(found, machine, how, stage)}
         write_atomically(products)
     if as_json:
         print_json(delivery_view(found, machine, request.splice.tolerance, outcome))
@@ -136,6 +141,46 @@ def deliver_program(
     plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
     request = Request(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
     return deliver(program, machine, request, stage), machine, request
+
+
+def _drawn(found: Delivery, machine: Machine, how: dict[str, Any], stage: Callable[[str], None]) -> bytes:
+    """Draw a program as it was and as compensated."""
+    from ph_post.report.figures import picture_format, render
+    from ph_post.report.picture_figures import draw_picture
+    from ph_post.report.programtraces import program_picture
+
+    picture = program_picture(found, machine, how["tolerance"] * MM, how["strategy"], stage)
+    return render(draw_picture(picture), picture_format(how["plot"]))
+
+
+def compensated(raw: Raw, machine: Machine, how: dict[str, Any], stage: Callable[[str], None]) -> Delivery:
+    """Compensate a part program as `convert` would; of one that is compensated already, recover the original.
+
+    Parameters
+    ----------
+    raw : Raw
+    machine : Machine
+    how : dict
+        The options of planning by name.
+    stage : callable
+        Told what is being done.
+    """
+    from ph_post.audit.deliver import Delivery, Request, deliver
+    from ph_post.audit.rehearse import original_of
+    from ph_post.cli.job import plan_options
+    from ph_post.drive.required import require_drives
+    from ph_post.gcode.controller.moves import moved_axes
+    from ph_post.gcode.reader.read import read_program
+    from ph_post.gcode.splice.options import SpliceOptions
+
+    refuse_path_options({**dict.fromkeys((*PATH_ONLY, "feed_mode")), "feed_mode": "per-minute", **how})
+    program = read_program(raw.data, raw.name)
+    require_drives(moved_axes(program), "program", machine, f"machine {machine.name}")
+    original = original_of(program)
+    if original is not None:
+        return Delivery(before=original, after=program, done=True)
+    splicing = SpliceOptions(tolerance=how["tolerance"] * MM, max_slowdown=how["max_slowdown"])
+    return deliver(program, machine, Request(plan=plan_options(how, "program"), splice=splicing), stage)
 
 
 def _splice_options(how: Mapping[str, Any]) -> SpliceOptions:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import click
 
 if TYPE_CHECKING:
+    from ph_post.io.source import Raw
     from ph_post.types import Log, Machine
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -85,7 +86,7 @@ def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | 
                 raise click.UsageError(f"{option} would write over {other} ({name})")
 
 
-def read_recording(log: str, how: Mapping[str, Any], machine: Machine | None) -> Log:
+def read_recording(log: str | Raw, how: Mapping[str, Any], machine: Machine | None) -> Log:
     """Read a log by the options of :func:`log_options`.
 
     Raises

@@ -20,7 +20,7 @@ from ph_post.cli import options
     help="How long each run on LinuxCNC may take.",
 )  # fmt: skip
 @click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
-@click.option("--plot", metavar="FILE", help="Picture of contour error and feed: .png, .svg or .pdf.")
+@options.plot("contour error and feed")
 @options.common
 def command(
     program: str,
@@ -69,11 +69,10 @@ def command(
     from ph_post.report.rehearsals import draw_rehearsal, rehearsal_lines, rehearsal_view
     from ph_post.report.tables import print_json
 
-    if sum([log == "-", plot == "-", as_json]) > 1:
+    if sum([log == "-", as_json]) > 1:
         raise click.UsageError("standard output can take one product; got two for it")
     if against == program == "-":
         raise click.UsageError("standard input can give one program; got - for both")
-    picture = "" if plot is None else picture_format(plot)
     products: dict[str, Content] = {}
     with Progress() as stage:
         stage("reading")
@@ -91,11 +90,13 @@ def command(
             products[log] = log_content(found.real.error.run, remarks)
         if plot is not None:
             stage("drawing")
-            products[plot] = render(draw_rehearsal(found, f"{part.name} on {drives.name}"), picture)
+            products[plot] = render(
+                draw_rehearsal(found, f"{part.name} on {drives.name}"), picture_format(plot)
+            )
         write_atomically(products)
     if as_json:
         print_json(rehearsal_view(found))
-    elif "-" not in (log, plot):
+    elif log != "-":
         for line in rehearsal_lines(found, part.name):
             click.echo(line)
     for note in part.notes:

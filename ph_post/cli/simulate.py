@@ -25,7 +25,7 @@ from ph_post.cli import options
     help="All axes stand on this flank at first, whatever the machine file says.",
 )  # fmt: skip
 @click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
-@click.option("--plot", metavar="FILE", help="Picture of the contour error: .png, .svg or .pdf.")
+@options.plot("the contour error")
 @options.common
 def command(
     source: str,
@@ -74,12 +74,11 @@ def command(
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
-    streams = [log == "-", plot == "-", as_json]
+    streams = [log == "-", as_json]
     if sum(streams) > 1:
         raise click.UsageError("standard output can take one product; got two for it")
     if path_file is not None and not is_table(source):
         raise click.UsageError("--path goes with an interpolator table; a path file is its own path")
-    picture = "" if plot is None else picture_format(plot)
     products: dict[str, Content] = {}
     with Progress() as stage:
         motion = motion_of(source, machine, path_file, how, stage).on(pickup, flank)
@@ -89,7 +88,9 @@ def command(
             products[log] = log_of(motion, run)
         if plot is not None:
             stage("drawing")
-            products[plot] = render(draw_run(motion.name, run, motion.analysis, assessment), picture)
+            products[plot] = render(
+                draw_run(motion.name, run, motion.analysis, assessment), picture_format(plot)
+            )
         write_atomically(products)
     if as_json:
         view = simulation_view(run, assessment, motion.turning_points)

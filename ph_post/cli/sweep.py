@@ -78,6 +78,7 @@ def _span(text: str) -> list[float]:
     help="Feeds along the circles [mm/min]; with IN one feed, in place of the path's.",
 )  # fmt: skip
 @click.option("-o", "--output", metavar="OUT", help="Table: .json or .csv; - for CSV on standard output.")
+@options.plot("the durations over β and C, on the first circle")
 @options.common
 def command(
     source: str | None,
@@ -88,6 +89,7 @@ def command(
     radius: tuple[float, ...] | None,
     feed: tuple[float, ...] | None,
     output: str | None,
+    plot: str | None,
     as_json: bool,
 ) -> int:
     """Work out how long backlash holds an axis, over grids of β and C.
@@ -109,7 +111,7 @@ def command(
     \b
     Examples:
       ph-post sweep -m paper --beta 0.5:2:16 --gain 1e5:2e5:21 --json
-      ph-post sweep oval -m mill --beta 1,2,4 --gain 1e7:4e7:13:log -o mill.json
+      ph-post sweep oval -m mill --beta 1,2,4 --gain 1e7:4e7:13:log -o mill.json --plot mill.png
       ph-post sweep -m mill --beta 2 --gain 2e7,3e7 --radius 1:99:12:log --feed 200:6000:9:log -o mill.json
 
     \b
@@ -120,9 +122,11 @@ def command(
       machine, axes   what it was worked out for
       format, version  of the file
     """
-    from ph_post.io.atomic import write_atomically
+    from ph_post.io.atomic import Content, write_atomically
     from ph_post.io.intervalfile import interval_content, interval_view
     from ph_post.io.machinefile import read_machine
+    from ph_post.report.figures import picture_format, render
+    from ph_post.report.interval_figures import draw_intervals
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
@@ -134,8 +138,13 @@ def command(
         _check_size(len(chosen), len(radii), len(feeds), len(beta), len(gain))
         stage("solving for the backlash intervals")
         table = _tabulate(drives, chosen, radii, feeds, beta, gain)
+        products: dict[str, Content] = {}
         if output is not None or not as_json:
-            write_atomically({output or "-": interval_content(table, output or "-")})
+            products[output or "-"] = interval_content(table, output or "-")
+        if plot is not None:
+            products[plot] = render(draw_intervals(table), picture_format(plot))
+        write_atomically(products)
+    options.tell_written((), () if plot is None else (plot,))
     if as_json:
         print_json(interval_view(table))
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pathlib
 import re
-from typing import Final
+from typing import Final, Literal
 
 from ph_post.gcode.paths.build import line_words, main_path
 from ph_post.gcode.reader.read import read_program
@@ -15,6 +15,11 @@ from ph_post.types import Path
 
 ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt"))
 """Endings of part programs."""
+
+STORED: Final = frozenset((".mat", ".npz", ".parquet"))
+"""Endings of records that are no text."""
+
+Kind = Literal["path", "program", "log"]
 
 _BLOCK: Final = re.compile(rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d])")
 """How part programs begin: with a percent sign, a comment, or a word."""
@@ -30,6 +35,24 @@ def is_program(raw: Raw) -> bool:
     """
     ending = pathlib.PurePath(raw.name).suffix.lower()
     return ending in ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
+
+
+def kind_of(raw: Raw) -> Kind:
+    """Tell a path file, a part program, and a record of what a machine did, by ending or by how it begins.
+
+    Examples
+    --------
+    >>> named = (("a.json", b"{"), ("a.nc", b"G1"), ("run.csv", b"t,X_cmd"), ("run.txt", b"0.5 0.25"))
+    >>> [kind_of(Raw(name=name, stem="", data=data)) for name, data in named]
+    ['path', 'program', 'log', 'log']
+    """
+    ending = pathlib.PurePath(raw.name).suffix.lower()
+    if ending == ".json" or (ending not in STORED and raw.data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"):
+        return "path"
+    # A text file may be either.
+    if ending in ENDINGS and ending != ".txt":
+        return "program"
+    return "program" if ending not in (".csv", *STORED) and _BLOCK.match(raw.data) is not None else "log"
 
 
 def read_input(source: str | os.PathLike[str] | Raw) -> tuple[Path, tuple[str, ...]]:

@@ -20,7 +20,7 @@ from ph_post.io.logsheet import Sheet
 from ph_post.io.logstored import stored_ending, stored_sheet
 from ph_post.io.logtext import text_sheet
 from ph_post.io.logtime import Clock, clock_of
-from ph_post.io.source import decoded, read_raw
+from ph_post.io.source import Raw, decoded, read_raw
 from ph_post.types import Array, AxisLog, Log, Machine, frozen, sealed
 
 FEWEST: Final = 200
@@ -33,7 +33,7 @@ _LARGEST: Final = {"t": 1e9, "cmd": 100.0, "act": 100.0, "motor": 100.0, "force"
 
 
 def read_log(
-    source: str | os.PathLike[str],
+    source: str | os.PathLike[str] | Raw,
     *,
     columns: Sequence[str] = (),
     sides: Mapping[str, str] | None = None,
@@ -48,8 +48,8 @@ def read_log(
 
     Parameters
     ----------
-    source : str or path
-        ``-`` is standard input.
+    source : str, path or Raw
+        ``-`` is standard input; what was read already is taken as it is.
     columns : sequence of str
         Mappings ``NAME=SOURCE[*FACTOR]:UNIT``, such as ``X_act=qm:m``; they go before the file's own names.
     sides : mapping of str to str, optional
@@ -70,7 +70,7 @@ def read_log(
     InputError
         One line naming file and line, what was expected and what was found.
     """
-    raw = read_raw(source)
+    raw = source if isinstance(source, Raw) else read_raw(source)
     ending = stored_ending(raw)
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw))
     found, aside = columns_of(sheet, parse_columns(columns))

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Mapping
-from importlib import resources
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 
 from ph_post.diagnose.record import Channel, ChannelQuality, Diagnosis, Trail
@@ -18,6 +15,7 @@ from ph_post.report.diagnoses import (
     diagnosis_view,
 )
 from ph_post.report.findingwords import finding_name, label_words, number_words
+from ph_post.report.page import make_page
 from ph_post.report.residuals import (
     Profile,
     by_position,
@@ -37,10 +35,6 @@ STEPS: Final = 100
 
 DIGITS: Final = 5
 """Significant digits of what is only drawn."""
-
-_DATA: Final = "/*DATA*/null"
-_LINES: Final = "<!--LINES-->"
-"""Where the page's data go in its template, and the same in words for a reader without scripts."""
 
 
 def diagnosis_page(
@@ -74,11 +68,8 @@ def diagnosis_page(
         ],
         "trails": [_trail(one, diagnosis, efforts) for one in diagnosis.trails],
     }
-    # No "<" inside the script: a "</script" from a file would end it.
-    text = msgspec.json.encode(data).decode().replace("<", "\\u003c")
-    lines = html.escape("\n".join(diagnosis_lines(diagnosis, efforts)))
-    template = resources.files(__package__).joinpath("diagnosispage.html").read_text(encoding="utf-8")
-    return template.replace(_DATA, text).replace(_LINES, lines)
+    title = f"ph-post diagnose {name}".rstrip()
+    return make_page("diagnosis", title, data, diagnosis_lines(diagnosis, efforts))
 
 
 def residual_scale(axis: str, channel: Channel, efforts: Mapping[str, str]) -> tuple[str, float]:

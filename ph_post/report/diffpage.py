@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 
 from ph_post.audit.diff.feet import places
@@ -13,7 +11,8 @@ from ph_post.audit.diff.outline import ANGLE, ORDER, Outline
 from ph_post.audit.diff.record import Comparison
 from ph_post.audit.diff.travel import Side, Travel
 from ph_post.gcode.reader.record import RAPID, PartProgram
-from ph_post.report.diffs import Programs, page_view
+from ph_post.report.diffs import Programs, page_view, summary
+from ph_post.report.page import make_page
 from ph_post.types import Array, IntArray
 from ph_post.units import MM, MM_PER_MIN
 
@@ -23,28 +22,22 @@ POINTS: Final = 30_000
 STEPS: Final = 10_000
 """Steps of the feed that are drawn at most: of more, lowest and highest of neighbours."""
 
-_PLACE: Final = "/*DATA*/null"
-"""Where the page's data go in its template."""
 
-
-def make_page(found: Comparison, programs: Programs) -> str:
+def diff_page(found: Comparison, programs: Programs) -> str:
     """Return the page."""
     data = {
         **page_view(found, programs),
-        "path": _path(found.travel.outlines[0], programs[0]),
-        "off": [] if found.travel.sides is None else [_off(found.travel, programs, k) for k in (0, 1)],
-        "speed": [_speed(found.travel, programs, k) for k in (0, 1)],
+        "path": path_points(found.travel.outlines[0], programs[0]),
+        "off": [] if found.travel.sides is None else [places_off(found.travel, programs, k) for k in (0, 1)],
+        "speed": [feed_steps(found.travel, programs, k) for k in (0, 1)],
     }
-    # A "</" inside a script would end it.
-    text = msgspec.json.encode(data).decode().replace("</", "<\\/")
-    template = resources.files(__package__).joinpath("diffpage.html").read_text(encoding="utf-8")
-    return template.replace(_PLACE, text)
+    return make_page("diff", "ph-post diff", data, summary(found, programs))
 
 
-def _path(outline: Outline, program: PartProgram) -> dict[str, Any]:
+def path_points(outline: Outline, program: PartProgram) -> dict[str, Any]:
     """Points of the first path [mm], with the line of each and whether it is reached in a rapid move."""
     if len(outline.table) == 0:
-        return {"x": [], "y": [], "z": [], "line": [], "rapid": []}
+        return {"x": [], "y": [], "z": [], "s": [], "line": [], "rapid": []}
     table = outline.table
     parts = np.maximum(1, np.ceil(np.abs(table[:, ANGLE]) / np.pi * 32)).astype(np.int64)
     parts = np.where(table[:, ORDER] > 0.0, 24, parts)
@@ -55,8 +48,11 @@ def _path(outline: Outline, program: PartProgram) -> dict[str, Any]:
     kept = _thinned(piece.size)
     points = places(table, outline.control, piece[kept], u[kept])
     motion = outline.motion[piece[kept]]
+    # Of splines the way is that of an even run through the parameter.
+    ways = outline.s[piece[kept]] + u[kept] * np.diff(outline.s)[piece[kept]]
     return {
         **_columns(points),
+        "s": np.round(ways / MM, 4).tolist(),
         "line": (program.motions.block[motion] + 1).tolist(),
         "rapid": (program.motions.kind[motion] == RAPID).astype(int).tolist(),
     }
@@ -72,7 +68,7 @@ def _columns(points: Array, names: str = "xyz") -> dict[str, Any]:
     return {name: np.round(points[:, k] / MM, 5).tolist() for k, name in enumerate(names)}
 
 
-def _off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
+def places_off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     """Where one path is not the other: the other's places [mm], and what is between, to be magnified."""
     assert travel.sides is not None
     side: Side = travel.sides[k]
@@ -88,7 +84,7 @@ def _off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     }
 
 
-def _speed(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
+def feed_steps(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     """Programmed feed along the first path [mm/min], as steps from one way to the next [mm]."""
     outline, motions = travel.outlines[k], programs[k].motions
     if motions.kind.size == 0:

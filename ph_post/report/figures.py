@@ -12,7 +12,7 @@ from ph_post.analysis import Analysis
 from ph_post.compensate.sample import place_and_feed
 from ph_post.errors import InputError
 from ph_post.types import Array, Phase, Plan, TurningPoint
-from ph_post.units import MM, MM_PER_MIN
+from ph_post.units import MM, MM_PER_MIN, MS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,6 +69,39 @@ def draw_plan(analysis: Analysis, plan: Plan) -> Figure:
     _draw_feed(right, plan)
     figure.suptitle(f"{analysis.path.name}, strategy {plan.strategy}")
     return figure
+
+
+def draw_analysis(analysis: Analysis) -> Figure:
+    """Draw the path with its windows, and beside it, with a machine, how long every turning point is held."""
+    known = [one for one in analysis.intervals if one is not None]
+    figure = new_figure(10.0 if known else 5.5)
+    if not known:
+        _draw_path(figure.subplots(), analysis)
+    else:
+        left, right = figure.subplots(1, 2)
+        _draw_path(left, analysis)
+        _draw_intervals(right, analysis)
+    figure.suptitle(analysis.path.name)
+    return figure
+
+
+def _draw_intervals(axes: Axes, analysis: Analysis) -> None:
+    """Draw the backlash interval of every turning point that has one as a bar, its lag before it."""
+    from matplotlib.ticker import MaxNLocator
+
+    for point, interval in zip(analysis.turning_points, analysis.intervals, strict=True):
+        if interval is not None:
+            lag, duration = interval.lag / MS, interval.duration / MS
+            axes.barh(point.index, lag, color=BEFORE, height=0.7, label="lag of the reversal")
+            axes.barh(point.index, duration, left=lag, color=AFTER, height=0.7, label="held in its gap")
+    axes.invert_yaxis()
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlabel="after the command turns round [ms]", ylabel="turning point")
+    # Every bar has its label; the legend has each once.
+    once = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(
+        once.values(), once.keys(), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
+    )
 
 
 def _draw_path(axes: Axes, analysis: Analysis) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+import msgspec
 import numpy as np
 
 from ph_post.analysis import Analysis, analyse
@@ -22,8 +23,9 @@ from ph_post.report.views import (
     strategy_at,
     turning_point_views,
     window_number,
+    windows_by_point,
 )
-from ph_post.types import IntArray, Machine, TurningPoint
+from ph_post.types import IntArray, Machine, TurningPoint, Window
 
 MILLION = 10**6
 
@@ -36,13 +38,31 @@ def window_views(delivery: Delivery, machine: Machine, tolerance: float) -> list
     `line` is that of the program; `tolerance` the ε of the windows [m]. `strategy` is `takeup` where an axis
     gets another lasting offset.
     """
+    return [place.view for place in turning_places(delivery, machine, tolerance)]
+
+
+class TurningPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A turning point of a program: the path it is on, itself, its window there, and what is told of it."""
+
+    path: ProgramPath
+    point: TurningPoint
+    window: Window | None
+    view: View
+
+
+def turning_places(delivery: Delivery, machine: Machine, tolerance: float) -> list[TurningPlace]:
+    """Return every turning point of a program, path by path; `tolerance` is the ε of the windows [m]."""
     done = _done(delivery.windows)
-    views: list[View] = []
+    found: list[TurningPlace] = []
     for path in paths_of(delivery.before):
         analysis = analyse(path.path, machine, tolerance)
-        for view in _of_path(delivery, path, analysis, done):
-            views.append({**view, "index": len(views)})
-    return views
+        windows = windows_by_point(analysis.windows)
+        views = _of_path(delivery, path, analysis, done)
+        for point, view in zip(analysis.turning_points, views, strict=True):
+            told = {**view, "index": len(found)}
+            window = windows.get(point.index)
+            found.append(TurningPlace(path=path, point=point, window=window, view=told))
+    return found
 
 
 def _done(plans: Sequence[WindowPlan]) -> dict[Place, View]:

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from ph_post.errors import InputError
 from ph_post.gcode.controller.error import CutPath, program_error
 from ph_post.gcode.controller.moves import linking_of, moved_axes, tolerance_of
-from ph_post.gcode.controller.nearest import distances, shapes_of
+from ph_post.gcode.controller.nearest import feet, shapes_of
 from ph_post.gcode.controller.run import DRAINED, DWELL, SMOOTHING, run_program
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
@@ -149,7 +149,7 @@ def test_distances_from_a_helix_are_those_of_a_fine_sampling() -> None:
     points = fine[rows] + random.normal(0.0, 5e-5, (50, 3))
     expected = [float(np.linalg.norm(fine - point, axis=1).min()) for point in points]
     place = path.starts[1] + rows / 200_000 * path.legs.length[1]
-    found = distances(shapes_of(path.legs), path.starts, points, place, np.full(50, 1e-3))
+    found = feet(shapes_of(path.legs), path.starts, points, place, np.full(50, 1e-3))[0]
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 

@@ -17,7 +17,7 @@ from ph_post.drive.local import gaps_of
 from ph_post.errors import InputError
 from ph_post.gcode.controller.legs import Legs
 from ph_post.gcode.controller.moves import limit_table, programmed
-from ph_post.gcode.controller.nearest import distances, follow, shapes_of
+from ph_post.gcode.controller.nearest import feet, follow, shapes_of
 from ph_post.gcode.reader.record import AXES, PartProgram
 from ph_post.simulate.assess import at_rest, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
@@ -89,12 +89,36 @@ class CutPath:
     def command_distance(self, command: Command, place: Array) -> Array:
         """How far a command itself is from the path in every row [m]."""
         position = self._in_space(command.axes, command.position)
-        return distances(self._shapes, self.starts, position, place, np.full(len(position), SLACK))
+        return feet(self._shapes, self.starts, position, place, np.full(len(position), SLACK))[0]
 
     def distance(self, run: Run, place: Array) -> Array:
         """How far the table is from the path in every row of a run [m]."""
+        return self.feet(run, place)[0]
+
+    def feet(self, run: Run, place: Array) -> tuple[Array, Array]:
+        """How far the table is from the path in every row of a run [m], and from where along it [m]."""
         executed = self._in_space(run.axes, run.executed)
-        return distances(self._shapes, self.starts, executed, place, SLACK + self._lag(run))
+        return feet(self._shapes, self.starts, executed, place, SLACK + self._lag(run))
+
+    def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
+        """Points at places (n,) along the program [m], shape (n, axes) [m]."""
+        legs = self.legs
+        leg = np.clip(np.searchsorted(self.starts, place, side="right") - 1, 0, legs.length.size - 1)
+        way = np.clip(place - self.starts[leg], 0.0, legs.length[leg])
+        share = way / legs.length[leg]
+        angle = (legs.sweep[leg] * share)[:, None]
+        turned = np.cos(angle) * legs.first[leg] + np.sin(angle) * legs.second[leg]
+        radius = legs.radius[leg][:, None]
+        arc = radius * turned + legs.rise[leg] * share[:, None]
+        found = legs.origin[leg] + np.where(radius > 0.0, arc, legs.first[leg] * way[:, None])
+        return np.asarray(found[:, [AXES.index(name) for name in axes]])
+
+    def place_of(self, motion: IntArray, share: Array) -> Array:
+        """Places along the program [m] of shares (0 to 1) of its motions, each of shape (n,)."""
+        legs = self.legs
+        known = np.stack([legs.motion + legs.share0, legs.motion + legs.share1], axis=1).ravel()
+        places = np.stack([self.starts[:-1], self.starts[1:]], axis=1).ravel()
+        return np.asarray(np.interp(motion + share, known, places))
 
     def _lag(self, run: Run) -> Array:
         """How far the table may be behind the command in every row [m]."""

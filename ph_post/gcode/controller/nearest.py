@@ -135,35 +135,45 @@ def follow(
 
 
 @compiled
-def distances(shapes: Array, starts: Array, position: Array, place: Array, reach: Array) -> Array:
-    """Measure how far positions (m, 3) are from what lies within `reach` (m,) of their `place` (m,) [m]."""
+def feet(shapes: Array, starts: Array, position: Array, place: Array, reach: Array) -> tuple[Array, Array]:
+    """Find what lies within `reach` (m,) of the `place` (m,) of positions (m, 3), and is nearest to them [m].
+
+    Returns
+    -------
+    distance, foot : Array, shape (m,)
+        How far it is, and where along the program [m].
+    """
     count, last = position.shape[0], shapes.shape[0] - 1
-    found = np.empty(count)
+    distance, foot = np.empty(count), np.empty(count)
     work = np.empty(3)
     for row in range(count):
         first = min(max(int(np.searchsorted(starts, place[row], side="right")) - 1, 0), last)
-        best = math.inf
+        best, at = math.inf, place[row]
         k = first
         while k >= 0 and starts[k + 1] >= place[row] - reach[row]:
-            best = min(best, _to(shapes, k, position[row], place[row] - starts[k], work))
+            square, s = _to(shapes, k, position[row], place[row] - starts[k], work)
+            if square < best:
+                best, at = square, starts[k] + s
             k -= 1
         k = first + 1
         while k <= last and starts[k] <= place[row] + reach[row]:
-            best = min(best, _to(shapes, k, position[row], place[row] - starts[k], work))
+            square, s = _to(shapes, k, position[row], place[row] - starts[k], work)
+            if square < best:
+                best, at = square, starts[k] + s
             k += 1
-        found[row] = math.sqrt(best)
-    return found
+        distance[row], foot[row] = math.sqrt(best), at
+    return distance, foot
 
 
 @inner
-def _to(shapes: Array, row: int, x: Array, near: float, work: Array) -> float:
-    """Squared distance from a leg."""
+def _to(shapes: Array, row: int, x: Array, near: float, work: Array) -> tuple[float, float]:
+    """Squared distance from a leg, and where on it that is [m from its beginning]."""
     s = _foot(shapes, row, x, near, work)
     rise = abs(shapes[row, RISE + 0]) + abs(shapes[row, RISE + 1]) + abs(shapes[row, RISE + 2])
     for _ in range(NEWTON if rise > 0.0 else 0):
         s = _improved(shapes, row, x, s, work)
     _point(shapes, row, s, work)
-    return _square(x, work)
+    return _square(x, work), s
 
 
 @inner

@@ -1,0 +1,184 @@
+"""``ph-post report``: one page to look at, of a path, a program, two programs or a record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from click.core import ParameterSource
+
+from ph_post.cli import options
+from ph_post.cli.recordings import log_options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ph_post.io.source import Raw
+    from ph_post.report.product import Product
+
+    Stage = Callable[[str], None]
+
+QUICK: Final = 0.1
+"""Part of the search that `convert` makes: a page is looked at now."""
+
+HEAD: Final = 4096
+"""Bytes at the beginning of a table that hold its header."""
+
+OF_LOGS: Final = ("columns", "sides", "program")
+OF_BOTH: Final = ("machine", "output", "plot", "as_json", "source", "other")
+"""Options for records only, and for everything; all others say how a motion is planned."""
+
+
+@click.command()
+@click.argument("source", metavar="IN")
+@click.argument("other", metavar="[OTHER]", required=False)
+@options.optional_machine
+@click.option("-o", "--output", metavar="PAGE.html", help="The page; - for standard output (the default).")
+@options.plot("the same in short")
+@options.strategy("auto")
+@options.planning_with(effort=QUICK)
+@options.carrier
+@log_options
+@options.common
+def command(
+    source: str, other: str | None, machine: str | None, output: str | None, plot: str | None, as_json: bool,
+    **how: Any,
+) -> int:  # fmt: skip
+    """Make one page of a path, a part program, two programs or a record. It needs no network.
+
+    IN is a path file (.json), the name of a shipped one, a part program, a record of what a machine did (as
+    `ph-post diagnose --help` says), or - for standard input. With OTHER both are part programs.
+
+    Of a path or a program the page shows where axes turn round, with their windows; how far the machine will
+    leave the path, before and after it is compensated, magnified along the path; the feed before and after; a
+    row for every turning point; and the machine. A program that is compensated already is shown beside its
+    original. Of two programs it is the page of `ph-post diff --html`, of a record that of
+    `ph-post diagnose --html`.
+
+    On the page, wheel and dragging zoom and move, a double click shows all; pointing at a picture tells the
+    numbers there, in all pictures; so does the keyboard. It is light or dark as the system is, and prints.
+
+    The search for the best compensation is shorter than that of `convert`; --effort 1 makes it the same. Exit
+    status 0: done, whatever the page shows.
+
+    \b
+    Examples:
+      ph-post report oval -m mill -o oval.html
+      ph-post report part.ngc -m router.toml -o part.html --plot part.png
+      ph-post report part.ngc part_compensated.ngc -m router.toml -o both.html
+      ph-post report run.csv -m router.toml -o run.html
+      ph-post report part.json -m mill.toml --strategy suppress --ratio 0.4 -o part.html
+    """
+    from ph_post.io.atomic import write_atomically
+    from ph_post.report.figures import picture_format, render
+    from ph_post.report.progress import Progress
+    from ph_post.report.tables import print_json
+
+    page = output or (None if as_json or plot is not None else "-")
+    if page == "-" and as_json:
+        raise click.UsageError("standard output can take one product; got two for it")
+    with Progress() as stage:
+        made = _made(source, other, machine, how, stage)
+        products: dict[str, str | bytes] = {}
+        if page is not None:
+            stage("making the page")
+            products[page] = made.page()
+        if plot is not None:
+            stage("drawing")
+            products[plot] = render(made.figure(), picture_format(plot))
+        write_atomically(products)
+    if as_json:
+        print_json(made.view())
+    options.tell_written(made.warnings, products)
+    return 0
+
+
+def _made(source: str, other: str | None, machine: str | None, how: dict[str, Any], stage: Stage) -> Product:
+    """Find out what IN is, and make what it takes."""
+    from ph_post.io.inputs import kind_of
+    from ph_post.io.shipped import or_shipped
+    from ph_post.io.source import read_raw
+
+    stage("reading")
+    if other is not None:
+        _refuse("two programs", keep=())
+        return _of_two(source, other, machine, stage)
+    raw = read_raw(or_shipped("paths", source))
+    kind = kind_of(raw)
+    if machine is None:
+        raise click.UsageError("Missing option '-m' / '--machine'")
+    if kind == "log":
+        _refuse_table(raw)
+        _refuse("a record", keep=OF_LOGS)
+        return _of_log(raw, machine, how, stage)
+    _refuse(f"a {kind}", leave=OF_LOGS)
+    return (_of_path if kind == "path" else _of_program)(raw, machine, how, stage)
+
+
+def _refuse_table(raw: Raw) -> None:
+    """Refuse an interpolator table, which looks like a record and is none."""
+    from ph_post.errors import InputError
+
+    if b"segment,xi,s" in raw.data[:HEAD]:
+        raise InputError(
+            raw.name, "is an interpolator table", expected="the path that it was made of, or a record",
+            got="what `ph-post simulate` takes",
+        )  # fmt: skip
+
+
+def _refuse(what: str, *, keep: tuple[str, ...] | None = None, leave: tuple[str, ...] = ()) -> None:
+    """Refuse options that do not belong to the kind of input: none is left aside in silence."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        unknown = name in leave if keep is None else name not in (*keep, *OF_BOTH)
+        if (
+            unknown
+            and parameter.expose_value
+            and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        ):
+            raise click.UsageError(f"{parameter.opts[-1]} does not go with {what}")
+
+
+def _of_two(a: str, b: str, machine: str | None, stage: Stage) -> Product:
+    from ph_post.audit.diff.compare import TOLERANCE
+    from ph_post.cli.diff import compare_files
+    from ph_post.report.product import diff_product
+    from ph_post.units import MM
+
+    return diff_product(*compare_files(a, b, machine, TOLERANCE / MM, stage))
+
+
+def _of_log(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
+    from ph_post.cli.recordings import read_recording
+    from ph_post.diagnose.diagnose import diagnose
+    from ph_post.io.machinefile import read_machine
+    from ph_post.report.product import diagnosis_product
+
+    drives = read_machine(machine)
+    log = read_recording(raw, how, drives)
+    return diagnosis_product(diagnose(log, drives, stage), log)
+
+
+def _of_path(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
+    from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
+    from ph_post.compensate.plan import make_plan
+    from ph_post.report.product import motion_product
+    from ph_post.report.traces import path_picture
+
+    analysis = load_and_analyse(raw, machine, how["tolerance"], stage, feed=how["feed"])
+    plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
+    stage("simulating before and after")
+    return motion_product(path_picture(analysis, plan, effect_warnings(plan.machine, analysis.path.axes)))
+
+
+def _of_program(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
+    from ph_post.cli.programs import compensated
+    from ph_post.io.machinefile import read_machine
+    from ph_post.report.product import motion_product
+    from ph_post.report.programtraces import program_picture
+    from ph_post.units import MM
+
+    drives = read_machine(machine)
+    found = compensated(raw, drives, how, stage)
+    return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], stage))

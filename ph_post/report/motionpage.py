@@ -1,0 +1,203 @@
+"""A page that shows a path or a part program: its windows, its predicted error magnified, its feed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.gcode.header import package_version
+from ph_post.report.assessments import error_view, scenario_words
+from ph_post.report.machinewords import machine_view
+from ph_post.report.page import make_page
+from ph_post.report.tables import format_table
+from ph_post.report.thinning import along, rows_to_draw
+from ph_post.report.traces import Mark, Picture, Trace
+from ph_post.simulate.contour import ContourError, TurningError
+from ph_post.types import Array, IntArray
+from ph_post.units import MICROMETRE, MM, MM_PER_MIN
+
+ROWS: Final = 10_000
+"""Rows that a motion is drawn with at most, apart from those that show the error of a turning point."""
+
+MARKS: Final = 2_000
+"""Turning points that are listed at most: of more, those with the largest errors."""
+
+View = dict[str, Any]
+
+
+def motion_page(picture: Picture) -> str:
+    """Return the page."""
+    return make_page("motion", f"ph-post report {picture.name}", motion_view(picture), motion_lines(picture))
+
+
+def motion_view(picture: Picture) -> View:
+    """Return the page's data: lengths in mm, errors in µm, feeds in mm/min, times in s."""
+    picture, left_out = _listed(picture)
+    kept = [_rows(picture, trace) for trace in picture.traces]
+    return {
+        "name": picture.name,
+        "kind": picture.kind,
+        "axes": list(picture.axes),
+        "length": picture.length / MM,
+        "strategy": picture.strategy,
+        "version": package_version(),
+        "summary": summary(picture),
+        "machine": machine_view(picture.machine, picture.axes),
+        "warnings": list(picture.warnings),
+        "notes": [*_thinned(picture, kept), *left_out],
+        "path": _path(picture, kept),
+        "points": [_point(picture, number) for number in range(len(picture.marks))],
+        "runs": [_run(picture, trace, rows) for trace, rows in zip(picture.traces, kept, strict=True)],
+    }
+
+
+def summary(picture: Picture) -> str:
+    """Say in a sentence what a machinist wants to know first.
+
+    Such as ``oval: contour error 11.4 µm before, 4.45 µm after; 13.500 s before, 13.864 s after``.
+    """
+    before, after = picture.traces[0], picture.traces[-1]
+    if before.size is None:
+        return f"{picture.name}: over before its contour error counts"
+    size = f"contour error {_micro(before.size)} µm"
+    if after is before or after.size is None:
+        return f"{picture.name}: {size}, {before.time:.3f} s, nothing is changed"
+    times = f"{before.time:.3f} s before, {after.time:.3f} s after"
+    return f"{picture.name}: {size} before, {_micro(after.size)} µm after; {times}"
+
+
+def _micro(error: ContourError) -> str:
+    return f"{error.max / MICROMETRE:.3g}"
+
+
+def motion_lines(picture: Picture) -> list[str]:
+    """Say the same in lines, for a reader without scripts."""
+    header = ("#", "axis", "sense", "s mm", "done", *(f"{one.name} µm" for one in picture.traces))
+    rows = [
+        (
+            str(mark.view["index"]), mark.view["axis"], mark.view["sense"], f"{mark.s / MM:.3f}",
+            mark.view["strategy"], *(_cell(one.turning[k]) for one in picture.traces),
+        )
+        for k, mark in enumerate(picture.marks[:MARKS])
+    ]  # fmt: skip
+    table = [format_table(header, rows)] if rows else ["no axis turns round"]
+    return [summary(picture), *table, *(f"warning: {text}" for text in picture.warnings)]
+
+
+def _cell(error: TurningError | None) -> str:
+    return "-" if error is None else f"{error.max / MICROMETRE:.2f}"
+
+
+def _listed(picture: Picture) -> tuple[Picture, list[str]]:
+    """Leave out turning points where there are too many, and say so."""
+    count = len(picture.marks)
+    if count <= MARKS:
+        return picture, []
+    sizes = [[0.0 if one is None else one.max for one in trace.turning] for trace in picture.traces]
+    worst = np.max(np.array(sizes), axis=0)
+    kept = np.sort(np.argsort(-worst, kind="stable")[:MARKS]).tolist()
+    traces = tuple(replace(trace, turning=tuple(trace.turning[k] for k in kept)) for trace in picture.traces)
+    words = f"of {count} turning points the {MARKS} with the largest errors are listed and marked"
+    return replace(picture, marks=tuple(picture.marks[k] for k in kept), traces=traces), [words]
+
+
+def _rows(picture: Picture, trace: Trace) -> IntArray:
+    """Choose the rows that are drawn: those with the error that the table tells are always among them."""
+    told = np.array([one.extreme for one in trace.turning if one is not None])
+    largest = (
+        []
+        if trace.size is None
+        else [np.flatnonzero(trace.counted & (np.abs(trace.error) == trace.size.max))]
+    )
+    always = np.flatnonzero(np.isin(trace.error, told) & trace.counted)
+    every = np.concatenate([always[: 2 * ROWS], *largest])
+    return rows_to_draw(trace.error, trace.feed, picture.inside(trace.s), every, ROWS)
+
+
+def _thinned(picture: Picture, kept: Sequence[IntArray]) -> list[str]:
+    return [
+        f"{trace.name}: {rows.size} of {trace.t.size} samples are drawn, closer in windows; the largest and "
+        "smallest errors and feeds are among them, and lines between them are straight"
+        for trace, rows in zip(picture.traces, kept, strict=True)
+        if rows.size < trace.t.size
+    ]
+
+
+def _path(picture: Picture, kept: Sequence[IntArray]) -> View:
+    """Points of the path [mm] at the places that are drawn, and its rapid stretches."""
+    drawn = [trace.s[rows] for trace, rows in zip(picture.traces, kept, strict=True)]
+    marks = [np.array([mark.s, *(mark.window or ())]) for mark in picture.marks]
+    fine = np.concatenate(
+        [along(np.unique(np.concatenate(drawn)), ROWS), along(picture.joints, ROWS), *marks]
+    )
+    s = np.unique(np.clip(fine, 0.0, picture.length).round(9))
+    points = picture.points(s)
+    return {
+        "s": _numbers(s / MM, 5),
+        **{name: _numbers(points[:, k] / MM, 5) for k, name in enumerate("xyz"[: len(picture.axes)])},
+        "rapid": [[begin / MM, end / MM] for begin, end in picture.rapids[:ROWS]],
+        "closed": picture.closed,
+    }
+
+
+def _run(picture: Picture, trace: Trace, rows: IntArray) -> View:
+    names = "xyz"[: len(picture.axes)]
+    worst = None if trace.worst_scenario is None else scenario_words(trace.worst_scenario)
+    return {
+        "name": trace.name,
+        "time": trace.time,
+        "error": error_view(trace.size),
+        "worst": error_view(trace.worst),
+        "worst_words": worst,
+        "assumed": scenario_words(trace.run.scenario),
+        "samples": trace.t.size,
+        "t": _numbers(trace.t[rows], 6),
+        "s": _numbers(trace.s[rows] / MM, 5),
+        "feed": _numbers(trace.feed[rows] / MM_PER_MIN, 3),
+        "e": _numbers(trace.error[rows] / MICROMETRE, 4),
+        **{name: _numbers(trace.foot[rows, k] / MM, 5) for k, name in enumerate(names)},
+        **{f"d{name}": _numbers(trace.away[rows, k] / MM, 7) for k, name in enumerate(names)},
+        "counted": trace.counted[rows].astype(int).tolist(),
+        "line": None if trace.line is None else trace.line[rows].tolist(),
+    }
+
+
+def _point(picture: Picture, number: int) -> View:
+    mark: Mark = picture.marks[number]
+    view = mark.view
+    backlash = view["backlash"]
+    return {
+        **{key: view[key] for key in ("index", "kind", "axis", "sense", "strategy", "ratio")},
+        "line": view.get("line"),
+        "s": mark.s / MM,
+        "at": [x / MM for x in mark.point],
+        "window": None if mark.window is None else [end / MM for end in mark.window],
+        "half": None if view["window"] is None else view["window"]["half_length"],
+        "limited_by": None if view["window"] is None else view["window"]["limited_by"],
+        "radius": view["radius"],
+        "lag": None if backlash is None else 1e3 * backlash["lag"],
+        "duration": None if backlash is None else 1e3 * backlash["duration"],
+        "errors": [_turning(trace.turning[number]) for trace in picture.traces],
+        "notes": list(dict.fromkeys([*_said(view), *view["notes"]])),
+    }
+
+
+def _said(view: View) -> list[str]:
+    window = [] if view["window"] is None else view["window"]["notes"]
+    return [*([view["note"]] if view["note"] else []), *window]
+
+
+def _turning(error: TurningError | None) -> float | None:
+    return None if error is None else error.max / MICROMETRE
+
+
+def _numbers(values: Array, digits: int) -> list[float | None]:
+    """Return values rounded to so many decimals, as short as can be; None where there is none."""
+    rounded = np.round(values, digits) + 0.0
+    return [
+        None if not math.isfinite(one) else int(one) if one == int(one) else one for one in rounded.tolist()
+    ]

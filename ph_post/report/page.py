@@ -1,0 +1,48 @@
+"""What all pages have in common: one file with its data, its style and its script, and no network."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable
+from importlib import resources
+from typing import Any, Literal
+
+import msgspec
+
+Kind = Literal["motion", "diff", "diagnosis"]
+
+
+def make_page(kind: Kind, title: str, data: dict[str, Any], lines: Iterable[str]) -> str:
+    """Put a page together.
+
+    Parameters
+    ----------
+    kind : str
+        Whose script draws it: that of ``pages/KIND.js``, on top of what all share.
+    title : str
+        Of the window.
+    data : dict
+        What the script draws, without NaN and infinity.
+    lines : iterable of str
+        The same in words, for a reader without scripts.
+
+    Returns
+    -------
+    str
+        HTML that asks the network for nothing.
+    """
+    parts = {
+        "title": html.escape(title),
+        "style": _text("page.css"),
+        "lines": html.escape("\n".join(lines)),
+        "script": _text("page.js") + _text(f"{kind}.js"),
+        # No "<" inside the script: a "</script" from a file would end it.
+        "data": msgspec.json.encode(data).decode().replace("<", "\\u003c"),
+    }
+    pieces = _text("page.html").split("@@")
+    # What stands in a part is never looked at again: nothing from a file is taken for the page's own.
+    return "".join(parts[piece] if number % 2 else piece for number, piece in enumerate(pieces))
+
+
+def _text(name: str) -> str:
+    return resources.files(__package__).joinpath("pages", name).read_text(encoding="utf-8")

@@ -1,0 +1,99 @@
+"""What `report` makes of its input: a page, a picture and an object, each when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from ph_post.report.assessments import error_view
+from ph_post.report.traces import Picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ph_post.audit.diff.record import Comparison
+    from ph_post.diagnose.record import Diagnosis
+    from ph_post.report.diffs import Programs
+    from ph_post.types import Log
+
+
+class Product(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """How page, picture and JSON object of one input are made, and what there is to warn of."""
+
+    page: Callable[[], str]
+    figure: Callable[[], Any]
+    view: Callable[[], dict[str, Any]]
+    warnings: tuple[str, ...] = ()
+
+
+def motion_product(picture: Picture) -> Product:
+    """Make a path or a program to be looked at."""
+    from ph_post.report.motionpage import motion_page
+
+    def figure() -> Figure:
+        from ph_post.report.picture_figures import draw_picture
+
+        return draw_picture(picture)
+
+    return Product(
+        page=lambda: motion_page(picture), figure=figure, view=lambda: picture_view(picture),
+        warnings=picture.warnings,
+    )  # fmt: skip
+
+
+def picture_view(picture: Picture) -> dict[str, Any]:
+    """Return what ``report --json`` prints of a path or a program."""
+    before, after = picture.traces[0], picture.traces[-1]
+    return {
+        "kind": picture.kind,
+        "windows": [
+            {
+                **mark.view,
+                "error": {
+                    "before": error_view(before.turning[number]), "after": error_view(after.turning[number]),
+                },
+            }
+            for number, mark in enumerate(picture.marks)
+        ],
+        "cycle_time": {"before": before.time, "after": after.time},
+        "error": {"before": error_view(before.size), "after": error_view(after.size)},
+        "error_worst": {"before": error_view(before.worst), "after": error_view(after.worst)},
+        "unchanged": len(picture.traces) == 1,
+        "warnings": list(picture.warnings),
+    }  # fmt: skip
+
+
+def diff_product(found: Comparison, programs: Programs) -> Product:
+    """Make two programs to be looked at."""
+    from ph_post.report.diffpage import diff_page
+    from ph_post.report.diffs import comparison_view
+
+    def figure() -> Figure:
+        from ph_post.report.diff_figures import draw_comparison
+
+        return draw_comparison(found, programs)
+
+    return Product(
+        page=lambda: diff_page(found, programs), figure=figure,
+        view=lambda: {"kind": "comparison", **comparison_view(found, programs)}, warnings=found.notes,
+    )  # fmt: skip
+
+
+def diagnosis_product(found: Diagnosis, log: Log) -> Product:
+    """Make a diagnosis to be looked at."""
+    from ph_post.report.diagnoses import diagnosis_view, effort_units
+    from ph_post.report.diagnosispage import diagnosis_page
+
+    efforts = effort_units(log)
+
+    def figure() -> Figure:
+        from ph_post.report.diagnosisfigures import draw_diagnosis
+
+        return draw_diagnosis(found, efforts)
+
+    return Product(
+        page=lambda: diagnosis_page(found, log.name, efforts), figure=figure,
+        view=lambda: {"kind": "diagnosis", **diagnosis_view(found, efforts)}, warnings=log.warnings,
+    )  # fmt: skip

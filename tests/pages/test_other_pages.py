@@ -1,0 +1,152 @@
+"""Pages of two programs, of a diagnosis, and of what is out of the ordinary, in a real browser."""
+
+import json
+import re
+
+import pytest
+from support.browser import Shown, numbers_after
+from support.diagnoses import diagnosis, each_verdict
+
+from ph_post.cli.main import main
+from ph_post.report.diagnosispage import diagnosis_page
+
+OLD = "G21 G90 G94\nG0 X0 Y0\nG1 X40 F600\nG3 X40 Y20 J10\nG1 X0\nG3 X0 Y0 J-10\nM2\n"
+NEW = OLD.replace("G1 X40 F600", "G1 X20 Y0.05 F600\nX40 Y0 F300")
+
+
+def show(browser, folder, text, **context):
+    file = folder / "page.html"
+    file.write_text(text, encoding="utf-8")
+    return Shown(browser, file, **context)
+
+
+@pytest.fixture(scope="module")
+def both(browser, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("both")
+    for name, text in (("old.ngc", OLD), ("new.ngc", NEW)):
+        (folder / name).write_text(text)
+    page = folder / "both.html"
+    assert main(["report", str(folder / "old.ngc"), str(folder / "new.ngc"), "-o", str(page)]) == 0
+    shown = Shown(browser, page)
+    yield shown
+    shown.require_quiet()
+    shown.close()
+
+
+def test_two_programs_are_told_where_one_points(both):
+    x, y = (both.pixel("#path", axis, value) for axis, value in (("x", 50.0), ("y", 10.0)))
+    text = both.point_at(x, y)
+    assert "A line 4, s 55.708 mm" in text  # 40 mm, and a quarter of the circle of 10 mm
+    assert numbers_after(text, "X", "Y") == pytest.approx([50.0, 10.0], abs=0.6)
+    both.page.locator("#dev").scroll_into_view_if_needed()
+    box = both.page.locator("#dev").bounding_box()
+    text = both.point_at(both.pixel("#dev", "x", 20.0), box["y"] + 30)
+    assert numbers_after(text, "s") == pytest.approx([20.0], abs=0.1)
+    assert numbers_after(text, "B off by") == pytest.approx([0.05], abs=1e-3)
+    box = both.page.locator("#feed").bounding_box()
+    text = both.point_at(both.pixel("#feed", "x", 30.0), box["y"] + 30)
+    assert re.findall(r"[AB] F \d+", text) == ["A F 600", "B F 300"]
+
+
+def test_two_programs_are_zoomed_and_seen_from_three_sides(both):
+    before = both.ticks("#dev", "x")
+    both.page.locator("tr.go").first.click()
+    both.settle()
+    assert both.ticks("#dev", "x") != before
+    both.page.get_by_role("button", name="all").click()
+    both.settle()
+    assert both.ticks("#dev", "x") == before
+    flat = both.drawn("#path .path")
+    both.page.get_by_role("button", name="XZ").click()
+    both.settle()
+    assert both.drawn("#path .path") != flat
+    both.page.get_by_role("button", name="XY").click()
+    both.settle()
+    assert both.drawn("#path .path") == flat
+
+
+def test_a_diagnosis_is_told_where_one_points_and_is_zoomed(browser, tmp_path):
+    shown = show(browser, tmp_path, diagnosis_page(diagnosis(), "run.csv"))
+    shown.page.locator("svg.time").first.scroll_into_view_if_needed()
+    box = shown.page.locator("svg.time").first.bounding_box()
+    text = shown.point_at(box["x"] + 0.5 * box["width"], box["y"] + 80)
+    assert re.match(r"[\d.]+ s, X commanded -?[\d.]+ mm\nbefore .* µm\nafter .* µm", text)
+    before = shown.page.locator("svg.time text.x").all_text_contents()
+    shown.page.mouse.wheel(0, -500)
+    shown.settle()
+    assert shown.page.locator("svg.time text.x").all_text_contents() != before
+    shown.page.get_by_role("button", name="all").click()
+    shown.settle()
+    assert shown.page.locator("svg.time text.x").all_text_contents() == before
+    shown.require_quiet()
+    shown.close()
+
+
+@pytest.mark.parametrize("verdict", ["named", "nothing-missing", "ambiguous", "unknown", "not-identifiable"])
+@pytest.mark.parametrize("width", [390, 1300])
+def test_every_verdict_is_shown_on_every_screen(browser, tmp_path, verdict, width):
+    shown = show(browser, tmp_path, diagnosis_page(each_verdict()[verdict], "run.csv"), width=width)
+    assert shown.page.locator("h1").first.inner_text()
+    assert shown.page.evaluate("document.documentElement.scrollWidth") <= width
+    shown.require_quiet()
+    shown.close()
+
+
+def line(name="line"):
+    return {
+        "format": "ph-post-path", "version": 1, "name": name, "source": "a test", "units": "mm",
+        "axes": ["X", "Y"], "feed": 1200, "closed": False,
+        "segments": [{"type": "line", "points": [[0, 0], [30, 10]]}],
+    }  # fmt: skip
+
+
+def page_of(browser, folder, path, *more):
+    source, page = folder / "in.json", folder / "out.html"
+    source.write_text(json.dumps(path))
+    assert main(["report", str(source), "-m", "mill", "-o", str(page), *more]) == 0
+    return Shown(browser, page)
+
+
+def test_a_path_without_a_window_is_shown(browser, tmp_path):
+    shown = page_of(browser, tmp_path, line())
+    assert "No axis turns round" in shown.page.locator("main").inner_text()
+    assert "nothing is changed" in shown.page.locator("h1").inner_text()
+    assert shown.count("tr.go") == 0
+    box = shown.page.locator("#feed").bounding_box()
+    assert "as it is: error" in shown.point_at(box["x"] + 200, box["y"] + 60)
+    shown.page.mouse.wheel(0, -300)
+    shown.settle()
+    shown.require_quiet()
+    shown.close()
+
+
+def test_names_are_shown_as_they_are(browser, tmp_path):
+    name = "</script><b onclick=alert(1)>&amp;\"'<!--@@data@@-->"
+    shown = page_of(browser, tmp_path, line(name))
+    assert (
+        shown.page.locator("h1")
+        .inner_text()
+        .startswith("</script><b onclick=alert(1)>&amp;\"'<!--@@data@@-->")
+    )
+    assert shown.count("script") == 1
+    assert shown.count("b[onclick]") == 0
+    shown.require_quiet()
+    shown.close()
+
+
+def test_a_program_of_one_axis_is_shown(browser, tmp_path):
+    source, page = tmp_path / "fro.ngc", tmp_path / "fro.html"
+    source.write_text("G21 G90 G94\nG0 X0\nG1 X20 F600\nX0\nX20\nM2\n")
+    assert main(["report", str(source), "-m", "old_mill", "--strategy", "none", "-o", str(page)]) == 0
+    shown = Shown(browser, page)
+    rows = [one.inner_text().split("\t") for one in shown.page.locator("tr.go").all()]
+    assert [(row[1], row[2]) for row in rows] == [("3", "20.000"), ("4", "40.000")]
+    x = shown.pixel("#feed", "x", 30.0)
+    box = shown.page.locator("#feed").bounding_box()
+    text = shown.point_at(x, box["y"] + 60)
+    assert "line 4" in text
+    assert numbers_after(text, "s", "X", "feed") == pytest.approx(
+        [30.0, 10.0, 600.0], abs=0.5
+    )  # the table lags
+    shown.require_quiet()
+    shown.close()
