@@ -57,7 +57,7 @@ def command(
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file
+    from ph_post.io.programfile import read_program_pair
     from ph_post.io.source import STDIN
     from ph_post.report.diffpage import make_page
     from ph_post.report.diffs import comparison_view, print_comparison
@@ -72,7 +72,7 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        programs = (read_program_file(a), read_program_file(b))
+        programs = read_program_pair(a, b, drives)
         if drives is not None:
             for program in programs:
                 require_drives(moved_axes(program), "program", drives, str(machine))
