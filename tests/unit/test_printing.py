@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.firmware import travel
 from support.splicing import ENOUGH, compensate
 
 from ph_post.audit.verify import verify
@@ -85,6 +86,7 @@ def test_a_line_of_printer_firmware(line: str, expected: str, dialect: str) -> N
         ("TIMELAPSE_TAKE_FRAME", "$@", "$"),
         ("G2 X1 Y1 R5", "G2 X1 Y1 R5", "$@"),
         ("X5 Y5", "$@", "$"),
+        ("g1 x5", "$@", "g1 x5"),
     ],
 )
 def test_a_line_that_one_firmware_has(line: str, marlin: str, klipper: str) -> None:
@@ -227,3 +229,33 @@ def test_the_commands_read_it_in_the_machine_s_language(
     assert main(["convert", str(out), "--undo", "-o", str(back)]) == 0
     assert back.read_bytes() == SLICED[0].read_bytes()
     assert "Traceback" not in capsys.readouterr().err
+
+
+ROUTED = """G21
+G90
+G0 Z5 F3000
+G0 X0 Y0 F6000
+G1 X40 F1500{e}
+G3 X40 Y40 I0 J20{e}
+G1 X0 Y40{e}
+G0 Z5 F3000
+G1 X60 Y60 F1500{e}
+"""
+
+
+@pytest.mark.parametrize(("words", "dips"), [("", True), (" E1", False)])
+def test_dips_are_written_in_marlin_s_words_and_never_into_extrusion(
+    words: str, dips: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "a.gcode", tmp_path / "b.gcode"
+    source.write_text(ROUTED.format(e=words))
+    how = ["-m", "mill", "--dialect", "marlin", "--strategy", "suppress", "--no-simulation"]
+    assert main(["convert", str(source), *how, "-o", str(out)]) == 0
+    assert ("extrudes (E), and is not divided" in capsys.readouterr().err) != dips
+    text = out.read_text()
+    assert (text != source.read_text()) == dips
+    if dips:
+        trip = travel(text, "marlin")
+        assert len(trip.feeds) > 20
+        assert trip.ends[-1].tolist() == [60.0, 60.0, 5.0]
+        assert all(abs(a - b) < 2e-4 for a, b in trip.arcs)

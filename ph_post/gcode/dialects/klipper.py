@@ -69,7 +69,7 @@ DIALECT = Dialect(
     rapid_feed=True,
     language=Language(
         name="klipper",
-        hide=reader_of(_STILL, b"XYZIJEF", b"$"),
+        hide=reader_of(_STILL, b"XYZIJEF", b"$", small=True),
         dwell=(("P", MS),),
         fixed={codes.UNITS: MM, codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
         feed_known=False,

@@ -6,12 +6,13 @@ with ARC_SUPPORT, which is on unless somebody takes it out. G17 to G19 (CNC_WORK
 (CNC_COORDINATE_SYSTEMS), G80 (GCODE_MOTION_MODES), G20 (INCH_MODE_SUPPORT) and G5 (BEZIER_CURVE_SUPPORT) are
 not; G40, G49, G61 as a path mode, G64, G91.1, G93, G94 and M2 are unknown, G61 and M30 mean other things
 (go back to a saved place; delete a file). `src/gcode/parser.cpp` takes one command a line, whose G or M comes
-first; comments are `;` only (parentheses with PAREN_COMMENTS). `G4.cpp`: P in whole milliseconds, S in
-seconds. `G0_G1.cpp`: G0 moves at F as G1 does, unless G0_FEEDRATE is set. `G2_G3.cpp`: I and J from the
-start, or R; P is the number of whole circles before, so none is written. `M425.cpp` with BACKLASH_GCODE:
-`M425 F0` switches the firmware's own compensation off; firmware built without it says that it does not know
-the word, and goes on. `Configuration_adv.h`: a command has fewer than 96 characters (MAX_CMD_SIZE), of which
-a host takes some for line number and checksum; arcs are drawn in chords of up to MAX_ARC_SEGMENT_MM, 1 mm.
+first; comments are `;` only (parentheses with PAREN_COMMENTS), letters are capitals only. `G4.cpp`: P in
+whole milliseconds, S in seconds. `G0_G1.cpp`: G0 moves at F as G1 does, unless G0_FEEDRATE is set.
+`G2_G3.cpp`: I and J from the start, or R; P is the number of whole circles before, so none is written.
+`M425.cpp` with BACKLASH_GCODE: `M425 F0` switches the firmware's own compensation off; firmware built without
+it says that it does not know the word, and goes on. `Configuration_adv.h`: a command has fewer than 96
+characters (MAX_CMD_SIZE), of which a host takes some for line number and checksum; arcs are drawn in chords
+of up to MAX_ARC_SEGMENT_MM, 1 mm.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ DIALECT = Dialect(
     guard=(_OWN_OFF,),
     language=Language(
         name="marlin",
-        hide=reader_of(frozenset(), b"XYZIJREFS", b"$@"),
+        hide=reader_of(frozenset(), b"XYZIJREFS", b"$@", small=False),
         dwell=(("P", MS), ("S", 1.0)),
         fixed={codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
         feed_known=False,

@@ -33,7 +33,9 @@ STILL: Final = frozenset(
 temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names."""
 
 
-def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes) -> Callable[[bytes], bytes]:
+def reader_of(
+    still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool
+) -> Callable[[bytes], bytes]:
     """Return the function that hides what is no motion.
 
     Parameters
@@ -44,8 +46,10 @@ def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes) -> Callable[
         Letters that an arc may have, in capitals.
     foreign : bytes
         What stands at the beginning of a line with any other extended command.
+    small : bool
+        Whether small letters mean what capitals mean.
     """
-    change = partial(_hidden, still=still, arcs=arcs, foreign=foreign)
+    change = partial(_hidden, still=still, arcs=arcs, foreign=foreign, small=small)
     return lambda data: _LINE.sub(lambda found: change(found[0]), data)
 
 
@@ -55,7 +59,7 @@ def why_bound(line: bytes) -> str:
     return "extrudes (E), and is not divided" if _EXTRUDED.search(command) else ""
 
 
-def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes) -> bytes:
+def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
     """Return one line as RS274/NGC has it, of the same length."""
     code, mark, comment = line.partition(b";")
     if not code.strip():
@@ -66,6 +70,8 @@ def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes) -
         quiet = name is not None and name[1].upper() in still
         return (b" " * len(code) if quiet else _marked(code, foreign)) + mark + comment
     word = found[1].upper() + (found[2].lstrip(b"0") or b"0")
+    if not small and word in _READ and code != code.upper():
+        return _marked(code, b"$@") + mark + comment
     return _command(code, word, found.end(), arcs) + mark + comment
 
 
