@@ -110,6 +110,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         every line names it.
     rapid_feed : bool
         Whether G0 moves at F, as G1 does, so that every rapid needs an F of its own.
+    cautions : tuple of str
+        What a user should know about lasting offsets on such controllers.
     guard : tuple of str
         Commands before the first line of a program that is compensated: they keep the controller from
         compensating a second time.
@@ -142,6 +144,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     assumed: tuple[str, ...] = ASSUMED
     modal_motion: bool = True
     rapid_feed: bool = False
+    cautions: tuple[str, ...] = ()
     guard: tuple[str, ...] = ()
     language: Language = RS274
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
