@@ -113,7 +113,7 @@ def deliver(
     declaration = _declaration(original, edits, machine, request)
     data = splice(original, edits, find_dialect(machine.dialect), declaration)
     tell("verifying")
-    after = read_program(data, original.name)
+    after = read_program(data, original.name, language=original.language)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
     if not verdict.ok:
         raise _refusal(original.name, verdict)
@@ -135,7 +135,7 @@ def _original(program: PartProgram, machine: Machine, request: Request) -> PartP
             program.name, f"compensated before, by ph-post {found.version} for {found.machine}",
             expected="the original, or --force to begin again from it, or --undo",
         )  # fmt: skip
-    return read_program(undo(program.data, program.name), program.name)
+    return read_program(undo(program.data, program.name), program.name, language=program.language)
 
 
 def _plan(

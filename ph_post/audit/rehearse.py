@@ -237,4 +237,5 @@ def original_of(program: PartProgram) -> PartProgram | None:
     """
     if read_declaration(program.data) is None:
         return None
-    return read_program(undo(program.data, program.name), f"original of {program.name}")
+    name = f"original of {program.name}"
+    return read_program(undo(program.data, program.name), name, language=program.language)

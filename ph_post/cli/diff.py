@@ -112,7 +112,7 @@ def compare_files(
     from ph_post.drive.required import require_drives
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file
+    from ph_post.io.programfile import read_program_pair
     from ph_post.io.source import STDIN
     from ph_post.units import MM
 
@@ -120,7 +120,7 @@ def compare_files(
         raise click.UsageError("standard input can give one program; got - for both")
     stage("reading")
     drives = None if machine is None else read_machine(machine)
-    programs = (read_program_file(a), read_program_file(b))
+    programs = read_program_pair(a, b, drives)
     if drives is not None:
         for program in programs:
             require_drives(moved_axes(program), "program", drives, str(machine))

@@ -47,7 +47,7 @@ def command(original: str, compensated: str, tolerance: float, machine: str | No
     """
     from ph_post.audit.verify import verify
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file
+    from ph_post.io.programfile import read_program_pair
     from ph_post.io.source import STDIN
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
@@ -59,7 +59,7 @@ def command(original: str, compensated: str, tolerance: float, machine: str | No
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        programs = (read_program_file(original), read_program_file(compensated))
+        programs = read_program_pair(original, compensated, drives)
         stage("comparing")
         verdict = verify(*programs, tolerance=tolerance * MM, machine=drives)
     if as_json:

@@ -10,8 +10,9 @@ from typing import Final, Literal
 from ph_post.gcode.paths.build import line_words, main_path
 from ph_post.gcode.reader.read import read_program
 from ph_post.io.pathfile import path_of
+from ph_post.io.programfile import language_of
 from ph_post.io.source import Raw, decoded, read_raw
-from ph_post.types import Path
+from ph_post.types import Machine, Path
 
 ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt"))
 """Endings of part programs."""
@@ -55,10 +56,13 @@ def kind_of(raw: Raw) -> Kind:
     return "program" if ending not in (".csv", *STORED) and _BLOCK.match(raw.data) is not None else "log"
 
 
-def read_input(source: str | os.PathLike[str] | Raw) -> tuple[Path, tuple[str, ...]]:
+def read_input(
+    source: str | os.PathLike[str] | Raw, machine: Machine | None = None
+) -> tuple[Path, tuple[str, ...]]:
     """Read a path file, or the longest path of a part program; ``-`` is standard input.
 
-    What was read already, to tell one from the other, is taken as it is.
+    What was read already, to tell one from the other, is taken as it is. A program is read in the language
+    that it declares, or else in the machine's.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def read_input(source: str | os.PathLike[str] | Raw) -> tuple[Path, tuple[str, .
     raw = source if isinstance(source, Raw) else read_raw(source)
     if not is_program(raw):
         return path_of(decoded(raw)), ()
-    program = read_program(raw.data, raw.name)
+    program = read_program(raw.data, raw.name, language=language_of([raw.data], machine))
     found, warnings = main_path(program)
     notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
     return found.path, (*warnings, *notes)

@@ -32,7 +32,7 @@ def compensate(
     data: bytes, machine: Machine, *, dialect: str = "linuxcnc", max_slowdown: float = ENOUGH
 ) -> Compensated:
     """Read, plan and write."""
-    program = read_program(data, "part.ngc")
+    program = read_program(data, "part.ngc", language=find_dialect(dialect).language)
     options = SpliceOptions(max_slowdown=max_slowdown)
     edits = plan_offsets(program, machine, find_dialect(dialect), options)
     return with_edits(program, edits, machine, dialect)

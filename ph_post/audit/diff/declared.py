@@ -35,7 +35,9 @@ class Declared:
             return
         words = sentences(declaration)
         try:
-            self.original = read_program(undo(program.data, program.name), program.name)
+            self.original = read_program(
+                undo(program.data, program.name), program.name, language=program.language
+            )
             self.taken_back = True
         except InputError as error:
             words.append(f"what it declares cannot be taken off: {error}")

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ph_post.gcode.reader.language import RS274, Language
 from ph_post.types import Array, IntArray
 
 RAPID, LINE, ARC, CUBIC, NURBS = range(5)
@@ -155,6 +156,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
     end. `notes` name what was passed through.
+    `language` is what it was read in.
     """
 
     name: str
@@ -168,6 +170,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     feed_word: Array
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
+    language: Language = RS274
 
     @property
     def blocks(self) -> int:

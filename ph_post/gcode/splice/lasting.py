@@ -155,5 +155,6 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
 
 def _with_warnings(edits: Edits, program: PartProgram, dialect: Dialect, said: list[str]) -> Edits:
     if edits.amplitude:
-        said = [*said, *friction_words(edits.amplitude), *double_compensation(program, dialect.name)]
+        own = double_compensation(program, dialect.name)
+        said = [*said, *friction_words(edits.amplitude), *own, *dialect.cautions]
     return replace(edits, warnings=tuple(said))
