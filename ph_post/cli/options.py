@@ -84,8 +84,10 @@ class _StrategyOption(click.Option):
         from ph_post.compensate.strategies.registry import find_strategy, strategy_names
 
         known = ";  ".join(f"{name}: {find_strategy(name).summary}" for name in strategy_names())
-        self.help = f"What is done at each turning point. {known}."
-        return super().get_help_record(ctx)
+        record = super().get_help_record(ctx)
+        if record is None or self.help is None:
+            return record
+        return record[0], record[1].replace(self.help, f"{self.help} {known}.")
 
 
 def strategy(default: str | None, words: str | bool = True) -> Callable[[F], F]:
