@@ -93,8 +93,7 @@ def _floor(outcomes: Sequence[Outcome]) -> float:
 def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outcome]) -> Diagnosis:
     findings: list[Finding] = []
     for outcome, told in zip(outcomes, tell(log, machine, quality, outcomes), strict=True):
-        unit = log.axes[outcome.choice.problem.axis.name].effort_unit
-        findings += findings_of(outcome, told.where, told.evidence, unit)
+        findings += findings_of(outcome, told.where, told.evidence)
     findings = [_unknown_side(log, one) for one in findings]
     before = [_as_it_is(outcome) for outcome in outcomes]
     steps = _steps(outcomes, before)

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.diagnose.fit import Fitted, Part, covariance, fit_model, plant_at
+from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.model import Problem, predict
 from ph_post.diagnose.record import Estimate, Finding
 from ph_post.diagnose.score import with_noise
@@ -22,9 +23,6 @@ from ph_post.units import MM
 
 MOVED: Final = 0.1
 """Standard errors by which a base value must have moved within its prior to be written."""
-
-OWN_KEYS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
-"""Effects that are numbers of the axis itself."""
 
 DERIVED: Final = {"difference": "plus"}
 """Values that follow from the others, and whose unit they have; a machine file does not hold them."""
@@ -96,8 +94,9 @@ def _gain(problem: Problem, fitted: Fitted) -> float | None:
     return float(np.linalg.lstsq(columns[use], effort.values[use], rcond=None)[0][0])
 
 
-def findings_of(outcome: Outcome, where: Mapping[str, str], evidence: Mapping[str, tuple[str, ...]],
-                effort_unit: str) -> tuple[Finding, ...]:  # fmt: skip
+def findings_of(
+    outcome: Outcome, where: Mapping[str, str], evidence: Mapping[str, tuple[str, ...]]
+) -> tuple[Finding, ...]:
     """Put what was found on one axis into findings; `where` and `evidence` are by label."""
     problem = outcome.choice.problem
     findings = []
@@ -108,7 +107,7 @@ def findings_of(outcome: Outcome, where: Mapping[str, str], evidence: Mapping[st
             Finding(
                 name=found.part.hypothesis.name,
                 axis=problem.axis.name,
-                parameters=_estimates(outcome, found, effort_unit),
+                parameters=_estimates(outcome, found),
                 where=where.get(label, ""),
                 evidence=evidence.get(label, ()),
                 confidence=min(standing.confidence, 0.999),
@@ -136,18 +135,18 @@ def _is_force(effect: Effect, gives: str) -> bool:
     return any(one.unit is not None and one.unit.symbol == "N" for one in ways)
 
 
-def _estimates(outcome: Outcome, found: Found, effort_unit: str) -> dict[str, Estimate]:
+def _estimates(outcome: Outcome, found: Found) -> dict[str, Estimate]:
     """Tell values in the units of the shop; a force in that of the effort where one was recorded."""
     name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
     estimates: dict[str, Estimate] = {}
     for gives, value in found.values.items():
         error = found.errors[gives]
-        if name in OWN_KEYS:
+        if name in OF_THE_AXIS:
             unit, size = _SHOP[gives]
         else:
             effect = find_effect(name)
             if outcome.gain is not None and _is_force(effect, gives):
-                unit, size = effort_unit, 1.0 / outcome.gain
+                unit, size = outcome.choice.problem.effort_unit, 1.0 / outcome.gain
             else:
                 parameter, scale = _ways(effect, gives, axis)
                 if scale is None or parameter.unit is None:
@@ -168,7 +167,7 @@ def _leading_first(name: str, estimates: dict[str, Estimate]) -> dict[str, Estim
 def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
     """Return the effect as the machine file has it."""
     name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
-    if name in OWN_KEYS:
+    if name in OF_THE_AXIS:
         return None
     effect = find_effect(name)
     parameters: dict[str, Any] = {}
@@ -184,7 +183,7 @@ def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
 
 
 def _own_keys(found: Found) -> dict[str, float]:
-    if found.part.hypothesis.name not in OWN_KEYS:
+    if found.part.hypothesis.name not in OF_THE_AXIS:
         return {}
     return {_KEYS[gives]: float(f"{value / _SHOP[gives][1]:.7g}") for gives, value in found.values.items()}
 

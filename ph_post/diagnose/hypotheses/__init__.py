@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from ph_post.diagnose.hypotheses.base import Hypothesis
 from ph_post.diagnose.hypotheses.drives import drive_hypotheses
 from ph_post.diagnose.hypotheses.forces import force_hypotheses
@@ -9,8 +11,8 @@ from ph_post.diagnose.hypotheses.readings import reading_hypotheses
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import is_effect
 
-OF_THE_AXIS = ("backlash", "servo_mismatch")
-"""Effects that are numbers of the axis itself, and not registered as effects."""
+OF_THE_AXIS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
+"""Effects that are numbers of the axis itself, and not registered as effects; which."""
 
 
 def hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:

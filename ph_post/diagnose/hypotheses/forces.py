@@ -10,7 +10,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
-from ph_post.diagnose.hypotheses.scan import force_periods, longest_period, periods, reversal_step, speeds
+from ph_post.diagnose.hypotheses.scan import force_periods, longest_period, reversal_step, speeds
+from ph_post.diagnose.hypotheses.waves import GUESS, wave_hypothesis
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
@@ -23,9 +24,6 @@ MOST_LAG: Final = 0.05
 
 FASTEST: Final = 0.05
 """Speed over which static friction has died out on any machine's ways [m/s]."""
-
-GUESS: Final = 3e-6
-"""A force worth trying, F/K [m]."""
 
 
 def _force(name: str = "force", low: float = 0.0) -> Number:
@@ -162,57 +160,6 @@ LOAD = Hypothesis(
 )
 
 
-def waves(problem: Problem, left: Residuals) -> list[Numbers]:
-    """Return a sine and a cosine worth trying for every period."""
-    return [(GUESS, GUESS, math.log(period)) for period in periods(problem, left)]
-
-
-def _force_waves(problem: Problem, left: Residuals) -> list[Numbers]:
-    """Return those of forces, which the loop shifts and shrinks with the speed."""
-    return [(GUESS, GUESS, math.log(period)) for period in force_periods(problem, left)]
-
-
-def wave_values(first: str) -> Callable[[Problem, Numbers], dict[str, float]]:
-    """Return what turns sine, cosine and log of the period into size, period and phase."""
-
-    def values(_problem: Problem, numbers: Numbers) -> dict[str, float]:
-        sine, cosine, period = numbers
-        size = math.hypot(sine, cosine)
-        return {first: size, "period": math.exp(period), "phase": math.atan2(cosine, sine)}
-
-    return values
-
-
-def wave_numbers(high: float, longest: float) -> tuple[Number, ...]:
-    """Return sine, cosine and log of the period [m], of which the travel must hold some."""
-    size = [Number(name=n, low=-high, high=high, scale=MICRON, linear=True) for n in ("sine", "cosine")]
-    periods = Number(
-        name="period", low=math.log(1e-4), high=math.log(max(longest, 2e-4)), scale=0.003, logarithm=True
-    )
-    return (*size, periods)
-
-
-def _cogging(plant: Plant, numbers: Numbers) -> Plant:
-    sine, cosine, period = numbers
-    values = {
-        "force": math.hypot(sine, cosine),
-        "period": math.exp(period),
-        "phase": math.atan2(cosine, sine),
-    }
-    return find_effect("cogging").apply(plant, values)
-
-
-def _cogs(longest: float) -> Hypothesis:
-    return Hypothesis(
-        name="cogging",
-        numbers=wave_numbers(MOST_FORCE, longest),
-        apply=_cogging,
-        starts=_force_waves,
-        values=wave_values("force"),
-        bars=_no_friction,
-    )
-
-
 def _one_axis(problem: Problem) -> str:
     moving = np.ptp(problem.velocity, axis=0) > 0.0
     alone = "with one axis moving it is friction" if np.count_nonzero(moving) < 2 else ""
@@ -250,5 +197,7 @@ CUTTING_BY_FEED = replace(
 
 def force_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
     """Hypotheses about forces on one axis."""
-    cogs = _cogs(longest_period(problem))
+    cogs = wave_hypothesis(
+        "cogging", "force", MOST_FORCE, longest_period(problem), force_periods, _no_friction
+    )
     return (COULOMB, STRIBECK, VISCOUS, DIFFERENCE, ASYMMETRY, LOAD, cogs, CUTTING, CUTTING_BY_FEED)

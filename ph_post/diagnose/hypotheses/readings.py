@@ -8,8 +8,9 @@ from typing import Final
 from msgspec.structs import replace
 
 from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
-from ph_post.diagnose.hypotheses.forces import by_effect, named, wave_numbers, wave_values, waves
-from ph_post.diagnose.hypotheses.scan import longest_period
+from ph_post.diagnose.hypotheses.forces import by_effect, named
+from ph_post.diagnose.hypotheses.scan import longest_period, periods
+from ph_post.diagnose.hypotheses.waves import wave_hypothesis
 from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
@@ -29,25 +30,6 @@ LONGEST_DELAY: Final = 0.1
 
 def _needs_table(problem: Problem) -> str:
     return "" if any(one.channel == "act" for one in problem.observed) else "needs a reading of the table"
-
-
-def _cyclic(plant: Plant, numbers: Numbers) -> Plant:
-    sine, cosine, period = numbers
-    values = {
-        "amplitude": math.hypot(sine, cosine), "period": math.exp(period), "phase": math.atan2(cosine, sine)
-    }  # fmt: skip
-    return find_effect("cyclic_error").apply(plant, values)
-
-
-def _cycles(longest: float) -> Hypothesis:
-    return Hypothesis(
-        name="cyclic_error",
-        numbers=wave_numbers(MOST_ERROR, longest),
-        apply=_cyclic,
-        starts=waves,
-        values=wave_values("amplitude"),
-        bars=_needs_table,
-    )
 
 
 SCALE = Hypothesis(
@@ -134,5 +116,7 @@ SQUARENESS: Final = tuple(_squareness(other) for other in AXES)
 
 def reading_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
     """Hypotheses about what is read of one axis."""
-    cycles = _cycles(longest_period(problem))
+    cycles = wave_hypothesis(
+        "cyclic_error", "amplitude", MOST_ERROR, longest_period(problem), periods, _needs_table
+    )
     return (cycles, SCALE, THERMAL, *SQUARENESS, LATE_COMMAND, LATE_READING)
