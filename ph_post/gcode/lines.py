@@ -10,7 +10,7 @@ from ph_post.gcode.dialect import Dialect, plane_of
 from ph_post.gcode.format import decimal_text, significant_text
 from ph_post.gcode.moves import Moves
 from ph_post.gcode.record import JOG
-from ph_post.gcode.shape import ARC, LINE, SPLINE
+from ph_post.gcode.shape import ARC, LINE, POLYNOMIAL, SPLINE
 from ph_post.units import MINUTE, MM_PER_MIN
 
 _OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
@@ -22,7 +22,8 @@ class LineWriter:
 
     What is written here are RS274 words. A language that has others (see `Dialect.writer`) overrides what
     differs: :meth:`feed_mode`, :meth:`path_mode`, :meth:`write_straight`, :meth:`write_arc`,
-    :meth:`write_spline`, :meth:`write_dwell`, or :meth:`moves` as a whole. One move may take several lines.
+    :meth:`write_spline`, :meth:`write_polynomial`, :meth:`write_dwell`, or :meth:`moves` as a whole. One move
+    may take several lines.
 
     Parameters
     ----------
@@ -98,6 +99,8 @@ class LineWriter:
                 self.write_arc(moves, i, body, feed)
             elif kind == SPLINE:
                 self.write_spline(moves, i, body, feed)
+            elif kind == POLYNOMIAL:
+                self.write_polynomial(moves, i, feed)
             else:
                 self.write_dwell(float(moves.duration[i]))
             self.sizes.append(sum(len(line) + 1 for line in self.lines[before:]))
@@ -117,6 +120,10 @@ class LineWriter:
     def write_spline(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, a planar cubic; `body` are the words of its end."""
         self._write("G5", body + self._inner(moves, i), feed)
+
+    def write_polynomial(self, moves: Moves, i: int, feed: str) -> None:
+        """Write move `i`, a polynomial of each axis: only languages that have them get any."""
+        raise NotImplementedError(self.dialect.name)
 
     def write_dwell(self, seconds: float) -> None:
         """Let the axes stand."""

@@ -13,6 +13,7 @@ BUILT_IN = {
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
+    "siemens": "ph_post.gcode.dialects.siemens:DIALECT",
 }
 """What a source tree without installed metadata offers."""
 
