@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
 
+from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, Capabilities
 
 _PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
@@ -43,6 +44,12 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         Bytes a second that the controller is fed with while it runs, None where it reads a file.
     stream_window : int
         Number of moves that it holds in store.
+    front : callable or None
+        ``front(data, name) -> program``: reads a part program of this dialect, every byte kept; None where
+        :func:`ph_post.gcode.reader.read.read_program` does.
+    variants : mapping of str to callable
+        What a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``):
+        ``variant(dialect) -> dialect`` with it.
     """
 
     name: str
@@ -58,6 +65,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     spline_pieces: int = 1
     stream_rate: float | None = None
     stream_window: int = 1
+    front: Callable[[bytes, str], PartProgram] | None = None
+    variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
 
 
 def metric_opening(plane: str) -> tuple[str, ...]:
