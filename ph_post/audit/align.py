@@ -7,13 +7,13 @@ import re
 import msgspec
 import numpy as np
 
-from ph_post.audit.declared import Declaration
+from ph_post.audit.declared import Declaration, comment_of
 from ph_post.audit.verdict import Findings, shown
 from ph_post.gcode.reader.record import PartProgram, PlaceArray
 from ph_post.types import BoolArray, IntArray
 
-_MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*")
-_BEGINS = re.compile(rb"\(ph-post: \+")
+_MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*", re.IGNORECASE)
+_BEGINS = re.compile(rb"(?:\(|; )ph-post: \+", re.IGNORECASE)
 
 NO_HUNK = -1
 """The hunk of a line outside all of them."""
@@ -93,8 +93,8 @@ def _markers(
     lines = np.searchsorted(compensated.lines, begins, side="right") - 1
     behind, shift = declared.last, declared.last - declared.first
     for line in lines[compensated.lines[lines] == begins].tolist():
-        match = _MARKER.fullmatch(compensated.text(line)) if line >= behind else None
-        if match is None or _has(original, line - shift, match[0]):
+        match = _MARKER.fullmatch(comment_of(compensated, line)) if line >= behind else None
+        if match is None or _has(original, line - shift, compensated.text(line)):
             continue
         added, removed = int(match[1]), int(match[2])
         found.append((line, added, removed))

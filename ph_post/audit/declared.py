@@ -12,31 +12,35 @@ import msgspec
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.units import LENGTH_UNITS, MS
 
-_COMPENSATED = re.compile(rb"\(ph-post \S.* compensated this program\)\s*")
-_FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*")
+_COMPENSATED = re.compile(rb"\(ph-post \S.* compensated this program\)\s*", re.IGNORECASE)
+_FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*", re.IGNORECASE)
 _MORE = re.compile(rb"\(  (.*)\)\s*")
 """A fact that is too long for its line goes on in lines that begin with two blanks."""
 
 _BEFORE = re.compile(rb"\s*(?:%.*|O\d+\b.*)?\s*", re.IGNORECASE)
 """What may stand before the header: blank lines, ``%`` and an O-number."""
 
-_UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*")
+_UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*", re.IGNORECASE)
+_SEMICOLON = b"; "
+"""Some languages have comments to the end of the line only."""
+
 _LEADING = 8
 """The header begins on one of the first lines."""
 
 _KNOWN = {
-    "original": re.compile(r"original sha256 ([0-9a-f]{64})"),
-    "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)"),
-    "options": re.compile(r"options sha256 ([0-9a-f]*)"),
-    "offset": re.compile(r"offset ([XYZ]) (\d*\.?\d+) (mm|inch)"),
-    "pulse": re.compile(r"pulse ([XYZ]) (\d*\.?\d+) (mm|inch)"),
-    "edits": re.compile(r"(\d+) stops?, (\d+) dips?"),
+    "original": re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE),
+    "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE),
+    "options": re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE),
+    "offset": re.compile(r"offset ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
+    "pulse": re.compile(r"pulse ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
+    "edits": re.compile(r"(\d+) stops?, (\d+) dips?", re.IGNORECASE),
     "dwell": re.compile(
-        r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*"
+        r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*",
+        re.IGNORECASE,
     ),
-    "dwells": re.compile(r"dwells up to ([.\d]+) s, ([.\d]+) s in all"),
-    "units": re.compile(r"units (mm|inch)"),
-    "note": re.compile(r"note.*"),
+    "dwells": re.compile(r"dwells up to ([.\d]+) s, ([.\d]+) s in all", re.IGNORECASE),
+    "units": re.compile(r"units (mm|inch)", re.IGNORECASE),
+    "note": re.compile(r"note.*", re.IGNORECASE),
 }
 
 
@@ -91,9 +95,17 @@ def read_declared(original: PartProgram, compensated: PartProgram) -> Declaratio
     return Declaration(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
 
 
+def comment_of(program: PartProgram, line: int) -> bytes:
+    """Text of a line; one that is a comment behind a semicolon as if it stood in parentheses."""
+    text = program.text(line)
+    if not text.startswith(_SEMICOLON):
+        return text
+    return b"(" + text[len(_SEMICOLON) :].rstrip() + b")"
+
+
 def _find_header(program: PartProgram) -> int | None:
     for number in range(min(program.blocks, _LEADING)):
-        if _COMPENSATED.fullmatch(program.text(number)):
+        if _COMPENSATED.fullmatch(comment_of(program, number)):
             return number
         if not _BEFORE.fullmatch(program.text(number)):
             return None
@@ -107,7 +119,7 @@ def _read_facts(
     facts: list[tuple[int, str]] = []
     last, open_lines = first + 1, 0
     while last < compensated.blocks:
-        text = compensated.text(last)
+        text = comment_of(compensated, last)
         fact, more = _FACT.fullmatch(text), _MORE.fullmatch(text)
         if fact is not None and not _UNDO.fullmatch(text):
             facts.append((last, fact[1].decode("latin-1")))
@@ -119,7 +131,11 @@ def _read_facts(
         last += 1
     # Comments with which the original begins may look as if the last fact went on in them.
     own = 0
-    while own < open_lines and first + own < original.blocks and _MORE.fullmatch(original.text(first + own)):
+    while (
+        own < open_lines
+        and first + own < original.blocks
+        and _MORE.fullmatch(comment_of(original, first + own))
+    ):
         own += 1
     return facts, last - own
 
@@ -148,11 +164,12 @@ def _fields(facts: list[tuple[int, str]], first: int) -> tuple[dict[str, Any], l
 def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     """Put one line of the header into the declaration's fields."""
     if name == "original":
-        fields["original"] = match[1]
+        fields["original"] = match[1].lower()
     elif name == "machine":
         fields["machine"], fields["machine_digest"] = match[1], match[2]
     elif name in ("offset", "pulse"):
-        fields[f"{name}s"][match[1]] = Amount(number=Decimal(match[2]), unit=LENGTH_UNITS[match[3]])
+        unit = LENGTH_UNITS[match[3].lower()]
+        fields[f"{name}s"][match[1].upper()] = Amount(number=Decimal(match[2]), unit=unit)
     elif name == "edits":
         fields["stops"], fields["dips"] = int(match[1]), int(match[2])
     elif name == "dwell":
@@ -166,11 +183,11 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
 def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, str]]]:
     """First of the undo lines at the end, and what is wrong with their numbers."""
     tail, lines = program.blocks, program.blocks
-    while tail > last and _UNDO.fullmatch(program.text(tail - 1)):
+    while tail > last and _UNDO.fullmatch(comment_of(program, tail - 1)):
         tail -= 1
     faults = []
     for place, number in enumerate(range(tail, lines), 1):
-        match = _UNDO.fullmatch(program.text(number))
+        match = _UNDO.fullmatch(comment_of(program, number))
         assert match is not None
         if (int(match[1]), int(match[2])) != (place, lines - tail):
             told = f"undo {int(match[1])}/{int(match[2])} where {place}/{lines - tail} belongs"

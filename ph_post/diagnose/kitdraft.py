@@ -8,7 +8,7 @@ from typing import Final
 
 from ph_post.diagnose.kitground import TOP_SHARE, Ground
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.format import comment_lines, decimal_text, significant_text, to_grid
+from ph_post.gcode.format import decimal_text, significant_text, to_grid
 from ph_post.units import MM, MM_PER_MIN
 
 JOINT: Final = 0.005 * MM
@@ -43,21 +43,19 @@ class Draft:
         self.home(min(APPROACH, 0.25 * ground.top(*ground.axes)))
         self.dwell(1.0)
 
-    def text(self, remarks: Iterable[str]) -> str:
+    def text(self, remarks: Iterable[str], name: str = "calibration") -> str:
         """Return the program whole, `remarks` as comments at its head; it goes back to where it began."""
         self.home()
         if self._plane != "G17":
             self._write("G17", [], modal=False)
         self._exact()
-        head = [
-            line for remark in remarks for line in comment_lines(remark, self.dialect.capabilities.max_line)
-        ]
+        head = [line for remark in remarks for line in self.dialect.remark(remark)]
         lines = [*head, *self.dialect.opening("G17"), *self._lines, *self.dialect.closing]
-        return "\n".join(lines) + "\n"
+        return "\n".join(self.dialect.finished(lines, name)) + "\n"
 
     def say(self, words: str) -> None:
         """Write a comment."""
-        self._lines += comment_lines(words, self.dialect.capabilities.max_line)
+        self._lines += self.dialect.remark(words)
 
     def home(self, speed: float | None = None) -> None:
         """Go to the middle of the ground, quickly where no speed is given [m/s]."""
@@ -67,7 +65,8 @@ class Draft:
 
     def dwell(self, seconds: float) -> None:
         """Let the axes stand."""
-        self._write("G4", ["P" + significant_text(seconds, 4)], modal=False)
+        word, *words = self.dialect.dwell.words(seconds, 4)
+        self._write(word, words, modal=False)
         self.seconds += seconds
 
     def line(self, target: Mapping[str, float], speed: float) -> None:
@@ -170,7 +169,8 @@ class Draft:
 
     def _write(self, word: str, words: list[str], feed: str = "", *, modal: bool = True) -> None:
         """One line; F only where it changes, and no repeated motion word where the dialect is terse."""
-        repeats = self.dialect.terse and modal and word == self._motion
+        able = self.dialect.terse and self.dialect.modal_motion
+        repeats = able and modal and word == self._motion
         parts = words if repeats else [word, *words]
         if feed and feed != self._feed:
             parts = [*parts, "F" + feed]

@@ -7,10 +7,67 @@ from collections.abc import Callable, Mapping, Sequence
 import msgspec
 
 from ph_post.gcode.reader.record import PartProgram
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, significant_text
 from ph_post.types import Array, Capabilities
+
+if TYPE_CHECKING:
+    from ph_post.gcode.lines import LineWriter
+
+_ROUNDING = 1e-6
+"""A time that is longer than whole units by no more than this part of one is rounding."""
+
+ASSUMED = (
+    "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
+    "spindle and coolant are not touched until M2, which switches them off",
+)
+"""What a program of an RS274 dialect takes for granted."""
 
 _PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 """First and second axis of each plane, as controllers count the sense of G2 and G3."""
+
+
+class Dwell(msgspec.Struct, frozen=True, kw_only=True):
+    """How a language writes a dwell.
+
+    Parameters
+    ----------
+    word, letter : str
+        The word that makes the axes stand, and the letter of its time.
+    unit : float
+        Unit of that time [s].
+    whole : bool
+        Whether it has to be a whole number; then it is rounded up.
+    """
+
+    word: str = "G4"
+    letter: str = "P"
+    unit: float = 1.0
+    whole: bool = False
+
+    def number(self, seconds: float, digits: int) -> str:
+        """Write a time [s] with so many significant digits.
+
+        Examples
+        --------
+        >>> Dwell().number(0.0204, 6), Dwell(unit=1e-3, whole=True).number(0.0204, 6)
+        ('0.0204', '21')
+        """
+        count = seconds / self.unit
+        return str(math.ceil(count - _ROUNDING)) if self.whole else significant_text(count, digits)
+
+    def words(self, seconds: float, digits: int) -> list[str]:
+        """Words of a dwell."""
+        return [self.word, self.letter + self.number(seconds, digits)]
+
+    def written(self, seconds: float, digits: int) -> float:
+        """Return the time [s] that the controller will read."""
+        return float(self.number(seconds, digits)) * self.unit
 
 
 class Dialect(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,6 +107,23 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     variants : mapping of str to callable
         What a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``):
         ``variant(dialect) -> dialect`` with it.
+    comments : Comments
+        How a comment is written.
+    dwell : Dwell
+        How a dwell is written, and the unit of its time.
+    assumed : tuple of str
+        Remarks for the head: what has to be set before, and what the end does.
+    modal_motion : bool
+        Whether a line may do without the word of its motion, and F may stand alone; if not, terse or not,
+        every line names it.
+    rapid_feed : bool
+        Whether G0 moves at F, as G1 does, so that every rapid needs an F of its own.
+    writer : callable or None
+        ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.gcode.lines.LineWriter>` of the
+        dialect's own, for a language whose moves are not RS274 words.
+    finish : callable or None
+        ``finish(lines, name) -> lines``: what is done with the whole program of that name at last: its frame
+        (% and O number, BEGIN PGM), line numbers.
     """
 
     name: str
@@ -67,6 +141,21 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     stream_window: int = 1
     front: Callable[[bytes, str], PartProgram] | None = None
     variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
+    comments: Comments = PARENTHESES
+    dwell: Dwell = Dwell()
+    assumed: tuple[str, ...] = ASSUMED
+    modal_motion: bool = True
+    rapid_feed: bool = False
+    writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
+    finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
+
+    def remark(self, words: str) -> list[str]:
+        """Write words as comment lines."""
+        return comment_lines(words, self.capabilities.max_line, self.comments)
+
+    def finished(self, lines: Sequence[str], name: str) -> Sequence[str]:
+        """Return the lines of a whole program as the controller is to have them."""
+        return lines if self.finish is None else self.finish(lines, name)
 
 
 def metric_opening(plane: str) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import math
 import textwrap
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ph_post.types import IntArray
@@ -17,6 +18,52 @@ above 127, which Grbl obeys even inside a comment (feed hold, status, cycle star
 
 COMMENT_WIDTH = 100
 """A comment line is no longer than this for the reader's sake, even where the dialect takes more."""
+
+
+class Comments(msgspec.Struct, frozen=True, kw_only=True):
+    """How a language writes a comment on a line of its own.
+
+    Parameters
+    ----------
+    before, after : str
+        What stands before and behind the words.
+    allowed : frozenset of str
+        Characters that it may hold; each other one becomes an underscore.
+    upper : bool
+        Whether controllers of that language take no small letters.
+    """
+
+    before: str = "("
+    after: str = ")"
+    allowed: frozenset[str] = ALLOWED
+    upper: bool = False
+
+    def text(self, words: str) -> str:
+        """Replace everything a controller could stumble over by an underscore.
+
+        Examples
+        --------
+        >>> Comments().text("plate (2nd) – 50%!")
+        'plate _2nd_ _ 50__'
+        """
+        told = words.upper() if self.upper else words
+        return "".join(letter if letter in self.allowed else "_" for letter in told)
+
+    def line(self, words: str) -> str:
+        """Put words that may stand in a comment into one."""
+        return f"{self.before}{words}{self.after}"
+
+    @property
+    def extra(self) -> int:
+        """Number of characters of a line that are not its words."""
+        return len(self.before) + len(self.after)
+
+
+PARENTHESES = Comments()
+"""Comments of RS274/NGC."""
+
+SEMICOLON = Comments(before="; ", after="")
+"""Comments to the end of the line."""
 
 
 def to_grid(values: Any, decimals: int) -> IntArray:
@@ -60,24 +107,15 @@ def significant_text(value: float, digits: int) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def comment_text(words: str) -> str:
-    """Replace everything a controller could stumble over by an underscore.
-
-    Examples
-    --------
-    >>> comment_text("plate (2nd) – 50%!")
-    'plate _2nd_ _ 50__'
-    """
-    return "".join(letter if letter in ALLOWED else "_" for letter in words)
-
-
-def comment_lines(words: str, max_line: int) -> list[str]:
+def comment_lines(words: str, max_line: int, style: Comments = PARENTHESES) -> list[str]:
     """Write a remark as comment lines of at most `max_line` characters, broken between words.
 
     Examples
     --------
     >>> comment_lines("one two three", 12)
     ['(one two)', '(  three)']
+    >>> comment_lines("one two three", 12, SEMICOLON)
+    ['; one two', ';   three']
     """
-    width = min(max_line, COMMENT_WIDTH) - len("()")
-    return [f"({line})" for line in textwrap.wrap(comment_text(words), width, subsequent_indent="  ")]
+    width = min(max_line, COMMENT_WIDTH) - style.extra
+    return [style.line(line) for line in textwrap.wrap(style.text(words), width, subsequent_indent="  ")]

@@ -6,7 +6,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 from ph_post.compensate.plan import cycle_time
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.format import comment_lines
 from ph_post.gcode.jogs import read_jogs
 from ph_post.gcode.options import ProgramOptions
 from ph_post.types import FeedProfile, Plan, Window
@@ -25,7 +24,7 @@ def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[
         *_offsets(plan),
         *_assumptions(plan, dialect, options),
     ]
-    return [line for remark in remarks for line in comment_lines(remark, dialect.capabilities.max_line)]
+    return [line for remark in remarks for line in dialect.remark(remark)]
 
 
 def package_version() -> str:
@@ -103,10 +102,7 @@ def _offsets(plan: Plan) -> list[str]:
 
 def _assumptions(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     """Say what has to hold for the program to do what it was planned for."""
-    facts = [
-        "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
-        "spindle and coolant are not touched until M2, which switches them off",
-    ]
+    facts = list(dialect.assumed)
     if dialect.path_mode is not None:
         facts.append("the path mode of the last cut stays in force after the program")
     if "Z" in plan.path.axes:

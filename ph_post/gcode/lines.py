@@ -20,6 +20,10 @@ _SPLINE_END_WORDS = {"X": "P", "Y": "Q"}
 class LineWriter:
     """Collects lines and keeps the modal state that the controller will have.
 
+    What is written here are RS274 words. A language that has others (see `Dialect.writer`) overrides what
+    differs: :meth:`feed_mode`, :meth:`path_mode`, :meth:`write_straight`, :meth:`write_arc`,
+    :meth:`write_spline`, :meth:`write_dwell`, or :meth:`moves` as a whole. One move may take several lines.
+
     Parameters
     ----------
     dialect : Dialect
@@ -33,11 +37,14 @@ class LineWriter:
     lines : list of str
     sizes : list of int
         Bytes of each move on the path.
+    rapid_speed : float
+        F of rapids [m/s], where the dialect needs one (`Dialect.rapid_feed`).
     """
 
     def __init__(self, dialect: Dialect, axes: Sequence[str], tolerance: float) -> None:
         self.lines: list[str] = []
         self.sizes: list[int] = []
+        self.rapid_speed = 0.0
         self.dialect = dialect
         self.axes = tuple(axes)
         self._tolerance = tolerance
@@ -75,7 +82,7 @@ class LineWriter:
             if not self.dialect.terse or self._at.get(axis) != count
         ]
         if words:
-            self._write(word, words, self._digits(speed / MM_PER_MIN) if speed else "")
+            self.write_straight(word, words, self._digits(speed / MM_PER_MIN) if speed else "")
         self._at.update(target)
 
     def moves(self, moves: Moves, first: int, last: int) -> None:
@@ -84,17 +91,37 @@ class LineWriter:
         feeds = self._feeds(moves, first, last)
         kinds, rapid = moves.kind[first:last].tolist(), moves.rapid[first:last].tolist()
         for i, (kind, body, feed) in enumerate(zip(kinds, bodies, feeds, strict=True), first):
+            before = len(self.lines)
             if kind in (LINE, JOG):
-                self._write("G0" if rapid[i - first] else "G1", body, feed)
+                self.write_straight("G0" if rapid[i - first] else "G1", body, feed)
             elif kind == ARC:
-                turn = moves.turn[i] * self._sense
-                self._write("G3" if turn > 0 else "G2", body + self._center(moves, i), feed)
+                self.write_arc(moves, i, body, feed)
             elif kind == SPLINE:
-                self._write("G5", body + self._inner(moves, i), feed)
+                self.write_spline(moves, i, body, feed)
             else:
-                self._write("G4", ["P" + self._digits(float(moves.duration[i]))], "", modal=False)
-            self.sizes.append(len(self.lines[-1]) + 1)
+                self.write_dwell(float(moves.duration[i]))
+            self.sizes.append(sum(len(line) + 1 for line in self.lines[before:]))
         self._at.update(zip(self.axes, moves.points[last].tolist(), strict=True))
+
+    def write_straight(self, word: str, body: list[str], feed: str) -> None:
+        """Write a G0 or a G1 with its coordinate words; `feed` is its F, empty where it has none."""
+        if word == "G0" and self.dialect.rapid_feed:
+            feed = self._digits(self.rapid_speed / MM_PER_MIN)
+        self._write(word, body, feed)
+
+    def write_arc(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
+        """Write move `i`, an arc in the plane of the first two axes; `body` are the words of its end."""
+        turn = moves.turn[i] * self._sense
+        self._write("G3" if turn > 0 else "G2", body + self._center(moves, i), feed)
+
+    def write_spline(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
+        """Write move `i`, a planar cubic; `body` are the words of its end."""
+        self._write("G5", body + self._inner(moves, i), feed)
+
+    def write_dwell(self, seconds: float) -> None:
+        """Let the axes stand."""
+        word, *words = self.dialect.dwell.words(seconds, self.dialect.feed_digits)
+        self._write(word, words, "", modal=False)
 
     def _coordinates(self, moves: Moves, first: int, last: int) -> list[list[str]]:
         """Coordinate words of each move; jogs have those that change, as all moves of terse dialects."""
@@ -144,7 +171,8 @@ class LineWriter:
 
     def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
         """One line; F only where it changes, except under G93, where every move has its own."""
-        repeats = self.dialect.terse and modal and word == self._motion
+        able = self.dialect.terse and self.dialect.modal_motion
+        repeats = able and modal and word == self._motion
         parts = words if repeats else [word, *words]
         if feed and (self._inverse or feed != self._feed):
             parts = [*parts, "F" + feed]
@@ -152,3 +180,8 @@ class LineWriter:
         if modal:
             self._motion = word
         self.lines.append(("" if self.dialect.terse else " ").join(parts))
+
+
+def make_writer(dialect: Dialect, axes: Sequence[str], tolerance: float) -> LineWriter:
+    """Return a writer of lines, the dialect's own where it has one."""
+    return (dialect.writer or LineWriter)(dialect, axes, tolerance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 
@@ -15,7 +16,7 @@ from ph_post.gcode.dialect import Dialect, plane_of
 from ph_post.gcode.format import to_grid
 from ph_post.gcode.header import header_lines
 from ph_post.gcode.jogs import check_jogs, read_jogs, with_jogs
-from ph_post.gcode.lines import LineWriter
+from ph_post.gcode.lines import make_writer
 from ph_post.gcode.moves import Moves, round_blocks
 from ph_post.gcode.options import ProgramOptions, check_options
 from ph_post.gcode.seat import find_seat
@@ -97,7 +98,8 @@ class _Job:
         )
         blocks, carried = with_jogs(blocks, found, self.axes)
         self.moves = round_blocks(blocks, self.shape, dialect, carried)
-        self.out = LineWriter(dialect, self.axes, options.chord_tolerance)
+        self.out = make_writer(dialect, self.axes, options.chord_tolerance)
+        self.out.rapid_speed = _rapid_speed(plan)
         self.safe = self._height(options.safe_z)
         self.depth = self._height(options.depth)
 
@@ -116,7 +118,8 @@ class _Job:
             *plan_warnings(self.plan, self.options, self.moves),
             *controller_warnings(self.plan, self.dialect, self.options, self.moves, sizes),
         )
-        text = "\n".join([*self.out.lines, ""])
+        lines = self.dialect.finished(self.out.lines, self.plan.path.name)
+        text = "\n".join([*lines, ""])
         time = float(self.moves.duration.sum())
         return Program(text=text, warnings=warnings, moves=self.moves.kind.size, time=time)
 
@@ -182,6 +185,13 @@ class _Job:
     @property
     def _decimals(self) -> int:
         return self.dialect.capabilities.decimals
+
+
+def _rapid_speed(plan: Plan) -> float:
+    """Speed of rapids [m/s] that no axis exceeds; the feed of the path where no limit is known."""
+    speeds = [axis.limits.velocity for axis in plan.machine.axes.values()]
+    speed = min(speeds, default=math.inf)
+    return speed if math.isfinite(speed) else plan.path.feed
 
 
 def _groups(moves: Moves) -> Iterator[tuple[int, int, bool]]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ph_post.gcode.format import ALLOWED, comment_lines, comment_text, decimal_text, significant_text, to_grid
+from ph_post.gcode.format import ALLOWED, Comments, comment_lines, decimal_text, significant_text, to_grid
 
 
 @given(st.integers(-(10**13), 10**13), st.integers(3, 6))
@@ -50,4 +50,4 @@ def test_comments_hold_nothing_a_controller_obeys(width: int) -> None:
 
 
 def test_comments_keep_plain_words() -> None:
-    assert comment_text("oval, 12.5 x 3/8 a_b-c:d=e*f+g") == "oval, 12.5 x 3/8 a_b-c:d=e*f+g"
+    assert Comments().text("oval, 12.5 x 3/8 a_b-c:d=e*f+g") == "oval, 12.5 x 3/8 a_b-c:d=e*f+g"

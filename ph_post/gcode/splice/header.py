@@ -10,19 +10,17 @@ import msgspec
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.format import comment_lines, decimal_text, significant_text
+from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text
 from ph_post.gcode.header import package_version
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.splice.grid import word_decimals
+from ph_post.gcode.splice.marks import MARK, comment_pattern
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits, Stop
 from ph_post.gcode.splice.schedule import schedule, stops_written
 from ph_post.gcode.splice.standing import program_units
 from ph_post.types import Machine
 from ph_post.units import INCH, MM, MS
-
-MARK: Final = "(ph-post: "
-"""Begins every comment that is written for the reader of compensated programs."""
 
 _DIGITS: Final = 16
 _DIGEST: Final = 64
@@ -102,7 +100,7 @@ def declare(
     )
 
 
-def declaration_lines(declaration: Declaration, max_line: int) -> list[str]:
+def declaration_lines(declaration: Declaration, max_line: int, style: Comments = PARENTHESES) -> list[str]:
     """Write a declaration as comment lines; long ones go on in lines that begin with two blanks."""
     one = declaration
     name = next(name for name, size in _UNITS.items() if size == one.units)
@@ -123,8 +121,8 @@ def declaration_lines(declaration: Declaration, max_line: int) -> list[str]:
         ),
         *(f"note {note}" for note in one.notes),
     ]
-    head = comment_lines(f"ph-post {one.version} compensated this program", max_line)
-    return head + [line for fact in facts for line in comment_lines(f"ph-post: {fact}", max_line)]
+    head = comment_lines(f"ph-post {one.version} compensated this program", max_line, style)
+    return head + [line for fact in facts for line in comment_lines(MARK + fact, max_line, style)]
 
 
 def read_declaration(data: bytes) -> Declaration | None:
@@ -140,15 +138,15 @@ def read_declaration(data: bytes) -> Declaration | None:
         return None
     facts: list[str] = []
     for line in data[head.end() :].splitlines():
-        text = line.decode("latin-1").strip()
-        if text.startswith(MARK) and not text.startswith(MARK + "+"):
-            facts.append(text[len(MARK) : -1])
-        elif text.startswith("(  ") and facts:
-            facts[-1] += " " + text[3:-1].strip()
+        text = line.strip()
+        if found := _FACT.fullmatch(text):
+            facts.append(_words(found))
+        elif facts and (found := _FURTHER.fullmatch(text)):
+            facts[-1] += " " + _words(found).strip()
         else:
             break
     fields: dict[str, Any] = {
-        "version": head.group(1).decode("latin-1"),
+        "version": _words(head),
         "offset": {},
         "pulse": {},
         "notes": (),
@@ -168,15 +166,17 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
             fields.update(zip(names, map(_value, names, found.groups()), strict=True))
     if found := _LENGTH.fullmatch(fact):
         kind, axis, size, unit = found.groups()
-        fields[kind][axis] = float(size) * _UNITS[unit]
-        fields["units"] = _UNITS[unit]
-    elif fact.startswith("note "):
-        fields["notes"] += (fact.removeprefix("note "),)
+        fields[kind.lower()][axis.upper()] = float(size) * _UNITS[unit.lower()]
+        fields["units"] = _UNITS[unit.lower()]
+    elif found := _NOTE.fullmatch(fact):
+        fields["notes"] += (found.group(1),)
 
 
 def _value(name: str, text: str | None) -> Any:
     if name in ("stops", "dips", "decimals"):
         return int(str(text))
+    if name in ("digest", "machine_digest", "options_digest"):
+        return str(text).lower()
     scale = {"dwell": 1.0, "longest": 1.0, "dwelt": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
     return (text or "") if scale is None else float(str(text)) * scale
 
@@ -184,7 +184,12 @@ def _value(name: str, text: str | None) -> Any:
 def _pauses(stops: Iterable[Stop], dialect: Dialect) -> list[float]:
     """Return every dwell [s] as the dialect's digits have it."""
     told = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    return [float(significant_text(pause, dialect.feed_digits)) for pause in told if pause > 0.0]
+    return [dialect.dwell.written(pause, dialect.feed_digits) for pause in told if pause > 0.0]
+
+
+def _words(found: re.Match[bytes]) -> str:
+    """Return what a comment of either style says."""
+    return next(text for text in found.groups() if text is not None).decode("latin-1")
 
 
 def _seconds(time: float) -> str:
@@ -195,22 +200,30 @@ def _length(size: float, units: float) -> str:
     return decimal_text(round(size / units * 10**_PLACES), _PLACES)
 
 
+_OPENS = r"(?:\A|(?<=[\r\n]))(?:{})[ \t]*(?:\r\n|\r|\n|\Z)"
 _HEAD = re.compile(
-    rb"(?:\A|(?<=[\r\n]))\(ph-post (\S[^\r\n]*?) compensated this program\)[ \t]*(?:\r\n|\r|\n|\Z)"
+    _OPENS.format(
+        comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program").pattern.decode()
+    ).encode(),
+    re.IGNORECASE,
 )
+_FACT = comment_pattern(rf"{MARK}((?!\+).*)")
+_FURTHER = comment_pattern("  (.*)")
+_NOTE = re.compile("note (.*)", re.IGNORECASE)
 _NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
-_LENGTH = re.compile(rf"(offset|pulse) ([XYZ]) {_NUMBER} (mm|inch)")
+_LENGTH = re.compile(rf"(offset|pulse) ([XYZ]) {_NUMBER} (mm|inch)", re.IGNORECASE)
 _FACTS = (
-    (re.compile(r"original sha256 ([0-9a-f]{64})"), ("digest",)),
-    (re.compile(r"machine (.*), sha256 ([0-9a-f]*)"), ("machine", "machine_digest")),
-    (re.compile(r"options sha256 ([0-9a-f]*)"), ("options_digest",)),
-    (re.compile(r"(\d+) stops, (\d+) dips"), ("stops", "dips")),
+    (re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE), ("digest",)),
+    (re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
+    (re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE), ("options_digest",)),
+    (re.compile(r"(\d+) stops, (\d+) dips", re.IGNORECASE), ("stops", "dips")),
     (
         re.compile(
             rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms"
-            r"(?:, path mode (.*))?"
+            r"(?:, path mode (.*))?",
+            re.IGNORECASE,
         ),
         ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
     ),
-    (re.compile(rf"dwells up to {_NUMBER} s, {_NUMBER} s in all"), ("longest", "dwelt")),
+    (re.compile(rf"dwells up to {_NUMBER} s, {_NUMBER} s in all", re.IGNORECASE), ("longest", "dwelt")),
 )

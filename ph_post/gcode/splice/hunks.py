@@ -298,7 +298,8 @@ class HunkWriter:
         """Write a dwell, if there is one."""
         assert self._hunk is not None
         if pause >= _LEAST_PAUSE:
-            self._hunk.lines.append(self._joined("G4", f"P{self._digits(pause)}"))
+            words = self._dialect.dwell.words(pause, self._dialect.feed_digits)
+            self._hunk.lines.append(self._joined(*words))
 
     def _label(self, stop: Stop, offset: IntArray, step: float) -> None:
         assert self._hunk is not None

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import base64
 import binascii
-import re
 import zlib
 from typing import Final
 
 import msgspec
 
 from ph_post.errors import InputError
-from ph_post.gcode.splice.header import MARK
+from ph_post.gcode.format import PARENTHESES, Comments
+from ph_post.gcode.splice.marks import MARK, comment_pattern, find_last, marked
 
 _LEVEL: Final = 6
 _WIDTH: Final = 120
-_LINE = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]+)\)")
-_FIRST: Final = f"{MARK}undo 1/".encode()
+_LINE = comment_pattern(rf"{MARK}(undo) (\d+)/(\d+) ([A-Za-z0-9+/=]+)")
+_CAPITALS: Final = b"UNDO"
+"""Lines in capitals hold base 32, which has no small letters; others base 64."""
 
 
 class Payload(msgspec.Struct, frozen=True, kw_only=True, array_like=True):
@@ -39,20 +40,22 @@ class Payload(msgspec.Struct, frozen=True, kw_only=True, array_like=True):
     odd: dict[int, bytes] = {}
 
 
-def payload_lines(payload: Payload, max_line: int) -> list[str]:
+def payload_lines(payload: Payload, max_line: int, style: Comments = PARENTHESES) -> list[str]:
     """Write a payload as numbered comment lines."""
-    text = base64.b64encode(zlib.compress(msgspec.msgpack.encode(payload), _LEVEL)).decode("ascii")
-    room, figures = min(max_line, _WIDTH) - len(f"{MARK}undo / )"), 1
+    packed = zlib.compress(msgspec.msgpack.encode(payload), _LEVEL)
+    text = (base64.b32encode(packed) if style.upper else base64.b64encode(packed)).decode("ascii")
+    room, figures = min(max_line, _WIDTH) - len(f"{MARK}undo / ") - style.extra, 1
     while len(str(-(-len(text) // (room - 2 * figures)))) > figures:
         figures += 1
     width = room - 2 * figures
     count = -(-len(text) // width)
-    return [f"{MARK}undo {n + 1}/{count} {text[n * width : (n + 1) * width]})" for n in range(count)]
+    rows = (text[n * width : (n + 1) * width] for n in range(count))
+    return [marked(f"undo {n}/{count} {row}", style) for n, row in enumerate(rows, 1)]
 
 
 def payload_start(data: bytes) -> int:
     """Place at which the lines of the payload begin, -1 where there are none."""
-    return data.rfind(_FIRST)
+    return find_last(data, "undo 1/")
 
 
 def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
@@ -66,11 +69,12 @@ def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
     begin = payload_start(data)
     if begin < 0:
         raise InputError(name, "the lines at the end that undo the compensation are missing")
-    rows = _LINE.findall(data, begin)
-    if not rows or [int(row[0]) for row in rows] != list(range(1, int(rows[0][1]) + 1)):
+    rows = [[text for text in row if text] for row in _LINE.findall(data, begin)]
+    if not rows or [int(row[1]) for row in rows] != list(range(1, int(rows[0][2]) + 1)):
         raise InputError(name, "lines that undo the compensation are missing")
     try:
-        packed = base64.b64decode(b"".join(row[2] for row in rows))
+        decode = base64.b32decode if rows[0][0] == _CAPITALS else base64.b64decode
+        packed = decode(b"".join(row[3] for row in rows))
         return msgspec.msgpack.decode(zlib.decompress(packed), type=Payload), begin
     except (binascii.Error, zlib.error, msgspec.DecodeError) as error:
         raise InputError(name, "lines that undo the compensation are damaged") from error

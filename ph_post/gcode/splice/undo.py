@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from itertools import pairwise
 from typing import Final
 
@@ -14,11 +13,12 @@ from ph_post.gcode.reader.lexer import split_lines
 from ph_post.gcode.reader.record import ByteArray, PlaceArray
 from ph_post.gcode.reader.words import read_words
 from ph_post.gcode.splice.header import read_declaration
+from ph_post.gcode.splice.marks import MARK, comment_pattern
 from ph_post.gcode.splice.payload import Payload, read_payload
 from ph_post.gcode.splice.rewrite import assemble, unshift_numbers
 from ph_post.types import BoolArray, IntArray, sealed
 
-HUNK: Final = re.compile(rb"\(ph-post: \+(\d+) -(\d+)[^)\r\n]*\)")
+HUNK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
 """Comment line before a changed stretch."""
 
 _LINES: Final = 50_000
@@ -106,9 +106,10 @@ class _Restorer:
         for found in HUNK.finditer(self._data, 0, end):
             line = int(np.searchsorted(self._lines, np.int32(found.start()), side="right")) - 1
             if not added[line]:
-                added[line : line + 1 + int(found.group(1))] = True
-                spans[line] = removed[done], removed[done + int(found.group(2))]
-                done += int(found.group(2))
+                new, old = (int(text) for text in found.groups() if text is not None)
+                added[line : line + 1 + new] = True
+                spans[line] = removed[done], removed[done + old]
+                done += old
         if done != removed.size - 1:
             raise ValueError(done)
         return added, spans

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.format import comment_text
 from ph_post.gcode.reader.lexer import split_lines
 from ph_post.gcode.reader.record import ByteArray, PartProgram
 from ph_post.gcode.splice.blocktext import line_end
 from ph_post.gcode.splice.grid import word_decimals
-from ph_post.gcode.splice.header import MARK, Declaration, declaration_lines
+from ph_post.gcode.splice.header import Declaration, declaration_lines
 from ph_post.gcode.splice.hunks import Hunk, HunkWriter
+from ph_post.gcode.splice.marks import has_marks, marked
 from ph_post.gcode.splice.payload import Payload, payload_lines, payload_start
 from ph_post.gcode.splice.record import Edits
 from ph_post.gcode.splice.rewrite import MOST_DECIMALS, assemble, shift_numbers
@@ -86,7 +86,7 @@ def splice(program: PartProgram, edits: Edits, dialect: Dialect, declaration: De
     """
     if not (edits.stops or edits.dips or np.any(edits.offset)):
         return program.data
-    if MARK.encode() in program.data:
+    if has_marks(program.data):
         raise InputError(program.name, "the program holds the marks of an earlier compensation",
                          expected="the original (see --undo)")  # fmt: skip
     text = _written(program, edits, dialect, declaration)
@@ -171,9 +171,8 @@ def _body(
     end, line = line_end(program), _head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
-    most = dialect.capabilities.max_line
-    head = declaration_lines(declaration, most)
-    texts = [_joined(head, end), *(_joined(_told(hunk, most), end) for hunk in hunks)]
+    head = declaration_lines(declaration, dialect.capabilities.max_line, dialect.comments)
+    texts = [_joined(head, end), *(_joined(_told(hunk, dialect), end) for hunk in hunks)]
     places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
     for first, last in places:
@@ -203,15 +202,15 @@ def _number_text(program: PartProgram, word: int) -> bytes:
     return program.data[program.words.start[word] + 1 : program.words.end[word]]
 
 
-def _told(hunk: Hunk, max_line: int) -> list[str]:
+def _told(hunk: Hunk, dialect: Dialect) -> list[str]:
     """Lines of a hunk behind the one that counts them; what it is for is cut to the length of a line."""
-    words = list(dict.fromkeys(hunk.label))
-    head = f"{MARK}+{len(hunk.lines)} -{hunk.removed} "
-    label = comment_text(", ".join(words))
-    while len(head) + len(label) + len(")") > max_line:
+    words, style = list(dict.fromkeys(hunk.label)), dialect.comments
+    head = f"+{len(hunk.lines)} -{hunk.removed} "
+    line = marked(head + style.text(", ".join(words)), style)
+    while len(line) > dialect.capabilities.max_line:
         words.pop()
-        label = comment_text(", ".join([*words, "and more"]))
-    return [f"{head}{label})", *hunk.lines]
+        line = marked(head + style.text(", ".join([*words, "and more"])), style)
+    return [line, *hunk.lines]
 
 
 def _joined(lines: list[str], end: str) -> bytes:
@@ -241,4 +240,5 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
 
 def _closed(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
     """Add the lines that undo the change."""
-    return body + _joined(payload_lines(payload, dialect.capabilities.max_line), line_end(program))
+    lines = payload_lines(payload, dialect.capabilities.max_line, dialect.comments)
+    return body + _joined(lines, line_end(program))
