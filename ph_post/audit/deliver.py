@@ -20,8 +20,8 @@ from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.controller.moves import moved_axes
 from ph_post.gcode.header import package_version
 from ph_post.gcode.paths.build import paths_of
-from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reading import read_anew
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.splice.header import Declaration, declare, read_declaration
 from ph_post.gcode.splice.lasting import plan_offsets
@@ -108,7 +108,7 @@ def deliver(
     declaration = _declaration(original, edits, machine, request)
     data = splice(original, edits, find_dialect(machine.dialect), declaration)
     tell("verifying")
-    after = read_program(data, original.name)
+    after = read_anew(original, data)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
     if not verdict.ok:
         raise _refusal(original.name, verdict)
@@ -130,7 +130,7 @@ def _original(program: PartProgram, machine: Machine, request: Request) -> PartP
             program.name, f"compensated before, by ph-post {found.version} for {found.machine}",
             expected="the original, or --force to begin again from it, or --undo",
         )  # fmt: skip
-    return read_program(undo(program.data, program.name), program.name)
+    return read_anew(program, undo(program.data, program.name))
 
 
 def _plan(

@@ -13,6 +13,7 @@ from ph_post.cli import options
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
 @options.optional_machine
+@options.dialect
 @click.option(
     "--tolerance", type=options.positive, default=1e-6, show_default=True, metavar="MM",
     help="Tool paths that are no farther apart are the same.",
@@ -27,6 +28,7 @@ def command(
     a: str,
     b: str,
     machine: str | None,
+    dialect: str | None,
     tolerance: float,
     html: str | None,
     colour: bool | None,
@@ -57,7 +59,7 @@ def command(
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file
+    from ph_post.io.programfile import read_program_file, words_of
     from ph_post.io.source import STDIN
     from ph_post.report.diffpage import make_page
     from ph_post.report.diffs import comparison_view, print_comparison
@@ -72,7 +74,8 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        programs = (read_program_file(a), read_program_file(b))
+        words = words_of(dialect, drives)
+        programs = (read_program_file(a, dialect=words), read_program_file(b, dialect=words))
         if drives is not None:
             for program in programs:
                 require_drives(moved_axes(program), "program", drives, str(machine))

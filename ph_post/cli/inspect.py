@@ -12,12 +12,19 @@ from ph_post.cli import options
 @options.optional_machine
 @options.tolerance
 @options.feed
+@options.dialect
 @click.option(
     "--certify", is_flag=True, help="Count and isolate the turning points in exact rational arithmetic."
 )
 @options.common
 def command(
-    source: str, machine: str | None, tolerance: float, feed: float | None, certify: bool, as_json: bool
+    source: str,
+    machine: str | None,
+    tolerance: float,
+    feed: float | None,
+    dialect: str | None,
+    certify: bool,
+    as_json: bool,
 ) -> int:
     """List the turning points of a path, their windows and, with a machine, their backlash.
 
@@ -38,7 +45,7 @@ def command(
     from ph_post.turning import certify as certify_turning_points
 
     with Progress() as stage:
-        analysis = load_and_analyse(source, machine, tolerance, stage, feed=feed)
+        analysis = load_and_analyse(source, machine, tolerance, stage, feed=feed, dialect=dialect)
         certificate = None
         if certify:
             stage("counting roots in exact rational arithmetic")

@@ -21,6 +21,7 @@ from ph_post.gcode.writer import make_program
 from ph_post.io.inputs import read_input
 from ph_post.io.intervalfile import read_intervals
 from ph_post.io.machinefile import read_machine
+from ph_post.io.programfile import words_of
 from ph_post.io.shipped import or_shipped
 from ph_post.io.source import Raw
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
@@ -43,17 +44,18 @@ def load(
     InputError
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
-    path, warnings = read_input(source if isinstance(source, Raw) else or_shipped("paths", source))
+    drives = None if machine is None else read_machine(machine)
+    if drives is not None and dialect is not None:
+        drives = msgspec.structs.replace(drives, dialect=dialect)
+    words = words_of(dialect, drives)
+    path, warnings = read_input(source if isinstance(source, Raw) else or_shipped("paths", source), words)
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
     if feed is not None:
         path = msgspec.structs.replace(path, feed=feed * MM_PER_MIN)
-    if machine is None:
+    if drives is None:
         return path, None
-    drives = read_machine(machine)
-    if dialect is not None:
-        drives = msgspec.structs.replace(drives, dialect=dialect)
-    require_drives(path.axes, "path", drives, machine)
+    require_drives(path.axes, "path", drives, str(machine))
     return path, drives
 
 

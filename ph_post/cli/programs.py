@@ -75,7 +75,7 @@ def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | No
     from ph_post.audit.deliver import Request, deliver
     from ph_post.audit.outcome import weigh
     from ph_post.cli.job import default_strategy, plan_options
-    from ph_post.gcode.reader.read import read_program
+    from ph_post.gcode.reading import read_as
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
     from ph_post.report.deliveries import delivery_lines, delivery_view
@@ -88,7 +88,7 @@ def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | No
         machine = read_machine(how["machine"])
         if how["dialect"] is not None:
             machine = msgspec.structs.replace(machine, dialect=how["dialect"])
-        program = read_program(data, name, strict=how["strict"])
+        program = read_as(machine.dialect, data, name, strict=how["strict"])
         request = Request(plan=plan_options(how, "program"), splice=_splice_options(how), force=how["force"])
         found = deliver(program, machine, request, stage)
         products = {} if target is None else products_of(target, found.after.data, data)

@@ -17,8 +17,16 @@ from ph_post.cli import options
     " not be followed; give the one of `convert`.",
 )  # fmt: skip
 @options.optional_machine
+@options.dialect
 @options.common
-def command(original: str, compensated: str, tolerance: float, machine: str | None, as_json: bool) -> int:
+def command(
+    original: str,
+    compensated: str,
+    tolerance: float,
+    machine: str | None,
+    dialect: str | None,
+    as_json: bool,
+) -> int:
     """Prove that COMPENSATED is ORIGINAL but for what its header declares.
 
     Whatever wrote the program is not asked. Outside the marked stretches every byte has to be the original's,
@@ -40,7 +48,7 @@ def command(original: str, compensated: str, tolerance: float, machine: str | No
     """
     from ph_post.audit.verify import verify
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file
+    from ph_post.io.programfile import read_program_file, words_of
     from ph_post.io.source import STDIN
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
@@ -52,7 +60,8 @@ def command(original: str, compensated: str, tolerance: float, machine: str | No
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        programs = (read_program_file(original), read_program_file(compensated))
+        words = words_of(dialect, drives)
+        programs = (read_program_file(original, dialect=words), read_program_file(compensated, dialect=words))
         stage("comparing")
         verdict = verify(*programs, tolerance=tolerance * MM, machine=drives)
     if as_json:

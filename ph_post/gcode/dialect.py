@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+
+import msgspec
+
+from ph_post.gcode.reader.record import PartProgram
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -96,6 +101,12 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         Bytes a second that the controller is fed with while it runs, None where it reads a file.
     stream_window : int
         Number of moves that it holds in store.
+    front : callable or None
+        ``front(data, name) -> program``: reads a part program of this dialect, every byte kept; None where
+        :func:`ph_post.gcode.reader.read.read_program` does.
+    variants : mapping of str to callable
+        What a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``):
+        ``variant(dialect) -> dialect`` with it.
     comments : Comments
         How a comment is written.
     dwell : Dwell
@@ -128,6 +139,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     spline_pieces: int = 1
     stream_rate: float | None = None
     stream_window: int = 1
+    front: Callable[[bytes, str], PartProgram] | None = None
+    variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
     comments: Comments = PARENTHESES
     dwell: Dwell = Dwell()
     assumed: tuple[str, ...] = ASSUMED

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TypeGuard
 
+from msgspec.structs import replace
+
+from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.registry import Registry
 
@@ -35,15 +38,23 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     Parameters
     ----------
     name : str
+        Words behind plus signs name what the machine has besides: ``fanuc+nurbs``.
     where : str, optional
         What named it (a file and key, an option), for the refusal.
 
     Raises
     ------
     InputError
-        Where nobody registered the name, or what is registered is not a dialect.
+        Where nobody registered the name, or what is registered is not a dialect, or it has no such variant.
     """
-    return _REGISTRY.find(name, where)
+    base, *words = name.split("+")
+    dialect = _REGISTRY.find(base, where)
+    for word in words:
+        if word not in dialect.variants:
+            known = " or ".join(dialect.variants) or "none"
+            raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
+        dialect = dialect.variants[word](dialect)
+    return replace(dialect, name=name) if words else dialect
 
 
 def _is_dialect(found: object) -> TypeGuard[Dialect]:

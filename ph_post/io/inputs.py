@@ -8,16 +8,18 @@ import re
 from typing import Final
 
 from ph_post.gcode.paths.build import line_words, main_path
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reading import read_as
 from ph_post.io.pathfile import path_of
 from ph_post.io.source import Raw, decoded, read_raw
 from ph_post.types import Path
 
-ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt"))
+ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h", ".i", ".mpf", ".spf"))
 """Endings of part programs."""
 
-_BLOCK: Final = re.compile(rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d])")
-"""How part programs begin: with a percent sign, a comment, or a word."""
+_BLOCK: Final = re.compile(
+    rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d]|(?:\d+\s+)?BEGIN\s+PGM)"
+)
+"""How part programs begin: with a percent sign, a comment, a word, or as Heidenhain has it."""
 
 
 def is_program(raw: Raw) -> bool:
@@ -32,10 +34,11 @@ def is_program(raw: Raw) -> bool:
     return ending in ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
 
 
-def read_input(source: str | os.PathLike[str] | Raw) -> tuple[Path, tuple[str, ...]]:
+def read_input(source: str | os.PathLike[str] | Raw, dialect: str = "") -> tuple[Path, tuple[str, ...]]:
     """Read a path file, or the longest path of a part program; ``-`` is standard input.
 
-    What was read already, to tell one from the other, is taken as it is.
+    What was read already, to tell one from the other, is taken as it is. A program is read by the words of
+    `dialect`.
 
     Returns
     -------
@@ -51,7 +54,7 @@ def read_input(source: str | os.PathLike[str] | Raw) -> tuple[Path, tuple[str, .
     raw = source if isinstance(source, Raw) else read_raw(source)
     if not is_program(raw):
         return path_of(decoded(raw)), ()
-    program = read_program(raw.data, raw.name)
+    program = read_as(dialect, raw.data, raw.name)
     found, warnings = main_path(program)
     notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
     return found.path, (*warnings, *notes)

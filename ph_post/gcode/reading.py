@@ -1,0 +1,38 @@
+"""Reading a part program by the words of its dialect."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from ph_post.gcode.reader.read import read_program, refuse_notes
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.registry import find_dialect
+
+
+def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> PartProgram:
+    """Read a part program by the words of a dialect.
+
+    Parameters
+    ----------
+    dialect : str
+        Its name; empty for the words that most controllers share.
+    data, name, strict
+        As for :func:`ph_post.gcode.reader.read.read_program`.
+
+    Raises
+    ------
+    InputError
+        Where there is no such dialect, or the text is not understood as a program of it.
+    """
+    front = find_dialect(dialect).front if dialect else None
+    if front is None:
+        return read_program(data, name, strict=strict)
+    program = replace(front(data, name), dialect=dialect)
+    if strict:
+        refuse_notes(program)
+    return program
+
+
+def read_anew(program: PartProgram, data: bytes, name: str | None = None) -> PartProgram:
+    """Read what was made of a program, or what it was made of, by the words it was read by itself."""
+    return read_as(program.dialect, data, program.name if name is None else name)
