@@ -8,7 +8,7 @@ from typing import Final
 
 from ph_post.diagnose.kitground import TOP_SHARE, Ground
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.format import decimal_text, significant_text, to_grid
+from ph_post.gcode.format import to_grid
 from ph_post.units import MM, MM_PER_MIN
 
 JOINT: Final = 0.005 * MM
@@ -162,10 +162,10 @@ class Draft:
         return int(to_grid(place, self.dialect.capabilities.decimals))
 
     def _length(self, count: int) -> str:
-        return decimal_text(count, self.dialect.capabilities.decimals)
+        return self.dialect.length(count, self.dialect.capabilities.decimals)
 
     def _digits(self, speed: float) -> str:
-        return significant_text(speed / MM_PER_MIN, self.dialect.feed_digits)
+        return self.dialect.feed(speed / MM_PER_MIN)
 
     def _write(self, word: str, words: list[str], feed: str = "", *, modal: bool = True) -> None:
         """One line; F only where it changes, and no repeated motion word where the dialect is terse."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-
-import msgspec
-
-from ph_post.gcode.reader.record import PartProgram
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, significant_text
+from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text, significant_text
+from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, Capabilities
 
 if TYPE_CHECKING:
@@ -124,6 +120,11 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     finish : callable or None
         ``finish(lines, name) -> lines``: what is done with the whole program of that name at last: its frame
         (% and O number, BEGIN PGM), line numbers.
+    point : bool
+        Whether every length, and every feed, has to have a decimal point: without one it may be counted in
+        increments.
+    unspliced : str
+        Why nothing is spliced into a program of that language, in words; empty where it can be.
     """
 
     name: str
@@ -148,6 +149,19 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     rapid_feed: bool = False
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
     finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
+    point: bool = False
+    unspliced: str = ""
+
+    def length(self, count: int, decimals: int) -> str:
+        """Write a length of `count` / 10^`decimals` units."""
+        return self._pointed(decimal_text(count, decimals))
+
+    def feed(self, value: float) -> str:
+        """Write a feed, or an inverse time."""
+        return self._pointed(significant_text(value, self.feed_digits))
+
+    def _pointed(self, text: str) -> str:
+        return f"{text}." if self.point and "." not in text else text
 
     def remark(self, words: str) -> list[str]:
         """Write words as comment lines."""

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.format import decimal_text, significant_text
 from ph_post.gcode.moves import Moves
 from ph_post.gcode.record import JOG
 from ph_post.gcode.shape import ARC, LINE, POLYNOMIAL, SPLINE
@@ -171,10 +170,10 @@ class LineWriter:
         ]
 
     def _length(self, count: int) -> str:
-        return decimal_text(count, self.dialect.capabilities.decimals)
+        return self.dialect.length(count, self.dialect.capabilities.decimals)
 
     def _digits(self, value: float) -> str:
-        return significant_text(value, self.dialect.feed_digits)
+        return self.dialect.feed(value)
 
     def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
         """One line; F only where it changes, except under G93, where every move has its own."""

@@ -13,6 +13,7 @@ from ph_post.registry import Registry
 GROUP = "ph_post.dialects"
 
 BUILT_IN = {
+    "fanuc": "ph_post.gcode.dialects.fanuc:DIALECT",
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
