@@ -31,6 +31,7 @@ from typing import Final
 from ph_post.gcode.dialect import Dialect, Dwell
 from ph_post.gcode.feedpieces import Feed
 from ph_post.gcode.format import SEMICOLON, decimal_text, significant_text, to_grid
+from ph_post.gcode.fronts.siemens import read_siemens
 from ph_post.gcode.lines import LineWriter
 from ph_post.gcode.moves import Moves
 from ph_post.gcode.polynomials import DENOMINATOR_DECIMALS
@@ -136,6 +137,7 @@ DIALECT = Dialect(
     closing=("M30",),
     path_mode=_path_mode,
     comments=SEMICOLON,
+    front=read_siemens,
     dwell=Dwell(letter="F"),
     assumed=(
         "assumed: work offset G54, feed override 100 percent, tool, its length and spindle as set before",

@@ -28,7 +28,7 @@ _SHOWN: Final = 40
 
 
 class Modes:
-    """What is in force that RS274 has not: `motion` G0 to G3, POLY, CIP or another, measures, the feed's way."""
+    """What is in force: `motion` G0 to G3, POLY, CIP or "other", measures, and whether F comes linearly."""
 
     def __init__(self) -> None:
         self.motion = ""
@@ -136,7 +136,7 @@ class _Line:
             self._assigned(word)
 
     def _assigned(self, word: Word) -> None:
-        """Take values of parameters, tools, spindles and tolerances, which move nothing, and refuse others."""
+        """Take values of parameters, tools, spindles and tolerances, which move nothing; refuse others."""
         if _PARAMETER.fullmatch(word.name):
             self.of.passed(self.number, f"parameter: {word.text.strip()}", word.column, "")
         elif word.name not in tables.QUIET_NAMES and not _QUIET.fullmatch(word.name):

@@ -36,25 +36,30 @@ ENDS: Final = frozenset((17,))
 QUIET_M: Final = frozenset((40, 41, 42, 43, 44, 45, 70))
 """M words of the spindle's gears."""
 
-QUIET: Final = frozenset(
-    "COMPOF COMPON COMPCURV COMPCAD COMPSURF SOFT BRISK DRIVE SPATH FFWON FFWOF CFC CFTCP CFIN"
-    " DYNNORM DYNPOS DYNROUGH DYNSEMIFIN DYNFINISH DYNPREC NORM KONT CDOF CDON STOPRE STARTFIFO STOPFIFO"
-    " FIFOCTRL WALIMON WALIMOF RTLION RTLIOF TRAFOOF SAVE DISPLOF DISPLON SBLOF SBLON CPRECON CPRECOF".split()
-)
+QUIET: Final = frozenset((
+    "COMPOF", "COMPON", "COMPCURV", "COMPCAD", "COMPSURF", "SOFT", "BRISK", "DRIVE", "SPATH", "FFWON",
+    "FFWOF", "CFC", "CFTCP", "CFIN", "DYNNORM", "DYNPOS", "DYNROUGH", "DYNSEMIFIN", "DYNFINISH",
+    "DYNPREC", "NORM", "KONT", "CDOF", "CDON", "STOPRE", "STARTFIFO", "STOPFIFO", "FIFOCTRL", "WALIMON",
+    "WALIMOF", "RTLION", "RTLIOF", "TRAFOOF", "SAVE", "DISPLOF", "DISPLON", "SBLOF", "SBLON", "CPRECON",
+    "CPRECOF",
+))  # fmt: skip
 """Words that change how the axes follow: none of them is a motion."""
 
-QUIET_CALLS: Final = frozenset("MSG WORKPIECE GROUP_BEGIN GROUP_END GROUP_ADDEND CYCLE832 SETMS".split())
-QUIET_NAMES: Final = frozenset("ADIS ADISPOS CTOL OTOL ATOL SPOS SPOSA SVC".split())
-DECLARATIONS: Final = frozenset("DEF PROC EXTERN".split())
+QUIET_CALLS: Final = frozenset(
+    ("MSG", "WORKPIECE", "GROUP_BEGIN", "GROUP_END", "GROUP_ADDEND", "CYCLE832", "SETMS")
+)
+QUIET_NAMES: Final = frozenset(["ADIS", "ADISPOS", "CTOL", "OTOL", "ATOL", "SPOS", "SPOSA", "SVC"])
+DECLARATIONS: Final = frozenset(["DEF", "PROC", "EXTERN"])
 CYCLES: Final = ("CYCLE", "HOLES", "POCKET", "SLOT", "LONGHOLE", "E_")
 """How the names of cycles begin that leave the modes as they were."""
 
 FRAMES: Final[Mapping[str, str]] = {
     "TRANS": "G69", "ATRANS": "", "G58": "", "G59": "", "TOROTOF": "", "PAROTOF": "",
-    **dict.fromkeys(
-        "ROT AROT ROTS AROTS CROTS SCALE ASCALE MIRROR AMIRROR TRAORI TRANSMIT TRACYL TRAANG TRAFOON CYCLE800"
-        " TOFRAME TOFRAMEX TOFRAMEY TOFRAMEZ TOROT TOROTX TOROTY TOROTZ PAROT".split(), "G68",
-    ),
+    **dict.fromkeys((
+        "ROT", "AROT", "ROTS", "AROTS", "CROTS", "SCALE", "ASCALE", "MIRROR", "AMIRROR", "TRAORI",
+        "TRANSMIT", "TRACYL", "TRAANG", "TRAFOON", "CYCLE800", "TOFRAME", "TOFRAMEX", "TOFRAMEY",
+        "TOFRAMEZ", "TOROT", "TOROTX", "TOROTY", "TOROTZ", "PAROT",
+    ), "G68"),
 }  # fmt: skip
 """Words that move the frame (empty), turn it (G68), or replace it by one that is only moved (G69)."""
 

@@ -63,7 +63,8 @@ def read_words(line: str) -> list[Word] | None:
     >>> [(word.name, word.function, word.values) for word in read_words("POLY PO[X]=(1,.5) Y=IC(2) F=FPO(9)")]
     [('POLY', '', ()), ('X', 'PO', ('1', '0.5')), ('Y', 'IC', ('2',)), ('F', 'FPO', ('9',))]
     """
-    words, place = [], 0
+    words: list[Word] = []
+    place = 0
     while True:
         gap = _SPACE.match(line, place)
         place = gap.end() if gap else place
@@ -119,18 +120,13 @@ def _named(line: str, place: int) -> tuple[Word, int] | None:
     found = _NAME.match(line, place)
     if found is None:
         return None
-    end, kind = found.end(), "keyword"
+    end = found.end()
+    kind: Kind = "keyword"
     behind = _BLANKS.match(line, end)
     opened = behind.end() if behind else end
     if line[opened : opened + 1] == "(":
         end, kind = _closed(line, opened), "call"
-    word = Word(
-        kind="call" if kind == "call" else "keyword",
-        name=found[0].upper(),
-        values=(),
-        text=line[place:end],
-        column=place + 1,
-    )
+    word = Word(kind=kind, name=found[0].upper(), values=(), text=line[place:end], column=place + 1)
     return word, end
 
 
@@ -138,14 +134,20 @@ def _listed(found: re.Match[str], name: str, function: str, inside: str) -> tupl
     values = [part.strip() for part in inside.split(",")]
     if not all(_PLAIN.match(value) or not value for value in values):
         return _made(found, "computed", name, ())
-    return _made(found, "number", name, tuple(plain_number(value) if value else "0" for value in values), function)
+    told = tuple(plain_number(value) if value else "0" for value in values)
+    return _made(found, "number", name, told, function)
 
 
 def _made(
     found: re.Match[str], kind: Kind, name: str, values: tuple[str, ...], function: str = ""
 ) -> tuple[Word, int]:
     word = Word(
-        kind=kind, name=name.upper(), values=values, text=found[0], column=found.start() + 1, function=function
+        kind=kind,
+        name=name.upper(),
+        values=values,
+        text=found[0],
+        column=found.start() + 1,
+        function=function,
     )
     return word, found.end()
 
