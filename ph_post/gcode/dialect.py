@@ -83,6 +83,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         ``opening(plane) -> lines``: the modal state the program relies on; `plane` is G17, G18 or G19.
     closing : tuple of str
         Last lines of the program.
+    arc_planes : tuple of str
+        Planes in which arcs are written.
     inverse_time_arcs, inverse_time_splines : bool
         Whether G2 and G3, and G5, keep their time under G93.
     path_mode : callable or None
@@ -133,6 +135,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     terse: bool
     opening: Callable[[str], tuple[str, ...]]
     closing: tuple[str, ...]
+    arc_planes: tuple[str, ...] = tuple(_PLANES)
     inverse_time_arcs: bool = True
     inverse_time_splines: bool = False
     path_mode: Callable[[float | None], str] | None = None

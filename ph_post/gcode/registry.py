@@ -16,6 +16,8 @@ BUILT_IN = {
     "fanuc": "ph_post.gcode.dialects.fanuc:DIALECT",
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
+    "heidenhain": "ph_post.gcode.dialects.heidenhain:DIALECT",
+    "heidenhain-iso": "ph_post.gcode.dialects.heidenhain:ISO_DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
 }
 """What a source tree without installed metadata offers."""

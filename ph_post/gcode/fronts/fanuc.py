@@ -87,7 +87,7 @@ def _pass(stretch: Stretch, texts: list[bytes], remarks: dict[int, Remark]) -> N
 
 
 def _modal_call(number: int, bare: bytes, lines: np.ndarray) -> Stretch:
-    """The lines from a G66, which calls a macro after every motion, to its G67."""
+    """Find the lines from a G66, which calls a macro after every motion, to its G67."""
     end = re.compile(rb"G67(?!\d)").search(bare, int(lines[number]))
     last = lines.size - 2 if end is None else int(np.searchsorted(lines, end.start(), "right")) - 1
     return Stretch(first=number, last=last, what="macro called by every motion: G66")
