@@ -25,6 +25,7 @@ _SIDES: Final = {40: False, 41: True, 42: True}
 _CORNERS: Final = frozenset((24, 25, 26, 27))
 _SHIFTS: Final = frozenset((53, 54, 247))
 _TURNS: Final = frozenset((28, 72, 73, 80))
+_MIRROR, _SCALING = 28, 72
 _MOTIONS: Final = frozenset((0, 1, 2, 3))
 _CUTS: Final = frozenset((5, 6, 7, 10, 11, 12, 13, 15, 16))
 """Arcs without a sense, tangential and polar moves: named."""
@@ -154,17 +155,20 @@ class _Follower:
         places, centres = self._places(block)
         if _SHIFTS & set(block.codes):
             return self.tnc.shifted()
-        for code in block.codes:
-            if code in _TURNS:
-                turns = [
-                    n for letter, n in block.words if letter not in "GNIJK" and _number(n) != (code == 72)
-                ]
-                return self.tnc.turned(f"G{code}", bool(turns) or (code == 28 and bool(places)))
+        for code in sorted(_TURNS & set(block.codes)):
+            return self.tnc.turned(f"G{code}", self._turns(code, block, places))
         if 29 in block.codes:
             self.tnc.pole({})
         if centres:
             self.tnc.pole(centres)
         return self._move(block, places, source)
+
+    @staticmethod
+    def _turns(code: int, block: _Block, places: Places) -> bool:
+        """Whether a word turns, mirrors, scales or tilts the frame, and does not end that."""
+        plain = Decimal(1) if code == _SCALING else Decimal(0)
+        numbers = [_number(number) for letter, number in block.words if letter not in "GN"]
+        return (code == _MIRROR and bool(places)) or any(number != plain for number in numbers)
 
     def _places(self, block: _Block) -> tuple[Places, Places]:
         """Places of a line, and of its pole; G90 and G91 are for the words behind them."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.faults import excerpt, refuse
+from ph_post.gcode.reader.notes import SHOWN
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import Note, PartProgram, PlaceArray, Words
 from ph_post.gcode.reader.words import find_lines
@@ -105,7 +106,7 @@ def read_translated(
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
         words=_placed(found, data, lines, texts, in_place),
-        notes=_notes(found, remarks),
+        notes=tuple(_shown(note, data, lines) for note in _notes(found, remarks)),
     )
 
 
@@ -149,6 +150,18 @@ def _notes(found: PartProgram, remarks: Mapping[int, Remark]) -> tuple[Note, ...
             own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
     others = [piece for note in found.notes for piece in _without(note, remarks)]
     return tuple(sorted([*own, *others], key=lambda note: note.first))
+
+
+def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
+    """Show in a note the original's line where the translation's word is not on it."""
+    line = text_of(data, lines, note.first).decode("utf-8", "replace")
+    what, _, word = note.what.partition(": ")
+    if not word or word.upper() in line.upper():
+        return note
+    shown = line.strip()
+    return msgspec.structs.replace(
+        note, column=1, what=f"{what}: {shown if len(shown) <= SHOWN else shown[:SHOWN] + '...'}"
+    )
 
 
 def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
