@@ -152,7 +152,7 @@ def test_a_cubic_comes_back_as_the_same_nurbs_to_the_last_decimal() -> None:
     basis = np.hstack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3])
     # four points, each rounded by half a decimal in both coordinates
     assert distance(whole, basis @ control / MM).max() <= 0.5e-3 * np.sqrt(2.0) + 1e-6
-    opening = text.index("G5.1 Q1\n"), text.index("G6.2"), text.index("G5.1 Q0\n"), text.index("M30")
+    opening = text.index("G5.1 Q1\n"), text.index("G6.2"), text.index("G5.1 Q0\n"), text.index("\nM30")
     assert sorted(opening) == list(opening)
 
 

@@ -22,7 +22,7 @@ from ph_post.gcode.reader.record import PartProgram
 
 _ODD: Final = re.compile(
     rb"[XYZIJKR][ \t]*[-+]?[ \t]*\d+(?![\d.])"
-    rb"|G0*[45789](?!\d)|G\d+\.\d|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
+    rb"|G0*[45789](?!\d)|G\d+\.\d|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
     rb"|IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT",
     re.MULTILINE,
 )

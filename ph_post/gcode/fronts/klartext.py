@@ -20,7 +20,7 @@ from ph_post.gcode.reader.record import PartProgram, PlaceArray
 
 _NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _HEAD: Final = re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)")
-_PLACE: Final = re.compile(rf"(I?)([XYZABCUVW])\s*({_NUMBER}|[-+]?Q[LRS]?\d+)")
+_PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({_NUMBER}|[-+]?Q[LRS]?\d+)")
 _FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{_NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
 _FUNCTION: Final = re.compile(r"M\s*(\d+)")
 _SIDE: Final = re.compile(r"R([0LR])\b")

@@ -29,6 +29,7 @@ FORGOTTEN: Final = "G999"
 """A line after which the position is not known."""
 
 _PLACE: Final = re.compile(r":(\d+)(?::\d+)?$")
+_GOT: Final = re.compile(r"; got (\S+)$")
 
 
 class Remark(msgspec.Struct, frozen=True, kw_only=True):
@@ -106,7 +107,7 @@ def read_translated(
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
         words=_placed(found, data, lines, texts, in_place),
-        notes=tuple(_shown(note, data, lines) for note in _notes(found, remarks)),
+        notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks),
     )
 
 
@@ -118,7 +119,8 @@ def _told(error: InputError, data: bytes, lines: PlaceArray) -> InputError:
         return error
     where = f"{_PLACE.sub('', error.where)}:{number + 1}"
     line = text_of(data, lines, number).decode("utf-8", "replace")
-    error.args = (str(error).replace(error.where, where, 1),)
+    text, got = str(error).replace(error.where, where, 1), _GOT.search(str(error))
+    error.args = (_GOT.sub("", text) if got is not None and got[1] not in line else text,)
     error.where, error.excerpt = where, excerpt(line, 1, len(line))
     return error
 
@@ -138,7 +140,7 @@ def _placed(
     return Words(**{column: sealed(values) for column, values in columns.items()})
 
 
-def _notes(found: PartProgram, remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
+def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
     """Put in order the translation's notes on other lines, and a note for each stretch of one remark."""
     end = found.breaks[-1].block
     own: list[Note] = []
@@ -148,7 +150,7 @@ def _notes(found: PartProgram, remarks: Mapping[int, Remark]) -> tuple[Note, ...
             own[-1] = msgspec.structs.replace(own[-1], last=number)
         else:
             own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
-    others = [piece for note in found.notes for piece in _without(note, remarks)]
+    others = [piece for note in told for piece in _without(note, remarks)]
     return tuple(sorted([*own, *others], key=lambda note: note.first))
 
 
