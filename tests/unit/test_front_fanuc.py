@@ -218,7 +218,7 @@ PART = (
 def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone() -> None:
     found = compensate(PART, read_machine("stepper"), dialect="fanuc").text
     assert undo(found, "a.nc") == PART
-    original = {line for line in PART.splitlines()}
+    original = set(PART.splitlines())
     added = [line.decode() for line in found.splitlines() if line not in original]
     assert any(line.startswith("G4 P1") for line in added)
     for line in added:
