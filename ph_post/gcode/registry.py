@@ -18,7 +18,9 @@ BUILT_IN = {
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
     "heidenhain": "ph_post.gcode.dialects.heidenhain:DIALECT",
     "heidenhain-iso": "ph_post.gcode.dialects.heidenhain:ISO_DIALECT",
+    "klipper": "ph_post.gcode.dialects.klipper:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
+    "marlin": "ph_post.gcode.dialects.marlin:DIALECT",
 }
 """What a source tree without installed metadata offers."""
 
