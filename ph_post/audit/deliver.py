@@ -97,6 +97,12 @@ def deliver(
     PhPostError
         Where the outcome does not pass :func:`ph_post.audit.verify.verify`: nothing is to be written then.
     """
+    dialect = find_dialect(machine.dialect)
+    if dialect.unspliced:
+        raise InputError(
+            program.name, f"nothing is spliced into programs of {dialect.name}: {dialect.unspliced}",
+            expected="a path file, or a program of another dialect",
+        )  # fmt: skip
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return Delivery(before=original, after=program, done=True)

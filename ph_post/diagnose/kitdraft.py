@@ -100,7 +100,7 @@ class Draft:
         middle = {axis: self.ground.centre(axis) for axis in pair}
         self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.ground.top(*pair))
         self.dwell(self.ground.settle)
-        if self.dialect.capabilities.arcs:
+        if self.dialect.capabilities.arcs and plane_of(pair)[0] in self.dialect.arc_planes:
             self._arcs(pair, turn, speed, turns)
         else:
             self._chords(pair, radius, turn, speed, turns)

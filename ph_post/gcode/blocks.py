@@ -33,10 +33,11 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     Blocks, Shape
     """
     inverse = options.feed_mode == "inverse-time"
-    abilities, in_xy = dialect.capabilities, plane_of(plan.path.axes)[0] == "G17"
+    abilities, plane = dialect.capabilities, plane_of(plan.path.axes)[0]
+    in_xy = plane == "G17"
     shape = read_shape(
         track,
-        arcs=abilities.arcs and (dialect.inverse_time_arcs or not inverse),
+        arcs=abilities.arcs and plane in dialect.arc_planes and (dialect.inverse_time_arcs or not inverse),
         splines=abilities.cubic_splines and in_xy and (dialect.inverse_time_splines or not inverse),
         degree=abilities.polynomial_degree,
     )

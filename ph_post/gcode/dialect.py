@@ -83,8 +83,12 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         ``opening(plane) -> lines``: the modal state the program relies on; `plane` is G17, G18 or G19.
     closing : tuple of str
         Last lines of the program.
+    arc_planes : tuple of str
+        Planes in which arcs are written.
     inverse_time_arcs, inverse_time_splines : bool
         Whether G2 and G3, and G5, keep their time under G93.
+    arc_planes : tuple of str
+        Planes in which it can write arcs.
     path_mode : callable or None
         ``path_mode(tolerance) -> line``: the controller may round joints by `tolerance` [m], or has to
         reach every end point where `tolerance` is None. None where the dialect has no such words.
@@ -133,8 +137,10 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     terse: bool
     opening: Callable[[str], tuple[str, ...]]
     closing: tuple[str, ...]
+    arc_planes: tuple[str, ...] = tuple(_PLANES)
     inverse_time_arcs: bool = True
     inverse_time_splines: bool = False
+    arc_planes: tuple[str, ...] = ("G17", "G18", "G19")
     path_mode: Callable[[float | None], str] | None = None
     spline_deviation: Callable[[Array], Array] | None = None
     spline_pieces: int = 1

@@ -110,6 +110,9 @@ class LineWriter:
         if word == "G0" and self.dialect.rapid_feed:
             feed = self._digits(self.rapid_speed / MM_PER_MIN)
         self._write(word, body, feed)
+        if word == "G0" and self.dialect.rapid_feed:
+            # Some firmware keeps the F of G0 apart, some does not: the next G1 says its own.
+            self._feed = ""
 
     def write_arc(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, an arc in the plane of the first two axes; `body` are the words of its end."""

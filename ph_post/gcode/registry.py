@@ -16,7 +16,11 @@ BUILT_IN = {
     "fanuc": "ph_post.gcode.dialects.fanuc:DIALECT",
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
+    "heidenhain": "ph_post.gcode.dialects.heidenhain:DIALECT",
+    "heidenhain-iso": "ph_post.gcode.dialects.heidenhain:ISO_DIALECT",
+    "klipper": "ph_post.gcode.dialects.klipper:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
+    "marlin": "ph_post.gcode.dialects.marlin:DIALECT",
     "siemens": "ph_post.gcode.dialects.siemens:DIALECT",
 }
 """What a source tree without installed metadata offers."""

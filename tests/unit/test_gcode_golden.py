@@ -13,13 +13,19 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from support.firmware import travel
 from support.interpreter import run
+from support.languages import run_fanuc, run_klartext, run_tnc_iso
 
 from ph_post.cli.main import main
 from ph_post.gcode import header
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 CASES = sorted(folder for folder in GOLDEN.iterdir() if folder.is_dir())
+LANGUAGES = {"fanuc": run_fanuc, "heidenhain": run_klartext, "iso": run_tnc_iso}
+"""Interpreters of other languages, by the end of a case's name."""
+OTHERS = [folder for folder in CASES if folder.name.endswith(("_marlin", "_klipper", *LANGUAGES))]
+"""Programs in other words than RS274's."""
 RS274 = shutil.which("rs274")
 
 
@@ -42,13 +48,20 @@ def test_program_is_as_it_was(
 
 @pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
 def test_program_can_be_read(case: Path) -> None:
+    firmware = case.name.rsplit("_", 1)[-1]
+    if firmware in LANGUAGES:
+        assert LANGUAGES[firmware]((case / "program.ngc").read_text()).run.moves
+        return
+    if case in OTHERS:
+        assert travel((case / "program.ngc").read_text(), firmware).feeds
+        return
     grbl = "grbl" in (case / "arguments.txt").read_text()
     result = run((case / "program.ngc").read_text(), max_line=70 if grbl else 255)
     assert result.ended
 
 
 @pytest.mark.skipif(RS274 is None, reason="LinuxCNC's interpreter rs274 is not installed")
-@pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
+@pytest.mark.parametrize("case", [one for one in CASES if one not in OTHERS], ids=lambda folder: folder.name)
 def test_linuxcnc_s_interpreter_takes_it(case: Path, tmp_path: Path) -> None:
     command = [str(RS274), "-v", str(tmp_path / "rs274.var"), "-g", str(case / "program.ngc")]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, timeout=60)

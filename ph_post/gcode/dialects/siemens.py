@@ -138,6 +138,10 @@ DIALECT = Dialect(
     path_mode=_path_mode,
     comments=SEMICOLON,
     front=read_siemens,
+    unspliced=(
+        "values there may be computed, and a new line has to fit polynomials and feeds that change within"
+        " blocks; convert the path file that it was made from"
+    ),
     dwell=Dwell(letter="F"),
     assumed=(
         "assumed: work offset G54, feed override 100 percent, tool, its length and spindle as set before",

@@ -22,7 +22,7 @@ from ph_post.gcode.reader.record import PartProgram
 
 _ODD: Final = re.compile(
     rb"[XYZIJKR][ \t]*[-+]?[ \t]*\d+(?![\d.])"
-    rb"|G0*[45789](?!\d)|G\d+\.\d|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
+    rb"|G0*[45789](?!\d)|G\d+\.\d|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
     rb"|IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT",
     re.MULTILINE,
 )
@@ -87,7 +87,7 @@ def _pass(stretch: Stretch, texts: list[bytes], remarks: dict[int, Remark]) -> N
 
 
 def _modal_call(number: int, bare: bytes, lines: np.ndarray) -> Stretch:
-    """The lines from a G66, which calls a macro after every motion, to its G67."""
+    """Find the lines from a G66, which calls a macro after every motion, to its G67."""
     end = re.compile(rb"G67(?!\d)").search(bare, int(lines[number]))
     last = lines.size - 2 if end is None else int(np.searchsorted(lines, end.start(), "right")) - 1
     return Stretch(first=number, last=last, what="macro called by every motion: G66")

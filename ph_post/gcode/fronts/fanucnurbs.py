@@ -19,7 +19,8 @@ from ph_post.units import INCH, MM
 
 _WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
 _MODE: Final = re.compile(rb"G(20|21|90|91)(?![\d.])")
-_ENDS: Final = re.compile(rb"G0*[0-3](?![\d.])|G0*6\.2|G33|M|%")
+_ENDS: Final = re.compile(rb"[GMSTO%#]")
+"""Nothing but points and knots stands between the first block and the last."""
 _ORDERS: Final = range(2, 5)
 _DEFAULT_ORDER: Final = 4
 

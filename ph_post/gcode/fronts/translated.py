@@ -16,6 +16,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.faults import excerpt, refuse
+from ph_post.gcode.reader.notes import SHOWN
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import Note, PartProgram, PlaceArray, Words
 from ph_post.gcode.reader.words import find_lines
@@ -28,6 +29,7 @@ FORGOTTEN: Final = "G999"
 """A line after which the position is not known."""
 
 _PLACE: Final = re.compile(r":(\d+)(?::\d+)?$")
+_GOT: Final = re.compile(r"; got (\S+)$")
 
 
 class Remark(msgspec.Struct, frozen=True, kw_only=True):
@@ -105,7 +107,7 @@ def read_translated(
         digest=hashlib.sha256(data).hexdigest(),
         lines=lines,
         words=_placed(found, data, lines, texts, in_place),
-        notes=_notes(found, remarks),
+        notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks),
     )
 
 
@@ -117,7 +119,8 @@ def _told(error: InputError, data: bytes, lines: PlaceArray) -> InputError:
         return error
     where = f"{_PLACE.sub('', error.where)}:{number + 1}"
     line = text_of(data, lines, number).decode("utf-8", "replace")
-    error.args = (str(error).replace(error.where, where, 1),)
+    text, got = str(error).replace(error.where, where, 1), _GOT.search(str(error))
+    error.args = (_GOT.sub("", text) if got is not None and got[1] not in line else text,)
     error.where, error.excerpt = where, excerpt(line, 1, len(line))
     return error
 
@@ -137,7 +140,7 @@ def _placed(
     return Words(**{column: sealed(values) for column, values in columns.items()})
 
 
-def _notes(found: PartProgram, remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
+def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
     """Put in order the translation's notes on other lines, and a note for each stretch of one remark."""
     end = found.breaks[-1].block
     own: list[Note] = []
@@ -147,8 +150,20 @@ def _notes(found: PartProgram, remarks: Mapping[int, Remark]) -> tuple[Note, ...
             own[-1] = msgspec.structs.replace(own[-1], last=number)
         else:
             own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
-    others = [piece for note in found.notes for piece in _without(note, remarks)]
+    others = [piece for note in told for piece in _without(note, remarks)]
     return tuple(sorted([*own, *others], key=lambda note: note.first))
+
+
+def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
+    """Show in a note the original's line where the translation's word is not on it."""
+    line = text_of(data, lines, note.first).decode("utf-8", "replace")
+    what, _, word = note.what.partition(": ")
+    if not word or word.upper() in line.upper():
+        return note
+    shown = line.strip()
+    return msgspec.structs.replace(
+        note, column=1, what=f"{what}: {shown if len(shown) <= SHOWN else shown[:SHOWN] + '...'}"
+    )
 
 
 def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
