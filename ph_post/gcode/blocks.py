@@ -46,7 +46,7 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     runs = find_runs(stretches, shape)
     runs = _with_splines(runs, stretches, shape, dialect, plan.machine.servo_period, options.chord_tolerance)
     if abilities.feed_degree:
-        timed = feed_blocks(stretches, shape, motion, options.block_time, plan.machine.servo_period)
+        timed = feed_blocks(stretches, shape, motion, plan.machine.servo_period)
     else:
         timed = _by_time(stretches, options.block_time)
     blocks = _in_order(_by_geometry(runs, stretches, shape, options.chord_tolerance), timed)

@@ -81,9 +81,7 @@ def fit_feed(
     return Feed(start=first, end=last, quad=float(free[0]), cub=float(free[1]), error=error)
 
 
-def feed_blocks(
-    stretches: Sequence[Stretch], shape: Shape, motion: Motion, block_time: float, period: float
-) -> Blocks:
+def feed_blocks(stretches: Sequence[Stretch], shape: Shape, motion: Motion, period: float) -> Blocks:
     """Blocks of ramps and dips, as long as a cubic follows the speed, and of dwells.
 
     They end where the motion's phases do, and where the kind of the path's pieces changes. Their places are
@@ -95,7 +93,7 @@ def feed_blocks(
             continue
         times = [one.start, one.end]
         if one.span.kind != "dwell":
-            times = cut_feed(motion, _marks(one, shape, motion), block_time, period)
+            times = cut_feed(motion, _marks(one, shape, motion), period)
         kind = DWELL if one.span.kind == "dwell" else LINE
         rows += [(number, kind, t0, t1) for t0, t1 in pairwise(times)]
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
@@ -120,18 +118,16 @@ def _marks(one: Stretch, shape: Shape, motion: Motion) -> list[float]:
     return [one.start, *sorted({t for t in inside if one.start < t < one.end}), one.end]
 
 
-def cut_feed(motion: Motion, marks: Sequence[float], block_time: float, least: float) -> list[float]:
-    """Halve a stretch until cubics follow its speed.
+def cut_feed(motion: Motion, marks: Sequence[float], least: float) -> list[float]:
+    """Halve a stretch until cubics follow its speed, and what is beside a rest until it is short.
 
     Parameters
     ----------
     motion : Motion
     marks : sequence of float
         Instants at which a block ends in any case, the stretch's ends the first and the last [s].
-    block_time : float
-        How long a block beside a rest may last [s].
     least : float
-        Shortest block [s]: a servo period.
+        Shortest block [s], a servo period: what is shorter than two of them is not halved any more.
 
     Returns
     -------
@@ -142,18 +138,18 @@ def cut_feed(motion: Motion, marks: Sequence[float], block_time: float, least: f
     open_ends = list(reversed(marks[1:]))
     while open_ends:
         t0, t1 = found[-1], open_ends[-1]
-        if _is_done(motion, t0, t1, block_time, least):
+        if _is_done(motion, t0, t1, least):
             found.append(open_ends.pop())
         else:
             open_ends.append(0.5 * (t0 + t1))
     return found
 
 
-def _is_done(motion: Motion, t0: float, t1: float, block_time: float, least: float) -> bool:
+def _is_done(motion: Motion, t0: float, t1: float, least: float) -> bool:
     if t1 - t0 < 2.0 * least:
         return True
     fit = fit_feed(motion, t0, t1)
-    return t1 - t0 <= block_time if fit is None else fit.error <= _AIM
+    return fit is not None and fit.error <= _AIM
 
 
 def constant_feed(motion: Motion, t0: float, t1: float) -> float:

@@ -64,7 +64,7 @@ def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
 def _dips(dialect: Dialect, block: float) -> str:
     if dialect.capabilities.feed_degree:
         part = 100.0 * FOLLOWS
-        return f"feed in ramps and dips within {part:g} percent, blocks beside a stop of at most {block:g} ms"
+        return f"feed in ramps and dips within {part:g} percent but for the last milliseconds beside a stop"
     return f"blocks of at most {block:g} ms in ramps and dips"
 
 

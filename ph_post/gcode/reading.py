@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
+
 from msgspec.structs import replace
 
 from ph_post.gcode.reader.read import read_program, refuse_notes
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
+
+LANGUAGES = {".mpf": "siemens", ".spf": "siemens"}
+"""Endings of programs that are of one language alone."""
 
 
 def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> PartProgram:
@@ -15,7 +20,7 @@ def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> Pa
     Parameters
     ----------
     dialect : str
-        Its name; empty for the words that most controllers share.
+        Its name; empty for the words that most controllers share, or those that the ending of `name` tells.
     data, name, strict
         As for :func:`ph_post.gcode.reader.read.read_program`.
 
@@ -24,6 +29,7 @@ def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> Pa
     InputError
         Where there is no such dialect, or the text is not understood as a program of it.
     """
+    dialect = dialect or LANGUAGES.get(PurePath(name).suffix.lower(), "")
     front = find_dialect(dialect).front if dialect else None
     if front is None:
         return read_program(data, name, strict=strict)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def _bezier(one: dict[str, Any], axes: list[str], scale: int) -> tuple[Curve, li
         rows = points
         while len(rows) > 1:
             rows = [[(1 - xi) * a + xi * b for a, b in zip(p, q, strict=True)]
-                    for p, q in zip(rows[:-1], rows[1:], strict=True)]  # fmt: skip
+                    for p, q in pairwise(rows)]  # fmt: skip
         return rows[0]
 
     return curve, [mpmath.mpf(0), mpmath.mpf(1)]

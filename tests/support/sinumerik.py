@@ -1,4 +1,4 @@
-"""An independent reading of SINUMERIK programs in exact numbers, by the manual, for what this package writes."""
+"""An independent reading of SINUMERIK programs in exact numbers, as far as they are written here."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WORD = re.compile(r"([A-Z])(-?[\d.]+)")
 
 
 class Block(msgspec.Struct, frozen=True, kw_only=True):
-    """A block that moves, in mm and mm/min: `above` the power coefficients by axis, `below` the denominator's.
+    """A block that moves [mm, mm/min]: `above` the power coefficients by axis, `below` the denominator's.
 
     `feed` has the cubic of the feed over the share of the length; None for a G0. An arc has a `center`
     and the sense of its turn, and no coefficients.
@@ -107,10 +107,10 @@ def read_blocks(text: str) -> Iterator[Block]:
             last, *rest = lists[""]
             below = [Fraction(1), last - 1 - sum(rest), *rest]
         above = {}
-        for axis in end:
+        for axis, place in end.items():
             rest = lists.get(axis, [Fraction(0)])[1:]
-            first = start.get(axis, end[axis])
-            above[axis] = [first, end[axis] * sum(below) - first - sum(rest), *rest]
+            first = start.get(axis, place)
+            above[axis] = [first, place * sum(below) - first - sum(rest), *rest]
         center, turn = None, 0
         if word in ("G2", "G3"):
             center = {"X": start["X"] + Fraction(plain["I"]), "Y": start["Y"] + Fraction(plain["J"])}
