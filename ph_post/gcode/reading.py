@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from typing import Final
+
 from msgspec.structs import replace
 
+from ph_post.errors import InputError
 from ph_post.gcode.reader.read import read_program, refuse_notes
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
+
+_KLARTEXT: Final = re.compile(rb"\s*(?:\d+\s+)?BEGIN\s+PGM\s")
 
 
 def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> PartProgram:
@@ -25,6 +31,11 @@ def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> Pa
         Where there is no such dialect, or the text is not understood as a program of it.
     """
     front = find_dialect(dialect).front if dialect else None
+    if front is None and _KLARTEXT.match(data):
+        raise InputError(
+            f"{name}:1", "a conversational program of Heidenhain, read by other words",
+            expected="--dialect heidenhain, or a machine file with that dialect",
+        )  # fmt: skip
     if front is None:
         return read_program(data, name, strict=strict)
     program = replace(front(data, name), dialect=dialect)
