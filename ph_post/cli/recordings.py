@@ -93,9 +93,8 @@ def read_recording(log: str, how: Mapping[str, Any], machine: Machine | None) ->
     InputError
         Where it cannot be read, or does not belong to the machine or the program.
     """
-    from ph_post.io.programfile import read_program_file, words_of
+    from ph_post.io.programfile import read_program_file
     from ph_post.io.readlog import read_log
 
-    words = words_of(None, machine)
-    program = None if how["program"] is None else read_program_file(how["program"], dialect=words)
+    program = None if how["program"] is None else read_program_file(how["program"], machine=machine)
     return read_log(log, columns=how["columns"], sides=how["sides"], program=program, machine=machine)

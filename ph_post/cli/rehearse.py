@@ -53,6 +53,7 @@ def command(
     from ph_post.errors import InputError
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.gcode.header import package_version
+    from ph_post.gcode.reader.language import RS274
     from ph_post.gcode.registry import find_dialect
     from ph_post.io.atomic import Content, write_atomically
     from ph_post.io.logfile import log_content
@@ -72,7 +73,8 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = read_machine(machine)
-        if find_dialect(drives.dialect).front is not None:
+        words = find_dialect(drives.dialect)
+        if words.front is not None or words.language != RS274:
             what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
             raise InputError(machine, what, expected="a machine file for LinuxCNC", got=drives.dialect)
         part = read_program_file(program)

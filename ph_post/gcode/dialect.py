@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text, significant_text
+from ph_post.gcode.reader.language import RS274, Language
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, Capabilities
 
@@ -116,6 +117,11 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         every line names it.
     rapid_feed : bool
         Whether G0 moves at F, as G1 does, so that every rapid needs an F of its own.
+    guard : tuple of str
+        Commands before the first line of a program that is compensated: they keep the controller from
+        compensating a second time.
+    language : Language
+        How its programs are read.
     writer : callable or None
         ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.gcode.lines.LineWriter>` of the
         dialect's own, for a language whose moves are not RS274 words.
@@ -154,6 +160,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     assumed: tuple[str, ...] = ASSUMED
     modal_motion: bool = True
     rapid_feed: bool = False
+    guard: tuple[str, ...] = ()
+    language: Language = RS274
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
     finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
     point: bool = False
