@@ -40,6 +40,8 @@ _KNOWN = {
     ),
     "dwells": re.compile(r"dwells up to ([.\d]+) s, ([.\d]+) s in all", re.IGNORECASE),
     "units": re.compile(r"units (mm|inch)", re.IGNORECASE),
+    "dialect": re.compile(r"dialect (\S+)", re.IGNORECASE),
+    "command": re.compile(r"command (M425 F0)"),
     "note": re.compile(r"note.*", re.IGNORECASE),
 }
 
@@ -91,6 +93,8 @@ def read_declared(original: PartProgram, compensated: PartProgram) -> Declaratio
         return None
     facts, last = _read_facts(original, compensated, first)
     fields, wrong = _fields(facts, first)
+    if _told_commands(facts) and not _commands(compensated, facts, last - len(_told_commands(facts))):
+        wrong.append((first, "the commands that the header tells do not stand behind it"))
     tail, more = _read_tail(compensated, last)
     return Declaration(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
 
@@ -129,6 +133,8 @@ def _read_facts(
             break
         open_lines = open_lines + 1 if fact is None else 0
         last += 1
+    if commands := _commands(compensated, facts, last):
+        return facts, last + commands
     # Comments with which the original begins may look as if the last fact went on in them.
     own = 0
     while (
@@ -138,6 +144,17 @@ def _read_facts(
     ):
         own += 1
     return facts, last - own
+
+
+def _commands(compensated: PartProgram, facts: list[tuple[int, str]], last: int) -> int:
+    """Count the lines behind the header that hold the commands it tells, in order; 0 where they do not."""
+    told = _told_commands(facts)
+    lines = range(last, min(last + len(told), compensated.blocks))
+    return len(told) if [compensated.text(line).strip().decode("latin-1") for line in lines] == told else 0
+
+
+def _told_commands(facts: list[tuple[int, str]]) -> list[str]:
+    return [words.split(" ", 1)[1] for _, words in facts if _KNOWN["command"].fullmatch(words)]
 
 
 def _fields(facts: list[tuple[int, str]], first: int) -> tuple[dict[str, Any], list[tuple[int, str]]]:

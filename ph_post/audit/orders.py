@@ -19,7 +19,7 @@ _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)
 _FREE = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1, 61.0, 61.1, 64.0, 90.0, 91.0, 90.1, 91.1, 93.0, 94.0)
 """G words a hunk may bring: moves, dwells, and modes that are checked to be set back."""
 
-_G, _P = ord("G"), ord("P")
+_G = ord("G")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 _ALIKE = 1e-9
 """Dwells [s] this close are the same number."""
@@ -37,8 +37,8 @@ def find_dwells(program: PartProgram) -> Dwells:
     words = program.words
     block = words.block[(words.letter == _G) & (words.value == 4.0)]
     duration = np.full(program.blocks, np.nan)
-    seconds = words.letter == _P
-    duration[words.block[seconds]] = words.value[seconds]
+    told, times = program.language.dwells(words.letter, words.value)
+    duration[words.block[told]] = times
     return Dwells(block=block, duration=duration[block])
 
 

@@ -59,7 +59,7 @@ def command(
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.io.atomic import write_atomically
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file, words_of
+    from ph_post.io.programfile import read_program_pair
     from ph_post.io.source import STDIN
     from ph_post.report.diffpage import make_page
     from ph_post.report.diffs import comparison_view, print_comparison
@@ -74,8 +74,7 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        words = words_of(dialect, drives)
-        programs = (read_program_file(a, dialect=words), read_program_file(b, dialect=words))
+        programs = read_program_pair(a, b, drives, dialect)
         if drives is not None:
             for program in programs:
                 require_drives(moved_axes(program), "program", drives, str(machine))

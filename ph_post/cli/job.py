@@ -21,9 +21,8 @@ from ph_post.gcode.writer import make_program
 from ph_post.io.inputs import read_input
 from ph_post.io.intervalfile import read_intervals
 from ph_post.io.machinefile import read_machine
-from ph_post.io.programfile import words_of
 from ph_post.io.shipped import or_shipped
-from ph_post.io.source import Raw
+from ph_post.io.source import Raw, read_raw
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN
 
@@ -44,11 +43,11 @@ def load(
     InputError
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
+    raw = source if isinstance(source, Raw) else read_raw(or_shipped("paths", source))
     drives = None if machine is None else read_machine(machine)
     if drives is not None and dialect is not None:
         drives = msgspec.structs.replace(drives, dialect=dialect)
-    words = words_of(dialect, drives)
-    path, warnings = read_input(source if isinstance(source, Raw) else or_shipped("paths", source), words)
+    path, warnings = read_input(raw, drives, dialect)
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
     if feed is not None:

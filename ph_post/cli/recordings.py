@@ -96,5 +96,5 @@ def read_recording(log: str, how: Mapping[str, Any], machine: Machine | None) ->
     from ph_post.io.programfile import read_program_file
     from ph_post.io.readlog import read_log
 
-    program = None if how["program"] is None else read_program_file(how["program"])
+    program = None if how["program"] is None else read_program_file(how["program"], machine=machine)
     return read_log(log, columns=how["columns"], sides=how["sides"], program=program, machine=machine)

@@ -48,7 +48,7 @@ def command(
     """
     from ph_post.audit.verify import verify
     from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file, words_of
+    from ph_post.io.programfile import read_program_pair
     from ph_post.io.source import STDIN
     from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
@@ -60,8 +60,7 @@ def command(
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        words = words_of(dialect, drives)
-        programs = (read_program_file(original, dialect=words), read_program_file(compensated, dialect=words))
+        programs = read_program_pair(original, compensated, drives, dialect)
         stage("comparing")
         verdict = verify(*programs, tolerance=tolerance * MM, machine=drives)
     if as_json:

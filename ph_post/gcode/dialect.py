@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text, significant_text
+from ph_post.gcode.reader.language import RS274, Language
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, Capabilities
 
@@ -83,8 +84,6 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         ``opening(plane) -> lines``: the modal state the program relies on; `plane` is G17, G18 or G19.
     closing : tuple of str
         Last lines of the program.
-    arc_planes : tuple of str
-        Planes in which arcs are written.
     inverse_time_arcs, inverse_time_splines : bool
         Whether G2 and G3, and G5, keep their time under G93.
     arc_planes : tuple of str
@@ -118,6 +117,11 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         every line names it.
     rapid_feed : bool
         Whether G0 moves at F, as G1 does, so that every rapid needs an F of its own.
+    guard : tuple of str
+        Commands before the first line of a program that is compensated: they keep the controller from
+        compensating a second time.
+    language : Language
+        How its programs are read.
     writer : callable or None
         ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.gcode.lines.LineWriter>` of the
         dialect's own, for a language whose moves are not RS274 words.
@@ -127,6 +131,10 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     point : bool
         Whether every length, and every feed, has to have a decimal point: without one it may be counted in
         increments.
+    plus : bool
+        Whether every length has its sign.
+    feed_decimals : int or None
+        Decimals of F, where a controller counts those and not digits; never less than the last of them.
     unspliced : str
         Why nothing is spliced into a program of that language, in words; empty where it can be.
     """
@@ -137,7 +145,6 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     terse: bool
     opening: Callable[[str], tuple[str, ...]]
     closing: tuple[str, ...]
-    arc_planes: tuple[str, ...] = tuple(_PLANES)
     inverse_time_arcs: bool = True
     inverse_time_splines: bool = False
     arc_planes: tuple[str, ...] = ("G17", "G18", "G19")
@@ -153,17 +160,24 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     assumed: tuple[str, ...] = ASSUMED
     modal_motion: bool = True
     rapid_feed: bool = False
+    guard: tuple[str, ...] = ()
+    language: Language = RS274
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
     finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
     point: bool = False
+    plus: bool = False
+    feed_decimals: int | None = None
     unspliced: str = ""
 
     def length(self, count: int, decimals: int) -> str:
         """Write a length of `count` / 10^`decimals` units."""
-        return self._pointed(decimal_text(count, decimals))
+        sign = "+" if self.plus and count >= 0 else ""
+        return sign + self._pointed(decimal_text(count, decimals))
 
     def feed(self, value: float) -> str:
         """Write a feed, or an inverse time."""
+        if self.feed_decimals is not None:
+            return decimal_text(max(1, round(value * 10**self.feed_decimals)), self.feed_decimals)
         return self._pointed(significant_text(value, self.feed_digits))
 
     def _pointed(self, text: str) -> str:

@@ -10,8 +10,9 @@ from typing import Final
 from ph_post.gcode.paths.build import line_words, main_path
 from ph_post.gcode.reading import read_as
 from ph_post.io.pathfile import path_of
+from ph_post.io.programfile import words_of
 from ph_post.io.source import Raw, decoded, read_raw
-from ph_post.types import Path
+from ph_post.types import Machine, Path
 
 ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h", ".i", ".mpf", ".spf"))
 """Endings of part programs."""
@@ -34,11 +35,13 @@ def is_program(raw: Raw) -> bool:
     return ending in ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
 
 
-def read_input(source: str | os.PathLike[str] | Raw, dialect: str = "") -> tuple[Path, tuple[str, ...]]:
+def read_input(
+    source: str | os.PathLike[str] | Raw, machine: Machine | None = None, dialect: str | None = None
+) -> tuple[Path, tuple[str, ...]]:
     """Read a path file, or the longest path of a part program; ``-`` is standard input.
 
     What was read already, to tell one from the other, is taken as it is. A program is read by the words of
-    `dialect`.
+    `dialect`, or in the language that it declares, or else in the machine's.
 
     Returns
     -------
@@ -54,7 +57,7 @@ def read_input(source: str | os.PathLike[str] | Raw, dialect: str = "") -> tuple
     raw = source if isinstance(source, Raw) else read_raw(source)
     if not is_program(raw):
         return path_of(decoded(raw)), ()
-    program = read_as(dialect, raw.data, raw.name)
+    program = read_as(words_of([raw.data], dialect, machine), raw.data, raw.name)
     found, warnings = main_path(program)
     notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
     return found.path, (*warnings, *notes)

@@ -20,20 +20,21 @@ def _listed(words: str) -> list[str]:
 
 GRBL = frozenset(
     _listed(
-        "G0 G1 G2 G3 G38.2 G38.3 G38.4 G38.5 G80 G4 G10 G28 G30 G28.1 G30.1 G53 G92 G92.1 G93 G94 G20 G21 G90 G91"
-        " G91.1 G17 G18 G19 G43.1 G49 G40 G54 G55 G56 G57 G58 G59 G61 M0 M2 M30 M3 M4 M5 M8 M9"
+        "G0 G1 G2 G3 G38.2 G38.3 G38.4 G38.5 G80 G4 G10 G28 G30 G28.1 G30.1 G53 G92 G92.1 G93 G94 G20 G21 G90"
+        " G91 G91.1 G17 G18 G19 G43.1 G49 G40 G54 G55 G56 G57 G58 G59 G61 M0 M2 M30 M3 M4 M5 M8 M9"
     )
 )
 GRBLHAL = GRBL | frozenset(
     _listed(
-        "G5 G5.1 G33 G43 G43.2 G50 G51 G73 G76 G81 G82 G83 G84 G85 G86 G89 G95 G96 G97 G98 G99 G7 G8 M1 M6 M7 M60"
-        " M61 M62 M63 M64 M65 M66 M67 M68"
+        "G5 G5.1 G33 G43 G43.2 G50 G51 G73 G76 G81 G82 G83 G84 G85 G86 G89 G95 G96 G97 G98 G99 G7 G8 M1 M6 M7"
+        " M60 M61 M62 M63 M64 M65 M66 M67 M68"
     )
 )
 MARLIN = {
     "G0": "XYZEF", "G1": "XYZEF", "G2": "XYZEFIJR", "G3": "XYZEFIJR", "G4": "PS", "G21": "", "G28": "XYZ",
     "G90": "", "G91": "", "G92": "XYZE", "M17": "", "M18": "", "M84": "", "M114": "", "M119": "",
-    "M201": "XYZE", "M203": "XYZE", "M204": "PRTS", "M205": "XYZEJS", "M220": "S", "M400": "", "M425": "FSXYZ",
+    "M201": "XYZE", "M203": "XYZE", "M204": "PRTS", "M205": "XYZEJS", "M220": "S", "M400": "",
+    "M425": "FSXYZ",
 }  # fmt: skip
 KLIPPER = {
     "G0": "XYZEF", "G1": "XYZEF", "G4": "P", "G21": "", "G28": "XYZ", "G90": "", "G91": "", "G92": "XYZE",

@@ -1,4 +1,4 @@
-"""No word that firmware refuses: shipped paths, all strategies, against lists from the firmware's documents."""
+"""No word that firmware refuses: shipped paths, all strategies, against lists of the words it has."""
 
 from __future__ import annotations
 

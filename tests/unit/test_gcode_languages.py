@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from support.plans import make_path, make_plan
 from support.shipped_curves import PATHS, dense_points, distance
 
 from ph_post.analysis import analyse
+from ph_post.cli.main import main
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan as plan_path
 from ph_post.gcode.options import ProgramOptions
@@ -161,3 +164,42 @@ def test_plain_programs_hold_no_word_of_an_option() -> None:
         assert not {"G6.2", "G5.1", "G93", "G64", "G61"} & {*written(name, "fanuc").text.split()}
         assert "CYCL DEF 32" not in written(name, "heidenhain").text
         assert "G62" not in written(name, "heidenhain-iso").text
+
+
+@pytest.mark.parametrize("dialect", ["fanuc", "heidenhain", "heidenhain-iso", "heidenhain+tolerance"])
+def test_the_programs_of_a_calibration_kit_are_in_the_language_too(dialect: str, tmp_path: Path) -> None:
+    shipped = Path(__file__).resolve().parents[2] / "samples" / "machines" / "mill.toml"
+    machine = tmp_path / "mill.toml"
+    machine.write_text(re.sub(r'dialect = ".*"', f'dialect = "{dialect}"', shipped.read_text()))
+    assert main(["calibrate", "-m", str(machine), "-o", str(tmp_path / "kit")]) == 0
+    programs = sorted((tmp_path / "kit").glob("*.ngc"))
+    assert programs
+    for file in programs:
+        text = file.read_text()
+        found = RUN[dialect](text)
+        back = read_as(dialect, text.encode(), file.name, strict=True).motions
+        known = ~np.isnan(back.end[-1])
+        assert np.allclose(back.end[-1][known] / MM, found.at[known], rtol=0.0, atol=1e-9)
+        assert len(found.run.moves) == back.kind.size
+        assert found.dwells
+
+
+def test_a_conversational_program_without_its_dialect_is_told_what_to_say(capsys, tmp_path: Path) -> None:
+    file = tmp_path / "a.h"
+    file.write_text("0 BEGIN PGM A MM\n1 L X+1 Y+2 F100\n2 END PGM A MM\n")
+    assert main(["inspect", str(file)]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"ph-post: {file}:1: a conversational program of Heidenhain, read by other words;"
+        " expected --dialect heidenhain, or a machine file with that dialect"
+    )
+
+
+def test_a_program_in_another_language_is_not_rehearsed_on_linuxcnc(capsys, tmp_path: Path) -> None:
+    shipped = Path(__file__).resolve().parents[2] / "samples" / "machines" / "mill.toml"
+    machine = tmp_path / "mill.toml"
+    machine.write_text(re.sub(r'dialect = ".*"', 'dialect = "fanuc"', shipped.read_text()))
+    (tmp_path / "a.nc").write_text("%\nO1\nG21\nG4 P5000\nM30\n%\n")
+    assert main(["rehearse", str(tmp_path / "a.nc"), "-m", str(machine)]) == 2
+    assert (
+        "not in those of another controller; expected a machine file for LinuxCNC" in capsys.readouterr().err
+    )

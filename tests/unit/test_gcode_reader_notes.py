@@ -146,3 +146,8 @@ def test_a_number_of_a_program_is_no_stretch():
 def test_one_place_is_known_again_by_words_behind_an_arc_from_nowhere():
     program = read("G54\nG2 X5 Y6 I5\nG1 X7\n")
     np.testing.assert_array_equal(program.motions.start[-1], [5e-3, 6e-3, np.nan])
+
+
+def test_moves_in_a_plane_that_is_not_known_are_read() -> None:
+    program = read_program(b"$H\nG21 G90 G94\nG1 X1 Y2 F60\nG17\nG1 X3\n", "a.ngc")
+    assert program.motions.plane.tolist() == [17, 17]

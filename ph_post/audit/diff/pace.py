@@ -63,8 +63,8 @@ def _pauses(program: PartProgram) -> Array:
     words = program.words
     blocks = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
     seconds = np.zeros(program.blocks)
-    told = (words.letter == ord("P")) & np.isfinite(words.value)
-    seconds[words.block[told]] = words.value[told]
+    told, times = program.language.dwells(words.letter, words.value)
+    seconds[words.block[told]] = times
     pause = np.zeros(program.motions.block.size + 1)
     np.add.at(pause, np.searchsorted(program.motions.block, blocks, side="right"), seconds[blocks])
     return pause

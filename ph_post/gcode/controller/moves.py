@@ -222,8 +222,8 @@ def _put_stops(legs: Legs, program: PartProgram) -> None:
         _drain(legs, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
     _drain(legs, np.array([one.motion for one in program.breaks], dtype=np.int64))
     seconds = np.zeros(program.blocks)
-    pauses = np.flatnonzero(letter == ord("P"))
-    seconds[words.block[pauses]] = np.nan_to_num(value[pauses])
+    pauses, times = program.language.dwells(letter, value)
+    seconds[words.block[pauses]] = times
     resting = words.block[dwell]
     at = np.searchsorted(block, resting, side="left")
     inside = at < legs.pause.size

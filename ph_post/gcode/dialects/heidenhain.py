@@ -63,15 +63,7 @@ _UNSPLICED: Final = (
 
 
 class TncLines(LineWriter):
-    """What both languages share: signs before every number, feeds with three decimals, poles."""
-
-    def _length(self, count: int) -> str:
-        text = super()._length(count)
-        return text if text.startswith("-") else f"+{text}"
-
-    def _digits(self, value: float) -> str:
-        count = max(1, round(value * 10**_FEED_DECIMALS))
-        return decimal_text(count, _FEED_DECIMALS)
+    """What both languages share: poles, and times."""
 
     def _centre(self, moves: Moves, i: int) -> list[str]:
         """Return the absolute centre of an arc, by axis."""
@@ -229,6 +221,8 @@ DIALECT = Dialect(
     assumed=_ASSUMED,
     writer=KlartextLines,
     finish=finish_klartext,
+    plus=True,
+    feed_decimals=_FEED_DECIMALS,
     unspliced=_UNSPLICED,
     front=read_klartext,
     variants=_KLARTEXT_VARIANTS,

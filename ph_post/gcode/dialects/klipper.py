@@ -15,9 +15,12 @@ from __future__ import annotations
 from typing import Final
 
 from ph_post.gcode.dialect import Dialect, Dwell
+from ph_post.gcode.dialects.printing import reader_of, why_bound
 from ph_post.gcode.format import SEMICOLON
+from ph_post.gcode.reader import codes
+from ph_post.gcode.reader.language import Language
 from ph_post.types import Capabilities
-from ph_post.units import MS
+from ph_post.units import MM, MS
 
 _DECIMALS: Final = 5
 """10 nm: far below a microstep, and in the deepest dips still a small part of a block."""
@@ -27,6 +30,15 @@ _ASSUMED: Final = (
     " correction that bends the path",
     "fan, spindle and heaters are not touched",
 )
+
+
+_STILL: Final = frozenset(
+    b"EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_START EXCLUDE_OBJECT_END RESPOND SET_FAN_SPEED"
+    b" SET_HEATER_TEMPERATURE SET_INPUT_SHAPER SET_LED SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO"
+    b" SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT TEMPERATURE_WAIT SET_RETRACTION".split()
+)
+"""Extended commands of which docs/G-Codes.md tells no motion and no change of the coordinates. All others,
+and every macro of a user's, may move and change modes."""
 
 
 def _opening(plane: str) -> tuple[str, ...]:
@@ -55,5 +67,13 @@ DIALECT = Dialect(
     assumed=_ASSUMED,
     modal_motion=False,
     rapid_feed=True,
+    language=Language(
+        name="klipper",
+        hide=reader_of(_STILL, b"XYZIJEF", b"$"),
+        dwell=(("P", MS),),
+        fixed={codes.UNITS: MM, codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
+        feed_known=False,
+        bound=why_bound,
+    ),
 )
 """The Klipper dialect."""

@@ -19,7 +19,10 @@ from __future__ import annotations
 from typing import Final
 
 from ph_post.gcode.dialect import Dialect, Dwell
+from ph_post.gcode.dialects.printing import reader_of, why_bound
 from ph_post.gcode.format import SEMICOLON
+from ph_post.gcode.reader import codes
+from ph_post.gcode.reader.language import Language
 from ph_post.types import Capabilities
 from ph_post.units import MS
 
@@ -34,6 +37,8 @@ _STREAM_RATE: Final = 25_000.0
 
 _PLANNER_BLOCKS: Final = 16
 """Moves that its planner holds (BLOCK_BUFFER_SIZE)."""
+
+_OWN_OFF: Final = "M425 F0"
 
 _ASSUMED: Final = (
     "assumed: homed, origin and tool as set before, feed override 100 percent, no bed levelling that bends"
@@ -53,7 +58,7 @@ _CLOSING: Final = (
 def _opening(plane: str) -> tuple[str, ...]:
     """One command a line; XY is the only plane of firmware that knows no word for planes."""
     del plane
-    return ("G21", "G90", "M425 F0")
+    return ("G21", "G90", _OWN_OFF)
 
 
 DIALECT = Dialect(
@@ -80,5 +85,14 @@ DIALECT = Dialect(
     assumed=_ASSUMED,
     modal_motion=False,
     rapid_feed=True,
+    guard=(_OWN_OFF,),
+    language=Language(
+        name="marlin",
+        hide=reader_of(frozenset(), b"XYZIJREFS", b"$@"),
+        dwell=(("P", MS), ("S", 1.0)),
+        fixed={codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
+        feed_known=False,
+        bound=why_bound,
+    ),
 )
 """The Marlin dialect."""

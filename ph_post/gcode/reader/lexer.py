@@ -12,10 +12,10 @@ import numpy as np
 
 from ph_post.simulate.compiling import compiled, inner
 
-PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM = 1, 2, 4, 8, 16, 32, 64
+PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM, KEEPS = 1, 2, 4, 8, 16, 32, 64, 128
 """What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
 or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
-with ``$``."""
+with ``$``; `KEEPS`: one that leaves all modes as they are, which begins with ``$@``."""
 
 (NO_NUMBER, BAD_CHARACTER, OPEN_COMMENT, CLOSED_COMMENT, BRACKET, EXPONENT, NO_LETTER, AFTER_PERCENT,
  CHECKSUM, FULL) = range(1, 11)  # fmt: skip
@@ -269,7 +269,8 @@ def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) 
             digits[row], decimals[row] = count if places >= 0 else 0, max(places, -1)
             row += why == 0
         elif data[i] == 36 and row == begin:
-            i, found, why = end, SYSTEM, 0
+            keeps = i + 1 < end and data[i + 1] == 64
+            i, found, why = end, SYSTEM | (KEEPS if keeps else 0), 0
         else:
             i, found, why = _skip_other(data, i, end)
         trait |= found

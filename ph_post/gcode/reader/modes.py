@@ -256,11 +256,11 @@ def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room:
 
 
 @inner
-def _forget_modes(state: Any, before: Any, all_of_them: bool) -> None:
-    """Make unknown what differs from `before`, or all."""
+def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> None:
+    """Make unknown what differs from `before`, or all; what is `fixed` in the language stays that."""
     for column in range(MODES):
         if all_of_them or state[column] != before[column]:
-            state[column] = UNKNOWN
+            state[column] = UNKNOWN if np.isnan(fixed[column]) else fixed[column]
     if (
         all_of_them
         or not (state[FEED] == before[FEED] or np.isnan(before[FEED]))
@@ -288,18 +288,20 @@ def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
 
 
 @inner
-def _run_block(words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any) -> Any:
+def _run_block(
+    words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any
+) -> Any:
     """Carry out one block on the state: breaks, why not understood, why refused, the word."""
     mark, why, computed, refused, word = _apply_words(words, low, high, state, before, room)
     if refused:
         return mark, why, refused, word
     why = _line_reason(trait, computed, why)
     if why == DELETED:
-        _forget_modes(state, before, False)
+        _forget_modes(state, before, False, fixed)
         return 0, why, 0, -1
     codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
-    if codes or why in (SUBPROGRAM, SAVED_STATE, CONTROLLER_LINE):
-        _forget_modes(state, before, True)
+    if codes or (why in (SUBPROGRAM, SAVED_STATE, CONTROLLER_LINE) and not trait & lexer.KEEPS):
+        _forget_modes(state, before, True, fixed)
     if (computed >> LETTER_F) & 1:
         state[FEED], state[FEED_KNOWN] = np.nan, 2.0
     return mark, why, 0, -1
@@ -389,17 +391,19 @@ def _forget_columns(state: Any, mask: int) -> None:
 
 
 @compiled
-def resolve(words: Any, traits: Any, stretches: Any, end: int, columns: Any) -> Any:
+def resolve(words: Any, traits: Any, stretches: Any, end: int, columns: Any, fixed: Any) -> Any:
     """Find the modal state after each block, and of each what decides on what it does.
 
     `words` are the columns block, letter and value; `stretches` (k, 3) first and last line of what lies under
-    O-words and the groups that it sets, a bit a column of the state. `columns` to fill, each (n,): state, F,
-    the motion in force, word of group 0, flags, breaks, why not understood. Returns the block at which it
+    O-words and the groups that it sets, a bit a column of the state; `fixed` the state that no line of the
+    language changes, NaN where it does, and whether F is known at first. `columns` to fill, each (n,): state,
+    F, the motion in force, word of group 0, flags, breaks, why not understood. Returns the block at which it
     ended, why that is refused and the word (-1: none), and the distinct states.
     """
     blocks, letter, value = words
     states, feeds, motions, zeros, flags, marks, whys = columns
     state, table, slots = _begin()
+    state[FEED_KNOWN] = fixed[FEED_KNOWN]
     before, count, low, row, at = state.copy(), 1, 0, 0, 0
     room = (np.zeros(26), np.zeros(26, np.int64), np.zeros((2, 64), np.int64), np.zeros(18, np.int64))
     for block in range(end):
@@ -416,7 +420,7 @@ def resolve(words: Any, traits: Any, stretches: Any, end: int, columns: Any) -> 
                 before[column] = state[column]
             parts = (letter, value)
             marks[block], whys[block], refused, word = _run_block(
-                parts, low, high, traits[block], state, before, room
+                parts, low, high, traits[block], state, before, room, fixed
             )
             zeros[block] = room[3][0]
             motions[block] = _after(state, room[3], before)

@@ -113,7 +113,8 @@ def _write_motion(
     """Write down one motion from `position` to `target` [m]; `word` is its F."""
     block_of, kind, starts, ends, plane, feed, duration, exact = columns
     row, block, task = at
-    block_of[row], kind[row], plane[row] = block, _kind(task), np.int64(modes[PLANE])
+    # Where the plane is not known no arc is read, and for the rest any will do.
+    block_of[row], kind[row], plane[row] = block, _kind(task), max(np.int64(modes[PLANE]), 17)
     for axis in range(3):
         starts[row, axis], ends[row, axis] = position[axis], target[axis]
     if ARC_CW <= task <= ARC_CCW:

@@ -13,6 +13,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.reader import codes, splines
 from ph_post.gcode.reader.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
 from ph_post.gcode.reader.faults import NOT_UNDERSTOOD, Fault, refuse
+from ph_post.gcode.reader.language import RS274, Language
 from ph_post.gcode.reader.modal import make_modal, number_text
 from ph_post.gcode.reader.modes import resolve
 from ph_post.gcode.reader.moves import trace
@@ -54,7 +55,7 @@ class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fault: Fault | None
 
 
-def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram:
+def read_program(data: bytes, name: str, *, strict: bool = False, language: Language = RS274) -> PartProgram:
     r"""Read a part program.
 
     Parameters
@@ -65,6 +66,8 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
         For messages: the file's name.
     strict : bool
         Refuse what would be passed through with a note.
+    language : Language, optional
+        That of the controller, where it is not RS274/NGC.
 
     Raises
     ------
@@ -84,8 +87,9 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
     lines, fault = find_lines(data)
     if fault is not None:
         raise refuse(name, data, lines, fault)
-    lexed = read_words(data, lines)
-    blocks = _resolve(lexed, data)
+    plain = language.hidden(data)
+    lexed = read_words(plain, lines)
+    blocks = _resolve(lexed, plain, language.start())
     motions, fault = _follow(lexed, blocks)
     faults = [one for one in (fault, blocks.fault) if one is not None]
     first = min(faults, key=lambda one: one.block, default=None)
@@ -115,10 +119,11 @@ def read_program(data: bytes, name: str, *, strict: bool = False) -> PartProgram
         feed_word=sealed(blocks.feeds),
         breaks=breaks,
         notes=notes,
+        language=language,
     )
 
 
-def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
+def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:
     """Find each block's modal state and task; after the program's end nothing changes any more."""
     count = lexed.lines.size - 1
     states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
@@ -126,7 +131,8 @@ def _resolve(lexed: Lexed, data: bytes) -> _Blocks:
     flags, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
     columns = (states, feeds, motions, zeros, flags, marks, whys)
     text = (lexed.words.block, lexed.words.letter, lexed.words.value)
-    stop, refused, word, table = resolve(text, lexed.traits, find_stretches(lexed, data), lexed.end, columns)
+    stretches = find_stretches(lexed, data)
+    stop, refused, word, table = resolve(text, lexed.traits, stretches, lexed.end, columns, fixed)
     last = stop + 1 if stop < lexed.end and not refused else stop
     if 0 < last < count:
         states[last:], feeds[last:] = states[last - 1], feeds[last - 1]

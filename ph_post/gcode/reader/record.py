@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ph_post.gcode.reader.language import RS274, Language
 from ph_post.types import Array, IntArray
 
 RAPID, LINE, ARC, CUBIC, NURBS = range(5)
@@ -156,6 +157,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
     end. `notes` name what was passed through. `dialect` is the one whose words it was read by, empty for
     the common ones: what is made of it has to be read by the same.
+    `language` is what its words were taken for.
     """
 
     name: str
@@ -170,6 +172,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
     dialect: str = ""
+    language: Language = RS274
 
     @property
     def blocks(self) -> int:

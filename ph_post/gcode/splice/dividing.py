@@ -20,9 +20,17 @@ def why_whole(program: PartProgram, dialect: Dialect, motion: int, share: float)
     for axis, name in enumerate("XYZ"):
         if unknown[axis] and name in own:
             return f"line {line} begins where {name} is not known, and cannot be divided"
+    if why := why_bound(program, motion):
+        return f"line {line} {why}"
     if motions.kind[motion] == CUBIC:
         return _why_whole_cubic(program, dialect, motion, share)
     return ""
+
+
+def why_bound(program: PartProgram, motion: int) -> str:
+    """Tell what in its language keeps a motion's line whole, in words; empty where nothing does."""
+    bound = program.language.bound
+    return "" if bound is None else bound(program.text(int(program.motions.block[motion])))
 
 
 def _why_whole_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:

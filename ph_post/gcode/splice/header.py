@@ -12,7 +12,9 @@ from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text
 from ph_post.gcode.header import package_version
+from ph_post.gcode.reader.language import RS274, Language
 from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.splice.grid import word_decimals
 from ph_post.gcode.splice.marks import MARK, comment_pattern
 from ph_post.gcode.splice.options import SpliceOptions
@@ -34,7 +36,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     `version` of this package; `digest` the SHA-256 of the original; `machine` its name, and `machine_digest`
     and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, `units` [m]
     of the program; numbers of `stops` and `dips`; `dwell` [s], `decimals`, `chord_tolerance` [m],
-    `block_time` [s] and `path_mode` as they were chosen for the dialect; `notes` in free text.
+    `block_time` [s] and `path_mode` as they were chosen for the dialect; `dialect` its name where it is read
+    otherwise than RS274/NGC; `commands` that stand behind the head; `notes` in free text.
     """
 
     version: str = ""
@@ -54,6 +57,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     chord_tolerance: float = 0.0
     block_time: float = 0.0
     path_mode: str = ""
+    dialect: str = ""
+    commands: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     def same_job(self, other: Declaration) -> bool:
@@ -96,6 +101,8 @@ def declare(
         chord_tolerance=options.chord_tolerance,
         block_time=options.block_time,
         path_mode=path_mode,
+        dialect=program.language.name,
+        commands=dialect.guard,
         notes=notes,
     )
 
@@ -109,6 +116,7 @@ def declaration_lines(declaration: Declaration, max_line: int, style: Comments =
         f"original sha256 {one.digest}",
         f"machine {one.machine}, sha256 {one.machine_digest}",
         f"options sha256 {one.options_digest}",
+        *([f"dialect {one.dialect}"] if one.dialect else []),
         *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
         *(f"pulse {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
         f"{one.stops} stops, {one.dips} dips",
@@ -119,6 +127,7 @@ def declaration_lines(declaration: Declaration, max_line: int, style: Comments =
             if one.longest > one.dwell
             else []
         ),
+        *(f"command {command}" for command in one.commands),
         *(f"note {note}" for note in one.notes),
     ]
     head = comment_lines(f"ph-post {one.version} compensated this program", max_line, style)
@@ -149,6 +158,7 @@ def read_declaration(data: bytes) -> Declaration | None:
         "version": _words(head),
         "offset": {},
         "pulse": {},
+        "commands": (),
         "notes": (),
     }
     for fact in facts:
@@ -156,6 +166,18 @@ def read_declaration(data: bytes) -> Declaration | None:
     if len(str(fields.get("digest", ""))) != _DIGEST:
         raise InputError("", "the head of the compensated program is damaged", expected="original sha256")
     return Declaration(**fields)
+
+
+def declared_language(data: bytes) -> Language:
+    """Return the language of a compensated program; RS274/NGC where it tells none, and of others.
+
+    Raises
+    ------
+    InputError
+        Where its head is damaged, or nobody knows the dialect.
+    """
+    found = read_declaration(data)
+    return RS274 if found is None or not found.dialect else find_dialect(found.dialect).language
 
 
 def _read_fact(fact: str, fields: dict[str, Any]) -> None:
@@ -168,6 +190,8 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
         kind, axis, size, unit = found.groups()
         fields[kind.lower()][axis.upper()] = float(size) * _UNITS[unit.lower()]
         fields["units"] = _UNITS[unit.lower()]
+    elif found := _COMMAND.fullmatch(fact):
+        fields["commands"] += (found.group(1),)
     elif found := _NOTE.fullmatch(fact):
         fields["notes"] += (found.group(1),)
 
@@ -175,7 +199,7 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
 def _value(name: str, text: str | None) -> Any:
     if name in ("stops", "dips", "decimals"):
         return int(str(text))
-    if name in ("digest", "machine_digest", "options_digest"):
+    if name in ("digest", "machine_digest", "options_digest", "dialect"):
         return str(text).lower()
     scale = {"dwell": 1.0, "longest": 1.0, "dwelt": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
     return (text or "") if scale is None else float(str(text)) * scale
@@ -209,6 +233,7 @@ _HEAD = re.compile(
 )
 _FACT = comment_pattern(rf"{MARK}((?!\+).*)")
 _FURTHER = comment_pattern("  (.*)")
+_COMMAND = re.compile("command (.*)", re.IGNORECASE)
 _NOTE = re.compile("note (.*)", re.IGNORECASE)
 _NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
 _LENGTH = re.compile(rf"(offset|pulse) ([XYZ]) {_NUMBER} (mm|inch)", re.IGNORECASE)
@@ -216,6 +241,7 @@ _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE), ("digest",)),
     (re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
     (re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE), ("options_digest",)),
+    (re.compile(r"dialect (\S+)", re.IGNORECASE), ("dialect",)),
     (re.compile(r"(\d+) stops, (\d+) dips", re.IGNORECASE), ("stops", "dips")),
     (
         re.compile(

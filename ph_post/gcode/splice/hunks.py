@@ -16,6 +16,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.reader.record import AXES, RAPID, Modal, PartProgram
 from ph_post.gcode.splice import blocktext
+from ph_post.gcode.splice.dividing import why_bound
 from ph_post.gcode.splice.parts import part_length
 from ph_post.gcode.splice.record import Stop
 from ph_post.gcode.splice.schedule import Part, Task
@@ -122,7 +123,11 @@ class HunkWriter:
             self._path = modal.path
         feed = self._feeds.after(block)
         if modal.feed_mode == 94 and feed is not None and feed != self._feed:
-            lines.append(f"F{feed}")
+            if self._dialect.modal_motion:
+                lines.append(f"F{feed}")
+            else:
+                lines.append(self._joined("G1", f"F{feed}"))
+                self._mode = "G1"
             self._feed = feed
         relying = blocktext.next_relying(self._program, block + 1)
         if modal.motion == "G0" and self._mode != "G0" and relying is not None:
@@ -150,6 +155,9 @@ class HunkWriter:
         self._hunk.removed += 1
         if self._program.motions.kind[task.motion] == RAPID and not task.whole:
             raise InputError(f"{self._program.name}:{block + 1}", "a rapid cannot be divided")
+        why = why_bound(self._program, task.motion)
+        if why and not task.whole:
+            raise InputError(f"{self._program.name}:{block + 1}", f"this line {why}")
         stops = {share: stop for share, stop in task.stops.items() if share > 0.0}
         self._divided(task, stops, block, offset)
 
@@ -222,7 +230,7 @@ class HunkWriter:
         exchange |= dict.fromkeys(blocktext.last_words(self._program, block), "")
         feed = self._feed_of(words, part)
         own = blocktext.letters(self._program, block).get("F")
-        cuts = self._program.motions.kind[words.motion] != RAPID
+        cuts = self._program.motions.kind[words.motion] != RAPID or self._dialect.rapid_feed
         if own is not None:
             if feed != self._feeds.after(block) or words.modal.feed_mode == 93:
                 exchange[own] = f"F{feed}"

@@ -21,6 +21,9 @@ _OWN: Final = {
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
+_OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", re.IGNORECASE | re.MULTILINE)
+"""M425 of Marlin, but for the one that switches it off."""
+
 
 def cutting_feed(program: PartProgram, times: Array) -> Array:
     """Feed of every motion [m/s], that of timed ones from their length; NaN where it is not known."""
@@ -74,6 +77,10 @@ def double_compensation(program: PartProgram, dialect: str) -> list[str]:
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
     said = [f"line {found[0] + 1} switches the controller's own backlash compensation on (M425)"
             ": both together shift twice"] if found.size else []  # fmt: skip
+    if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
+        line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
+        said = [f"line {line} sets the controller's own backlash compensation (M425)"
+                ": both together shift twice"]  # fmt: skip
     if dialect in _OWN:
         said.append(f"{_OWN[dialect]} must be 0 for the shifted axes, or both shift them")
     return said

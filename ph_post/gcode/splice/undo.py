@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 
 from ph_post.errors import InputError
+from ph_post.gcode.reader.language import Language
 from ph_post.gcode.reader.lexer import split_lines
 from ph_post.gcode.reader.record import ByteArray, PlaceArray
 from ph_post.gcode.reader.words import read_words
-from ph_post.gcode.splice.header import read_declaration
+from ph_post.gcode.splice.header import declared_language, read_declaration
 from ph_post.gcode.splice.marks import MARK, comment_pattern
 from ph_post.gcode.splice.payload import Payload, read_payload
 from ph_post.gcode.splice.rewrite import assemble, unshift_numbers
@@ -53,7 +54,7 @@ def restore(data: bytes, name: str) -> bytes:
     if payload.whole is not None:
         return payload.whole
     try:
-        text = _Restorer(data, end, payload).run()
+        text = _Restorer(data, end, payload, declared_language(data)).run()
     except (IndexError, ValueError) as error:
         raise InputError(
             name, "the program was changed after it was compensated, and cannot be undone"
@@ -70,10 +71,11 @@ class _Restorer:
     end : int
         Where the lines of the payload begin.
     payload : Payload
+    language : Language
     """
 
-    def __init__(self, data: bytes, end: int, payload: Payload) -> None:
-        self._data, self._payload = data, payload
+    def __init__(self, data: bytes, end: int, payload: Payload, language: Language) -> None:
+        self._data, self._payload, self._language = data, payload, language
         self._lines = split_lines(np.frombuffer(data, np.uint8)[:end])
         self._added, self._spans = self._find_hunks(end)
         self._codes = np.frombuffer(payload.code, np.uint8)
@@ -138,7 +140,7 @@ class _Restorer:
         if self._closed:
             nothing = np.zeros(0, dtype=np.int32)
             return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
-        lexed = read_words(data, lines)
+        lexed = read_words(self._language.hidden(data), lines)
         self._closed, words = lexed.end < lines.size - 1, lexed.words
         candidate = np.flatnonzero(np.isin(words.letter, CANDIDATES) & ~added[words.block])
         code = self._codes[self._code : self._code + candidate.size]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import msgspec
@@ -36,7 +36,10 @@ class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     left: tuple[LeftAlone, ...]
 
 
-def window_edits(motions: Motions, path: ProgramPath, plan: Plan, block_time: float) -> Found:
+def window_edits(
+    motions: Motions, path: ProgramPath, plan: Plan, block_time: float,
+    bound: Callable[[int], str] = lambda _: "",
+) -> Found:  # fmt: skip
     """Tell what a plan does in its windows on the motions of the program.
 
     Parameters
@@ -48,14 +51,20 @@ def window_edits(motions: Motions, path: ProgramPath, plan: Plan, block_time: fl
         Made for a program, without lasting offsets.
     block_time : float
         Longest block of a dip [s].
+    bound : callable, optional
+        ``bound(motion)``: why the line of a motion is not divided, in words.
     """
-    return _Windows(motions, path, plan, block_time).found()
+    return _Windows(motions, path, plan, block_time, bound).found()
 
 
 class _Windows:
     """The windows of one plan."""
 
-    def __init__(self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float) -> None:
+    def __init__(
+        self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float,
+        bound: Callable[[int], str],
+    ) -> None:  # fmt: skip
+        self.bound = bound
         self.motions, self.path, self.plan, self.block_time = motions, path, plan, block_time
         read = read_jogs(plan)
         self.jogs, self.phases = read.jogs, read.phases
@@ -84,6 +93,9 @@ class _Windows:
         """Stand still at a place, with the axes shifted as the plan jogs them."""
         motion, share = self._place(span.s0, window)
         inside = 0.0 < share < 1.0
+        if inside and (why := self.bound(motion)):
+            self._leave(window, motion, f"it would stop inside a line that {why}")
+            return
         if inside and self.motions.kind[motion] in (RAPID, NURBS):
             what = "a rapid" if self.motions.kind[motion] == RAPID else "a NURBS, which is not divided"
             self._leave(window, motion, f"it would stop inside {what}")
@@ -134,6 +146,10 @@ class _Windows:
         for kind, what in ((RAPID, "a rapid"), (NURBS, "a NURBS, which is not divided")):
             if (touched == kind).any():
                 self._leave(window, int(motion[0]), f"it would change the feed of {what}")
+                return
+        for one in range(int(motion[0]), int(motion[-1]) + 1):
+            if why := self.bound(one):
+                self._leave(window, one, f"it would change the feed of a line that {why}")
                 return
         self.dips.append(Dip(motion=motion, share=share, duration=np.diff(times)))
 

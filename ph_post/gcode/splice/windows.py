@@ -7,6 +7,7 @@ offsets are :mod:`ph_post.gcode.splice.lasting`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Final
 
 import msgspec
@@ -23,6 +24,7 @@ from ph_post.gcode.paths.build import line_words
 from ph_post.gcode.paths.parts import divide
 from ph_post.gcode.paths.record import ProgramPath
 from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.splice.dividing import why_bound
 from ph_post.gcode.splice.record import Dip, Edits, Stop
 from ph_post.gcode.splice.standing import blocked_chains, program_troubles
 from ph_post.gcode.splice.view import chain_spans
@@ -108,7 +110,9 @@ def plan_windows(
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
         made = _planned(part, chosen, tolerance, _telling(tell, where))
-        done = window_edits(program.motions, part.path, made.plan, block_time)
+        done = window_edits(
+            program.motions, part.path, made.plan, block_time, partial(why_bound, program)
+        )  # fmt: skip
         stops += done.stops
         dips += done.dips
         plans.append(made)

@@ -174,6 +174,7 @@ def _body(
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
     head = declaration_lines(declaration, dialect.capabilities.max_line, dialect.comments)
+    head += declaration.commands
     texts = [_joined(head, end), *(_joined(_told(hunk, dialect), end) for hunk in hunks)]
     places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)

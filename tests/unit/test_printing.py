@@ -1,0 +1,229 @@
+"""Programs for printer firmware: what is read of them, and slicers' programs compensated from end to end."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.splicing import ENOUGH, compensate
+
+from ph_post.audit.verify import verify
+from ph_post.cli.main import main
+from ph_post.errors import InputError
+from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.splice.header import declared_language
+from ph_post.gcode.splice.undo import undo
+from ph_post.io.machinefile import read_machine
+from ph_post.types import Machine
+from ph_post.units import MM
+
+ROOT = Path(__file__).resolve().parents[1]
+SLICED = sorted((ROOT / "slicers").glob("*.gcode"))
+PRINTERS = ("marlin", "klipper")
+MOVED = re.compile(rb"^G[0123]\b", re.IGNORECASE)
+
+
+def printer() -> Machine:
+    found = read_machine(str(ROOT / "golden" / "ring_jogs" / "machine.toml"))
+    still = replace(found.axes["Y"], name="Z", gap=replace(found.axes["Y"].gap, lost_motion=0.0))
+    return replace(found, axes={**found.axes, "Z": still})
+
+
+def read(text: str, dialect: str = "marlin") -> PartProgram:
+    return read_program(text.encode(), "a.gcode", language=find_dialect(dialect).language)
+
+
+def hidden(line: str, dialect: str) -> str:
+    """Return a line as the reader has it, which is of the same length."""
+    hide = find_dialect(dialect).language.hide
+    assert hide is not None
+    out = hide(line.encode()).decode()
+    assert len(out) == len(line)
+    return out.split(";")[0].rstrip()
+
+
+BOTH = [
+    ("G1 X1 Y2 E0.5 F600", "G1 X1 Y2      F600"),
+    ("G1 E-.8 F2100 ; retract", "G1      F2100"),
+    ("N7 G1 X1 E2*101", "N7 G1 X1   *101"),
+    ("G92 E0", ""),
+    ("G92 X0 E0", "G92 X0"),
+    ("G28 X Y ; home", "G28"),
+    ("M117 Layer 3/20 (50%)", ""),
+    ("M205 X8.00 Y8.00 Z0.40 E4.50", ""),
+    ("M0 Change the tool", "M0"),
+    ("M3 S12000", "M3 S12000"),
+    ("G29", "$@"),
+    ("T1", "$@"),
+    ("M600", "$@"),
+    ("M84 X Y E", "$@"),
+    ("G90 G1 X5", "$"),
+    ("G4", ""),
+    ("G4 P250", "G4 P250"),
+    ("G2 X1 Y1 I1 J0 P1", "$@"),
+    (";G1 X1", ""),
+]
+
+
+@pytest.mark.parametrize("dialect", PRINTERS)
+@pytest.mark.parametrize(("line", "expected"), BOTH)
+def test_a_line_of_printer_firmware(line: str, expected: str, dialect: str) -> None:
+    assert hidden(line, dialect) == expected
+
+
+@pytest.mark.parametrize(
+    ("line", "marlin", "klipper"),
+    [
+        ("START_PRINT BED=60", "$@", "$"),
+        ("set_velocity_limit ACCEL=3000", "$@", ""),
+        ("EXCLUDE_OBJECT_START NAME=cube", "$@", ""),
+        ("TIMELAPSE_TAKE_FRAME", "$@", "$"),
+        ("G2 X1 Y1 R5", "G2 X1 Y1 R5", "$@"),
+        ("X5 Y5", "$@", "$"),
+    ],
+)
+def test_a_line_that_one_firmware_has(line: str, marlin: str, klipper: str) -> None:
+    assert (hidden(line, "marlin"), hidden(line, "klipper")) == (marlin, klipper)
+
+
+def test_extrusion_is_no_part_of_the_path() -> None:
+    program = read("G90\nM83\nG1 X0 Y0 F600\nG1 X10 E1\nG1 E-1 F2100\nG1 X0 F1200\n")
+    assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([0.0, 10.0, 0.0])
+    assert (program.motions.feed / MM * 60.0).tolist() == pytest.approx([600.0, 600.0, 1200.0])
+    assert not program.notes
+
+
+def test_a_tool_change_forgets_the_place_and_keeps_the_modes() -> None:
+    program = read("G91\nG1 X1 F60\nT1\nG1 X2\n")
+    assert [one.kind for one in program.breaks] == ["beginning", "not understood", "end"]
+    assert np.isnan(program.motions.end[1, 0])
+    assert not program.modal_after(3).absolute
+
+
+def test_a_macro_forgets_the_modes_too() -> None:
+    program = read("G90\nG1 X1 F60\nEND_LAYER\nG1 X2\nG90\nG1 X3 F60\nG1 X4\n", "klipper")
+    whats = [note.what for note in program.notes]
+    assert any("END_LAYER" in what for what in whats)
+    assert any("modes" in what for what in whats)
+    assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([1.0, 3.0, 4.0])
+    assert program.modal_after(5).units == MM
+
+
+def test_a_move_before_any_feed_is_read() -> None:
+    program = read("G28\nG1 Z5\nG1 X1 F600\n")
+    assert np.isnan(program.motions.feed[0])
+    with pytest.raises(InputError, match="feed"):
+        read_program(b"G1 Z5\n", "a.ngc")
+
+
+@pytest.mark.parametrize(
+    ("dialect", "words", "seconds"),
+    [
+        ("marlin", "G4 P250", 0.25),
+        ("marlin", "G4 S2", 2.0),
+        ("klipper", "G4 P250", 0.25),
+        ("linuxcnc", "G4 P2", 2.0),
+    ],
+)
+def test_dwells_have_the_units_of_their_firmware(dialect: str, words: str, seconds: float) -> None:
+    program = read(f"G1 X0 F60\n{words}\nG1 X1\n", dialect)
+    rows, found = program.language.dwells(program.words.letter, program.words.value)
+    assert found.tolist() == pytest.approx([seconds])
+    assert program.words.block[rows].tolist() == [1]
+
+
+def parts(data: bytes, *, moves: bool) -> list[bytes]:
+    """Lines without comments that move, or those that do not, of a program without those of hunks."""
+    lines = [line.partition(b";")[0].strip() for line in data.splitlines()]
+    return [line for line in lines if line and (MOVED.match(line) is not None) == moves]
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("dialect", PRINTERS)
+@pytest.mark.parametrize("file", SLICED, ids=lambda file: file.stem)
+def test_a_sliced_program_is_compensated_and_comes_back(file: Path, dialect: str, end: bytes) -> None:
+    data = file.read_bytes().replace(b"\n", end)
+    found = compensate(data, printer(), dialect=dialect, max_slowdown=ENOUGH)
+    assert found.edits.stops
+    language = find_dialect(dialect).language
+    assert declared_language(found.text) == language
+    assert undo(found.text, "a") == data
+    after = read_program(found.text, "a", language=language)
+    verdict = verify(found.program, after, tolerance=5e-6, machine=printer())
+    assert verdict.ok, [one.sentence() for one in verdict.failures]
+
+
+@pytest.mark.parametrize("dialect", PRINTERS)
+@pytest.mark.parametrize("file", SLICED, ids=lambda file: file.stem)
+def test_nothing_but_axis_words_is_changed(file: Path, dialect: str) -> None:
+    data = file.read_bytes()
+    text = compensate(data, printer(), dialect=dialect).text
+    added = [line for line in parts(text, moves=False) if line not in parts(data, moves=False)]
+    assert {line.split()[0] for line in added} <= {b"G4", b"M425"}
+    assert [line for line in parts(text, moves=False) if line not in added] == parts(data, moves=False)
+    extruded = re.compile(rb"E[-0-9.]+")
+    assert extruded.findall(b"\n".join(parts(text, moves=True))) == extruded.findall(
+        b"\n".join(parts(data, moves=True))
+    )
+    own = [line for line in text.splitlines() if line.startswith((b"(", b"F"))]
+    assert own == []
+
+
+def test_marlin_s_own_compensation_is_switched_off() -> None:
+    data = SLICED[0].read_bytes()
+    lines = compensate(data, printer(), dialect="marlin").text.splitlines()
+    first = next(line for line in lines if not line.startswith(b"; "))
+    assert first == b"M425 F0"
+    assert b"M425" not in compensate(data, printer(), dialect="klipper").text
+
+
+@pytest.mark.parametrize(("word", "told"), [("M425 F1", True), ("M425 X0.1", True), ("M425 F0", False)])
+def test_a_program_that_switches_it_on_is_told(word: str, told: bool) -> None:
+    text = f"{word}\nG90\nG1 X0 Y0 F600\nG1 X10\nG1 X0\nG1 X10\n"
+    found = compensate(text.encode(), printer(), dialect="marlin")
+    assert any("M425" in one for one in found.edits.warnings) == told
+
+
+@pytest.mark.parametrize(("words", "stops"), [("", True), (" E1", False)])
+def test_an_extruding_arc_is_not_divided(words: str, stops: bool) -> None:
+    text = f"G90\nG1 X-10 Y0 F600\nG1 X10 Y0\nG3 X-10 Y0 I-10 J0{words}\nG1 X0 Y-5\n"
+    found = compensate(text.encode(), printer(), dialect="marlin")
+    assert bool(np.any(found.edits.offset[:, 1])) == stops
+    assert any("extrudes (E), and is not divided" in one for one in found.edits.warnings) != stops
+
+
+@pytest.mark.parametrize("instead", ["\n", "\nM425 F1\n", "\nM425 F0\nM425 F0\n", "\nG1 X9 F600\n"])
+def test_the_command_that_was_added_is_verified(instead: str) -> None:
+    found = compensate(SLICED[0].read_bytes(), printer(), dialect="marlin")
+    assert verify(
+        found.program, read_program(found.text, "a", language=found.program.language), tolerance=5e-6
+    ).ok
+    text = found.text.replace(b"\nM425 F0\n", instead.encode(), 1)
+    after = read_program(text, "a", language=found.program.language)
+    assert not verify(found.program, after, tolerance=5e-6).ok
+
+
+@pytest.mark.parametrize("dialect", PRINTERS)
+def test_the_commands_read_it_in_the_machine_s_language(
+    dialect: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine, out, back = tmp_path / "printer.toml", tmp_path / "out.gcode", tmp_path / "back.gcode"
+    own = (ROOT / "golden" / "ring_jogs" / "machine.toml").read_text().replace("linuxcnc", dialect)
+    z = own[own.index("[axes.Y]") :].replace("axes.Y", "axes.Z").replace("0.04", "0.0")
+    machine.write_text(f"{own}\n{z}")
+    source = str(SLICED[0])
+    how = ["-m", str(machine), "--max-slowdown", "5", "--no-simulation"]
+    assert main(["convert", source, *how, "-o", str(out)]) == 0
+    assert main(["verify", source, str(out)]) == 0
+    assert main(["diff", source, str(out), "-m", str(machine)]) == 1
+    assert main(["inspect", source, "-m", str(machine)]) == 0
+    assert main(["convert", str(out), *how, "-o", str(back)]) == 0
+    assert back.read_bytes() == out.read_bytes()
+    assert main(["convert", str(out), "--undo", "-o", str(back)]) == 0
+    assert back.read_bytes() == SLICED[0].read_bytes()
+    assert "Traceback" not in capsys.readouterr().err
