@@ -22,7 +22,7 @@ from ph_post.gcode.shape import LINE, Shape, between
 from ph_post.gcode.stretches import Stretch
 from ph_post.gcode.timeline import time_at
 from ph_post.types import Array
-from ph_post.units import MM_PER_MIN
+from ph_post.units import MM, MM_PER_MIN
 
 FOLLOWS: Final = 1e-3
 """How far a written feed may be off the planned one, as a part of it."""
@@ -35,6 +35,9 @@ _AT_REST: Final = 1e-6
 
 _MEETS: Final = 0.1 * FOLLOWS
 """A feed in force that differs from a piece's first one by no more than this part can begin it."""
+
+_SHORT: Final = 1e-4 * MM
+"""A block beside a rest that is no longer than this is not halved: 0.1 µm."""
 
 _NODES: Final = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 65))
 """Shares of a piece's time at which it is looked at; the middle is one of them."""
@@ -149,7 +152,10 @@ def _is_done(motion: Motion, t0: float, t1: float, least: float) -> bool:
     if t1 - t0 < 2.0 * least:
         return True
     fit = fit_feed(motion, t0, t1)
-    return fit is not None and fit.error <= _AIM
+    if fit is None:
+        s0, s1 = motion.place_and_feed(np.array([t0, t1]))[0].tolist()
+        return abs(s1 - s0) <= _SHORT
+    return fit.error <= _AIM
 
 
 def constant_feed(motion: Motion, t0: float, t1: float) -> float:
