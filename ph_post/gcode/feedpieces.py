@@ -36,6 +36,10 @@ _AT_REST: Final = 1e-6
 _MEETS: Final = 0.1 * FOLLOWS
 """A feed in force that differs from a piece's first one by no more than this part can begin it."""
 
+_BESIDE_REST: Final = 4.0
+"""A block beside a rest is halved down to so many servo periods: then the next one, which is as long, can be
+halved once more, as a cubic does not follow a feed that grows fourfold while the time doubles."""
+
 _SHORT: Final = 1e-4 * MM
 """A block beside a rest that is no longer than this is not halved: 0.1 µm."""
 
@@ -130,7 +134,8 @@ def cut_feed(motion: Motion, marks: Sequence[float], least: float) -> list[float
     marks : sequence of float
         Instants at which a block ends in any case, the stretch's ends the first and the last [s].
     least : float
-        Shortest block [s], a servo period: what is shorter than two of them is not halved any more.
+        Shortest block [s], a servo period: what is shorter than two of them is not halved any more, and what
+        is beside a rest not below four.
 
     Returns
     -------
@@ -149,13 +154,11 @@ def cut_feed(motion: Motion, marks: Sequence[float], least: float) -> list[float
 
 
 def _is_done(motion: Motion, t0: float, t1: float, least: float) -> bool:
-    if t1 - t0 < 2.0 * least:
-        return True
     fit = fit_feed(motion, t0, t1)
     if fit is None:
         s0, s1 = motion.place_and_feed(np.array([t0, t1]))[0].tolist()
-        return abs(s1 - s0) <= _SHORT
-    return fit.error <= _AIM
+        return t1 - t0 < _BESIDE_REST * least or bool(abs(s1 - s0) <= _SHORT)
+    return fit.error <= _AIM or t1 - t0 < 2.0 * least
 
 
 def constant_feed(motion: Motion, t0: float, t1: float) -> float:
