@@ -15,7 +15,7 @@ from ph_post.gcode.fronts.siemenslines import Translator
 from ph_post.gcode.fronts.siemensmotions import with_extras
 from ph_post.gcode.fronts.siemenswords import without_comment
 from ph_post.gcode.fronts.translated import NOT_UNDERSTOOD, lines_of, read_translated, refuse_line, text_of
-from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reader.record import PartProgram, PlaceArray
 
 _JUMP: Final = re.compile(r"\b(GOTO[BFCS]?|CASE|REPEATB?|UNTIL|CALL|PCALL|EXTCALL)\b", re.IGNORECASE)
 _OPENS: Final = re.compile(r"^\s*(?:N\d+\s*)?(IF|WHILE|FOR|LOOP)\b", re.IGNORECASE)
@@ -44,17 +44,22 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
     """
     lines = lines_of(data, name)
     translator = Translator()
+    texts = _translated(data, lines, name, translator)
+    program = read_translated(data, lines, name, texts, translator.extras.remarks, in_place=False)
+    return with_extras(program, translator.extras)
+
+
+def _translated(data: bytes, lines: PlaceArray, name: str, translator: Translator) -> list[bytes]:
+    """Translate all lines; what stands between IF, WHILE, FOR, LOOP and their ends is passed through."""
     texts: list[bytes] = []
     depth, opened = 0, ""
     for number in range(lines.size - 1):
-        raw = text_of(data, lines, number)
-        text = raw.decode("latin-1")
+        text = text_of(data, lines, number).decode("latin-1")
         bare = _STRING.sub('""', without_comment(text))
         jump = _JUMP.search(bare)
         if jump is not None:
-            raise refuse_line(
-                data, lines, name, number, "jump or call", "a program that runs line by line", jump[0]
-            )
+            wanted = "a program that runs line by line"
+            raise refuse_line(data, lines, name, number, "jump or call", wanted, jump[0])
         found = _OPENS.match(bare)
         opened = found[1].upper() if found and not depth else opened
         depth += found is not None
@@ -67,5 +72,4 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
         raise InputError(
             name, f"{opened} without its end", expected=f"END{opened}", got="the end of the file"
         )
-    program = read_translated(data, lines, name, texts, translator.extras.remarks, in_place=False)
-    return with_extras(program, translator.extras)
+    return texts
