@@ -183,7 +183,7 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     if name == "original":
         fields["original"] = match[1].lower()
     elif name == "machine":
-        fields["machine"], fields["machine_digest"] = match[1], match[2]
+        fields["machine"], fields["machine_digest"] = match[1], match[2].lower()
     elif name in ("offset", "pulse"):
         unit = LENGTH_UNITS[match[3].lower()]
         fields[f"{name}s"][match[1].upper()] = Amount(number=Decimal(match[2]), unit=unit)

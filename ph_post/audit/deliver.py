@@ -20,8 +20,8 @@ from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.controller.moves import moved_axes
 from ph_post.gcode.header import package_version
 from ph_post.gcode.paths.build import line_words, paths_of
-from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reading import read_anew
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.splice.header import Declaration, declare, read_declaration
 from ph_post.gcode.splice.lasting import plan_offsets
@@ -102,6 +102,12 @@ def deliver(
     PhPostError
         Where the outcome does not pass :func:`ph_post.audit.verify.verify`: nothing is to be written then.
     """
+    dialect = find_dialect(machine.dialect)
+    if dialect.unspliced:
+        raise InputError(
+            program.name, f"nothing is spliced into programs of {dialect.name}: {dialect.unspliced}",
+            expected="a path file, or a program of another dialect",
+        )  # fmt: skip
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return Delivery(before=original, after=program, done=True)
@@ -113,7 +119,7 @@ def deliver(
     declaration = _declaration(original, edits, machine, request)
     data = splice(original, edits, find_dialect(machine.dialect), declaration)
     tell("verifying")
-    after = read_program(data, original.name, language=original.language)
+    after = read_anew(original, data)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
     if not verdict.ok:
         raise _refusal(original.name, verdict)
@@ -135,7 +141,7 @@ def _original(program: PartProgram, machine: Machine, request: Request) -> PartP
             program.name, f"compensated before, by ph-post {found.version} for {found.machine}",
             expected="the original, or --force to begin again from it, or --undo",
         )  # fmt: skip
-    return read_program(undo(program.data, program.name), program.name, language=program.language)
+    return read_anew(program, undo(program.data, program.name))
 
 
 def _plan(

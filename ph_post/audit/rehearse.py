@@ -12,8 +12,8 @@ from ph_post.audit.linuxcnc.run import TIME_LIMIT, Recording, run_on_linuxcnc
 from ph_post.gcode.controller.error import CutPath, ProgramError, program_error
 from ph_post.gcode.controller.moves import tolerances
 from ph_post.gcode.controller.run import run_program
-from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import AXES, PartProgram
+from ph_post.gcode.reading import read_anew
 from ph_post.gcode.splice.header import read_declaration
 from ph_post.gcode.splice.undo import undo
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, frozen, sealed
@@ -237,5 +237,4 @@ def original_of(program: PartProgram) -> PartProgram | None:
     """
     if read_declaration(program.data) is None:
         return None
-    name = f"original of {program.name}"
-    return read_program(undo(program.data, program.name), name, language=program.language)
+    return read_anew(program, undo(program.data, program.name), f"original of {program.name}")

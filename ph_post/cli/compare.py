@@ -50,7 +50,9 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     from ph_post.report.tables import print_json
 
     with Progress() as stage:
-        analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"])
+        analysis = load_and_analyse(
+            source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
+        )
         contenders = compare_strategies(
             analysis, lambda name: plan_options({**how, "strategy": name}, how["carrier"]), stage
         )

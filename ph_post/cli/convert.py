@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Look backlash intervals up in a table of `ph-post sweep -o FILE.json`, not solving for them.",
 )
-@click.option("--dialect", help="Controller dialect in place of the machine file's.")
 @click.option(
     "--feed-mode",
     type=click.Choice(["per-minute", "inverse-time"]),

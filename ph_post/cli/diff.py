@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @click.argument("a", metavar="A")
 @click.argument("b", metavar="B")
 @options.optional_machine
+@options.dialect
 @click.option(
     "--tolerance", type=options.positive, default=1e-6, show_default=True, metavar="MM",
     help="Tool paths that are no farther apart are the same.",
@@ -35,6 +36,7 @@ def command(
     a: str,
     b: str,
     machine: str | None,
+    dialect: str | None,
     tolerance: float,
     html: str | None,
     plot: str | None,
@@ -85,7 +87,7 @@ def command(
         raise click.UsageError("standard output can take one product; got two for it")
     products: dict[str, Content] = {}
     with Progress() as stage:
-        found, programs = compare_files(a, b, machine, tolerance, stage)
+        found, programs = compare_files(a, b, machine, tolerance, stage, dialect)
         stage("drawing")
         if html is not None:
             products[html] = diff_page(found, programs)
@@ -105,7 +107,12 @@ def command(
 
 
 def compare_files(
-    a: str, b: str, machine: str | None, tolerance: float, stage: Callable[[str], None]
+    a: str,
+    b: str,
+    machine: str | None,
+    tolerance: float,
+    stage: Callable[[str], None],
+    dialect: str | None = None,
 ) -> tuple[Comparison, Programs]:
     """Read two programs, and compare them within `tolerance` [mm], on a machine where one is given."""
     from ph_post.audit.diff.compare import compare_programs
@@ -120,7 +127,7 @@ def compare_files(
         raise click.UsageError("standard input can give one program; got - for both")
     stage("reading")
     drives = None if machine is None else read_machine(machine)
-    programs = read_program_pair(a, b, drives)
+    programs = read_program_pair(a, b, drives, dialect)
     if drives is not None:
         for program in programs:
             require_drives(moved_axes(program), "program", drives, str(machine))

@@ -12,6 +12,7 @@ from ph_post.cli import options
 @options.optional_machine
 @options.tolerance
 @options.feed
+@options.dialect
 @click.option(
     "--certify", is_flag=True, help="Count and isolate the turning points in exact rational arithmetic."
 )
@@ -22,6 +23,7 @@ def command(
     machine: str | None,
     tolerance: float,
     feed: float | None,
+    dialect: str | None,
     certify: bool,
     plot: str | None,
     as_json: bool,
@@ -56,7 +58,7 @@ def command(
 
     products: dict[str, Content] = {}
     with Progress() as stage:
-        analysis = load_and_analyse(source, machine, tolerance, stage, feed=feed)
+        analysis = load_and_analyse(source, machine, tolerance, stage, feed=feed, dialect=dialect)
         certificate = None
         if certify:
             stage("counting roots in exact rational arithmetic")

@@ -47,7 +47,7 @@ def load(
     drives = None if machine is None else read_machine(machine)
     if drives is not None and dialect is not None:
         drives = msgspec.structs.replace(drives, dialect=dialect)
-    path, warnings = read_input(raw, drives)
+    path, warnings = read_input(raw, drives, dialect)
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
     if feed is not None:

@@ -78,7 +78,9 @@ def motion_of(
 
 
 def _of_path(source: str, machine: str, how: Mapping[str, Any], stage: Stage) -> Motion:
-    analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"])
+    analysis = load_and_analyse(
+        source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
+    )
     stage("planning the feed")
     plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
     command = command_of(plan, analysis.track, plan.machine.servo_period)
@@ -97,7 +99,9 @@ def _of_table(
         require_drives(command.axes, "table", drives, machine)
         warning = "without --path the path is not known, and so no contour error"
         return Motion(name=name, command=command, machine=drives, analysis=None, warnings=(warning,))
-    analysis = load_and_analyse(path_file, machine, how["tolerance"], stage, feed=how["feed"])
+    analysis = load_and_analyse(
+        path_file, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
+    )
     command = require_path(command, analysis.track, source)
     return Motion(name=name, command=command, machine=drives_of(analysis), analysis=analysis)
 

@@ -59,6 +59,12 @@ feed = click.option(
 )  # fmt: skip
 
 
+dialect = click.option(
+    "--dialect", default=None, metavar="NAME",
+    help="Controller dialect in place of the machine file's; programs are read and written by its words.",
+)  # fmt: skip
+
+
 def common(function: F) -> F:
     """Add the options that every command has."""
     return json_output(debug(function))
@@ -132,6 +138,7 @@ def tell_written(warnings: Iterable[str], products: Iterable[str]) -> None:
 _PLANNING = (
     tolerance,
     feed,
+    dialect,
     click.option(
         "--start", type=click.Choice(["rest", "moving"]), default="rest", show_default=True,
         help="Begin and end at rest, or hold the feed from end to end.",

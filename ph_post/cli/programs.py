@@ -130,16 +130,14 @@ def deliver_program(
     """
     from ph_post.audit.deliver import Request, deliver
     from ph_post.cli.job import default_strategy, plan_options
-    from ph_post.gcode.reader.read import read_program
-    from ph_post.gcode.registry import find_dialect
+    from ph_post.gcode.reading import read_as
     from ph_post.io.machinefile import read_machine
 
     stage("reading")
     machine = read_machine(how["machine"])
     if how["dialect"] is not None:
         machine = msgspec.structs.replace(machine, dialect=how["dialect"])
-    language = find_dialect(machine.dialect, "--dialect").language
-    program = read_program(data, name, strict=how["strict"], language=language)
+    program = read_as(machine.dialect, data, name, strict=how["strict"])
     plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
     request = Request(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
     return deliver(program, machine, request, stage), machine, request
@@ -172,13 +170,11 @@ def compensated(raw: Raw, machine: Machine, how: dict[str, Any], stage: Callable
     from ph_post.cli.job import plan_options
     from ph_post.drive.required import require_drives
     from ph_post.gcode.controller.moves import moved_axes
-    from ph_post.gcode.reader.read import read_program
-    from ph_post.gcode.registry import find_dialect
+    from ph_post.gcode.reading import read_as
     from ph_post.gcode.splice.options import SpliceOptions
 
     refuse_path_options({**dict.fromkeys((*PATH_ONLY, "feed_mode")), "feed_mode": "per-minute", **how})
-    language = find_dialect(machine.dialect, f"machine {machine.name}").language
-    program = read_program(raw.data, raw.name, language=language)
+    program = read_as(machine.dialect, raw.data, raw.name)
     require_drives(moved_axes(program), "program", machine, f"machine {machine.name}")
     original = original_of(program)
     if original is not None:

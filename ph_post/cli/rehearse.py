@@ -58,8 +58,11 @@ def command(
     """
     from ph_post.audit.rehearse import original_of, rehearse
     from ph_post.drive.required import require_drives
+    from ph_post.errors import InputError
     from ph_post.gcode.controller.moves import moved_axes
     from ph_post.gcode.header import package_version
+    from ph_post.gcode.reader.language import RS274
+    from ph_post.gcode.registry import find_dialect
     from ph_post.io.atomic import Content, write_atomically
     from ph_post.io.logfile import log_content
     from ph_post.io.machinefile import read_machine
@@ -76,7 +79,12 @@ def command(
     products: dict[str, Content] = {}
     with Progress() as stage:
         stage("reading")
-        drives, part = read_machine(machine), read_program_file(program)
+        drives = read_machine(machine)
+        words = find_dialect(drives.dialect)
+        if words.front is not None or words.language != RS274:
+            what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
+            raise InputError(machine, what, expected="a machine file for LinuxCNC", got=drives.dialect)
+        part = read_program_file(program)
         original = original_of(part) if against is None else read_program_file(against)
         require_drives(moved_axes(part), "program", drives, machine)
         found = rehearse(part, drives, original=original, backlash=backlash, limit=limit, stage=stage)

@@ -17,8 +17,16 @@ from ph_post.cli import options
     " not be followed; give the one of `convert`.",
 )  # fmt: skip
 @options.optional_machine
+@options.dialect
 @options.common
-def command(original: str, compensated: str, tolerance: float, machine: str | None, as_json: bool) -> int:
+def command(
+    original: str,
+    compensated: str,
+    tolerance: float,
+    machine: str | None,
+    dialect: str | None,
+    as_json: bool,
+) -> int:
     """Prove that COMPENSATED is ORIGINAL but for what its header declares.
 
     Whatever wrote the program is not asked. Outside the marked stretches every byte has to be the original's,
@@ -59,7 +67,7 @@ def command(original: str, compensated: str, tolerance: float, machine: str | No
     with Progress() as stage:
         stage("reading")
         drives = None if machine is None else read_machine(machine)
-        programs = read_program_pair(original, compensated, drives)
+        programs = read_program_pair(original, compensated, drives, dialect)
         stage("comparing")
         verdict = verify(*programs, tolerance=tolerance * MM, machine=drives)
     if as_json:

@@ -8,7 +8,8 @@ from typing import Final
 
 from ph_post.diagnose.kitground import TOP_SHARE, Ground
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.format import decimal_text, significant_text, to_grid
+from ph_post.gcode.format import to_grid
+from ph_post.gcode.lines import LineWriter
 from ph_post.units import MM, MM_PER_MIN
 
 JOINT: Final = 0.005 * MM
@@ -37,6 +38,7 @@ class Draft:
         self.dialect = dialect
         self.seconds = 0.0
         self._lines: list[str] = []
+        self._own = None if dialect.writer is None else dialect.writer(dialect, tuple("XYZ"), JOINT)
         self._at: dict[str, int] = {}
         self._motion = self._feed = self._path_mode = ""
         self._plane = "G17"
@@ -65,9 +67,13 @@ class Draft:
 
     def dwell(self, seconds: float) -> None:
         """Let the axes stand."""
+        self.seconds += seconds
+        if self._own is not None:
+            self._own.write_dwell(seconds)
+            self._take()
+            return
         word, *words = self.dialect.dwell.words(seconds, 4)
         self._write(word, words, modal=False)
-        self.seconds += seconds
 
     def line(self, target: Mapping[str, float], speed: float) -> None:
         """Go straight to places [m] by axis, at `speed` [m/s], and stop there."""
@@ -100,7 +106,8 @@ class Draft:
         middle = {axis: self.ground.centre(axis) for axis in pair}
         self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.ground.top(*pair))
         self.dwell(self.ground.settle)
-        if self.dialect.capabilities.arcs and plane_of(pair)[0] in self.dialect.arc_planes:
+        arcs = self.dialect.capabilities.arcs and plane_of(pair)[0] in self.dialect.arc_planes
+        if arcs and (self._own is None or type(self._own).write_arc is LineWriter.write_arc):
             self._arcs(pair, turn, speed, turns)
         else:
             self._chords(pair, radius, turn, speed, turns)
@@ -118,7 +125,7 @@ class Draft:
             self._mode(self.dialect.path_mode(JOINT))
         offset = self._count(self.ground.centre(first)) - self._at[first]
         words = [axis + self._length(self._at[axis]) for axis in pair]
-        words += [_OFFSET_WORDS[first] + self._length(offset), _OFFSET_WORDS[second] + "0"]
+        words += [_OFFSET_WORDS[first] + self._length(offset), _OFFSET_WORDS[second] + self._length(0)]
         for _ in range(turns):
             self._write("G3" if turn * sense > 0 else "G2", words, self._digits(speed))
 
@@ -144,8 +151,14 @@ class Draft:
 
     def _mode(self, word: str) -> None:
         if word != self._path_mode:
-            self._lines.append(word)
+            self._lines += word.split("\n")
             self._path_mode = word
+
+    def _take(self) -> None:
+        """Take over what the dialect's own writer has written."""
+        assert self._own is not None
+        self._lines += self._own.lines
+        self._own.lines.clear()
 
     def _distance(self, moved: Mapping[str, int]) -> float:
         """Length of a straight move [m]; of the first one nobody knows where it begins."""
@@ -162,13 +175,17 @@ class Draft:
         return int(to_grid(place, self.dialect.capabilities.decimals))
 
     def _length(self, count: int) -> str:
-        return decimal_text(count, self.dialect.capabilities.decimals)
+        return self.dialect.length(count, self.dialect.capabilities.decimals)
 
     def _digits(self, speed: float) -> str:
-        return significant_text(speed / MM_PER_MIN, self.dialect.feed_digits)
+        return self.dialect.feed(speed / MM_PER_MIN)
 
     def _write(self, word: str, words: list[str], feed: str = "", *, modal: bool = True) -> None:
         """One line; F only where it changes, and no repeated motion word where the dialect is terse."""
+        if self._own is not None and word == "G1":
+            self._own.write_straight(word, words, feed)
+            self._take()
+            return
         able = self.dialect.terse and self.dialect.modal_motion
         repeats = able and modal and word == self._motion
         parts = words if repeats else [word, *words]

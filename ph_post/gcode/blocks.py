@@ -8,9 +8,10 @@ import numpy as np
 from ph_post.compensate.motion import Motion
 from ph_post.gcode.chords import Gauge, shares
 from ph_post.gcode.dialect import Dialect, plane_of
+from ph_post.gcode.feedpieces import feed_blocks
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.record import DWELL, Blocks
-from ph_post.gcode.shape import ARC, CURVE, LINE, SNAP, SPLINE, Shape, read_shape
+from ph_post.gcode.shape import ARC, CURVE, LINE, POLYNOMIAL, SNAP, SPLINE, Shape, read_shape
 from ph_post.gcode.slivers import without_slivers
 from ph_post.gcode.splines import cut_cubics
 from ph_post.gcode.stretches import Runs, Stretch, find_runs, find_stretches
@@ -23,8 +24,9 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     """Cut a plan into blocks.
 
     Where the speed is constant a block is as long as the geometry allows: a line or an arc is one move (arcs
-    up to half a turn), a cubic one G5 where the dialect's own rendering of it holds the chord tolerance, and
-    the rest is chords within that tolerance. In ramps and dips a block lasts at most `options.block_time`.
+    up to half a turn), a cubic one G5 where the dialect's own rendering of it holds the chord tolerance, what
+    the dialect has polynomials for is one of them, and the rest is chords within that tolerance. In ramps and
+    dips a block lasts at most `options.block_time`, or as long as its feed can be a polynomial of the way.
 
     Returns
     -------
@@ -37,15 +39,18 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
         track,
         arcs=abilities.arcs and plane in dialect.arc_planes and (dialect.inverse_time_arcs or not inverse),
         splines=abilities.cubic_splines and in_xy and (dialect.inverse_time_splines or not inverse),
+        degree=abilities.polynomial_degree,
     )
     motion = Motion.from_phases(plan.phases)
     stretches = find_stretches(plan.phases, shape)
     runs = find_runs(stretches, shape)
     runs = _with_splines(runs, stretches, shape, dialect, plan.machine.servo_period, options.chord_tolerance)
-    blocks = _in_order(
-        _by_geometry(runs, stretches, shape, options.chord_tolerance), _by_time(stretches, options.block_time)
-    )
-    blocks = _with_arcs(_with_places(blocks, motion), shape, dialect)
+    if abilities.feed_degree:
+        timed = feed_blocks(stretches, shape, motion, plan.machine.servo_period)
+    else:
+        timed = _by_time(stretches, options.block_time)
+    blocks = _in_order(_by_geometry(runs, stretches, shape, options.chord_tolerance), timed)
+    blocks = _with_curves(_with_places(blocks, motion), shape, dialect)
     blocks = without_slivers(blocks, shape, plan.machine.servo_period, options.block_time)
     return _within_tolerance(blocks, motion, shape, options.chord_tolerance), shape
 
@@ -168,8 +173,8 @@ def _with_places(blocks: Blocks, motion: Motion) -> Blocks:
     return msgspec.structs.replace(blocks, s0=s0, s1=s1)
 
 
-def _with_arcs(blocks: Blocks, shape: Shape, dialect: Dialect) -> Blocks:
-    """Make ramp blocks on one arc arcs too, and lines of arcs that the decimals cannot tell from lines.
+def _with_curves(blocks: Blocks, shape: Shape, dialect: Dialect) -> Blocks:
+    """Make ramp blocks on one arc or polynomial that too, and lines of what decimals cannot tell from lines.
 
     In ramps chords would hold the tolerance as well, but LinuxCNC slows down where a chord meets an arc
     (measured: from 40 to 20 mm/s at the ends of a dip on R 20 mm), while arcs run into arcs at full speed.
@@ -177,10 +182,12 @@ def _with_arcs(blocks: Blocks, shape: Shape, dialect: Dialect) -> Blocks:
     piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
     inwards = np.clip(0.5 * (blocks.s1 - blocks.s0), -SNAP, SNAP)  # so that a joint counts as either side
     same = (shape.piece_at(blocks.s0 + inwards) == piece) & (shape.piece_at(blocks.s1 - inwards) == piece)
-    ramp = (blocks.timed == 1) & (blocks.kind == LINE) & same & (shape.kind[piece] == ARC)
+    timed = (blocks.timed == 1) & (blocks.kind == LINE) & same
     quantum = MM * 10.0**-dialect.capabilities.decimals
     bent = (blocks.s1 - blocks.s0) ** 2 >= 8.0 * quantum * shape.radius[piece]
-    kind = np.where((blocks.kind == ARC) | ramp, np.where(bent, ARC, LINE), blocks.kind)
+    round_ = (blocks.kind == ARC) | (timed & (shape.kind[piece] == ARC))
+    kind = np.where(round_, np.where(bent, ARC, LINE), blocks.kind)
+    kind = np.where(timed & (shape.kind[piece] == POLYNOMIAL), POLYNOMIAL, kind)
     return msgspec.structs.replace(blocks, kind=kind)
 
 

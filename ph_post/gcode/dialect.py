@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, significant_text
+from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text, significant_text
 from ph_post.gcode.reader.language import RS274, Language
+from ph_post.gcode.reader.record import PartProgram
 from ph_post.types import Array, Capabilities
 
 if TYPE_CHECKING:
@@ -99,6 +100,12 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         Bytes a second that the controller is fed with while it runs, None where it reads a file.
     stream_window : int
         Number of moves that it holds in store.
+    front : callable or None
+        ``front(data, name) -> program``: reads a part program of this dialect, every byte kept; None where
+        :func:`ph_post.gcode.reader.read.read_program` does.
+    variants : mapping of str to callable
+        What a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``):
+        ``variant(dialect) -> dialect`` with it.
     comments : Comments
         How a comment is written.
     dwell : Dwell
@@ -123,6 +130,15 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     finish : callable or None
         ``finish(lines, name) -> lines``: what is done with the whole program of that name at last: its frame
         (% and O number, BEGIN PGM), line numbers.
+    point : bool
+        Whether every length, and every feed, has to have a decimal point: without one it may be counted in
+        increments.
+    plus : bool
+        Whether every length has its sign.
+    feed_decimals : int or None
+        Decimals of F, where a controller counts those and not digits; never less than the last of them.
+    unspliced : str
+        Why nothing is spliced into a program of that language, in words; empty where it can be.
     """
 
     name: str
@@ -139,6 +155,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     spline_pieces: int = 1
     stream_rate: float | None = None
     stream_window: int = 1
+    front: Callable[[bytes, str], PartProgram] | None = None
+    variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
     comments: Comments = PARENTHESES
     dwell: Dwell = Dwell()
     assumed: tuple[str, ...] = ASSUMED
@@ -149,6 +167,24 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     language: Language = RS274
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
     finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
+    point: bool = False
+    plus: bool = False
+    feed_decimals: int | None = None
+    unspliced: str = ""
+
+    def length(self, count: int, decimals: int) -> str:
+        """Write a length of `count` / 10^`decimals` units."""
+        sign = "+" if self.plus and count >= 0 else ""
+        return sign + self._pointed(decimal_text(count, decimals))
+
+    def feed(self, value: float) -> str:
+        """Write a feed, or an inverse time."""
+        if self.feed_decimals is not None:
+            return decimal_text(max(1, round(value * 10**self.feed_decimals)), self.feed_decimals)
+        return self._pointed(significant_text(value, self.feed_digits))
+
+    def _pointed(self, text: str) -> str:
+        return f"{text}." if self.point and "." not in text else text
 
     def remark(self, words: str) -> list[str]:
         """Write words as comment lines."""

@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from ph_post.compensate.plan import cycle_time
 from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.feedpieces import FOLLOWS
 from ph_post.gcode.jogs import read_jogs
 from ph_post.gcode.options import ProgramOptions
 from ph_post.types import FeedProfile, Plan, Window
@@ -56,8 +57,15 @@ def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
         f"dialect {dialect.name}, lengths in mm, {feed}",
         f"planned time {cycle_time(plan.nominal):.4f} s without feed dips,"
         f" {cycle_time(read_jogs(plan).phases):.4f} s with them",
-        f"chords within {chord:g} mm of the path{rounding}, blocks of at most {block:g} ms in ramps and dips",
+        f"chords within {chord:g} mm of the path{rounding}, {_dips(dialect, block)}",
     ]
+
+
+def _dips(dialect: Dialect, block: float) -> str:
+    if dialect.capabilities.feed_degree:
+        part = 100.0 * FOLLOWS
+        return f"feed in ramps and dips within {part:g} percent but for the last milliseconds beside a stop"
+    return f"blocks of at most {block:g} ms in ramps and dips"
 
 
 def _windows(plan: Plan) -> list[str]:

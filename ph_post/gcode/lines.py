@@ -7,10 +7,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.format import decimal_text, significant_text
 from ph_post.gcode.moves import Moves
 from ph_post.gcode.record import JOG
-from ph_post.gcode.shape import ARC, LINE, SPLINE
+from ph_post.gcode.shape import ARC, LINE, POLYNOMIAL, SPLINE
 from ph_post.units import MINUTE, MM_PER_MIN
 
 _OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
@@ -22,7 +21,8 @@ class LineWriter:
 
     What is written here are RS274 words. A language that has others (see `Dialect.writer`) overrides what
     differs: :meth:`feed_mode`, :meth:`path_mode`, :meth:`write_straight`, :meth:`write_arc`,
-    :meth:`write_spline`, :meth:`write_dwell`, or :meth:`moves` as a whole. One move may take several lines.
+    :meth:`write_spline`, :meth:`write_polynomial`, :meth:`write_dwell`, or :meth:`moves` as a whole. One move
+    may take several lines.
 
     Parameters
     ----------
@@ -98,6 +98,8 @@ class LineWriter:
                 self.write_arc(moves, i, body, feed)
             elif kind == SPLINE:
                 self.write_spline(moves, i, body, feed)
+            elif kind == POLYNOMIAL:
+                self.write_polynomial(moves, i, feed)
             else:
                 self.write_dwell(float(moves.duration[i]))
             self.sizes.append(sum(len(line) + 1 for line in self.lines[before:]))
@@ -120,6 +122,10 @@ class LineWriter:
     def write_spline(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, a planar cubic; `body` are the words of its end."""
         self._write("G5", body + self._inner(moves, i), feed)
+
+    def write_polynomial(self, moves: Moves, i: int, feed: str) -> None:
+        """Write move `i`, a polynomial of each axis: only languages that have them get any."""
+        raise NotImplementedError(self.dialect.name)
 
     def write_dwell(self, seconds: float) -> None:
         """Let the axes stand."""
@@ -167,10 +173,10 @@ class LineWriter:
         ]
 
     def _length(self, count: int) -> str:
-        return decimal_text(count, self.dialect.capabilities.decimals)
+        return self.dialect.length(count, self.dialect.capabilities.decimals)
 
     def _digits(self, value: float) -> str:
-        return significant_text(value, self.dialect.feed_digits)
+        return self.dialect.feed(value)
 
     def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
         """One line; F only where it changes, except under G93, where every move has its own."""

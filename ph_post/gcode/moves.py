@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import msgspec
 import numpy as np
 
+from ph_post.compensate.motion import Motion
 from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.feedpieces import Feed, feed_profiles
 from ph_post.gcode.format import to_grid
 from ph_post.gcode.jogs import Carried
+from ph_post.gcode.polynomials import polynomial_words
 from ph_post.gcode.record import DWELL, JOG, Blocks
-from ph_post.gcode.shape import ARC, SPLINE, Shape
+from ph_post.gcode.shape import ARC, POLYNOMIAL, SPLINE, Shape
 from ph_post.gcode.splines import cubic_control
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, IntArray, Phase
 from ph_post.units import MM
 
 _SAME_FEED = 1e-4
@@ -26,7 +31,9 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     from the first axis towards the second; `inner` (n, 2, 2) the middle control points of splines.
     `duration` (n,) [s], `length` (n,) [m] as the controller will find it, `feed` (n,) [m/s], 0 for rapids and
     dwells. `plain` (dim,) is the last point without the offset that is carried there. `kind`, `rapid`, `s0`
-    and `s1` are those of the blocks.
+    and `s1` are those of the blocks. By move, `polynomials` are the coefficients of what is one (see
+    :func:`ph_post.gcode.polynomials.polynomial_words`), `profiles` the feeds that change within one; `feed`
+    then is the mean.
     """
 
     kind: IntArray
@@ -41,13 +48,18 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     rapid: IntArray
     s0: Array
     s1: Array
+    polynomials: Mapping[int, IntArray] = {}
+    profiles: Mapping[int, Feed] = {}
 
 
-def round_blocks(blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carried) -> Moves:
+def round_blocks(
+    blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carried, phases: Sequence[Phase] = ()
+) -> Moves:
     """Put blocks on the grid; those that come out with no length give their time to a neighbour.
 
     All points of one circle share one centre, so that radii at the start and at the end of an arc differ by
-    no more than the rounding of the two points.
+    no more than the rounding of the two points. `phases` are the motion's, for dialects whose feed can change
+    within a block.
     """
     decimals = dialect.capabilities.decimals
     path = shape.positions(np.append(blocks.s0[:1], blocks.s1))
@@ -63,6 +75,10 @@ def round_blocks(blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carrie
     way = np.sign(blocks.s1 - blocks.s0).astype(np.int64)
     turn = np.where(blocks.kind == ARC, shape.turn[piece] * way, 0)
     length = _lengths(blocks, points, center, turn, decimals)
+    feed = np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration))
+    profiles: dict[int, Feed] = {}
+    if dialect.capabilities.feed_degree and phases:
+        feed, profiles = feed_profiles(blocks, Motion.from_phases(phases), feed, dialect.feed_digits)
     return Moves(
         kind=blocks.kind,
         points=points,
@@ -72,10 +88,12 @@ def round_blocks(blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carrie
         inner=_inner_points(blocks, shape, piece, offset, decimals),
         duration=duration,
         length=length,
-        feed=np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration)),
+        feed=feed,
         rapid=blocks.rapid,
         s0=blocks.s0,
         s1=blocks.s1,
+        polynomials=polynomial_words(blocks, shape, piece, offset, decimals),
+        profiles=profiles,
     )
 
 
@@ -101,7 +119,7 @@ def _inner_points(blocks: Blocks, shape: Shape, piece: IntArray, offset: Array, 
 
 
 def _lengths(blocks: Blocks, points: IntArray, center: IntArray, turn: IntArray, decimals: int) -> Array:
-    """Length [m] of every move as it is written; that of a spline is the path's own."""
+    """Length [m] of every move as it is written; that of a spline or a polynomial is the path's own."""
     chord = np.diff(points, axis=0).astype(np.float64)
     length = np.sqrt((chord * chord).sum(axis=1))
     arc = blocks.kind == ARC
@@ -111,8 +129,8 @@ def _lengths(blocks: Blocks, points: IntArray, center: IntArray, turn: IntArray,
     angle = np.mod(turn[arc] * np.arctan2(cross, (start * end).sum(axis=1)), 2.0 * np.pi)
     length[arc] = 0.5 * (np.hypot(*start.T) + np.hypot(*end.T)) * angle
     length *= MM * 10.0**-decimals
-    spline = blocks.kind == SPLINE
-    length[spline] = np.abs(blocks.s1 - blocks.s0)[spline]
+    own = np.isin(blocks.kind, (SPLINE, POLYNOMIAL))
+    length[own] = np.abs(blocks.s1 - blocks.s0)[own]
     return np.asarray(length)
 
 

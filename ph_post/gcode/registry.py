@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeGuard
 
+from msgspec.structs import replace
+
+from ph_post.errors import InputError
 from ph_post.registry import Registry
 
 if TYPE_CHECKING:  # a shell that completes names loads none of the mathematics
@@ -12,11 +15,15 @@ if TYPE_CHECKING:  # a shell that completes names loads none of the mathematics
 GROUP = "ph_post.dialects"
 
 BUILT_IN = {
+    "fanuc": "ph_post.gcode.dialects.fanuc:DIALECT",
     "grbl": "ph_post.gcode.dialects.grbl:DIALECT",
     "grblhal": "ph_post.gcode.dialects.grblhal:DIALECT",
+    "heidenhain": "ph_post.gcode.dialects.heidenhain:DIALECT",
+    "heidenhain-iso": "ph_post.gcode.dialects.heidenhain:ISO_DIALECT",
     "klipper": "ph_post.gcode.dialects.klipper:DIALECT",
     "linuxcnc": "ph_post.gcode.dialects.linuxcnc:DIALECT",
     "marlin": "ph_post.gcode.dialects.marlin:DIALECT",
+    "siemens": "ph_post.gcode.dialects.siemens:DIALECT",
 }
 """What a source tree without installed metadata offers."""
 
@@ -38,15 +45,23 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     Parameters
     ----------
     name : str
+        Words behind plus signs name what the machine has besides: ``fanuc+nurbs``.
     where : str, optional
         What named it (a file and key, an option), for the refusal.
 
     Raises
     ------
     InputError
-        Where nobody registered the name, or what is registered is not a dialect.
+        Where nobody registered the name, or what is registered is not a dialect, or it has no such variant.
     """
-    return _REGISTRY.find(name, where)
+    base, *words = name.split("+")
+    dialect = _REGISTRY.find(base, where)
+    for word in words:
+        if word not in dialect.variants:
+            known = " or ".join(dialect.variants) or "none"
+            raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
+        dialect = dialect.variants[word](dialect)
+    return replace(dialect, name=name) if words else dialect
 
 
 def _is_dialect(found: object) -> TypeGuard[Dialect]:

@@ -10,8 +10,8 @@ from ph_post.geometry.piece import Piece
 from ph_post.geometry.track import Track
 from ph_post.types import Array, IntArray
 
-LINE, ARC, SPLINE, CURVE = range(4)
-"""What a piece is to the writer: one G1, G2 or G3, one or more G5, or many chords."""
+LINE, ARC, SPLINE, CURVE, POLYNOMIAL = range(5)
+"""What a piece is to the writer: one G1, G2 or G3, one or more G5, many chords, or polynomials of it."""
 
 SNAP = 1e-9
 """Places closer than this [m] are one: 1 nm, the last decimal any dialect writes."""
@@ -60,11 +60,14 @@ class Shape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return np.where(found == piece, u, (found > piece).astype(np.float64))
 
 
-def read_shape(track: Track, *, arcs: bool, splines: bool) -> Shape:
-    """Sort the pieces of a track by what they become; arcs and cubics become chords where not wanted."""
-    kind = np.array(
-        [_kind(piece, arcs, splines and track.dimension == 2) for piece in track.pieces], dtype=np.int64
-    )
+def read_shape(track: Track, *, arcs: bool, splines: bool, degree: int = 1) -> Shape:
+    """Sort the pieces of a track by what they become.
+
+    Arcs and cubics become chords where not wanted, and so does what is of a higher `degree` than polynomials
+    may have; pieces of degree 1 are lines whatever it is.
+    """
+    splines = splines and track.dimension == 2
+    kind = np.array([_kind(piece, arcs, splines, degree) for piece in track.pieces], dtype=np.int64)
     rapid = _rapid(track)
     joints = find_joints(track)
     sharp = joints.s[joints.sharp]
@@ -97,12 +100,14 @@ def between(shape: Shape, marks: Array, s0: float, s1: float) -> Array:
     return inside if s1 > s0 else inside[::-1]
 
 
-def _kind(piece: Piece, arcs: bool, splines: bool) -> int:
+def _kind(piece: Piece, arcs: bool, splines: bool, highest: int) -> int:
     if piece.kind == "arc":
         return ARC if arcs else CURVE
     degree = piece.control.shape[0] - 1
     if degree == 1:
         return LINE
+    if degree <= highest:
+        return POLYNOMIAL
     return SPLINE if splines and piece.kind == "polynomial" and degree <= 3 else CURVE
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.feedpieces import FOLLOWS
 from ph_post.gcode.moves import Moves
 from ph_post.gcode.options import ProgramOptions
 from ph_post.types import Array, IntArray, Plan
@@ -47,6 +48,12 @@ def controller_warnings(
         warnings.append(
             f"in places the controller needs {rate:.0f} bytes a second and gets {dialect.stream_rate:.0f}:"
             " try a longer --block-time or a larger --chord-tolerance"
+        )
+    coarse = [one.error for one in moves.profiles.values() if one.error > FOLLOWS]
+    if coarse:
+        warnings.append(
+            f"{len(coarse)} of {len(moves.profiles)} blocks with a changing feed are as short as the servo"
+            f" period lets them be, and off the planned feed by up to {100.0 * max(coarse):.2g} percent"
         )
     if options.feed_mode == "inverse-time" and not dialect.inverse_time_arcs:
         warnings.append(f"no G2 and G3 are written, as {dialect.name} does not keep their time under G93")

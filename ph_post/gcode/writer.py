@@ -97,7 +97,7 @@ class _Job:
             msgspec.structs.replace(plan, phases=found.phases), track, dialect, options
         )
         blocks, carried = with_jogs(blocks, found, self.axes)
-        self.moves = round_blocks(blocks, self.shape, dialect, carried)
+        self.moves = round_blocks(blocks, self.shape, dialect, carried, found.phases)
         self.out = make_writer(dialect, self.axes, options.chord_tolerance)
         self.out.rapid_speed = _rapid_speed(plan)
         self.safe = self._height(options.safe_z)

@@ -8,13 +8,13 @@ import re
 from typing import Final, Literal
 
 from ph_post.gcode.paths.build import line_words, main_path
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reading import read_as
 from ph_post.io.pathfile import path_of
-from ph_post.io.programfile import language_of
+from ph_post.io.programfile import words_of
 from ph_post.io.source import Raw, decoded, read_raw
 from ph_post.types import Machine, Path
 
-ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt"))
+ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h", ".i", ".mpf", ".spf"))
 """Endings of part programs."""
 
 STORED: Final = frozenset((".mat", ".npz", ".parquet"))
@@ -22,8 +22,10 @@ STORED: Final = frozenset((".mat", ".npz", ".parquet"))
 
 Kind = Literal["path", "program", "log"]
 
-_BLOCK: Final = re.compile(rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d])")
-"""How part programs begin: with a percent sign, a comment, or a word."""
+_BLOCK: Final = re.compile(
+    rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d]|(?:\d+\s+)?BEGIN\s+PGM)"
+)
+"""How part programs begin: with a percent sign, a comment, a word, or as Heidenhain has it."""
 
 
 def is_program(raw: Raw) -> bool:
@@ -57,12 +59,12 @@ def kind_of(raw: Raw) -> Kind:
 
 
 def read_input(
-    source: str | os.PathLike[str] | Raw, machine: Machine | None = None
+    source: str | os.PathLike[str] | Raw, machine: Machine | None = None, dialect: str | None = None
 ) -> tuple[Path, tuple[str, ...]]:
     """Read a path file, or the longest path of a part program; ``-`` is standard input.
 
-    What was read already, to tell one from the other, is taken as it is. A program is read in the language
-    that it declares, or else in the machine's.
+    What was read already, to tell one from the other, is taken as it is. A program is read by the words of
+    `dialect`, or in the language that it declares, or else in the machine's.
 
     Returns
     -------
@@ -78,7 +80,7 @@ def read_input(
     raw = source if isinstance(source, Raw) else read_raw(source)
     if not is_program(raw):
         return path_of(decoded(raw)), ()
-    program = read_program(raw.data, raw.name, language=language_of([raw.data], machine))
+    program = read_as(words_of([raw.data], dialect, machine), raw.data, raw.name)
     found, warnings = main_path(program)
     notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
     return found.path, (*warnings, *notes)

@@ -9,10 +9,9 @@ from collections.abc import Iterable
 from typing import BinaryIO
 
 from ph_post.errors import InputError
-from ph_post.gcode.reader.language import RS274, Language
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.reader.language import RS274
 from ph_post.gcode.reader.record import PartProgram
-from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.reading import read_as
 from ph_post.gcode.splice.header import declared_language
 from ph_post.io.source import STDIN, told_errors
 from ph_post.types import Machine
@@ -21,25 +20,32 @@ _CHUNK = 1 << 20
 
 
 def read_program_file(
-    source: str | os.PathLike[str], *, strict: bool = False, machine: Machine | None = None
+    source: str | os.PathLike[str],
+    *,
+    strict: bool = False,
+    machine: Machine | None = None,
+    dialect: str | None = None,
 ) -> PartProgram:
     """Read a part program from a file, or from standard input for ``-``.
 
-    It is read in the language that it declares, or else in the machine's.
+    It is read by the words of `dialect`, or in the language that it declares, or else in the machine's.
 
     Raises
     ------
     InputError
-        Where the file cannot be read, and as :func:`~ph_post.gcode.reader.read.read_program`.
+        Where the file cannot be read, and as :func:`~ph_post.gcode.reading.read_as`.
     """
     data, name = _read_bytes(source)
-    return read_program(data, name, strict=strict, language=language_of([data], machine))
+    return read_as(words_of([data], dialect, machine), data, name, strict=strict)
 
 
 def read_program_pair(
-    a: str | os.PathLike[str], b: str | os.PathLike[str], machine: Machine | None = None
+    a: str | os.PathLike[str],
+    b: str | os.PathLike[str],
+    machine: Machine | None = None,
+    dialect: str | None = None,
 ) -> tuple[PartProgram, PartProgram]:
-    """Read two programs in one language: that which one of them declares, or else the machine's.
+    """Read two programs in one language: that asked for, or which one of them declares, or the machine's.
 
     Raises
     ------
@@ -47,14 +53,14 @@ def read_program_pair(
         As :func:`read_program_file`.
     """
     (first, one), (second, other) = _read_bytes(a), _read_bytes(b)
-    language = language_of([first, second], machine)
-    return read_program(first, one, language=language), read_program(second, other, language=language)
+    words = words_of([first, second], dialect, machine)
+    return read_as(words, first, one), read_as(words, second, other)
 
 
-def language_of(texts: Iterable[bytes], machine: Machine | None) -> Language:
-    """Return the language that one of these programs declares, or else that of the machine's dialect."""
-    own = RS274 if machine is None else find_dialect(machine.dialect).language
-    return next((found for text in texts if (found := declared_language(text)) != RS274), own)
+def words_of(texts: Iterable[bytes], dialect: str | None, machine: Machine | None) -> str:
+    """Name the dialect of programs: that asked for, or which one declares, or the machine's, or none."""
+    declared = (found.name for text in texts if (found := declared_language(text)) != RS274)
+    return dialect or next(declared, "" if machine is None else machine.dialect)
 
 
 def _read_bytes(source: str | os.PathLike[str]) -> tuple[bytes, str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reading import read_as
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.splice.header import Declaration, declare
 from ph_post.gcode.splice.lasting import plan_offsets
@@ -32,7 +32,7 @@ def compensate(
     data: bytes, machine: Machine, *, dialect: str = "linuxcnc", max_slowdown: float = ENOUGH
 ) -> Compensated:
     """Read, plan and write."""
-    program = read_program(data, "part.ngc", language=find_dialect(dialect).language)
+    program = read_as(dialect, data, "part.ngc")
     options = SpliceOptions(max_slowdown=max_slowdown)
     edits = plan_offsets(program, machine, find_dialect(dialect), options)
     return with_edits(program, edits, machine, dialect)

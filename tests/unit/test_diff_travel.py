@@ -9,6 +9,7 @@ from support.outlines import MM, Tool
 
 from ph_post.audit.diff.outline import outline_of
 from ph_post.audit.diff.travel import compare_paths, farthest
+from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import LINE, NURBS
 
 SQUARE = ((10, 0), (10, 10), (0, 10), (0, 0))
@@ -98,6 +99,16 @@ def test_a_cubic_is_measured_as_a_curve():
     b = Tool().cubic((10, 4), (20, 4), (30, 0))
     assert apart(a, b) == pytest.approx((3.0, 3.0), abs=1e-3)
     assert outline_of(b.motions()).length == pytest.approx(1e-3 * _cubic_length(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "text", ["G5 X5 Y5 I1 J1 P1 Q1", "G5.2 P1 L3\nX1 Y1 P1\nX2 Y0 P1\nX3 Y1 P1\nG5.3"], ids=["cubic", "nurbs"]
+)
+def test_a_spline_may_lie_at_an_unknown_height(text):
+    read = read_program(f"G21 G90\nG0 X0 Y0\nF100\n{text}\nM2\n".encode(), "part.ngc")
+    outline = outline_of(read.motions)
+    assert np.isfinite(outline.table).all()
+    assert outline.length > 3e-3
 
 
 def _cubic_length():

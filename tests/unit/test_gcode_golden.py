@@ -15,13 +15,17 @@ from pathlib import Path
 import pytest
 from support.firmware import travel
 from support.interpreter import run
+from support.languages import run_fanuc, run_klartext, run_tnc_iso
+from support.sinumerik import read_blocks
 
 from ph_post.cli.main import main
 from ph_post.gcode import header
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 CASES = sorted(folder for folder in GOLDEN.iterdir() if folder.is_dir())
-OTHERS = [folder for folder in CASES if folder.name.endswith(("_marlin", "_klipper"))]
+LANGUAGES = {"fanuc": run_fanuc, "heidenhain": run_klartext, "iso": run_tnc_iso}
+"""Interpreters of other languages, by the end of a case's name."""
+OTHERS = [folder for folder in CASES if folder.name.endswith(("_marlin", "_klipper", "_siemens", *LANGUAGES))]
 """Programs in other words than RS274's."""
 RS274 = shutil.which("rs274")
 
@@ -46,6 +50,12 @@ def test_program_is_as_it_was(
 @pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
 def test_program_can_be_read(case: Path) -> None:
     firmware = case.name.rsplit("_", 1)[-1]
+    if firmware in LANGUAGES:
+        assert LANGUAGES[firmware]((case / "program.ngc").read_text()).run.moves
+        return
+    if firmware == "siemens":
+        assert list(read_blocks((case / "program.ngc").read_text()))
+        return
     if case in OTHERS:
         assert travel((case / "program.ngc").read_text(), firmware).feeds
         return

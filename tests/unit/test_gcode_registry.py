@@ -19,7 +19,9 @@ def test_the_built_in_dialects() -> None:
 
 def test_without_installed_metadata_the_built_in_ones_remain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: ())
-    assert {"grbl", "grblhal", "klipper", "linuxcnc", "marlin"} <= set(registry.dialect_names())
+    assert registry.dialect_names() == tuple(sorted(registry.BUILT_IN))
+    for name in registry.BUILT_IN:
+        assert registry.find_dialect(name).name == name
     assert registry.find_dialect("grbl") is grbl.DIALECT
 
 
@@ -32,13 +34,28 @@ def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch)
     assert str(error.value) == expected
 
 
+def test_what_a_machine_has_besides_is_named_behind_plus_signs() -> None:
+    found = registry.find_dialect("fanuc+nurbs+isc")
+    assert found.name == "fanuc+nurbs+isc"
+    assert (found.capabilities.cubic_splines, found.capabilities.decimals) == (True, 4)
+    assert not registry.find_dialect("fanuc").capabilities.cubic_splines
+    with pytest.raises(InputError) as error:
+        registry.find_dialect("fanuc+nurb", "--dialect")
+    assert str(error.value) == (
+        "--dialect: the dialect fanuc has no such variant;"
+        " expected ai or calculator or inverse or isc or nurbs; got 'nurb'"
+    )
+    with pytest.raises(InputError, match="grbl has no such variant; expected none; got 'nurbs'"):
+        registry.find_dialect("grbl+nurbs")
+
+
 def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
     points = (
         EntryPoint("mine", "ph_post.gcode.dialects.grbl:DIALECT", registry.GROUP),
         EntryPoint("wrong", "ph_post.gcode.dialects.grbl:_MAX_LINE", registry.GROUP),
     )
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: points)
-    assert registry.dialect_names() == tuple(sorted((*registry.BUILT_IN, "mine", "wrong")))
+    assert registry.dialect_names() == tuple(sorted([*registry.BUILT_IN, "mine", "wrong"]))
     assert registry.find_dialect("mine") is grbl.DIALECT
     with pytest.raises(InputError, match="expected a Dialect record; got int"):
         registry.find_dialect("wrong")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ph_post.audit.diff.outline import outline_of
 from ph_post.audit.diff.travel import compare_paths, largest_deviation
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import PartProgram
+from ph_post.gcode.reading import read_anew
 from ph_post.gcode.splice.header import Declaration, read_declaration
 from ph_post.gcode.splice.undo import undo
 from ph_post.units import MM
@@ -35,9 +35,7 @@ class Declared:
             return
         words = sentences(declaration)
         try:
-            self.original = read_program(
-                undo(program.data, program.name), program.name, language=program.language
-            )
+            self.original = read_anew(program, undo(program.data, program.name))
             self.taken_back = True
         except InputError as error:
             words.append(f"what it declares cannot be taken off: {error}")

@@ -108,7 +108,7 @@ def _with_splines(
     points: list[Array] = [np.zeros((0, 4))]
     count = 0
     for k in curved.tolist():
-        for piece in _bezier_pieces(motions, k):
+        for piece in _bezier_pieces(motions, k, table[k, START:END]):
             row = table[k].copy()
             row[START:END], row[END:CENTER] = piece[0, :3] / piece[0, 3], piece[-1, :3] / piece[-1, 3]
             row[ANGLE], row[FIRST], row[ORDER] = 0.0, count, len(piece)
@@ -125,16 +125,21 @@ def _with_splines(
     return np.concatenate([table[plain], rows])[order], owner[order], np.concatenate(points)
 
 
-def _bezier_pieces(motions: Motions, k: int) -> list[Array]:
-    """Homogeneous control points of the pieces of a spline."""
+def _bezier_pieces(motions: Motions, k: int, start: Array) -> list[Array]:
+    """Homogeneous control points of the pieces of a spline, which begins at `start`."""
     if k in motions.control:
-        control = np.asarray(motions.control[k])
+        control = _filled(np.asarray(motions.control[k]), start)
         return [np.column_stack([control, np.ones(len(control))])]
     order, points, weights = motions.nurbs[k]
     knots = clamped_knots(order, len(points))
-    homogeneous = np.column_stack([points * weights[:, None], weights])
+    homogeneous = np.column_stack([_filled(points, start) * weights[:, None], weights])
     spans = bezier_spans(order - 1, fractional.rows([knots])[0], fractional.rows(homogeneous))
     return [np.array(fractional.floats(control)) for _, control in spans]
+
+
+def _filled(points: Array, start: Array) -> Array:
+    """Put an axis that is not known yet where the outline has it."""
+    return np.where(np.isnan(points), start, points)
 
 
 def clamped_knots(order: int, points: int) -> list[int]:

@@ -182,6 +182,25 @@ def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> 
     return refuse(name, data, lexed.lines, fault, end)
 
 
+def refuse_notes(program: PartProgram) -> None:
+    """Refuse a program of which something is passed through.
+
+    Raises
+    ------
+    InputError
+        Telling the first of it.
+    """
+    if program.notes:
+        note = program.notes[0]
+        text = program.text(note.first)
+        place = int(program.lines[note.first]) + len(
+            text.decode("utf-8", "replace")[: note.column - 1].encode()
+        )
+        end = int(program.lines[note.first]) + len(text.rstrip())
+        fault = Fault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
+        raise refuse(program.name, program.data, program.lines, fault, max(end, place + 1))
+
+
 def _follow(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, Fault | None]:
     """Make the motions, and find the first arc that cannot be."""
     while True:

@@ -155,8 +155,9 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     with its line end (LF, CR LF or CR), the last one perhaps without. `modal` the distinct modal states,
     `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
-    end. `notes` name what was passed through.
-    `language` is what it was read in.
+    end. `notes` name what was passed through. `dialect` is the one whose words it was read by, empty for
+    the common ones: what is made of it has to be read by the same.
+    `language` is what its words were taken for.
     """
 
     name: str
@@ -170,6 +171,7 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     feed_word: Array
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
+    dialect: str = ""
     language: Language = RS274
 
     @property

@@ -14,7 +14,6 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.format import significant_text
 from ph_post.gcode.reader.record import AXES, RAPID, Modal, PartProgram
 from ph_post.gcode.splice import blocktext
 from ph_post.gcode.splice.dividing import why_bound
@@ -178,7 +177,8 @@ class HunkWriter:
 
     def _wording(self, motion: int, block: int, offset: IntArray) -> Wording:
         modal = self._program.modal_after(block)
-        words = Wording(self._program, motion, modal, self._decimals, self._fine)
+        fine = self._fine
+        words = Wording(self._program, motion, modal, self._decimals, fine, self._dialect.length)
         words.begin(offset)
         return words
 
@@ -321,7 +321,7 @@ class HunkWriter:
             self._hunk.label.append("rest")
 
     def _digits(self, value: float) -> str:
-        return significant_text(value, self._dialect.feed_digits)
+        return self._dialect.feed(value)
 
     def _joined(self, *words: str) -> str:
         return ("" if self._dialect.terse else " ").join(words)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.gcode.format import decimal_text
 from ph_post.gcode.reader.record import ARC, AXES, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.gcode.splice.blocktext import letters
 from ph_post.gcode.splice.parts import place, split_cubic
@@ -41,11 +41,16 @@ class Wording:
         Of new places.
     fine : int
         Of places that the program names itself.
+    length : callable
+        ``length(count, decimals) -> text``: how the dialect writes lengths.
     """
 
-    def __init__(self, program: PartProgram, motion: int, modal: Modal, decimals: int, fine: int) -> None:
+    def __init__(
+        self, program: PartProgram, motion: int, modal: Modal, decimals: int, fine: int,
+        length: Callable[[int, int], str],
+    ) -> None:  # fmt: skip
         self.program, self.motion, self.modal = program, motion, modal
-        self._coarse, self._fine = decimals, fine
+        self._coarse, self._fine, self._length = decimals, fine, length
         self._last = self._at = np.zeros(3, dtype=np.int64)
         self.block = int(program.motions.block[motion])
 
@@ -68,7 +73,7 @@ class Wording:
         return self._steps(point, coarse=0.0 < share < 1.0)
 
     def _text(self, count: int) -> str:
-        return decimal_text(int(count), self._fine)
+        return self._length(int(count), self._fine)
 
     def jog(self, axis: int, offset: IntArray, share: float) -> str:
         """Word that moves an axis to an offset, in steps of the coarse decimals, at a place of the motion."""

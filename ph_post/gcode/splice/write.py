@@ -104,7 +104,7 @@ def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: 
     step = units[0] * 10.0**-decimals
     tasks = schedule(edits, program.motions, step)
     found = carried(edits.offset, tasks, step)
-    numbers = _numbers(program, changed_words(program, found), decimals)
+    numbers = _numbers(program, changed_words(program, found), decimals, int(dialect.point))
     writer = HunkWriter(
         program, dialect, found, decimals, declaration.chord_tolerance,
         lambda block: numbers.text(program, block),
@@ -121,13 +121,15 @@ def _comes_back(text: bytes, program: PartProgram) -> bool:
         return False
 
 
-def _numbers(program: PartProgram, changed: Changed, decimals: int) -> _Numbers:
-    """Add to every number what its word changes by."""
+def _numbers(program: PartProgram, changed: Changed, decimals: int, least: int) -> _Numbers:
+    """Add to every number what its word changes by, with at least so many decimals."""
     words, word = program.words, changed.word
     if word.size:
         _check_digits(program, word)
     table, number = _distinct(changed.delta)
-    delta = np.array([_trimmed(count, decimals) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
+    delta = np.array([_trimmed(count, decimals, least) for count in table.tolist()], dtype=np.int64).reshape(
+        -1, 2
+    )
     columns = words.start, words.end, words.digits, words.decimals
     data = np.frombuffer(program.data, np.uint8)
     pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
@@ -157,9 +159,9 @@ def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:
     return found + low, place[delta - low]
 
 
-def _trimmed(count: int, decimals: int) -> tuple[int, int]:
-    """Write a number of steps with no more decimals than it needs."""
-    while decimals > 0 and count % 10 == 0:
+def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
+    """Write a number of steps with no more decimals than it needs, but `least`."""
+    while decimals > least and count % 10 == 0:
         count, decimals = count // 10, decimals - 1
     return count, decimals
 

@@ -1,0 +1,165 @@
+"""G06.2: NURBS of Fanuc, as the rational Bézier curves between their knots."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.fronts.translated import FORGOTTEN, Remark
+from ph_post.gcode.reader.record import AXES, NURBS, PartProgram, PlaceArray
+from ph_post.geometry.fractional import floats
+from ph_post.geometry.nurbs import bezier_spans
+from ph_post.types import Array, frozen, sealed
+from ph_post.units import INCH, MM
+
+_WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
+_MODE: Final = re.compile(rb"G(20|21|90|91)(?![\d.])")
+_ENDS: Final = re.compile(rb"[GMSTO%#]")
+"""Nothing but points and knots stands between the first block and the last."""
+_ORDERS: Final = range(2, 5)
+_DEFAULT_ORDER: Final = 4
+
+
+class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A NURBS and its lines: `lines[j]` is that of span j, `curves` (order, control (k, 3) [m], weights).
+
+    `why` tells why it is not understood. `feed` is its F word, `first` and `last` are all its lines.
+    """
+
+    first: int
+    last: int
+    lines: tuple[int, ...] = ()
+    curves: tuple[tuple[int, Array, Array], ...] = ()
+    feed: bytes = b""
+    units: float = MM
+    why: str = ""
+
+    @classmethod
+    def gather(cls, bare: bytes, lines: PlaceArray, number: int, *, calculator: bool) -> NurbsBlocks:
+        """Read the blocks from the one with G06.2, line `number`, to the last knot."""
+        found: list[tuple[int, dict[str, bytes]]] = []
+        last = number
+        for line in range(number, lines.size - 1):
+            text = bare[lines[line] : lines[line + 1]]
+            if line > number and _ENDS.search(text):
+                break
+            words = {one[0].decode(): one[1].replace(b" ", b"") for one in _WORD.findall(text)}
+            words.pop("N", None)
+            if words:
+                found.append((line, words))
+                last = line
+        units, absolute = _modes(bare[: lines[number]] + bare[lines[number] : lines[number + 1]])
+        why = _fault(found, absolute=absolute, calculator=calculator)
+        if why:
+            return cls(first=number, last=last, why=why)
+        return _cut(found, number, last, units)
+
+    def write(self, texts: list[bytes], remarks: dict[int, Remark]) -> None:
+        """Put straight moves to the ends of the spans in the place of the lines; the curves follow later."""
+        for number in range(self.first, self.last + 1):
+            if self.why and texts[number].strip():
+                texts[number] = FORGOTTEN.encode()
+                remarks[number] = Remark(what=self.why)
+            elif not self.why:
+                texts[number] = b""
+        if self.why:
+            return
+        texts[self.first] = b"G1" + self.feed
+        for line, (_, control, _) in zip(self.lines, self.curves, strict=True):
+            named = [
+                (axis, value) for axis, value in zip(AXES, control[-1], strict=True) if not np.isnan(value)
+            ]
+            places = " ".join(f"{axis}{value / self.units:.12f}" for axis, value in named)
+            texts[line] = f"G1 {places}".encode()
+
+
+def _modes(before: bytes) -> tuple[float, bool]:
+    """Units [m], and whether positions are absolute, after a text."""
+    units, absolute = MM, True
+    for code in _MODE.findall(before):
+        units = {b"20": INCH, b"21": MM}.get(code, units)
+        absolute = {b"90": True, b"91": False}.get(code, absolute)
+    return units, absolute
+
+
+def _fault(found: Sequence[tuple[int, dict[str, bytes]]], *, absolute: bool, calculator: bool) -> str:
+    """Why blocks are no NURBS that is understood, empty where they are."""
+    if not absolute:
+        return "NURBS in incremental positions: G06.2 under G91"
+    order = float(found[0][1].get("P", b"4"))
+    if order not in _ORDERS:
+        return f"NURBS of an order that is none: P{order:g}"
+    axes = {axis for axis in AXES if axis in found[0][1]}
+    points = [words for _, words in found if axes & words.keys()]
+    allowed = [{*"GPKRF", *axes}, *({*"KR", *axes} for _ in points[1:]), *("K" for _ in found)]
+    whole = len(found) == len(points) + order and points == [words for _, words in found[: len(points)]]
+    if len(axes) < 2 or not whole or len(points) < order:
+        return "NURBS that is not whole"
+    for (_, words), letters in zip(found, allowed, strict=False):
+        if not words.keys() <= {*letters} or "K" not in words or (axes & words.keys()) not in (axes, set()):
+            return "NURBS that is not whole"
+        bare = [w for letter, w in words.items() if letter in "XYZKR" and b"." not in w and float(w) != 0.0]
+        if bare and not calculator:
+            return f"number without a decimal point in a NURBS: {bare[0].decode()}"
+    return _knot_fault([float(words["K"]) for _, words in found], points, int(order))
+
+
+def _knot_fault(knots: list[float], points: Sequence[dict[str, bytes]], order: int) -> str:
+    if sorted(knots) != knots or len({*knots[:order]}) > 1 or len({*knots[-order:]}) > 1:
+        return "NURBS whose knots fall, or do not stand as often as its order at both ends"
+    if any(knots.count(knot) > order - 1 for knot in knots[order:-order]) or knots[0] == knots[-1]:
+        return "NURBS with a knot that stands too often"
+    if min(float(words.get("R", b"1")) for words in points) <= 0.0:
+        return "NURBS with a weight that is not positive"
+    return ""
+
+
+def _cut(found: Sequence[tuple[int, dict[str, bytes]]], first: int, last: int, units: float) -> NurbsBlocks:
+    """Cut a NURBS at its knots; each curve belongs to a line of its own."""
+    order = int(float(found[0][1].get("P", b"4")))
+    points = [words for _, words in found[: len(found) - order]]
+    axes = [axis for axis in AXES if axis in points[0]]
+    weights = [_exact(words.get("R", b"1")) for words in points]
+    lifted = tuple(
+        (*(_exact(words[axis]) * weight for axis in axes), weight)
+        for words, weight in zip(points, weights, strict=True)
+    )
+    knots = tuple(_exact(words["K"]) for _, words in found)
+    curves = []
+    for _, span in bezier_spans(order - 1, knots, lifted):
+        values = floats(span)
+        control = np.full((order, len(AXES)), np.nan)
+        control[:, [AXES.index(axis) for axis in axes]] = values[:, :-1] / values[:, -1:] * units
+        curves.append((order, frozen(control), frozen(values[:, -1])))
+    lines = tuple(found[order - 1 + j + 1][0] for j in range(len(curves)))
+    given = found[0][1].get("F", b"")
+    feed = b" F" + given if given else b""
+    return NurbsBlocks(first=first, last=last, lines=lines, curves=tuple(curves), units=units, feed=feed)
+
+
+def _exact(number: bytes) -> Fraction:
+    return Fraction(number.decode())
+
+
+def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgram:
+    """Put the curves in the place of the straight moves that stand for them."""
+    spans = [pair for one in nurbs for pair in zip(one.lines, one.curves, strict=True)]
+    if not spans:
+        return program
+    motions = program.motions
+    kind, start = motions.kind.copy(), motions.start.copy()
+    drawn = dict(motions.nurbs)
+    for line, (order, control, weights) in spans:
+        row = int(np.searchsorted(motions.block, np.int32(line)))
+        if row == motions.block.size or motions.block[row] != line:
+            continue
+        place = np.where(np.isnan(control), start[row], control)
+        start[row] = np.where(np.isnan(start[row]), place[0], start[row])
+        kind[row], drawn[row] = NURBS, (order, frozen(place), weights)
+    changed = msgspec.structs.replace(motions, kind=sealed(kind), start=sealed(start), nurbs=drawn)
+    return msgspec.structs.replace(program, motions=changed)

@@ -1,0 +1,274 @@
+"""Heidenhain's conversational language, read as far as motion goes.
+
+Followed are L, CC, C, CR with X, Y, Z and their increments (IX), F, FMAX, R0, RL, RR, TOOL CALL, STOP, M
+functions that are the same on every machine, cycles 9 (dwell) and 32 (tolerance); datum shifts and turned
+frames are noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything else is named and passed through:
+tangential arcs, polar coordinates, free contours, roundings and chamfers (with the move before them, whose
+end they cut off), Q parameters, calls of cycles and labels, and what a jump or a repeat may run twice. What
+the words mean is told in :mod:`ph_post.gcode.dialects.heidenhain`.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from typing import Final
+
+from ph_post.gcode.fronts.tnc import Places, Puzzle, Tnc, whole
+from ph_post.gcode.fronts.translated import lines_of, refuse_line, text_of
+from ph_post.gcode.reader.record import PartProgram, PlaceArray
+
+_NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
+_HEAD: Final = re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)")
+_PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({_NUMBER}|[-+]?Q[LRS]?\d+)")
+_FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{_NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
+_FUNCTION: Final = re.compile(r"M\s*(\d+)")
+_SIDE: Final = re.compile(r"R([0LR])\b")
+_SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
+_RADIUS: Final = re.compile(rf"R\s*({_NUMBER}|[-+]?Q[LRS]?\d+)")
+_SENSE: Final = re.compile(r"DR\s*([-+])")
+_CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
+_LAST_NUMBER: Final = re.compile(rf"({_NUMBER})\s*$")
+_TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?)?\s*([XYZ])?(.*)")
+_LABEL: Final = re.compile(r"LBL\s+(\"[^\"]*\"|\d+)")
+_REPEAT: Final = re.compile(r"CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP")
+_JUMP: Final = re.compile(r"GOTO\s+LBL\s+(\S+)")
+_QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
+_TURNS: Final = frozenset((8, 10, 11, 19, 26))
+_SHIFTS: Final = frozenset((7, 247))
+_OTHERS: Final = (
+    "CTP",
+    "CT",
+    "CP",
+    "LP",
+    "LCT",
+    "LN",
+    "FPOL",
+    "FLT",
+    "FL",
+    "FCT",
+    "FC",
+    "APPR",
+    "DEP",
+    "SPL",
+)
+_INCLINED: Final = "PLANE"
+
+
+def read_klartext(data: bytes, name: str) -> PartProgram:
+    """Read a conversational program.
+
+    Raises
+    ------
+    InputError
+        Where the text is no such program, or jumps to where nobody knows.
+    """
+    lines = lines_of(data, name)
+    sources = [_source(data, lines, number) for number in range(lines.size - 1)]
+    first = next(number for number, source in enumerate(sources) if source)
+    head = _HEAD.match(sources[first])
+    if head is None:
+        raise refuse_line(
+            data, lines, name, first, "not a conversational program", "0 BEGIN PGM, a name, and MM or INCH",
+            sources[first][:40],
+        )  # fmt: skip
+    follower = _Follower(Tnc("G21" if head[2] == "MM" else "G20"))
+    for source in sources:
+        follower.line(source)
+    return whole(follower.tnc, data, lines, name, _stretches(sources, data, lines, name))
+
+
+def _source(data: bytes, lines: PlaceArray, number: int) -> str:
+    """Return a line in capitals without its number and its comment."""
+    text = text_of(data, lines, number).decode("utf-8", "replace").upper()
+    text = re.sub(r"^\s*\d+(?=\s|$)", "", text)
+    return text.split(";")[0].replace("~", " ").strip()
+
+
+def _number(text: str) -> Decimal | None:
+    """Read a number with a point or a comma, None of one that is computed."""
+    return None if "Q" in text else Decimal(text.replace(",", "."))
+
+
+class _Follower:
+    """Follows a program line by line."""
+
+    def __init__(self, tnc: Tnc) -> None:
+        self.tnc = tnc
+        self._remark = ""
+        self._ended = False
+
+    def line(self, source: str) -> None:
+        """Follow one line."""
+        if re.match(r"(?:CALL\s+(?:LBL|PGM)|FN\s*\d+\s*:\s*IF|SEL\s|%)", source):
+            self.tnc.lose("call or jump", source)
+            return
+        self.tnc.line(source, lambda: self._translated(source))
+
+    def _translated(self, source: str) -> str:
+        cycle = _CYCLE.match(source)
+        if cycle is not None:
+            return self._cycle(int(cycle[1]), cycle[2], cycle[3], source)
+        if re.match(r"Q[LRS]?\d+\s*=", source):
+            # parameters of a cycle stand on lines of their own; the cycle is told already
+            raise Puzzle(self._remark or "Q parameter", source)
+        if not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
+            return ""
+        if source.startswith("END PGM"):
+            return "M2"
+        word = source.split(maxsplit=1)[0]
+        if word == "L" or re.match(r"L(?=[IXYZ][-+\d.XYZ])", source):
+            return self._straight(source[1:])
+        if word in ("C", "CR", "CC"):
+            return self._curve(word, source[len(word) :])
+        return self._other(word, source)
+
+    def _other(self, word: str, source: str) -> str:
+        tool = _TOOL.match(source)
+        if tool is not None:
+            return self._tool(tool[1], tool[2], tool[3])
+        if word in ("RND", "CHF") or re.match(r"(?:RND|CHF)\s*[R\d]", source):
+            self.tnc.corner(source)
+        if word == _INCLINED:
+            return self.tnc.turned("PLANE", "RESET" not in source)
+        if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
+            functions = [int(number) for number in _FUNCTION.findall(source)]
+            return " ".join(
+                [
+                    *(["M0"] if word == "STOP" else []),
+                    self.tnc.straight({}, rapid=False, feed="", functions=functions),
+                ]
+            )
+        what = "path function" if word in _OTHERS else "block delete" if word[0] == "/" else "unknown word"
+        raise Puzzle(what, source)
+
+    def _straight(self, text: str) -> str:
+        rest, places = self._places(text)
+        rest, feed, rapid = self._feed(rest)
+        rest, functions = self._functions(rest)
+        rest = self._side(rest)
+        self._nothing_left(rest)
+        return self.tnc.straight(places, rapid=rapid, feed=feed, functions=functions)
+
+    def _curve(self, word: str, text: str) -> str:
+        rest, places = self._places(text)
+        if word == "CC":
+            self._nothing_left(rest)
+            return self.tnc.pole(places)
+        sense = _SENSE.search(rest)
+        if sense is None:
+            raise Puzzle("arc without a sense", text.strip())
+        rest, radius = _SENSE.sub(" ", rest), None
+        if word == "CR":
+            found = _RADIUS.search(rest)
+            if found is None or (radius := _number(found[1])) is None:
+                raise Puzzle("radius that is missing or computed", text.strip())
+            rest = rest.replace(found[0], " ", 1)
+        rest, feed, rapid = self._feed(rest)
+        if rapid:
+            raise Puzzle("arc at rapid traverse", text.strip())
+        rest, functions = self._functions(rest)
+        rest = self._side(rest)
+        self._nothing_left(rest)
+        return self.tnc.arc(places, left=sense[1] == "+", radius=radius, feed=feed, functions=functions)
+
+    @staticmethod
+    def _places(text: str) -> tuple[str, Places]:
+        places: Places = {}
+        for incremental, axis, number in _PLACE.findall(text):
+            if axis in places:
+                raise Puzzle("the same axis twice", axis + number)
+            places[axis] = bool(incremental), _number(number)
+        return _PLACE.sub(" ", text), places
+
+    @staticmethod
+    def _feed(text: str) -> tuple[str, str, bool]:
+        """Take the feed out of a line: what is left, its F word, and whether it is a rapid."""
+        found = _FEED.search(text)
+        if found is None or found[1] is None:
+            return _FEED.sub(" ", text), "", False
+        rest = _FEED.sub(" ", text, count=1)
+        if found[1] == "MAX":
+            return rest, "", True
+        number = None if found[1][0] in "AZTU" else _number(found[1])
+        if number is None:
+            raise Puzzle("feed by the tool, or computed", found[0])
+        return rest, f"F{number}", False
+
+    @staticmethod
+    def _functions(text: str) -> tuple[str, list[int]]:
+        return _FUNCTION.sub(" ", text), [int(number) for number in _FUNCTION.findall(text)]
+
+    def _side(self, text: str) -> str:
+        """Take the radius compensation out of a line."""
+        found = _SIDE.search(text)
+        if found is not None:
+            self.tnc.corrected = found[1] != "0"
+        return _SIDE.sub(" ", text)
+
+    @staticmethod
+    def _nothing_left(text: str) -> None:
+        left = _SPACE.sub("", text)
+        if left:
+            raise Puzzle("unknown word", left)
+
+    def _cycle(self, number: int, part: str | None, rest: str, source: str) -> str:
+        """Follow the definition of a cycle."""
+        self._remark = ""
+        last = _LAST_NUMBER.search(rest)
+        if number == 9:
+            if part in (None, "0"):
+                return ""
+            time = None if last is None else _number(last[1])
+            if time is None:
+                raise Puzzle("dwell without a time", source)
+            return f"G4 P{time}"
+        if number == 32:
+            return ""
+        if number in _SHIFTS:
+            self._remark = "datum"
+            return self.tnc.shifted()
+        if number in _TURNS:
+            return self.tnc.turned(f"cycle {number}", self._turns(number, part, rest))
+        self._remark = "cycle"
+        raise Puzzle("cycle", source)
+
+    @staticmethod
+    def _turns(number: int, part: str | None, rest: str) -> bool:
+        """Whether a cycle turns the frame, and does not end that."""
+        if part in (None, "0"):
+            return True
+        numbers = [_number(found) for found in re.findall(_NUMBER, rest)]
+        plain = Decimal(1) if number in (11, 26) else Decimal(0)
+        return "Q" in rest or bool(re.search(r"[XYZ]", rest)) or any(value != plain for value in numbers)
+
+    def _tool(self, number: str | None, axis: str | None, rest: str) -> str:
+        speed = re.search(rf"S\s*({_NUMBER})", rest)
+        feed = re.search(rf"(?<![A-Z])F\s*({_NUMBER})", rest)
+        words = [f"S{_number(speed[1])}"] if speed else []
+        words += [f"F{_number(feed[1])}"] if feed else []
+        return self.tnc.tool(axis, number, " ".join(words))
+
+
+def _stretches(sources: list[str], data: bytes, lines: PlaceArray, name: str) -> list[tuple[int, int, str]]:
+    """Find the lines that repeats run more than once, and jumps perhaps not, or more than once.
+
+    Raises
+    ------
+    InputError
+        Where a label is not in the program, or computed.
+    """
+    labels = {label[1]: number for number, source in enumerate(sources) if (label := _LABEL.match(source))}
+    found = []
+    for number, source in enumerate(sources):
+        repeat, jump = _REPEAT.match(source), _JUMP.search(source)
+        for word, what in ((repeat, "repeated part"), (jump, "part that is jumped over or back to")):
+            if word is None:
+                continue
+            if word[1] not in labels:
+                raise refuse_line(
+                    data, lines, name, number, "label that is not known", "LBL in the program", word[1]
+                )
+            place = labels[word[1]]
+            found.append((min(place, number), max(place, number), what))
+    return found

@@ -1,0 +1,215 @@
+"""What the two languages of Heidenhain's TNC have in common, as RS274 lines.
+
+Each line becomes one line; places are written absolutely, so that what is incremental, and poles, are
+followed here in exact decimals. An axis of which the position is not known makes what is relative to it not
+understood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from decimal import Decimal
+from typing import Final
+
+from ph_post.gcode.fronts.translated import FORGOTTEN, NOT_UNDERSTOOD, Remark, read_translated, text_of
+from ph_post.gcode.reader.record import PartProgram, PlaceArray
+
+AXES: Final = "XYZ"
+PLANES: Final[Mapping[str, tuple[str, str]]] = {"Z": ("X", "Y"), "Y": ("Z", "X"), "X": ("Y", "Z")}
+"""Axes of the working plane, by the tool's axis."""
+
+_PLANE_WORDS: Final[Mapping[str, str]] = {"Z": "G17", "Y": "G18", "X": "G19"}
+_CENTRES: Final[Mapping[str, str]] = {"X": "I", "Y": "J", "Z": "K"}
+_FUNCTIONS: Final[Mapping[int, str]] = {
+    0: "M0", 1: "M1", 2: "M2", 3: "M3", 4: "M4", 5: "M5", 6: "M6", 8: "M8", 9: "M9",
+    13: "M3 M8", 14: "M4 M8", 19: "M19", 30: "M30",
+}  # fmt: skip
+MACHINE: Final = frozenset((91, 92))
+"""M functions with which the positions of a block are the machine's."""
+_CALLS: Final = frozenset((89, 99))
+
+Places = dict[str, tuple[bool, Decimal | None]]
+"""By axis: whether it is incremental, and the number, None where that is computed."""
+
+
+class Puzzle(Exception):  # noqa: N818 - nothing is wrong with the program
+    """Something that is not understood: what, and the text that says so."""
+
+    def __init__(self, what: str, text: str = "") -> None:
+        super().__init__(f"{what}: {text}" if text else what)
+        self.text = text
+
+
+class Tnc:
+    """The state of the control while a program is followed, and the RS274 lines that it comes to.
+
+    Parameters
+    ----------
+    units : str
+        G20 or G21.
+
+    Attributes
+    ----------
+    texts : list of str
+        A line for each line of the program.
+    remarks : dict
+        What is not understood, by line.
+    """
+
+    def __init__(self, units: str) -> None:
+        self.texts: list[str] = []
+        self.remarks: dict[int, Remark] = {}
+        self.tool_axis = "Z"
+        self._units = units
+        self._at: dict[str, Decimal | None] = dict.fromkeys(AXES)
+        self._pole: dict[str, Decimal | None] = dict.fromkeys(AXES)
+        self._turned: set[str] = set()
+        self._moved: int | None = None
+        self._states: list[str] = []
+        self.corrected = False
+
+    def line(self, source: str, follow: Callable[[], str]) -> None:
+        """Follow a line; what is not understood is told, and the position forgotten."""
+        try:
+            text = follow()
+        except Puzzle as puzzle:
+            self.forget(AXES)
+            column = source.find(puzzle.text) + 1 if puzzle.text else 1
+            self.remarks[len(self.texts)] = Remark(what=str(puzzle), column=max(column, 1))
+            text = FORGOTTEN
+        self.add(text)
+
+    def add(self, text: str) -> None:
+        """Add the translation of a line."""
+        side = "G41" if self.corrected else "G40"
+        self._states.append(f"{self._units} G90 {_PLANE_WORDS[self.tool_axis]} G90.1 G94 {side}")
+        self.texts.append(text)
+
+    def lose(self, what: str, text: str) -> None:
+        """Write a line after which nothing is known: a call, a jump."""
+        self.forget(AXES)
+        self.remarks[len(self.texts)] = Remark(what=f"{what}: {text}" if text else what)
+        self.add(NOT_UNDERSTOOD)
+        self._pole = dict.fromkeys(AXES)
+
+    def forget(self, axes: Iterable[str]) -> None:
+        """Take positions for unknown."""
+        self._at |= dict.fromkeys(axes)
+
+    def straight(self, places: Places, *, rapid: bool, feed: str, functions: list[int]) -> str:
+        """Write a straight move, or what else its line says where it moves nothing."""
+        words = self._functions(functions)
+        if not places:
+            return " ".join([*([feed] if feed else []), *words])
+        if MACHINE & set(functions):
+            self.forget(places)
+            return " ".join(["G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words])
+        ends = self._ends(places)
+        self._moved = len(self.texts)
+        return " ".join(["G0" if rapid else "G1", *ends, *([feed] if feed else []), *words])
+
+    def arc(
+        self, places: Places, *, left: bool, radius: Decimal | None, feed: str, functions: list[int]
+    ) -> str:
+        """Write an arc about the pole, or with a radius."""
+        if MACHINE & set(functions):
+            raise Puzzle("arc in machine coordinates")
+        plane = PLANES[self.tool_axis]
+        ends = self._ends({**{axis: (True, Decimal(0)) for axis in plane}, **places})
+        if radius is not None:
+            ends.append(f"R{radius}")
+        else:
+            pole = {axis: self._pole[axis] for axis in plane}
+            if None in pole.values():
+                raise Puzzle("arc about a centre that is not known")
+            ends += [_CENTRES[axis] + str(value) for axis, value in pole.items()]
+        self._moved = len(self.texts)
+        return " ".join(
+            ["G3" if left else "G2", *ends, *([feed] if feed else []), *self._functions(functions)]
+        )
+
+    def pole(self, places: Places) -> str:
+        """Set the pole, or the axes of it that are named; without any it is where the tool stands."""
+        if not places:
+            self._pole |= {axis: self._at[axis] for axis in PLANES[self.tool_axis]}
+        for axis, (incremental, number) in places.items():
+            base = self._at[axis] if incremental else Decimal(0)
+            self._pole[axis] = None if number is None or base is None else base + number
+        return ""
+
+    def _ends(self, places: Places) -> list[str]:
+        """Words of the places that a move goes to; it is followed."""
+        words = []
+        for axis, (incremental, number) in places.items():
+            base = Decimal(0) if not incremental else self._at.get(axis)
+            if number is None or (base is None and axis in AXES):
+                raise Puzzle(
+                    "place that is computed" if number is None else "increment of an unknown place", axis
+                )
+            words.append(axis + str(number + (base or 0)))
+            if axis in AXES:
+                self._at[axis] = Decimal(number + (base or 0))
+        if {*places} - {*AXES}:
+            self.forget(AXES)
+        return words
+
+    def _functions(self, functions: list[int]) -> list[str]:
+        """Words of M functions."""
+        for number in functions:
+            if number in _CALLS:
+                raise Puzzle("call of a cycle", f"M{number}")
+            if number not in _FUNCTIONS and number not in MACHINE:
+                raise Puzzle("unknown M function", f"M{number}")
+        return [_FUNCTIONS[number] for number in functions if number in _FUNCTIONS]
+
+    def tool(self, axis: str | None, number: str | None, rest: str) -> str:
+        """Call a tool, or change its axis or speed."""
+        self.tool_axis = axis or self.tool_axis
+        call = [] if number is None else ["M6"] if not number.isdecimal() else [f"T{number}", "M6"]
+        if call:
+            self.forget(AXES)
+        return " ".join([*call, *([rest] if rest else [])])
+
+    def shifted(self) -> str:
+        """Tell that the datum is another from here on."""
+        self.forget(AXES)
+        self._pole = dict.fromkeys(AXES)
+        return "G52"
+
+    def turned(self, way: str, on: bool) -> str:
+        """Tell that the frame is turned, mirrored, scaled or tilted from here on, or no longer."""
+        self.forget(AXES)
+        (self._turned.add if on else self._turned.discard)(way)
+        return "G68" if self._turned else "G69"
+
+    def said(self) -> list[str]:
+        """Return the lines, each with the modes of RS274 wherever they are others, or may be lost."""
+        texts, before = [], ""
+        for text, state in zip(self.texts, self._states, strict=True):
+            told = text
+            if text == NOT_UNDERSTOOD:
+                before = ""
+            elif text and text != FORGOTTEN and state != before:
+                told, before = f"{state} {text}", state
+            texts.append(told)
+        return texts
+
+    def corner(self, text: str) -> None:
+        """Forget the end of the move before, which is rounded or chamfered."""
+        if self._moved is not None and self._moved not in self.remarks:
+            self.remarks[self._moved] = Remark(what=f"move whose end is cut off: {text}")
+            self.texts[self._moved] = FORGOTTEN
+        raise Puzzle("rounded or chamfered corner", text)
+
+
+def whole(
+    tnc: Tnc, data: bytes, lines: PlaceArray, name: str, stretches: Iterable[tuple[int, int, str]]
+) -> PartProgram:
+    """Read the translation; what is repeated or jumped over is passed through."""
+    for first, last, what in stretches:
+        for number in range(first, last + 1):
+            if text_of(data, lines, number).strip():
+                tnc.texts[number] = NOT_UNDERSTOOD
+                tnc.remarks[number] = Remark(what=what)
+    texts = [text.encode() for text in tnc.said()]
+    return read_translated(data, lines, name, texts, tnc.remarks, in_place=False)

@@ -1,0 +1,231 @@
+"""Fanuc programs read: what their own words mean, and what of them is named."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.splicing import compensate
+
+from ph_post.gcode.fronts.fanuc import read_fanuc
+from ph_post.gcode.reader.record import ARC, LINE, NURBS
+from ph_post.gcode.reading import read_as
+from ph_post.gcode.splice.undo import undo
+from ph_post.io.machinefile import read_machine
+from ph_post.units import MM, MM_PER_MIN
+
+HEAD = "%\nO1234 (PART)\nG21\nG17 G90 G94 G40 G49 G80\nG54\nG0 X0. Y0. Z0.\nG1 X10. Y10. F500.\n"
+LINES = HEAD.count("\n")
+TAIL = "M30\n%\n"
+
+
+def read(body: str, **more: bool):
+    return read_fanuc((HEAD + body + TAIL).encode(), "a.nc", **more)
+
+
+def ends(program) -> list[list[float]]:
+    """Ends of the motions behind the head [mm]."""
+    return (program.motions.end[2:] / MM).round(9).tolist()
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "G05.1 Q1\nG1 X20. Y10.\nG05.1 Q0\n",
+        "G5.1Q1R5\nX20.\n",
+        "G05 P10000\nG1 X20.\nG05 P0\n",
+        "G08 P1\nG1 X20.\nG08 P0\n",
+        "G22 X1. Y1. Z1. I0. J0. K0.\nG1 X20.\n",
+        "<POCKET>\nG1 X20.\n",
+        ":77\nG1 X20.\n",
+        "n10 g1 x20. (fast)\n",
+        "G1 X20.;\n",
+        "G4 P500\nG1 X20.\n",
+        "M6 T2\nG0 X20. Y10. Z0.\n",
+        "X20\n".replace("20", "20."),
+    ],
+)
+def test_words_that_move_nothing_are_seen_through(body: str) -> None:
+    program = read(body)
+    assert program.notes == ()
+    assert ends(program)[-1] == [20.0, 10.0, 0.0]
+    assert program.data.decode() == HEAD + body + TAIL
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("G1 X20 Y10.\n", (1, 4, "number without a decimal point: X20")),
+        ("G1 X20. Y-5\n", (1, 9, "number without a decimal point: Y-5")),
+        ("G3 X10. Y10. I5 J0.\n", (1, 14, "number without a decimal point: I5")),
+        ("G92 X100\n", (1, 5, "number without a decimal point: X100")),
+        ("G4 X2\n", (1, 4, "dwell without a decimal point: X2")),
+        ("G2 X20. Y10. I5. J0. P2\n", (1, 22, "word that no other on the line uses: P2")),
+        ("#101=20.\n", (1, 1, "parameter: #101=20.")),
+        ("G1 X#101\n", (1, 4, "value that is computed: X#101")),
+        ("G1 X[10.+5.]\n", (1, 4, "value that is computed: X[10.+5.]")),
+        ("G65 P9010 A1.\n", (1, 1, "call of a macro or subprogram: G65 P9010 A1.")),
+        ("M98 P1000\n", (1, 1, "subprogram: M98")),
+        ("M198 P1000\n", (1, 1, "call of a macro or subprogram: M198 P1000")),
+        ("IF [#1 GT 5] THEN #2=1\n", (1, 1, "macro statement: IF [#1 GT 5] THEN #2=1")),
+        ("WHILE [#1 LT 5] DO1\nG1 X5.\nEND1\n", (1, 1, "loop of a macro")),
+        ("G1 X20. ,R3.\n", (1, 1, "word of one controller, or of more digits than are kept: G1 X20. ,R3.")),
+        ("G28 U0. V0. W0.\nG1 U5.\n", (2, 4, "axis other than X, Y and Z: U5.")),
+        ("G54.1 P3\n", (1, 1, "unknown G word: G54.1")),
+        ("G68.2 X0. Y0. Z0. I0. J45. K0.\n", (1, 1, "tilted plane: G68.2")),
+        ("G12.1\n", (1, 1, "polar interpolation: G12.1")),
+        ("G7.1 C50.\n", (1, 1, "cylindrical interpolation: G7.1")),
+        ("G02.2 X0. Y0. I1. J1. R2.\n", (1, 1, "involute: G02.2")),
+        ("G41 D1 X20.\n", (1, 1, "cutter compensation: G41")),
+        ("G81 X20. Z-5. R2. F100.\n", (1, 1, "canned cycle: G81")),
+    ],
+)
+def test_what_is_not_understood_is_named_at_its_place(body: str, told: tuple[int, int, str]) -> None:
+    note = next(iter(read(body).notes))
+    assert (note.first - LINES + 1, note.column, note.what) == told
+
+
+@pytest.mark.parametrize(
+    "body", ["G1 X20 Y10.\n", "#101=20.\n", "G65 P9010\n", "G12.1\n", "G68.2 I0. J45. K0.\n", "G92 X100\n"]
+)
+def test_nothing_is_known_of_the_position_behind_what_is_not_understood(body: str) -> None:
+    program = read(body + "G21 G17 G90 G94 G1 Y30. F100.\n")
+    behind = program.motions.start[program.motions.block >= LINES + 1]
+    assert np.isnan(behind[:, 0]).all()
+
+
+def test_numbers_without_a_point_are_millimetres_where_the_dialect_says_so() -> None:
+    program = read_as("fanuc+calculator", (HEAD + "G1 X20 Y5\n" + TAIL).encode(), "a.nc")
+    assert program.notes == ()
+    assert ends(program) == [[20.0, 5.0, 0.0]]
+
+
+def test_a_zero_needs_no_point() -> None:
+    assert ends(read("G1 X0 Y0\n")) == [[0.0, 0.0, 0.0]]
+
+
+def test_dwells_are_seconds_whatever_their_letter() -> None:
+    program = read("G4 P1500\nG4 X1.5\nG04 U.25\nG4 X3\n")
+    words = program.words
+    rows = (words.letter == ord("P")) & (words.block >= LINES)
+    assert words.value[rows][:3].tolist() == [1.5, 1.5, 0.25]
+    assert np.isnan(words.value[rows][3])
+
+
+def test_a_jump_back_makes_a_loop_of_what_lies_between() -> None:
+    program = read("N20 G1 X20.\nG1 X30.\nIF [#1 LT 3] GOTO 20\nG21 G90 G94 G17\nG0 X0. Y0. Z0.\nG1 X1.\n")
+    assert [(note.first - LINES, note.last - LINES, note.what) for note in program.notes] == [
+        (0, 2, "jump of a macro")
+    ]
+    assert program.motions.block[2:].tolist() == [LINES + 4, LINES + 5]
+
+
+def test_the_motion_mode_behind_an_unknown_curve_is_not_the_one_before_it() -> None:
+    program = read("G2.2 X0. Y0. I1. J1. R2.\nX30. Y30.\nG1 X40. Y40.\n")
+    assert program.motions.block[2:].tolist() == [LINES + 2]
+
+
+def spline(points: list[str], knots: list[str], order: int = 4, feed: str = "250.") -> str:
+    """Blocks of a G06.2; a point is `X.. Y.. R..`."""
+    lines = [f"K{knot} {point}" for knot, point in zip(knots, points, strict=False)]
+    lines[0] = f"G06.2 P{order} {lines[0]} F{feed}"
+    return "\n".join([*lines, *(f"K{knot}" for knot in knots[len(points) :]), ""])
+
+
+def de_boor(points: list[list[Fraction]], knots: list[Fraction], order: int, t: Fraction) -> list[Fraction]:
+    """Point of a NURBS in exact numbers; points are (x, y, weight)."""
+    degree = order - 1
+    span = max(k for k in range(degree, len(points)) if knots[k] <= t and knots[k] < knots[k + 1])
+    rows = [[x * w, y * w, w] for x, y, w in points[span - degree : span + 1]]
+    for r in range(1, degree + 1):
+        for j in range(degree, r - 1, -1):
+            low, high = knots[span - degree + j], knots[span + 1 + j - r]
+            share = (t - low) / (high - low)
+            rows[j] = [(1 - share) * a + share * b for a, b in zip(rows[j - 1], rows[j], strict=True)]
+    x, y, w = rows[degree]
+    return [x / w, y / w]
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_a_nurbs_is_the_curve_of_its_points_knots_and_weights(order: int) -> None:
+    points = [("10.", "10.", "1."), ("11.", "12.", "2."), ("13.", "-2.", "1."), ("15.", "1.", "1.5"),
+              ("16.", "0.", "0.75"), ("20.", "3.", "1.")]  # fmt: skip
+    inner = {3: ["0.5", "1.25", "1.25"], 4: ["0.5", "1.25"]}[order]
+    knots = ["0."] * order + inner + ["2."] * order
+    texts = [f"X{x} Y{y} R{w}" for x, y, w in points]
+    program = read(spline(texts, knots, order) + "G1 X30. Y3.\n")
+    motions = program.motions
+    rows = np.flatnonzero(motions.kind == NURBS)
+    assert program.notes == ()
+    assert (motions.feed[rows] / MM_PER_MIN).tolist() == pytest.approx([250.0] * rows.size)
+    exact = [[Fraction(number) for number in point] for point in points]
+    numbers = [Fraction(knot) for knot in knots]
+    spans = [(a, b) for a, b in pairwise(numbers) if a < b]
+    assert rows.size == len(spans)
+    for row, (low, high) in zip(rows.tolist(), spans, strict=True):
+        size, control, weights = motions.nurbs[row]
+        assert size == order
+        for share in (Fraction(0), Fraction(1, 7), Fraction(2, 3), Fraction(999, 1000)):
+            expected = de_boor(exact, numbers, order, low + share * (high - low))
+            n, u = order - 1, float(share)
+            basis = np.array([np.prod([(n - i) / (i + 1) for i in range(k)]) * u**k * (1 - u) ** (n - k)
+                              for k in range(order)]) * weights  # fmt: skip
+            found = basis @ control[:, :2] / basis.sum() / MM
+            assert np.allclose(found, [float(value) for value in expected], rtol=0.0, atol=1e-11)
+    assert np.array_equal(motions.end[rows[:-1]], motions.start[rows[1:]])
+    assert motions.kind[-1] == LINE
+    assert np.allclose(motions.start[-1, :2] / MM, [20.0, 3.0], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (spline(["X10. Y10.", "X11. Y12.", "X13. Y2."], ["0."] * 4 + ["1."] * 4), "NURBS that is not whole"),
+        (spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 3 + ["1."] * 5),
+         "NURBS whose knots fall, or do not stand as often as its order at both ends"),
+        (spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1"] * 4),
+         "number without a decimal point in a NURBS: 1"),
+        (spline(["X10. Y10.", "X11. Y12. R0.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1."] * 4),
+         "NURBS with a weight that is not positive"),
+        (spline(["X10. Y10.", "X11. Y12."], ["0."] * 5 + ["1."] * 5, 5),
+         "NURBS of an order that is none: P5"),
+        ("G91\n" + spline(["X0. Y0.", "X1. Y2.", "X3. Y2.", "X4. Y1."], ["0."] * 4 + ["1."] * 4),
+         "NURBS in incremental positions: G06.2 under G91"),
+    ],
+)  # fmt: skip
+def test_a_nurbs_that_the_control_would_refuse_is_named(body: str, told: str) -> None:
+    program = read(body + "G1 X30. Y3.\n")
+    assert [note.what for note in program.notes] == [told]
+    assert not (program.motions.kind == NURBS).any()
+
+
+def test_a_move_without_knots_in_nurbs_mode_is_not_taken_for_a_straight_one() -> None:
+    body = spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1."] * 4)
+    program = read(body + "X30. Y3.\nG1 X40. Y3.\n")
+    assert program.notes[0].what == "NURBS that is not whole"
+    assert program.motions.block[2:].tolist() == [LINES + 9]
+
+
+PART = (
+    b"%\nO1234 (SLOT)\nG21\nG17 G90 G94 G40 G49 G80\nG54\nG05.1 Q1\nG0 Z5.\nG0 X20. Y0\nG1 Z0 F300\n"
+    b"G3 X20. Y0. I-20. J0. F1200\nG1 X25. Y0\nG4 P500\nG2 X-25. Y0. R25.\nG1 X0. Y0.\nG05.1 Q0\n"
+    b"G0 Z5.\nM30\n%\n"
+)
+
+
+def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone() -> None:
+    found = compensate(PART, read_machine("stepper"), dialect="fanuc").text
+    assert undo(found, "a.nc") == PART
+    original = set(PART.splitlines())
+    added = [line.decode() for line in found.splitlines() if line not in original]
+    assert any(line.startswith("G4 P1") for line in added)
+    for line in added:
+        assert line == line.upper()
+        bare = line.split("(")[0]
+        for word in bare.split():
+            assert word[0] not in "XYZIJKR" or "." in word or word[1:] == "0", line
+    program = read_as("fanuc", found, "a.nc")
+    assert program.notes == ()
+    assert (program.motions.kind == ARC).sum() >= 3

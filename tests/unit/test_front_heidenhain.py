@@ -1,0 +1,210 @@
+"""Heidenhain programs read, conversational and ISO: the same part in both, and what is named."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from ph_post.audit.deliver import Request, deliver
+from ph_post.compensate.options import PlanOptions
+from ph_post.errors import InputError
+from ph_post.gcode.reader.record import ARC
+from ph_post.gcode.reading import read_as
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.io.machinefile import read_machine
+from ph_post.units import MM, MM_PER_MIN
+
+DIALECTS = ("heidenhain", "heidenhain-iso")
+
+
+def klartext(*blocks: str, units: str = "MM"):
+    """Read blocks between a beginning and an end."""
+    lines = [f"BEGIN PGM A {units}", *blocks, f"END PGM A {units}"]
+    text = "".join(f"{number} {line}\n" for number, line in enumerate(lines))
+    return read_as("heidenhain", text.encode(), "a.h")
+
+
+def iso(*blocks: str, units: str = "G71"):
+    lines = [f"N{10 * number} {line} *" for number, line in enumerate(blocks, 1)]
+    text = "\n".join([f"%A {units} *", *lines, f"N99999999 %A {units} *", ""])
+    return read_as("heidenhain-iso", text.encode(), "a.i")
+
+
+def read(dialect: str, both: dict[str, tuple[str, ...]]):
+    return klartext(*both[dialect]) if dialect == "heidenhain" else iso(*both[dialect])
+
+
+PART = {
+    "heidenhain": (
+        "BLK FORM 0.1 Z X+0 Y+0 Z-20", "BLK FORM 0.2 X+100 Y+100 Z+0", "TOOL CALL 5 Z S4000",
+        "L  Z+100 R0 FMAX M3", "L X-20 Y+50 R0 F MAX M8 ; go there", "L Z-5 F200", "L X+0 F500",
+        "CC X+50 Y+50", "C X+100 DR-", "C X+0 Y+50 DR-", "CR X+50 Y+100 R+50 DR+", "CR X+0 Y+50 R-50 DR-",
+        "L IX+10 IY-5,5", "CC IX+5 IY+0", "C IX+10 IY+0 DR+ F300", "CC", "L IX+3", "C X+23 Y+44.5 DR+",
+        "CYCL DEF 9.0 V.ZEIT", "CYCL DEF 9.1 V.ZEIT 1.5", "CYCL DEF 32.0 TOLERANCE", "CYCL DEF 32.1 T0.02",
+        "* - structure", "L Z+100 R0 FMAX M30",
+    ),
+    "heidenhain-iso": (
+        "G30 G17 X+0 Y+0 Z-20", "G31 G90 X+100 Y+100 Z+0", "T5 G17 S4000",
+        "G00 G40 G90 Z+100 M3", "X-20 Y+50 M8", "G01 Z-5 F200", "X+0 F500",
+        "I+50 J+50", "G02 X+100", "X+0 Y+50", "G03 X+50 Y+100 R+50", "G02 X+0 Y+50 R-50",
+        "G01 G91 X+10 Y-5.5", "I+5 J+0", "G03 X+10 G90 Y+44.5 F300", "G29", "G01 G91 X+3", "G03 X+0 Y+0",
+        "G04 F1.5", "G62 T0.02", "G90", "G00 Z+100 M30",
+    ),
+}  # fmt: skip
+ENDS = [
+    (-20, 50, 100), (-20, 50, -5), (0, 50, -5), (100, 50, -5), (0, 50, -5), (50, 100, -5), (0, 50, -5),
+    (10, 44.5, -5), (20, 44.5, -5), (23, 44.5, -5), (23, 44.5, -5), (23, 44.5, 100),
+]  # fmt: skip
+ARCS = {
+    3: ((50, 50), -180), 4: ((50, 50), -180), 5: ((0, 100), 90), 6: ((50, 50), -270),
+    8: ((15, 44.5), 180), 10: ((20, 44.5), 360),
+}  # fmt: skip
+FEEDS = [0, 200, 500, 500, 500, 500, 500, 500, 300, 300, 300, 0]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_the_same_part_in_both_languages(dialect: str) -> None:
+    program = read(dialect, PART)
+    motions = program.motions
+    assert program.notes == ()
+    assert np.allclose(motions.end[1:] / MM, ENDS, rtol=0.0, atol=1e-9)
+    assert np.array_equal(motions.start[2:], motions.end[1:-1])
+    assert np.allclose(motions.feed[1:] / MM_PER_MIN, FEEDS, rtol=1e-12)
+    arcs = {row - 1: row for row in np.flatnonzero(motions.kind == ARC).tolist()}
+    assert arcs.keys() == ARCS.keys()
+    for number, (center, degrees) in ARCS.items():
+        row = arcs[number]
+        assert np.allclose(motions.center[row] / MM, center, rtol=0.0, atol=1e-9)
+        assert abs(math.degrees(motions.angle[row]) - degrees) <= 1e-9
+    assert [one.kind for one in program.breaks] == ["beginning", "tool change", "end"]
+    assert program.modal_after(program.blocks - 2).spindle == "M3"
+
+
+NAMED = {
+    "heidenhain": [
+        ("L X+9 RL F200", "cutter compensation: 1 L X+9 RL F200"),
+        ("CT X+5 Y+5", "path function: CT X+5 Y+5"),
+        ("LP PR+20 PA+45", "path function: LP PR+20 PA+45"),
+        ("FC DR+ R15", "path function: FC DR+ R15"),
+        ("APPR LT X+5 Y+5 LEN5 R0", "path function: APPR LT X+5 Y+5 LEN5 R0"),
+        ("L X+Q1", "place that is computed: X"),
+        ("L X+9 FQ10", "feed by the tool, or computed: FQ10"),
+        ("L X+9 FU0.1", "feed by the tool, or computed: FU0.1"),
+        ("Q5 = +3", "Q parameter: Q5 = +3"),
+        ("L X+9 M99", "call of a cycle: M99"),
+        ("L X+9 M128", "unknown M function: M128"),
+        ("CYCL DEF 200 DRILLING", "cycle: CYCL DEF 200 DRILLING"),
+        ("CALL LBL 1", "call or jump: CALL LBL 1"),
+        ("CALL PGM B", "call or jump: CALL PGM B"),
+        ("/L X+9", "block delete: /L X+9"),
+        ("L A+30", "axis other than X, Y and Z: 1 L A+30"),
+        ("CR X+9 Y+9 DR+", "radius that is missing or computed: X+9 Y+9 DR+"),
+        ("C X+9 Y+9", "arc without a sense: X+9 Y+9"),
+        ("C X+9 Y+9 DR+", "arc about a centre that is not known"),
+        ("L IX+5", "increment of an unknown place: X"),
+    ],
+    "heidenhain-iso": [
+        ("G01 G41 X+9 F200", "cutter compensation: N10 G01 G41 X+9 F200 *"),
+        ("G06 X+5 Y+5", "path function: G06"),
+        ("G11 R+20 H+45", "path function: G11"),
+        ("G05 X+5 Y+5", "path function: G05"),
+        ("G01 X+Q1", "place that is computed: X"),
+        ("G01 X+9 FQ10", "feed that is computed: FQ10"),
+        ("D00 Q5 P01 +3", "Q parameter: N10 D00 Q5 P01 +3"),
+        ("G01 X+9 F100 M99", "call of a cycle: M99"),
+        ("G200 Q200=+2", "unknown G word: G200"),
+        ("L1,0", "call or jump: L1,0"),
+        ("%B", "call of a program: %B"),
+        ("G03 X+9 Y+9 F100", "arc about a centre that is not known"),
+        ("G01 G91 X+5 F100", "increment of an unknown place: X"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("dialect", "block", "told"), [(name, *case) for name, cases in NAMED.items() for case in cases]
+)
+def test_what_is_not_followed_is_named(dialect: str, block: str, told: str) -> None:
+    program = (klartext if dialect == "heidenhain" else iso)(block)
+    assert [(note.first, note.what) for note in program.notes] == [(1, told)]
+    assert program.motions.kind.size == 0
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_rounding_takes_the_move_before_it_with_it(dialect: str) -> None:
+    both = {
+        "heidenhain": ("L X+0 Y+0 F100", "L X+10", "RND R2", "L Y+10"),
+        "heidenhain-iso": ("G01 X+0 Y+0 F100", "X+10", "G25 R2", "Y+10"),
+    }
+    program = read(dialect, both)
+    assert program.motions.block.tolist() == [1, 4]
+    assert np.isnan(program.motions.start[1]).all()
+    assert [note.first for note in program.notes] == [2, 3]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_repeated_part_is_passed_through_and_nothing_is_known_behind_it(dialect: str) -> None:
+    both = {
+        "heidenhain": ("L X+0 Y+0 F100", "LBL 1", "L IX+1", "CALL LBL 1 REP 3/3", "L X+9 Y+9", "L X+8"),
+        "heidenhain-iso": ("G01 X+0 Y+0 F100", "G98 L1", "G91 X+1", "L1,3", "G90 X+9 Y+9", "X+8"),
+    }
+    program = read(dialect, both)
+    assert [(note.first, note.last, note.what) for note in program.notes] == [(2, 4, "repeated part")]
+    assert program.motions.block.tolist() == [1, 5, 6]
+    assert np.isnan(program.motions.start[1]).all()
+    assert np.isnan(program.motions.feed[1:]).all()
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_turned_frame_is_not_followed_until_it_ends(dialect: str) -> None:
+    both = {
+        "heidenhain": ("CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+45", "L X+1 Y+1 F100",
+                       "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+0", "L X+2 Y+2"),
+        "heidenhain-iso": ("G73 G90 H+45", "G01 X+1 Y+1 F100", "G73 H+0", "G01 X+2 Y+2"),
+    }  # fmt: skip
+    program = read(dialect, both)
+    assert (program.motions.end[:, :2] / MM).tolist() == [[2.0, 2.0]]
+    assert len(program.notes) == 1
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_datum_shift_separates_what_lies_before_and_behind(dialect: str) -> None:
+    both = {
+        "heidenhain": ("L X+0 Y+0 F100", "CYCL DEF 7.0 DATUM", "CYCL DEF 7.1 X+10", "L X+5 Y+0", "L X+6"),
+        "heidenhain-iso": ("G01 X+0 Y+0 F100", "G54 X+10", "G01 X+5 Y+0", "X+6"),
+    }
+    program = read(dialect, both)
+    assert program.notes == ()
+    assert program.motions.chain.tolist() == [0, 1, 1]
+    assert np.isnan(program.motions.start[1]).all()
+
+
+def test_the_working_plane_follows_the_tool_s_axis() -> None:
+    program = klartext("TOOL CALL 1 Y", "L X+10 Y+0 Z+0 F100", "CC Z+0 X+0", "C Z+10 X+0 DR+")
+    motions = program.motions
+    assert (int(motions.plane[1]), round(math.degrees(motions.angle[1]), 9)) == (18, 270.0)
+    assert np.allclose(motions.center[1], 0.0)
+
+
+def test_inches_are_inches() -> None:
+    assert klartext("L X+1 Y+2 F10", units="INCH").motions.end[0, :2].tolist() == [0.0254, 0.0508]
+    assert iso("G01 X+1 Y+2 F10", units="G70").motions.end[0, :2].tolist() == [0.0254, 0.0508]
+
+
+def test_rapid_traverse_holds_for_its_block_alone() -> None:
+    program = klartext("L X+0 Y+0 F700", "L X+1 FMAX", "L X+2")
+    assert (program.motions.feed / MM_PER_MIN).round(6).tolist() == [700.0, 0.0, 700.0]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_nothing_is_spliced_and_the_reason_is_told(dialect: str) -> None:
+    program = read(dialect, PART)
+    machine = replace(read_machine("router"), dialect=dialect)
+    request = Request(
+        plan=PlanOptions(strategy="auto", carrier="program"), splice=SpliceOptions(), force=False
+    )
+    with pytest.raises(InputError, match="nothing is spliced into programs of heidenhain"):
+        deliver(program, machine, request, lambda words: None)

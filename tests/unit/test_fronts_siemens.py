@@ -1,0 +1,234 @@
+"""SINUMERIK programs read: the manual's examples, this package's own programs, and what is passed through."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from support.plans import make_machine, make_path, make_plan
+from support.sinumerik import read_blocks
+
+from ph_post.audit.deliver import Request, deliver
+from ph_post.compensate.options import PlanOptions
+from ph_post.errors import InputError
+from ph_post.gcode.dialects.siemens import DIALECT
+from ph_post.gcode.fronts.siemens import read_siemens
+from ph_post.gcode.paths.build import main_path
+from ph_post.gcode.paths.curves import curves_of
+from ph_post.gcode.reader.record import ARC, LINE, NURBS, PartProgram
+from ph_post.gcode.reading import read_as
+from ph_post.gcode.splice.options import SpliceOptions
+from ph_post.gcode.writer import write_program
+from ph_post.geometry.curves import PH, Arc, Line
+from ph_post.geometry.track import Track
+
+BEGIN = "G0 X0 Y0 Z0\nG1 F600\n"
+
+
+def _read(text: str) -> PartProgram:
+    return read_siemens(text.encode(), "part.mpf")
+
+
+def _last(text: str, begin: str = BEGIN) -> tuple[PartProgram, int]:
+    program = _read(f"{begin}{text}\nM30\n")
+    return program, program.motions.kind.size - 1
+
+
+def _points(program: PartProgram, row: int, u: np.ndarray) -> np.ndarray:
+    (curve,) = curves_of(program.motions, row, (0, 1, 2))
+    return 1e3 * curve.derivatives(u)[0]
+
+
+def test_the_manual_s_quarter_of_a_circle() -> None:
+    """Job Planning, denominator polynomial: 10 (1 - p²) / (1 + p²), 20 p / (1 + p²)."""
+    program, row = _last("POLY G90 X10 Y0 F100\nPO[X]=(0,-10) PO[Y]=(10) PO[]=(2,1)", "G0 X10 Y0\n")
+    p = np.linspace(0.0, 1.0, 9)
+    expected = np.column_stack([10.0 * (1.0 - p * p), 20.0 * p, 0.0 * p]) / (1.0 + p * p)[:, None]
+    assert np.allclose(_points(program, row, p), expected, rtol=0.0, atol=1e-12)
+
+
+def test_the_manual_s_feed_profile() -> None:
+    """Job Planning, feedrate response: F=FPO(4000, 6000, -4000) behind F2000 is level at both ends."""
+    program = _read("F2000 FNORM G1 X0 Y0\nG1 X7 G91 G64\nX6 F=FPO(4000, 6000, -4000)\nX5\nM30\n")
+    motions = program.motions
+    rows = np.flatnonzero(motions.block == 2)
+    share = (motions.end[rows, 0] - motions.end[rows[0] - 1, 0]) / 6e-3
+    before = np.append(0.0, share[:-1])
+    p = before[:, None] + (share - before)[:, None] * np.linspace(0.0, 1.0, 1001)
+    slowness = np.trapezoid(1.0 / (2000.0 + 6000.0 * p**2 - 4000.0 * p**3), p, axis=1)
+    assert rows.size > 10
+    assert np.allclose(motions.feed[rows] * 6e4, (share - before) / slowness, rtol=1e-7)
+    assert motions.feed[rows[-1] + 1] * 6e4 == pytest.approx(4000.0)
+    assert program.breaks[-1].motion == motions.kind.size
+
+
+@pytest.mark.parametrize(
+    ("line", "points"),
+    [
+        ("POLY PO[X]=(1,2.5,0.7) PO[Y]=(0.3,1,3.2) PL=1.5", lambda p: [
+            (1 - 2.5 * 2.25 - 0.7 * 3.375) / 1.5 * p + 2.5 * p**2 + 0.7 * p**3,
+            (0.3 - 2.25 - 3.2 * 3.375) / 1.5 * p + p**2 + 3.2 * p**3, 0 * p]),
+        ("POLY X=PO(1,,0,0,5) Z=PO(-2,1)", lambda p: [5 * p**5 - 4 * p, 0 * p, p**2 - 3 * p]),
+        ("N10 POLY PO[X] = ( 10 , 2.5 ) Y4 ; comment", lambda p: [2.5 * p**2 + 7.5 * p, 4 * p, 0 * p]),
+        ("POLY PO[X]=(1EX1,.5) PO[Y]=(-1)", lambda p: [0.5 * p**2 + 9.5 * p, -p, 0 * p]),
+    ],
+)  # fmt: skip
+def test_polynomials(line: str, points) -> None:
+    program, row = _last(line)
+    length = 1.5 if "PL" in line else 1.0
+    assert program.motions.kind[row] == NURBS
+    u = np.linspace(0.0, 1.0, 7)
+    assert np.allclose(_points(program, row, u), np.column_stack(points(length * u)), rtol=0.0, atol=1e-12)
+    assert not program.notes
+
+
+def test_polynomials_stay_in_force_and_may_be_incremental() -> None:
+    program = _read(BEGIN + "POLY PO[X]=(1,1)\nPO[X]=(3,-1) Y2\nG91 PO[X]=(1,4)\nX5\nG1 X1\nM30\n")
+    motions = program.motions
+    assert motions.kind.tolist() == [0, NURBS, NURBS, NURBS, LINE, LINE]
+    assert (motions.end[1:, 0] * 1e3).round(9).tolist() == [1, 3, 4, 9, 10]
+    assert np.allclose(_points(program, 3, np.array([0.5])), [[3.0 + (1 - 4) * 0.5 + 4 * 0.25, 2.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("line", "center", "angle"),
+    [
+        ("G2 X10 Y10 I10 J0", (10, 0), -math.pi / 2),
+        ("G3 X10 Y10 I=AC(0) J=AC(10)", (0, 10), math.pi / 2),
+        ("G3 X10 Y10 CR=10", (0, 10), math.pi / 2),
+        ("G3 X10 Y10 CR=-10", (10, 0), 3 * math.pi / 2),
+        ("G3 X=IC(10) Y=IC(10) I0 J10", (0, 10), math.pi / 2),
+        ("G2 X0 Y0 I5 J0 TURN=2", (5, 0), -6 * math.pi),
+        ("CIP X10 Y10 I1=AC(10) J1=AC(0)", (5, 5), math.pi),
+        ("CIP X10 Y10 I1=0 J1=10", (5, 5), -math.pi),
+        ("G91 CIP X10 Y0 I1=5 J1=-5", (5, 0), math.pi),
+    ],
+)
+def test_arcs(line: str, center: tuple[float, float], angle: float) -> None:
+    program, row = _last(line)
+    assert program.motions.kind[row] == ARC
+    assert program.motions.center[row] * 1e3 == pytest.approx(center)
+    assert program.motions.angle[row] == pytest.approx(angle)
+    assert not program.notes
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "; words", "N30", 'MSG("a; b (c)")', "COMPOF SPATH FNORM", "G641 ADIS=0.005", "G60", "M8 S1000 M3",
+        'T="MILL 8" D1', "SOFT FFWON", "G4 F2.5", "G4 S10", "CYCLE832(0.01,1,1)", "FGROUP(X,Y,Z)", "R1=0.5",
+        "STOPRE", "G17 G90 G40", "%_N_PART_MPF", "DEF REAL DEPTH=5", "SPOS=0", "G26 X100 S500",
+    ],
+)  # fmt: skip
+def test_what_moves_nothing(line: str) -> None:
+    """The motion behind it begins where the one before it ended, at its feed."""
+    program, row = _last(f"X10\n{line}\nX20")
+    motions = program.motions
+    assert motions.start[row] * 1e3 == pytest.approx([10, 0, 0])
+    assert motions.feed[row] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("line", "note"),
+    [
+        ("X=R1 Y5", "X=R1"), ("G1 X=R1+2*(3 + 4)", "X=R1+2*(3 + 4)"), ("G70", "G70"),
+        ("CYCLE81(10,0,2,-5)", "CYCLE81(10,0,2,-5)"), ("M88", "M88"), ("F=R2", "F=R2"),
+        ("TRANS X5", "TRANS"), ("ROT RPL=45", "ROT"), ("G1 AP=30 RP=5", "AP=30"), ("G1 X5 RND=2", "RND=2"),
+        ("X5 A10", "A10"), ("BSPLINE X5 Y5", "BSPLINE"), ("SIDE_2", "SIDE_2"), ("L100", "L100"),
+        ("G33 Z-5 K2", "G33"), ("UPATH", "UPATH"), ("TRAORI", "TRAORI"), ("X5 Y=IC(2)", "X5"),
+        ("POLY PO[X]=(1,2,3,4,5,6)", "PO[X]=(1,2,3,4,5,6)"),
+        ("$P_PFRAME=CTRANS(X,5)", "$P_PFRAME=CTRANS(X,5)"),
+    ],
+)  # fmt: skip
+def test_what_is_passed_through_is_named_and_ends_the_motion(line: str, note: str) -> None:
+    program = _read(f"{BEGIN}X10\n{line}\nG90 G94 G21 G1 X20 F100\nM30\n".replace(" G21", " G71"))
+    assert [(one.first, one.what) for one in program.notes if one.first == 3] == [(3, note)]
+    assert any(one.block == 3 and one.kind in ("not understood", "frame") for one in program.breaks)
+    behind = np.flatnonzero(program.motions.block == 4)
+    assert np.isnan(program.motions.start[behind]).all()
+
+
+def test_what_is_conditional_is_passed_through() -> None:
+    program = _read(BEGIN + "X10\nIF R1>5\nX20\nELSE\nX30\nENDIF\nX40\nM30\n")
+    note = program.notes[0]
+    assert (note.first, note.last, note.what) == (3, 7, "IF")
+    assert not np.isin(program.motions.block, range(3, 8)).any()
+
+
+def test_modal_calls_end_with_their_end() -> None:
+    program = _read(BEGIN + "X10\nMCALL CYCLE81(10)\nX20\nX30\nMCALL\nG1 X40\nX50\nM30\n")
+    assert not np.isin(program.motions.block, (4, 5)).any()
+    assert program.motions.start[-1, 0] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("X1\nGOTOB L1", "part.mpf:4:1: jump or call; expected a program that runs line by line; got GOTOB"),
+        ("IF R1==1 GOTOF E1",
+         "part.mpf:3:10: jump or call; expected a program that runs line by line; got GOTOF"),
+        ("WHILE R1<5\nX1", "part.mpf: WHILE without its end; expected ENDWHILE; got the end of the file"),
+        ("CIP X5 Y5 Z2 I1=1 J1=4",
+         "part.mpf:3: circle in space; expected three points in the plane, not on a line;"
+         " got CIP X5 Y5 Z2 I1=1 J1=4"),
+        ("POLY PO[X]=(5) PO[]=(1,9)",
+         "part.mpf:3: denominator with a zero; expected a positive one; got POLY PO[X]=(5) PO[]=(1,9)"),
+        ("X5 F=FPO(600,3000,0)",
+         "part.mpf:3: feed that falls to zero; expected a positive feed; got X5 F=FPO(600,3000,0)"),
+        ("G2 X5 Y5 CR=1",
+         "part.mpf:3: radius too small to reach the arc's end; expected at least half the way to the end;"
+         " got 1 mm and 3.5355 mm"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError) as error:
+        _read(f"{BEGIN}{text}\nM30\n")
+    assert str(error.value) == words
+
+
+CURVES = [
+    Line([[0, 0], [0.01, 0]]),
+    PH([0.01, 0], [[0.2, 0.0], [0.16, -0.1], [0.05, 0.2]]),
+    Arc([0.02, 0.0], [0.0, 0.0], [0.01, 0.0], "cw"),
+]
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_own_programs_are_read_back(curve) -> None:
+    """Motions against an independent reading of the same text in exact numbers: places, and times."""
+    track = Track(make_path([curve]))
+    plan = make_plan(track, dips=[(0.5 * track.length, 0.1, 0.05)], machine=make_machine())
+    text = write_program(plan, track, DIALECT)
+    program = read_as("siemens", text.encode(), "part.mpf")
+    assert not program.notes
+    motions = program.motions
+    ends = text.index("G641"), text.rindex("M30")
+    first = np.searchsorted(motions.block, [text[:end].count("\n") for end in ends])
+    blocks = list(read_blocks(text))
+    blocks = blocks[len(list(read_blocks(text[: text.index("G641")]))) :]
+    lines = np.unique(motions.block[first[0] : first[1]])
+    assert lines.size == len(blocks)
+    for line, block in zip(lines.tolist(), blocks, strict=True):
+        rows = np.flatnonzero(motions.block == line)
+        length, time = 0.0, 0.0
+        for row in rows.tolist():
+            way = sum(one.length for one in curves_of(motions, row, (0, 1)))
+            length, time = length + way, time + way / motions.feed[row]
+        assert motions.end[rows[-1], :2] * 1e3 == pytest.approx(
+            [float(block.end[a]) for a in "XY"], abs=1e-12
+        )
+        assert 1e3 * length == pytest.approx(float(block.length()), rel=1e-9)
+        with mpmath.workdps(15):
+            passed = mpmath.quad(lambda p, one=block: 1 / one.feed_at(p), [0, 1]) * block.length() * 60
+        assert time == pytest.approx(float(passed), rel=1e-6)
+    path, warnings = main_path(program)
+    assert not warnings
+    assert path.s[-1] == pytest.approx(track.length, abs=5e-4)
+
+
+def test_nothing_is_spliced_into_one() -> None:
+    program = read_as("siemens", (BEGIN + "X10\nX0\nM30\n").encode(), "part.mpf")
+    with pytest.raises(InputError, match="nothing is spliced into programs of siemens: values there may be"):
+        deliver(program, make_machine(dialect="siemens"), Request(plan=PlanOptions(), splice=SpliceOptions()))
