@@ -211,8 +211,28 @@ def _plans(
             continue
         stage(f"planning the {carrier}")
         found[carrier] = make_plan(analysis, plan_options(how, carrier), stage)
+        if carrier == "program" and how["strategy"] == "auto":
+            found[carrier] = _writable(analysis, found[carrier], how, stage)
     said = effect_warnings(analysis.machine, analysis.path.axes)
     return {**found, asked[0]: with_warnings(found[asked[0]], *said)}
+
+
+def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], stage: Callable[[str], None]) -> Plan:
+    """Return the plan, or one of feeds alone where the dialect cannot write what it adds to the path."""
+    from ph_post.cli.job import plan_options, with_warnings
+    from ph_post.compensate.plan import make_plan
+    from ph_post.errors import InputError
+    from ph_post.gcode.jogs import check_jogs, read_jogs
+    from ph_post.gcode.registry import find_dialect
+
+    try:
+        check_jogs(read_jogs(plan).jogs, find_dialect(plan.machine.dialect))
+    except InputError as error:
+        stage("planning the program once more, by feeds alone")
+        feeds = make_plan(analysis, plan_options({**how, "feed_only": True}, "program"), stage)
+        reason = str(error).removeprefix("--dialect: ")
+        return with_warnings(feeds, f"nothing is added to the path: {reason}")
+    return plan
 
 
 def _products(

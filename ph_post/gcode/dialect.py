@@ -180,7 +180,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     def feed(self, value: float) -> str:
         """Write a feed, or an inverse time."""
         if self.feed_decimals is not None:
-            return decimal_text(max(1, round(value * 10**self.feed_decimals)), self.feed_decimals)
+            count = max(1, round(value * 10**self.feed_decimals))
+            return self._pointed(decimal_text(count, self.feed_decimals))
         return self._pointed(significant_text(value, self.feed_digits))
 
     def _pointed(self, text: str) -> str:

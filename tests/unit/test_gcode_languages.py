@@ -203,3 +203,11 @@ def test_a_program_in_another_language_is_not_rehearsed_on_linuxcnc(capsys, tmp_
     assert (
         "not in those of another controller; expected a machine file for LinuxCNC" in capsys.readouterr().err
     )
+
+
+def test_what_the_decimals_cannot_hold_is_left_out_by_auto_and_told(capsys, tmp_path: Path) -> None:
+    # jogs of 2.5 µm, which the increment system IS-B of 1 µm would round by a fifth
+    out = str(tmp_path / "a.nc")
+    assert main(["convert", "oval", "-m", "mill", "--dialect", "fanuc", "--effort", "0.02", "-o", out]) == 0
+    assert "nothing is added to the path: the decimals of fanuc are too few" in capsys.readouterr().err
+    assert not run_fanuc((tmp_path / "a.nc").read_text()).dwells

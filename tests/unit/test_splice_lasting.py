@@ -10,6 +10,7 @@ from support.splicing import ENOUGH
 from ph_post.errors import InputError
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.registry import find_dialect
+from ph_post.gcode.splice.grid import half_gap
 from ph_post.gcode.splice.lasting import SEAT, plan_offsets
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits, Stop
@@ -216,8 +217,11 @@ def test_amplitudes_are_on_the_grid_of_the_program_s_unit() -> None:
 
 def test_too_few_decimals_are_refused() -> None:
     coarse = find_dialect("grbl")
-    coarse = replace(coarse, capabilities=replace(coarse.capabilities, decimals=2))
     program = read_program((START + "G1 X5\nX0\nM2\n").encode(), "part.ngc")
+    # half of 0.06 mm is three whole steps of 0.01 mm, and none of 0.1 mm
+    fair = replace(coarse, capabilities=replace(coarse.capabilities, decimals=2))
+    assert half_gap(STEPPER.axes["X"], fair, 1e-3) == pytest.approx(0.5 * STEPPER.axes["X"].gap.lost_motion)
+    coarse = replace(coarse, capabilities=replace(coarse.capabilities, decimals=1))
     with pytest.raises(InputError, match="decimals of grbl are too few for an offset of axis X"):
         plan_offsets(program, STEPPER, coarse, SpliceOptions())
 

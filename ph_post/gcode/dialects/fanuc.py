@@ -39,6 +39,9 @@ from ph_post.units import MS
 _DECIMALS: Final = 3
 """Increment system IS-B: 0.001 mm. IS-C has one more."""
 
+_FEED_DECIMALS: Final = 2
+"""0.01 mm/min, the least feed; F takes as many decimals."""
+
 _MAX_LINE: Final = 100
 """No manual bounds a block so tightly; it is what a screen shows."""
 
@@ -107,7 +110,8 @@ def _with_nurbs(dialect: Dialect) -> Dialect:
 
 
 def _with_inverse_time(dialect: Dialect) -> Dialect:
-    return replace(dialect, capabilities=replace(dialect.capabilities, inverse_time=True))
+    # the inverse of a long block's time needs digits, not decimals
+    return replace(dialect, feed_decimals=None, capabilities=replace(dialect.capabilities, inverse_time=True))
 
 
 def _with_isc(dialect: Dialect) -> Dialect:
@@ -150,6 +154,7 @@ DIALECT = Dialect(
     writer=FanucLines,
     finish=finish,
     point=True,
+    feed_decimals=_FEED_DECIMALS,
     front=read_fanuc,
     variants=_VARIANTS,
 )

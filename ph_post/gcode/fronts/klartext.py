@@ -14,21 +14,20 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.tnc import Places, Puzzle, Tnc, whole
+from ph_post.gcode.fronts.tnc import NUMBER, Places, Puzzle, Tnc, number_of, whole
 from ph_post.gcode.fronts.translated import lines_of, refuse_line, text_of
 from ph_post.gcode.reader.record import PartProgram, PlaceArray
 
-_NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _HEAD: Final = re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)")
-_PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({_NUMBER}|[-+]?Q[LRS]?\d+)")
-_FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{_NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
+_PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
+_FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
 _FUNCTION: Final = re.compile(r"M\s*(\d+)")
 _SIDE: Final = re.compile(r"R([0LR])\b")
 _SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
-_RADIUS: Final = re.compile(rf"R\s*({_NUMBER}|[-+]?Q[LRS]?\d+)")
+_RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _SENSE: Final = re.compile(r"DR\s*([-+])")
 _CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
-_LAST_NUMBER: Final = re.compile(rf"({_NUMBER})\s*$")
+_LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?)?\s*([XYZ])?(.*)")
 _LABEL: Final = re.compile(r"LBL\s+(\"[^\"]*\"|\d+)")
 _REPEAT: Final = re.compile(r"CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP")
@@ -83,11 +82,6 @@ def _source(data: bytes, lines: PlaceArray, number: int) -> str:
     text = text_of(data, lines, number).decode("utf-8", "replace").upper()
     text = re.sub(r"^\s*\d+(?=\s|$)", "", text)
     return text.split(";")[0].replace("~", " ").strip()
-
-
-def _number(text: str) -> Decimal | None:
-    """Read a number with a point or a comma, None of one that is computed."""
-    return None if "Q" in text else Decimal(text.replace(",", "."))
 
 
 class _Follower:
@@ -161,7 +155,7 @@ class _Follower:
         rest, radius = _SENSE.sub(" ", rest), None
         if word == "CR":
             found = _RADIUS.search(rest)
-            if found is None or (radius := _number(found[1])) is None:
+            if found is None or (radius := number_of(found[1])) is None:
                 raise Puzzle("radius that is missing or computed", text.strip())
             rest = rest.replace(found[0], " ", 1)
         rest, feed, rapid = self._feed(rest)
@@ -178,7 +172,7 @@ class _Follower:
         for incremental, axis, number in _PLACE.findall(text):
             if axis in places:
                 raise Puzzle("the same axis twice", axis + number)
-            places[axis] = bool(incremental), _number(number)
+            places[axis] = bool(incremental), number_of(number)
         return _PLACE.sub(" ", text), places
 
     @staticmethod
@@ -190,7 +184,7 @@ class _Follower:
         rest = _FEED.sub(" ", text, count=1)
         if found[1] == "MAX":
             return rest, "", True
-        number = None if found[1][0] in "AZTU" else _number(found[1])
+        number = None if found[1][0] in "AZTU" else number_of(found[1])
         if number is None:
             raise Puzzle("feed by the tool, or computed", found[0])
         return rest, f"F{number}", False
@@ -219,7 +213,7 @@ class _Follower:
         if number == 9:
             if part in (None, "0"):
                 return ""
-            time = None if last is None else _number(last[1])
+            time = None if last is None else number_of(last[1])
             if time is None:
                 raise Puzzle("dwell without a time", source)
             return f"G4 P{time}"
@@ -238,15 +232,15 @@ class _Follower:
         """Whether a cycle turns the frame, and does not end that."""
         if part in (None, "0"):
             return True
-        numbers = [_number(found) for found in re.findall(_NUMBER, rest)]
+        numbers = [number_of(found) for found in re.findall(NUMBER, rest)]
         plain = Decimal(1) if number in (11, 26) else Decimal(0)
         return "Q" in rest or bool(re.search(r"[XYZ]", rest)) or any(value != plain for value in numbers)
 
     def _tool(self, number: str | None, axis: str | None, rest: str) -> str:
-        speed = re.search(rf"S\s*({_NUMBER})", rest)
-        feed = re.search(rf"(?<![A-Z])F\s*({_NUMBER})", rest)
-        words = [f"S{_number(speed[1])}"] if speed else []
-        words += [f"F{_number(feed[1])}"] if feed else []
+        speed = re.search(rf"S\s*({NUMBER})", rest)
+        feed = re.search(rf"(?<![A-Z])F\s*({NUMBER})", rest)
+        words = [f"S{number_of(speed[1])}"] if speed else []
+        words += [f"F{number_of(feed[1])}"] if feed else []
         return self.tnc.tool(axis, number, " ".join(words))
 
 

@@ -14,6 +14,9 @@ from typing import Final
 from ph_post.gcode.fronts.translated import FORGOTTEN, NOT_UNDERSTOOD, Remark, read_translated, text_of
 from ph_post.gcode.reader.record import PartProgram, PlaceArray
 
+NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
+"""A number, with a point or a comma."""
+
 AXES: Final = "XYZ"
 PLANES: Final[Mapping[str, tuple[str, str]]] = {"Z": ("X", "Y"), "Y": ("Z", "X"), "X": ("Y", "Z")}
 """Axes of the working plane, by the tool's axis."""
@@ -38,6 +41,17 @@ class Puzzle(Exception):  # noqa: N818 - nothing is wrong with the program
     def __init__(self, what: str, text: str = "") -> None:
         super().__init__(f"{what}: {text}" if text else what)
         self.text = text
+
+
+def number_of(text: str) -> Decimal | None:
+    """Read a number with a point or a comma, None of one that is computed.
+
+    Examples
+    --------
+    >>> number_of("+5,5"), number_of("-Q3")
+    (Decimal('5.5'), None)
+    """
+    return None if "Q" in text else Decimal(text.replace(",", "."))
 
 
 class Tnc:

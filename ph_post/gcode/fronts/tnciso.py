@@ -12,13 +12,12 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.tnc import AXES, Places, Puzzle, Tnc, whole
+from ph_post.gcode.fronts.tnc import AXES, NUMBER, Places, Puzzle, Tnc, number_of, whole
 from ph_post.gcode.fronts.translated import lines_of, refuse_line, text_of
 from ph_post.gcode.reader.record import PartProgram, PlaceArray
 
-_NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 _HEAD: Final = re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$")
-_WORD: Final = re.compile(rf"([A-Z])\s*({_NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
+_WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
 _CENTRES: Final = {"I": "X", "J": "Y", "K": "Z"}
 _PLANES: Final = {17: "Z", 18: "Y", 19: "X"}
 _SIDES: Final = {40: False, 41: True, 42: True}
@@ -81,10 +80,6 @@ class _Block:
         return next((number for one, number in self.words if one == letter), None)
 
 
-def _number(text: str) -> Decimal | None:
-    return None if "Q" in text else Decimal(text.replace(",", "."))
-
-
 class _Follower:
     """Follows a program line by line."""
 
@@ -144,9 +139,9 @@ class _Follower:
         if 62 in block.codes:
             return ""
         time = block.value("F")
-        if time is None or _number(time) is None:
+        if time is None or number_of(time) is None:
             raise Puzzle("dwell without a time", "G04")
-        return f"G4 P{_number(time)}"
+        return f"G4 P{number_of(time)}"
 
     def _followed(self, block: _Block, source: str) -> str:
         """Follow a tool, a shift, a turn, a pole and a move, whichever a line has."""
@@ -167,7 +162,7 @@ class _Follower:
     def _turns(code: int, block: _Block, places: Places) -> bool:
         """Whether a word turns, mirrors, scales or tilts the frame, and does not end that."""
         plain = Decimal(1) if code == _SCALING else Decimal(0)
-        numbers = [_number(number) for letter, number in block.words if letter not in "GN"]
+        numbers = [number_of(number) for letter, number in block.words if letter not in "GN"]
         return (code == _MIRROR and bool(places)) or any(number != plain for number in numbers)
 
     def _places(self, block: _Block) -> tuple[Places, Places]:
@@ -178,23 +173,23 @@ class _Follower:
             if letter == "G" and number.lstrip("0") in ("90", "91"):
                 self._incremental = number.lstrip("0") == "91"
             elif letter in (*AXES, "A", "B", "C", "U", "V", "W"):
-                places[letter] = self._incremental, _number(number)
+                places[letter] = self._incremental, number_of(number)
             elif letter in _CENTRES:
-                centres[_CENTRES[letter]] = self._incremental, _number(number)
+                centres[_CENTRES[letter]] = self._incremental, number_of(number)
         return places, centres
 
     def _move(self, block: _Block, places: Places, source: str) -> str:
         given = block.value("F")
         feed, rapid = "", self._motion == 0
         if given is not None:
-            number = None if given == "MAX" else _number(given)
+            number = None if given == "MAX" else number_of(given)
             if given == "MAX":
                 rapid = True
             elif number is None:
                 raise Puzzle("feed that is computed", f"F{given}")
             else:
                 feed = f"F{number}"
-        speed = [f"S{_number(text)}"] if (text := block.value("S")) is not None and "Q" not in text else []
+        speed = [f"S{number_of(text)}"] if (text := block.value("S")) is not None and "Q" not in text else []
         if places and self._motion not in _MOTIONS:
             raise Puzzle("move in a mode that is not followed", source)
         explicit = {2, 3} & set(block.codes)
@@ -205,7 +200,7 @@ class _Follower:
 
     def _arc(self, block: _Block, places: Places, feed: str) -> str:
         given = block.value("R")
-        radius = None if given is None else _number(given)
+        radius = None if given is None else number_of(given)
         if given is not None and radius is None:
             raise Puzzle("radius that is computed", f"R{given}")
         return self.tnc.arc(
@@ -219,7 +214,7 @@ class _Follower:
     def _tool(self, block: _Block) -> str:
         axis = next((_PLANES[code] for code in block.codes if code in _PLANES), None)
         speed = block.value("S")
-        rest = "" if speed is None or "Q" in speed else f"S{_number(speed)}"
+        rest = "" if speed is None or "Q" in speed else f"S{number_of(speed)}"
         return self.tnc.tool(axis, block.value("T"), rest)
 
 

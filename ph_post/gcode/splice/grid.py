@@ -32,9 +32,11 @@ def half_gap(axis: Axis, dialect: Dialect, units: float) -> float:
         Where the decimals are too few for it.
     """
     step = units * 10.0 ** -word_decimals(dialect, units)
-    if axis.gap.lost_motion < FINEST * step:
+    half = 0.5 * axis.gap.lost_motion
+    rounded = float(round(half / step) * step)
+    if rounded == 0.0 or abs(rounded - half) > axis.gap.lost_motion / FINEST:
         raise InputError(
             "--dialect", f"the decimals of {dialect.name} are too few for an offset of axis {axis.name}",
             expected=f">= {FINEST * step / MM:g} mm", got=f"{axis.gap.lost_motion / MM:.3g} mm",
         )  # fmt: skip
-    return float(round(0.5 * axis.gap.lost_motion / step) * step)
+    return rounded
