@@ -31,7 +31,10 @@ FLOOR: Final = 1.5
 """Times the noise up to which what is left counts as noise."""
 
 OUT: Final = 0.75
-"""Root mean square of what is more than noise, in parts of the noise, from which it is looked into."""
+"""Root mean square of what is more than noise, in parts of the noise, from which it needs a name."""
+
+LOOK: Final = 0.25
+"""The same from which a first name is looked for: base values bent within their priors hide most of some."""
 
 
 class Scored(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -72,16 +75,17 @@ def rank(problem: Problem, ground: Fitted, fits: Sequence[tuple[Hypothesis, Fitt
     return sorted(scored, key=lambda one: -one.score)
 
 
-def has_structure(problem: Problem, fitted: Fitted) -> bool:
-    """Whether what a model leaves of any channel is more than noise."""
+def has_structure(problem: Problem, fitted: Fitted, size: float = OUT) -> bool:
+    """Whether what a model leaves of any channel is more than noise, by at least that part of the noise."""
     return any(
-        _stands_out(fitted.left[one.channel], problem.counted & one.ok, one.noise) for one in problem.observed
+        _stands_out(fitted.left[one.channel], problem.counted & one.ok, one.noise, size)
+        for one in problem.observed
     )
 
 
-def _stands_out(values: Array, use: BoolArray, noise: float) -> bool:
+def _stands_out(values: Array, use: BoolArray, noise: float, least: float) -> bool:
     structured, size = is_structured(values, use, noise)
-    return structured and size > OUT
+    return structured and size > least
 
 
 def with_noise(problem: Problem, fitted: Fitted) -> Problem:

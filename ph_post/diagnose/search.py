@@ -71,9 +71,8 @@ def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tu
     ]
     tried = _race(base, [one for one in close if not one[0].within])
     # What contains another is only worth its time where the other leaves something.
-    if all(has_structure(problem, fitted) for _, fitted in tried):
-        tried += _race(base, [one for one in close if one[0].within])
-    return tried
+    enough = {hypothesis.name for hypothesis, fitted in tried if not has_structure(problem, fitted)}
+    return tried + _race(base, [one for one in close if one[0].within and enough.isdisjoint(one[0].within)])
 
 
 def _race(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -23,6 +24,10 @@ def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
 def without_part(model: Model, number: int) -> Model:
     """Return a model with a part less."""
     return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
+
+
+BENT: Final = 2.0
+"""Standard errors from which a base value is taken to be bent by what is missing."""
 
 
 class Seed(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,21 +80,23 @@ def is_linear(hypothesis: Hypothesis) -> bool:
 
 
 def seed(ground: Ground, hypothesis: Hypothesis) -> list[Seed]:
-    """Return models to start from, one a start of the hypothesis, best first.
+    """Return models to start from, one or two a start of the hypothesis, best first.
 
     Where a straight fit does not find the size, each start is tried with the base values as they were fitted
     and as the file has them: what these were bent to without the effect may hide it.
     """
     linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
     before = ground.beyond(ground.rows)
+    fitted = ground.fitted.model
+    bent = max(map(abs, fitted.off), default=0.0) > BENT
     found: list[Seed] = []
     for start in hypothesis.starts(ground.problem, ground.fitted.left):
-        if linear:
-            after, numbers = _scaled(ground, hypothesis, list(start), linear, before)
-            model = with_part(ground.fitted.model, hypothesis, tuple(numbers))
+        if not linear:
+            made = [_better_based(ground, hypothesis, start)]
         else:
-            after, model = _better_based(ground, hypothesis, start)
-        found.append(Seed(promise=float(before @ before - after @ after), model=model))
+            bases = (fitted, at_file(fitted)) if bent else (fitted,)
+            made = [_scaled(ground, with_part(base, hypothesis, start), linear) for base in bases]
+        found += [Seed(promise=float(before @ before - left @ left), model=model) for left, model in made]
     return sorted(found, key=lambda one: -one.promise)
 
 
@@ -101,19 +108,24 @@ def _better_based(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> t
     return min(left, key=lambda one: float(one[0] @ one[0]))
 
 
-def _scaled(
-    ground: Ground, hypothesis: Hypothesis, numbers: list[float], linear: Sequence[int], before: Array
-) -> tuple[Array, list[float]]:
-    """Give the linear numbers the sizes of a straight fit."""
+def _scaled(ground: Ground, model: Model, linear: Sequence[int]) -> tuple[Array, Model]:
+    """Give the linear numbers of a model's last part the sizes of a straight fit."""
+    part = model.parts[-1]
+    here = _rows(ground, without_part(model, len(model.parts) - 1))
     columns = []
     for k in linear:
-        alone = tuple(0.0 if j in linear and j != k else x for j, x in enumerate(numbers))
-        model = with_part(ground.fitted.model, hypothesis, alone)
-        columns.append(ground.beyond(_rows(ground, model) - ground.rows))
-    matrix = np.stack(columns, axis=1)
+        alone = tuple(0.0 if j in linear and j != k else x for j, x in enumerate(part.numbers))
+        columns.append(ground.beyond(_rows(ground, _with_numbers(model, alone)) - here))
+    matrix, before = np.stack(columns, axis=1), ground.beyond(here)
     factors = np.linalg.lstsq(matrix, -before, rcond=1e-10)[0]
+    numbers = list(part.numbers)
     for k, factor in zip(linear, factors, strict=True):
-        number = hypothesis.numbers[k]
+        number = part.hypothesis.numbers[k]
         size = float(np.clip(factor * numbers[k], number.low, number.high))
         numbers[k] = size if size else number.scale
-    return before + matrix @ factors, numbers
+    return before + matrix @ factors, _with_numbers(model, tuple(numbers))
+
+
+def _with_numbers(model: Model, numbers: Numbers) -> Model:
+    """Return a model with other numbers of its last part."""
+    return replace(model, parts=(*model.parts[:-1], replace(model.parts[-1], numbers=numbers)))

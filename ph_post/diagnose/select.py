@@ -17,6 +17,8 @@ from ph_post.diagnose.fit import Fitted, Model, Part, base_model, fit_model
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.model import Problem, dealt, sided
 from ph_post.diagnose.score import (
+    LOOK,
+    OUT,
     PRICE,
     Scored,
     at_floor,
@@ -97,7 +99,7 @@ def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -
     problem = with_noise(problem, base)
     search = Search(problem)
     stages = [base]
-    while len(stages) <= MOST and has_structure(problem, stages[-1]):
+    while len(stages) <= MOST and has_structure(problem, stages[-1], OUT if stages[1:] else LOOK):
         stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
         worthy = [
             one

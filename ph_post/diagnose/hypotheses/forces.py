@@ -188,7 +188,7 @@ CUTTING = Hypothesis(
 CUTTING_BY_FEED = replace(
     CUTTING,
     variant="by feed",
-    within=("viscous_friction", "transport_delay"),
+    within=("viscous_friction",),
     numbers=(*CUTTING.numbers, Number(name="exponent", low=0.05, high=1.1, scale=0.1)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
     values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
