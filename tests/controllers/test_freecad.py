@@ -24,9 +24,12 @@ ROOT = Path(__file__).parents[2]
 JOB = ROOT / "tests" / "support" / "freecad_job.py"
 COMMAND = shutil.which("freecadcmd")
 
-pytestmark = pytest.mark.skipif(
-    COMMAND is None, reason="FreeCAD is not installed here (apt-get install freecad-python3)"
-)
+pytestmark = [
+    pytest.mark.skipif(
+        COMMAND is None, reason="FreeCAD is not installed here (apt-get install freecad-python3)"
+    ),
+    pytest.mark.slow,
+]
 
 PLAIN, LINES, CURVES, GRBL = "plain.ngc", "lines.ngc", "curves.ngc", "grbl.ngc"
 ARGUMENTS = "--machine=router --max-slowdown=1 --no-header"

@@ -9,7 +9,7 @@ import pytest
 from support.rehearsing import HERE, WHY_NOT, rehearsed
 from support.shop import PROGRAMS
 
-pytestmark = pytest.mark.skipif(not HERE, reason=WHY_NOT)
+pytestmark = [pytest.mark.skipif(not HERE, reason=WHY_NOT), pytest.mark.slow]
 
 SHAPES = ("circle", "slot", "pocket", "eight")
 BEHIND = [(program, machine) for machine in ("bench_motor", "bench_stepper") for program in SHAPES]

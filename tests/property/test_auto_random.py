@@ -56,7 +56,7 @@ def run(job: RandomJob, analysis: Analysis, nominal: Nominal, strategy: str) -> 
 PAIRS = 200
 BATCHES = 20
 
-ALL = "PH_POST_ALL_PAIRS"
+ALL = "PH_POST_ALL_TESTS"
 """Environment variable that asks for all pairs; without it every fifth is run."""
 
 EFFORT = 0.05
