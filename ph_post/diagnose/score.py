@@ -24,7 +24,7 @@ SHARE: Final = 0.25
 MOST_SHARE: Final = 0.5
 """The same where there is a name already, and more than noise is left behind the next one too."""
 
-VISIBLE: Final = 0.02
+VISIBLE: Final = 0.04
 """Part of a channel's held-out root mean square by which it must fall."""
 
 FLOOR: Final = 1.5
@@ -33,7 +33,7 @@ FLOOR: Final = 1.5
 OUT: Final = 0.75
 """Root mean square of what is more than noise, in parts of the noise, from which it needs a name."""
 
-LOOK: Final = 0.25
+LOOK: Final = 0.4
 """The same from which a first name is looked for: base values bent within their priors hide most of some."""
 
 
