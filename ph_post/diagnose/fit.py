@@ -39,6 +39,9 @@ SAME: Final = 0.03
 CLOSE: Final = 1e-5
 """Relative change of cost or unknowns at which a fit ends: a tenth of a nat on ten thousand samples."""
 
+FIRST: Final = 1e-4
+"""The same of a fit that is only looked at."""
+
 WHITE: Final = 256
 """Samples over which what is left is averaged to see how far it is from white noise."""
 
@@ -205,14 +208,27 @@ def _slopes(rows: _Rows, numbers: list[Number], known: Mapping[int, Array], unkn
         if k in known:
             columns[:, k] = known[k]
             continue
-        size = max(abs(unknowns[k]), number.scale)
-        step = LOG_STEP * number.scale if number.logarithm else STEP * size
+        size = number.scale if number.logarithm else max(abs(unknowns[k]), number.scale)
+        step = (LOG_STEP if number.logarithm else STEP) * size
         if unknowns[k] + step > number.high:
             step = -step
         there = unknowns.copy()
         there[k] += step
         columns[:, k] = (rows(there) - here) / step
     return columns
+
+
+def _descend(
+    rows: _Rows, numbers: list[Number], known: Mapping[int, Array], start: Array, steps: int, close: float
+) -> tuple[Array, Array]:
+    """Go down from a start by Gauss-Newton steps in a trust region: unknowns and slopes where that ends."""
+    low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
+    scale = np.array([one.scale for one in numbers])
+    found = least_squares(
+        rows, np.clip(start, low + 1e-9 * scale, high - 1e-9 * scale), bounds=(low, high),
+        jac=partial(_slopes, rows, numbers, known), x_scale=scale, max_nfev=steps, ftol=close, xtol=close,
+    )  # fmt: skip
+    return found.x, np.asarray(found.jac)
 
 
 def fit_model(
@@ -232,20 +248,13 @@ def fit_model(
         Most steps of a round.
     """
     numbers = _numbers(model)
-    low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
-    scale = np.array([one.scale for one in numbers])
-    unknowns = np.clip(pack(model), low, high)
+    unknowns = np.clip(pack(model), [one.low for one in numbers], [one.high for one in numbers])
     left = left_of(problem, unpack(model, unknowns))
     jacobian = np.zeros((0, unknowns.size))
     weights = weights_of(problem, left, use)
     for _ in range(rounds if unknowns.size else 0):
         rows = _Rows(partial(weighted_rows, problem, model, weights, use))
-        found = least_squares(
-            rows, np.clip(unknowns, low + 1e-9 * scale, high - 1e-9 * scale), bounds=(low, high),
-            jac=partial(_slopes, rows, numbers, {}), x_scale=scale, max_nfev=evaluations,
-            ftol=CLOSE, xtol=CLOSE, gtol=1e-8,
-        )  # fmt: skip
-        unknowns, jacobian = found.x, np.asarray(found.jac)
+        unknowns, jacobian = _descend(rows, numbers, {}, unknowns, evaluations, CLOSE)
         left = left_of(problem, unpack(model, unknowns))
         before, weights = weights, weights_of(problem, left, use)
         if all(abs(weights[one] / before[one] - 1.0) < SAME for one in weights):
@@ -269,18 +278,10 @@ def look_at(
         Slopes by unknown.
     steps : int
     """
-    numbers = _numbers(model)
-    low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
-    scale = np.array([one.scale for one in numbers])
-    start = np.clip(pack(model), low + 1e-9 * scale, high - 1e-9 * scale)
     rows = _Rows(partial(weighted_rows, problem, model, weights, problem.fit))
-    found = least_squares(
-        rows, start, bounds=(low, high), jac=partial(_slopes, rows, numbers, known), x_scale=scale,
-        max_nfev=steps, ftol=1e-4, xtol=1e-4,
-    )  # fmt: skip
-    there = unpack(model, found.x)
-    left = left_of(problem, there)
-    return Fitted(model=there, left=left, jacobian=np.asarray(found.jac), unknowns=found.x)
+    unknowns, jacobian = _descend(rows, _numbers(model), known, pack(model), steps, FIRST)
+    there = unpack(model, unknowns)
+    return Fitted(model=there, left=left_of(problem, there), jacobian=jacobian, unknowns=unknowns)
 
 
 def covariance(problem: Problem, fitted: Fitted, use: BoolArray) -> Array:

@@ -15,6 +15,9 @@ from ph_post.diagnose.model import Problem
 from ph_post.diagnose.record import Channel
 from ph_post.types import Array
 
+BENT: Final = 2.0
+"""Standard errors from which a base value is taken to be bent by what is missing."""
+
 
 def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
     """Return a model with a part more."""
@@ -24,10 +27,6 @@ def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
 def without_part(model: Model, number: int) -> Model:
     """Return a model with a part less."""
     return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
-
-
-BENT: Final = 2.0
-"""Standard errors from which a base value is taken to be bent by what is missing."""
 
 
 class Seed(msgspec.Struct, frozen=True, kw_only=True):
@@ -88,14 +87,15 @@ def seed(ground: Ground, hypothesis: Hypothesis) -> list[Seed]:
     linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
     before = ground.beyond(ground.rows)
     fitted = ground.fitted.model
-    bent = max(map(abs, fitted.off), default=0.0) > BENT
+    bases = [(fitted, ground.rows)]
+    if linear and max(map(abs, fitted.off), default=0.0) > BENT:
+        bases.append((at_file(fitted), _rows(ground, at_file(fitted))))
     found: list[Seed] = []
     for start in hypothesis.starts(ground.problem, ground.fitted.left):
-        if not linear:
-            made = [_better_based(ground, hypothesis, start)]
+        if linear:
+            made = [_scaled(ground, with_part(base, hypothesis, start), linear, rows) for base, rows in bases]
         else:
-            bases = (fitted, at_file(fitted)) if bent else (fitted,)
-            made = [_scaled(ground, with_part(base, hypothesis, start), linear) for base in bases]
+            made = [_better_based(ground, hypothesis, start)]
         found += [Seed(promise=float(before @ before - left @ left), model=model) for left, model in made]
     return sorted(found, key=lambda one: -one.promise)
 
@@ -108,10 +108,9 @@ def _better_based(ground: Ground, hypothesis: Hypothesis, numbers: Numbers) -> t
     return min(left, key=lambda one: float(one[0] @ one[0]))
 
 
-def _scaled(ground: Ground, model: Model, linear: Sequence[int]) -> tuple[Array, Model]:
-    """Give the linear numbers of a model's last part the sizes of a straight fit."""
+def _scaled(ground: Ground, model: Model, linear: Sequence[int], here: Array) -> tuple[Array, Model]:
+    """Give the linear numbers of a model's last part the sizes of a straight fit; `here` are rows without."""
     part = model.parts[-1]
-    here = _rows(ground, without_part(model, len(model.parts) - 1))
     columns = []
     for k in linear:
         alone = tuple(0.0 if j in linear and j != k else x for j, x in enumerate(part.numbers))
