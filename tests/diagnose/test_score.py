@@ -63,6 +63,8 @@ def test_an_answer_in_a_word(changed: dict[str, Any], word: str) -> None:
         ({}, "clear"),
         ({"apart": {"coulomb_friction": {"nothing": 1e5, "backlash": 3.0}}}, "alike"),
         ({"apart": {"coulomb_friction": {"nothing": 3.0}}}, "faint"),
+        ({"channels": "unknown"}, "alike"),
+        ({"channels": "unknown", "effects": ["cogging"]}, "clear"),
         ({"truths": [TRUTH | {"ratio": 2.9}]}, "faint"),
         ({"kind": "nothing", "truths": []}, "nothing"),
     ],
