@@ -24,17 +24,17 @@ SHARE: Final = 0.25
 MOST_SHARE: Final = 0.5
 """The same where there is a name already, and more than noise is left behind the next one too."""
 
-VISIBLE: Final = 0.04
+VISIBLE: Final = 0.02
 """Part of a channel's held-out root mean square by which it must fall."""
+
+MORE_VISIBLE: Final = 0.04
+"""The same where there is a name already."""
 
 FLOOR: Final = 1.5
 """Times the noise up to which what is left counts as noise."""
 
 OUT: Final = 0.75
 """Root mean square of what is more than noise, in parts of the noise, from which it needs a name."""
-
-LOOK: Final = 0.4
-"""The same from which a first name is looked for: base values bent within their priors hide most of some."""
 
 
 class Scored(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -103,12 +103,13 @@ def with_noise(problem: Problem, fitted: Fitted) -> Problem:
 
 def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
     """Whether a fit lowers what is left of some channel, held out, by enough to be worth a name."""
+    visible = MORE_VISIBLE if before.model.parts else VISIBLE
     share = MOST_SHARE if before.model.parts and not at_floor(problem, after) else SHARE
     for one in problem.observed:
         here = problem.held & one.ok
         was, now = (mean_square(fit.left[one.channel], here) for fit in (before, after))
         excess = was - one.noise**2
-        if was - now > share * excess > 0.0 and np.sqrt(now) < (1.0 - VISIBLE) * np.sqrt(was):
+        if was - now > share * excess > 0.0 and np.sqrt(now) < (1.0 - visible) * np.sqrt(was):
             return True
     return False
 

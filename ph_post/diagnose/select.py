@@ -17,8 +17,6 @@ from ph_post.diagnose.fit import Fitted, Model, Part, base_model, fit_model
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.model import Problem, dealt, sided
 from ph_post.diagnose.score import (
-    LOOK,
-    OUT,
     PRICE,
     Scored,
     at_floor,
@@ -31,7 +29,7 @@ from ph_post.diagnose.score import (
     worth_of,
 )
 from ph_post.diagnose.search import Search
-from ph_post.diagnose.seeds import with_part, without_part
+from ph_post.diagnose.seeds import BENT, with_part, without_part
 
 EARNS: Final = 8.0
 """Nats above that from which an effect is believed."""
@@ -99,7 +97,7 @@ def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -
     problem = with_noise(problem, base)
     search = Search(problem)
     stages = [base]
-    while len(stages) <= MOST and has_structure(problem, stages[-1], OUT if stages[1:] else LOOK):
+    while len(stages) <= MOST and _wants_a_name(problem, stages):
         stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
         worthy = [
             one
@@ -115,6 +113,14 @@ def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -
     stage(f"axis {name}: comparing names")
     stages, standings = _exchange(search, stages)
     return Choice(problem=problem, stages=tuple(stages), standings=standings)
+
+
+def _wants_a_name(problem: Problem, stages: Sequence[Fitted]) -> bool:
+    """Whether more than noise is left; before any name also a little more, or base values that gave way."""
+    if stages[1:]:
+        return has_structure(problem, stages[-1])
+    bent = max(map(abs, stages[0].model.off), default=0.0) > BENT
+    return bent or has_structure(problem, stages[0], 0.0)
 
 
 def _margin(problem: Problem, fitted: Fitted, score: float) -> float:
