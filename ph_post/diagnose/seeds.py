@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import Fitted, Model, Part, pack, weighted_rows, weights_of
+from ph_post.diagnose.fit import REACH, Fitted, Model, Part, pack, weighted_rows, weights_of
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.record import Channel
@@ -17,6 +17,9 @@ from ph_post.types import Array
 
 BENT: Final = 2.0
 """Standard errors from which a base value is taken to be bent by what is missing."""
+
+AT_END: Final = 0.999
+"""Part of its reach at which a base value has come to the end of it."""
 
 
 def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
@@ -56,7 +59,10 @@ def ground_of(problem: Problem, fitted: Fitted) -> Ground:
     rows = weighted_rows(problem, fitted.model, weights, problem.fit, fitted.unknowns)
     basis = np.zeros((rows.size, 0))
     if fitted.jacobian.shape[0] == rows.size and fitted.unknowns.size:
-        u, s, _ = np.linalg.svd(fitted.jacobian, full_matrices=False)
+        # A base value at the end of its reach has nothing left to give.
+        gives = np.ones(fitted.unknowns.size, dtype=bool)
+        gives[: len(fitted.model.free)] = np.abs(fitted.unknowns[: len(fitted.model.free)]) < AT_END * REACH
+        u, s, _ = np.linalg.svd(fitted.jacobian[:, gives], full_matrices=False)
         basis = u[:, s > 1e-10 * s.max(initial=0.0)]
     return Ground(problem=problem, fitted=fitted, weights=weights, rows=rows, basis=basis)
 

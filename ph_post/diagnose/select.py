@@ -84,11 +84,17 @@ def choose(problem: Problem, stage: Callable[[str], None]) -> Choice:
     if not np.array_equal(again.fit, problem.fit):
         problem, base = again, _base(again)
     found = _choose_from(problem, base, stage)
-    if base.model.origin_free or at_floor(found.problem, found.fitted):
+    if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
         return found
-    # The origin was held because a load would explain its shift: that was wrong if only a free one fits.
+    # The origin was held because a load would explain its shift: that was wrong if a free one needs less.
     other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), stage)
-    return other if at_floor(other.problem, other.fitted) else found
+    fewer = len(other.fitted.model.parts) < len(found.fitted.model.parts)
+    return other if _settled(other) and (fewer or not _settled(found)) else found
+
+
+def _settled(choice: Choice) -> bool:
+    """Whether a choice leaves no more than noise of any channel."""
+    return at_floor(choice.problem, choice.fitted) and not has_structure(choice.problem, choice.fitted)
 
 
 def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -> Choice:
