@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import Fitted, inflation, mean_square, nats
+from ph_post.diagnose.fit import Fitted, inflation, left_of, mean_square, nats
 from ph_post.diagnose.hypotheses.base import Hypothesis
 from ph_post.diagnose.model import Problem
 from ph_post.diagnose.structure import is_structured
@@ -29,6 +29,9 @@ VISIBLE: Final = 0.02
 
 MORE_VISIBLE: Final = 0.04
 """The same where there is a name already."""
+
+OWN: Final = 1.5
+"""Times the noise that an effect by itself must do to some reading: less than the noise is worth no name."""
 
 FLOOR: Final = 1.5
 """Times the noise up to which what is left counts as noise."""
@@ -112,6 +115,16 @@ def explains(problem: Problem, before: Fitted, after: Fitted) -> bool:
         if was - now > share * excess > 0.0 and np.sqrt(now) < (1.0 - visible) * np.sqrt(was):
             return True
     return False
+
+
+def does_enough(problem: Problem, fitted: Fitted) -> bool:
+    """Whether the last part of a model, base values as they are, does more than noise to some reading."""
+    without = left_of(problem, replace(fitted.model, parts=fitted.model.parts[:-1]))
+    return any(
+        mean_square(fitted.left[one.channel] - without[one.channel], problem.counted & one.ok)
+        > (OWN * one.noise) ** 2
+        for one in problem.observed
+    )
 
 
 def at_floor(problem: Problem, fitted: Fitted) -> bool:

@@ -20,6 +20,7 @@ from ph_post.diagnose.score import (
     PRICE,
     Scored,
     at_floor,
+    does_enough,
     explains,
     gain_over,
     has_structure,
@@ -110,6 +111,7 @@ def _choose_from(problem: Problem, base: Fitted, stage: Callable[[str], None]) -
             for one in search.ranked(stages[-1])
             if one.score > EARNS
             and explains(problem, stages[-1], one.fitted)
+            and does_enough(problem, one.fitted)
             and not _refines(problem, stages[-1].model, one)
         ]
         if not worthy:
