@@ -233,10 +233,12 @@ def residuals(problem: Problem, plant: Plant, origin_free: bool) -> dict[Channel
 
     The origin of a position, where that is free, and the two gains of the effort are those that fit best.
     """
-    predicted = {
-        channel: np.nan_to_num(np.clip(values, -LOST, LOST), nan=LOST)
-        for channel, values in predict(problem, plant).items()
-    }
+    # A model that is tried may run away: what it predicts is then infinite, or nothing.
+    with np.errstate(over="ignore", invalid="ignore"):
+        predicted = {
+            channel: np.nan_to_num(np.clip(values, -LOST, LOST), nan=LOST)
+            for channel, values in predict(problem, plant).items()
+        }
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         use = problem.fit & one.ok
