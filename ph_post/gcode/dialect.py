@@ -19,14 +19,20 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-6
 """A time that is longer than whole units by no more than this part of one is rounding."""
 
-ASSUMED = (
-    "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
-    "spindle and coolant are not touched until M2, which switches them off",
-)
-"""What a program of an RS274 dialect takes for granted."""
+SET_BEFORE = "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before"
+"""What programs of most machine tools take for granted."""
 
 _PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 """First and second axis of each plane, as controllers count the sense of G2 and G3."""
+
+
+def switched_off(end: str) -> str:
+    """Remark that a program does nothing about spindle and coolant before the word of its end."""
+    return f"spindle and coolant are not touched until {end}, which switches them off"
+
+
+ASSUMED = (SET_BEFORE, switched_off("M2"))
+"""What a program of an RS274 dialect takes for granted."""
 
 
 class Dwell(msgspec.Struct, frozen=True, kw_only=True):

@@ -28,7 +28,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.gcode.dialect import Dialect, Dwell
+from ph_post.gcode.dialect import SET_BEFORE, Dialect, Dwell, switched_off
 from ph_post.gcode.format import Comments
 from ph_post.gcode.fronts.fanuc import read_fanuc
 from ph_post.gcode.lines import LineWriter
@@ -147,8 +147,8 @@ DIALECT = Dialect(
     comments=Comments(allowed=_ALLOWED, upper=True),
     dwell=Dwell(letter="P", unit=MS, whole=True),
     assumed=(
-        "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
-        "spindle and coolant are not touched until M30, which switches them off",
+        SET_BEFORE,
+        switched_off("M30"),
         "the program number may be taken: change it",
     ),
     writer=FanucLines,

@@ -27,7 +27,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.dialect import Dialect, switched_off
 from ph_post.gcode.format import SEMICOLON, decimal_text, to_grid
 from ph_post.gcode.fronts.klartext import read_klartext
 from ph_post.gcode.fronts.tnciso import read_tnc_iso
@@ -55,7 +55,7 @@ CAPABILITIES: Final = Capabilities(
 )
 _ASSUMED: Final = (
     "assumed: datum set, feed override 100 percent, tool called with axis Z and spindle on as set before",
-    "spindle and coolant are not touched until M30, which switches them off",
+    switched_off("M30"),
 )
 _UNSPLICED: Final = (
     "blocks are numbered without a gap, repeats count on labels, and a contour may be corrected elsewhere"

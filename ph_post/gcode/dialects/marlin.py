@@ -79,7 +79,6 @@ DIALECT = Dialect(
         decimals=_DECIMALS,
         max_line=_MAX_LINE,
         blending=False,
-        dwells=True,
     ),
     feed_digits=6,
     terse=False,
