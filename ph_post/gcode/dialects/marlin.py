@@ -88,7 +88,7 @@ DIALECT = Dialect(
     stream_rate=_STREAM_RATE,
     stream_window=_PLANNER_BLOCKS,
     comments=SEMICOLON,
-    dwell=Dwell(unit=MS, whole=True),
+    dwell=Dwell(unit=MS, decimals=0),
     assumed=_ASSUMED,
     modal_motion=False,
     rapid_feed=True,
