@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from ph_post.errors import InputError
 from ph_post.gcode.fronts.siemenstables import Circle, Extras, Polynomial, Profile
+from ph_post.gcode.fronts.translated import motion_rows
 from ph_post.gcode.options import BLOCK_TIME
 from ph_post.gcode.paths.curves import curves_of
 from ph_post.gcode.polynomials import restricted
@@ -42,28 +43,18 @@ def with_extras(program: PartProgram, extras: Extras) -> PartProgram:
     return _with_profiles(program, extras.profiles)
 
 
-def _rows(motions: Motions, lines: Mapping[int, Any]) -> list[tuple[int, int]]:
-    """Lines and the motion of each, of those that have one."""
-    found = []
-    for line in sorted(lines):
-        row = int(np.searchsorted(motions.block, np.int32(line)))
-        if row < motions.block.size and motions.block[row] == line:
-            found.append((line, row))
-    return found
-
-
 def _with_curves(program: PartProgram, extras: Extras) -> Motions:
     motions = program.motions
     kind, center, angle = motions.kind.copy(), motions.center.copy(), motions.angle.copy()
     nurbs = dict(motions.nurbs)
-    for line, row in _rows(motions, extras.polynomials):
+    for line, row in motion_rows(motions, extras.polynomials):
         units = program.modal_after(line).units
         found = _bezier(motions, row, extras.polynomials[line], units)
         if found is not None:
             if not (found[2] > 0.0).all():
                 raise _refused(program, line, "denominator with a zero", "a positive one")
             kind[row], nurbs[row] = NURBS, found
-    for line, row in _rows(motions, extras.circles):
+    for line, row in motion_rows(motions, extras.circles):
         units = program.modal_after(line).units
         swept = _through(motions, row, extras.circles[line], units)
         if swept is None:
@@ -145,7 +136,7 @@ def _with_profiles(program: PartProgram, profiles: Mapping[int, Profile]) -> Par
     """Divide motions whose feed changes into parts of one feed, so that all parts take their time."""
     motions = program.motions
     divided: dict[int, _Parts] = {}
-    for line, row in _rows(motions, profiles):
+    for line, row in motion_rows(motions, profiles):
         if line > 0 and not np.isnan(motions.feed[row]):
             speed = program.modal_after(line).units / MINUTE
             before = float(program.feed_word[line - 1]) * speed

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -18,7 +18,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.reader.faults import excerpt, refuse
 from ph_post.gcode.reader.notes import SHOWN
 from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import Note, PartProgram, PlaceArray, Words
+from ph_post.gcode.reader.record import Motions, Note, PartProgram, PlaceArray, Words
 from ph_post.gcode.reader.words import find_lines
 from ph_post.types import sealed
 
@@ -109,6 +109,14 @@ def read_translated(
         words=_placed(found, data, lines, texts, in_place),
         notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks),
     )
+
+
+def motion_rows(motions: Motions, lines: Iterable[int]) -> list[tuple[int, int]]:
+    """Return the lines that move, in order, each with the row of its first motion."""
+    asked = np.array(sorted(lines), dtype=np.int32)
+    row = np.searchsorted(motions.block, asked, side="left")
+    moves = np.searchsorted(motions.block, asked, side="right") > row
+    return list(zip(asked[moves].tolist(), row[moves].tolist(), strict=True))
 
 
 def _told(error: InputError, data: bytes, lines: PlaceArray) -> InputError:
