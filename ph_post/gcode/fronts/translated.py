@@ -16,7 +16,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.faults import excerpt, refuse
-from ph_post.gcode.reader.notes import SHOWN
+from ph_post.gcode.reader.notes import shortened
 from ph_post.gcode.reader.read import read_program
 from ph_post.gcode.reader.record import Motions, Note, PartProgram, PlaceArray, Words
 from ph_post.gcode.reader.words import find_lines
@@ -168,10 +168,7 @@ def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
     what, _, word = note.what.partition(": ")
     if not word or word.upper() in line.upper():
         return note
-    shown = line.strip()
-    return msgspec.structs.replace(
-        note, column=1, what=f"{what}: {shown if len(shown) <= SHOWN else shown[:SHOWN] + '...'}"
-    )
+    return msgspec.structs.replace(note, column=1, what=f"{what}: {shortened(line.strip())}")
 
 
 def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
