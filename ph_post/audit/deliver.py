@@ -117,7 +117,7 @@ def deliver(
         return Delivery(before=original, after=original, edits=edits, windows=windows)
     tell("writing")
     declaration = _declaration(original, edits, machine, request)
-    data = splice(original, edits, find_dialect(machine.dialect), declaration)
+    data = splice(original, edits, dialect, declaration)
     tell("verifying")
     after = read_anew(original, data)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)

@@ -11,7 +11,7 @@ from ph_post.audit.align import NO_HUNK
 from ph_post.audit.case import Case
 from ph_post.audit.verdict import shown
 from ph_post.gcode.reader.record import PartProgram, PlaceArray
-from ph_post.types import Array, IntArray
+from ph_post.types import Array
 
 _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)
 """Letters that belong to moves, line numbers, and to G words whose own check reads them."""
@@ -28,18 +28,14 @@ _ALIKE = 1e-9
 class Dwells(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The dwells of a program: line and duration [s], NaN where that is no plain number."""
 
-    block: IntArray
+    block: PlaceArray
     duration: Array
 
 
 def find_dwells(program: PartProgram) -> Dwells:
     """All G4 of a program."""
-    words = program.words
-    block = words.block[(words.letter == _G) & (words.value == 4.0)]
-    duration = np.full(program.blocks, np.nan)
-    told, times = program.language.dwells(words.letter, words.value)
-    duration[words.block[told]] = times
-    return Dwells(block=block, duration=duration[block])
+    block, duration = program.dwells()
+    return Dwells(block=block, duration=duration)
 
 
 def check_orders(case: Case) -> None:

@@ -17,16 +17,22 @@ if TYPE_CHECKING:
     from ph_post.gcode.lines import LineWriter
 
 _ROUNDING = 1e-6
-"""A time that is longer than whole units by no more than this part of one is rounding."""
+"""A time that is longer than whole steps by no more than this part of one is rounding."""
 
-ASSUMED = (
-    "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
-    "spindle and coolant are not touched until M2, which switches them off",
-)
-"""What a program of an RS274 dialect takes for granted."""
+SET_BEFORE = "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before"
+"""What programs of most machine tools take for granted."""
 
 _PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
 """First and second axis of each plane, as controllers count the sense of G2 and G3."""
+
+
+def switched_off(end: str) -> str:
+    """Remark that a program does nothing about spindle and coolant before the word of its end."""
+    return f"spindle and coolant are not touched until {end}, which switches them off"
+
+
+ASSUMED = (SET_BEFORE, switched_off("M2"))
+"""What a program of an RS274 dialect takes for granted."""
 
 
 class Dwell(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,25 +44,27 @@ class Dwell(msgspec.Struct, frozen=True, kw_only=True):
         The word that makes the axes stand, and the letter of its time.
     unit : float
         Unit of that time [s].
-    whole : bool
-        Whether it has to be a whole number; then it is rounded up.
+    decimals : int or None
+        Decimals of that time where a controller counts those and not digits; then it is rounded up.
     """
 
     word: str = "G4"
     letter: str = "P"
     unit: float = 1.0
-    whole: bool = False
+    decimals: int | None = None
 
     def number(self, seconds: float, digits: int) -> str:
         """Write a time [s] with so many significant digits.
 
         Examples
         --------
-        >>> Dwell().number(0.0204, 6), Dwell(unit=1e-3, whole=True).number(0.0204, 6)
+        >>> Dwell().number(0.0204, 6), Dwell(unit=1e-3, decimals=0).number(0.0204, 6)
         ('0.0204', '21')
         """
         count = seconds / self.unit
-        return str(math.ceil(count - _ROUNDING)) if self.whole else significant_text(count, digits)
+        if self.decimals is None:
+            return significant_text(count, digits)
+        return decimal_text(math.ceil(count * 10**self.decimals - _ROUNDING), self.decimals)
 
     def words(self, seconds: float, digits: int) -> list[str]:
         """Words of a dwell."""
@@ -89,8 +97,9 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     arc_planes : tuple of str
         Planes in which it can write arcs.
     path_mode : callable or None
-        ``path_mode(tolerance) -> line``: the controller may round joints by `tolerance` [m], or has to
-        reach every end point where `tolerance` is None. None where the dialect has no such words.
+        ``path_mode(tolerance) -> line``, or several with line feeds between them: the controller may round
+        joints by `tolerance` [m], or has to reach every end point where `tolerance` is None. None where the
+        dialect has no such words.
     spline_deviation : callable or None
         ``spline_deviation(control)``: how far the controller's own rendering of cubic Béziers leaves them
         [m], from shape (m, 4, 2) [m] to (m,); infinite where writing one would not be safe.

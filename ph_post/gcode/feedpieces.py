@@ -50,37 +50,42 @@ _NODES: Final = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 65))
 class Feed(msgspec.Struct, frozen=True, kw_only=True):
     """Feed over the share p of a block's way: start + (end - start - quad - cub) p + quad p² + cub p³ [m/s].
 
-    `error` is the largest difference from the plan, as a part of the planned speed.
+    `error` is the largest difference from the plan, as a part of the planned speed; 0 where there is none.
     """
 
     start: float
     end: float
     quad: float
     cub: float
-    error: float
+    error: float = 0.0
+
+    def at(self, p: Array) -> Array:
+        """Feed [m/s] at shares of the way.
+
+        Examples
+        --------
+        >>> Feed(start=2.0, end=4.0, quad=6.0, cub=-4.0).at(np.array([0.0, 0.5, 1.0])).tolist()
+        [2.0, 3.0, 4.0]
+        """
+        linear = self.end - self.start - self.quad - self.cub
+        return self.start + p * (linear + p * (self.quad + p * self.cub))
 
 
-def fit_feed(
-    motion: Motion, t0: float, t1: float, start: float | None = None, end: float | None = None
-) -> Feed | None:
-    """Fit a feed to the speed between two instants; None where the motion rests at an end.
+def speed_over_way(motion: Motion, t0: float, t1: float) -> tuple[Array, Array] | None:
+    """Shares of the way and the speeds there [m/s] between two instants [s], without a turn between them.
 
-    Parameters
-    ----------
-    motion : Motion
-    t0, t1 : float
-        The piece [s]; the motion does not turn back in it.
-    start, end : float, optional
-        The feeds with which the piece has to begin and to end [m/s]; absent: the planned ones.
+    None where the motion rests at an end.
     """
     s, speed = motion.place_and_feed(t0 + (t1 - t0) * _NODES)
     speed = np.abs(speed)
     most = float(speed.max())
     if float(speed.min()) <= _AT_REST * most or s[-1] == s[0]:
         return None
-    p = (s - s[0]) / (s[-1] - s[0])
-    first = float(speed[0]) if start is None else start
-    last = float(speed[-1]) if end is None else end
+    return (s - s[0]) / (s[-1] - s[0]), speed
+
+
+def fit_feed(p: Array, speed: Array, first: float, last: float) -> Feed:
+    """Fit a feed from `first` to `last` to planned speeds [m/s] at shares of the way."""
     line = first + (last - first) * p
     basis = np.stack([p * p - p, p**3 - p], axis=1) / speed[:, None]
     free = np.linalg.lstsq(basis, (speed - line) / speed, rcond=None)[0]
@@ -154,11 +159,14 @@ def cut_feed(motion: Motion, marks: Sequence[float], least: float) -> list[float
 
 
 def _is_done(motion: Motion, t0: float, t1: float, least: float) -> bool:
-    fit = fit_feed(motion, t0, t1)
-    if fit is None:
+    planned = speed_over_way(motion, t0, t1)
+    if planned is None:
         s0, s1 = motion.place_and_feed(np.array([t0, t1]))[0].tolist()
         return t1 - t0 < _BESIDE_REST * least or bool(abs(s1 - s0) <= _SHORT)
-    return fit.error <= _AIM or t1 - t0 < 2.0 * least
+    if t1 - t0 < 2.0 * least:
+        return True
+    p, speed = planned
+    return fit_feed(p, speed, float(speed[0]), float(speed[-1])).error <= _AIM
 
 
 def constant_feed(motion: Motion, t0: float, t1: float) -> float:
@@ -190,10 +198,10 @@ def feed_profiles(blocks: Blocks, motion: Motion, feed: Array, digits: int) -> t
     for i in np.flatnonzero((blocks.rapid == 0) & (blocks.kind != DWELL)).tolist():
         if changes[i]:
             t0, t1 = float(blocks.start[i]), float(blocks.end[i])
-            planned = fit_feed(motion, t0, t1)
-            if planned is not None and abs(now - planned.start) <= _MEETS * planned.start:
-                last = written(planned.end, digits)
-                profiles[i] = fit_feed(motion, t0, t1, now, last) or planned
+            planned = speed_over_way(motion, t0, t1)
+            if planned is not None and abs(now - planned[1][0]) <= _MEETS * planned[1][0]:
+                last = written(float(planned[1][-1]), digits)
+                profiles[i] = fit_feed(*planned, now, last)
                 now = last
                 continue
             feed[i] = constant_feed(motion, t0, t1)
@@ -204,15 +212,3 @@ def feed_profiles(blocks: Blocks, motion: Motion, feed: Array, digits: int) -> t
 def written(speed: float, digits: int) -> float:
     """Return the speed [m/s] that the controller reads from its digits in mm/min."""
     return float(significant_text(speed / MM_PER_MIN, digits)) * MM_PER_MIN
-
-
-def value(feed: Feed, p: Array) -> Array:
-    """Feed [m/s] at shares of the way.
-
-    Examples
-    --------
-    >>> value(Feed(start=2.0, end=4.0, quad=6.0, cub=-4.0, error=0.0), np.array([0.0, 0.5, 1.0])).tolist()
-    [2.0, 3.0, 4.0]
-    """
-    linear = feed.end - feed.start - feed.quad - feed.cub
-    return feed.start + p * (linear + p * (feed.quad + p * feed.cub))

@@ -10,6 +10,7 @@ from ph_post.gcode.dialect import Dialect, plane_of
 from ph_post.gcode.moves import Moves
 from ph_post.gcode.record import JOG
 from ph_post.gcode.shape import ARC, LINE, POLYNOMIAL, SPLINE
+from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM_PER_MIN
 
 _OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
@@ -71,7 +72,7 @@ class LineWriter:
             return
         word = self.dialect.path_mode(None if exact else self._tolerance)
         if word != self._path_mode:
-            self.lines.append(word)
+            self.lines += word.split("\n")
             self._path_mode = word
 
     def straight(self, word: str, target: dict[str, int], speed: float = 0.0) -> None:
@@ -116,8 +117,7 @@ class LineWriter:
 
     def write_arc(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, an arc in the plane of the first two axes; `body` are the words of its end."""
-        turn = moves.turn[i] * self._sense
-        self._write("G3" if turn > 0 else "G2", body + self._center(moves, i), feed)
+        self._write("G3" if self._left(moves, i) else "G2", body + self._center(moves, i), feed)
 
     def write_spline(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, a planar cubic; `body` are the words of its end."""
@@ -160,6 +160,21 @@ class LineWriter:
             for value, cuts in zip(values.tolist(), cutting.tolist(), strict=True)
         ]
 
+    def _left(self, moves: Moves, i: int) -> bool:
+        """Whether an arc is counterclockwise in its plane."""
+        return bool(moves.turn[i] * self._sense > 0)
+
+    def _place(self, counts: IntArray) -> list[str]:
+        """Absolute words of a place, by its first coordinates."""
+        return [axis + self._length(n) for axis, n in zip(self.axes, counts.tolist(), strict=False)]
+
+    def _speed(self, feed: str) -> list[str]:
+        """F only where it changes, except under G93, where every move has its own."""
+        if not feed or (feed == self._feed and not self._inverse):
+            return []
+        self._feed = feed
+        return ["F" + feed]
+
     def _center(self, moves: Moves, i: int) -> list[str]:
         offsets = (moves.center[i] - moves.points[i, :2]).tolist()
         return [_OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes[:2], offsets, strict=True)]
@@ -179,15 +194,13 @@ class LineWriter:
         return self.dialect.feed(value)
 
     def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
-        """One line; F only where it changes, except under G93, where every move has its own."""
+        """One line."""
         able = self.dialect.terse and self.dialect.modal_motion
         repeats = able and modal and word == self._motion
-        parts = words if repeats else [word, *words]
-        if feed and (self._inverse or feed != self._feed):
-            parts = [*parts, "F" + feed]
-            self._feed = feed
+        named = [] if repeats else [word]
         if modal:
             self._motion = word
+        parts = [*named, *words, *self._speed(feed)]
         self.lines.append(("" if self.dialect.terse else " ").join(parts))
 
 

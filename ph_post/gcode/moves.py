@@ -53,7 +53,7 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def round_blocks(
-    blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carried, phases: Sequence[Phase] = ()
+    blocks: Blocks, shape: Shape, dialect: Dialect, carried: Carried, phases: Sequence[Phase]
 ) -> Moves:
     """Put blocks on the grid; those that come out with no length give their time to a neighbour.
 
@@ -77,7 +77,7 @@ def round_blocks(
     length = _lengths(blocks, points, center, turn, decimals)
     feed = np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration))
     profiles: dict[int, Feed] = {}
-    if dialect.capabilities.feed_degree and phases:
+    if dialect.capabilities.feed_degree:
         feed, profiles = feed_profiles(blocks, Motion.from_phases(phases), feed, dialect.feed_digits)
     return Moves(
         kind=blocks.kind,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -149,14 +150,19 @@ def _cubic(reader: Reader, line: int, nurbs: list) -> None:
     reader.go("G6.2", line, {"X": control[3, 0], "Y": control[3, 1]}, control=control)
 
 
+def _framed(text: str, first: str, last: str) -> Iterator[tuple[int, str]]:
+    """Lines of a Heidenhain program, numbered from 1, between a head (a pattern) and an end of its name."""
+    lines = text.split("\n")
+    head = re.fullmatch(first, lines[0])
+    if head is None or lines[-2] != last.format(number=len(lines) - 2, name=head[1]) or lines[-1]:
+        raise LanguageError("no frame")
+    return enumerate(lines[1:-2], 1)
+
+
 def run_klartext(text: str) -> Reader:
     """Run a conversational program."""
-    lines = text.split("\n")
-    head = re.fullmatch(r"0 BEGIN PGM ([A-Z0-9_]{1,16}) MM", lines[0])
-    if head is None or lines[-2] != f"{len(lines) - 2} END PGM {head[1]} MM" or lines[-1]:
-        raise LanguageError("no frame")
     reader, pole = Reader(), None
-    for line, raw in enumerate(lines[1:-2], 1):
+    for line, raw in _framed(text, r"0 BEGIN PGM ([A-Z0-9_]{1,16}) MM", "{number} END PGM {name} MM"):
         count, _, block = raw.partition(" ")
         if count != str(line):
             raise LanguageError(f"block {line}: its number is {count}")
@@ -187,12 +193,8 @@ def run_klartext(text: str) -> Reader:
 
 def run_tnc_iso(text: str) -> Reader:
     """Run an ISO program."""
-    lines = text.split("\n")
-    head = re.fullmatch(r"%([A-Z0-9_]{1,16}) G71 \*", lines[0])
-    if head is None or lines[-2] != f"N99999999 %{head[1]} G71 *" or lines[-1]:
-        raise LanguageError("no frame")
     reader, pole = Reader(), None
-    for line, raw in enumerate(lines[1:-2], 1):
+    for line, raw in _framed(text, r"%([A-Z0-9_]{1,16}) G71 \*", "N99999999 %{name} G71 *"):
         if re.fullmatch(rf"N{10 * line} ;.*", raw):
             continue
         block = re.fullmatch(rf"N{10 * line} (.*) \*", raw)

@@ -58,6 +58,7 @@ def test_words_that_move_nothing_are_seen_through(body: str) -> None:
     ("body", "told"),
     [
         ("G1 X20 Y10.\n", (1, 4, "number without a decimal point: X20")),
+        ("G1 X-\t20 Y10.\n", (1, 4, "number without a decimal point: X-\t20")),
         ("G1 X20. Y-5\n", (1, 9, "number without a decimal point: Y-5")),
         ("G3 X10. Y10. I5 J0.\n", (1, 14, "number without a decimal point: I5")),
         ("G92 X100\n", (1, 5, "number without a decimal point: X100")),

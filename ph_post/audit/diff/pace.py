@@ -60,13 +60,9 @@ def pace_of(program: PartProgram, outline: Outline) -> Pace:
 
 def _pauses(program: PartProgram) -> Array:
     """Dwells (G4 P) before every motion, and behind the last [s]."""
-    words = program.words
-    blocks = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
-    seconds = np.zeros(program.blocks)
-    told, times = program.language.dwells(words.letter, words.value)
-    seconds[words.block[told]] = times
+    lines, seconds = program.dwells()
     pause = np.zeros(program.motions.block.size + 1)
-    np.add.at(pause, np.searchsorted(program.motions.block, blocks, side="right"), seconds[blocks])
+    np.add.at(pause, np.searchsorted(program.motions.block, lines, side="right"), np.nan_to_num(seconds))
     return pause
 
 

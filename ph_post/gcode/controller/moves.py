@@ -217,17 +217,14 @@ def _put_stops(legs: Legs, program: PartProgram) -> None:
     letter, value = words.letter, words.value
     m_words = letter == ord("M")
     before = (letter == ord("S")) | (m_words & np.isin(value, STOPS_BEFORE))
-    dwell = (letter == ord("G")) & (value == 4.0)
-    for rows, side in ((before | dwell, "left"), (m_words & np.isin(value, STOPS_AFTER), "right")):
+    for rows, side in ((before, "left"), (m_words & np.isin(value, STOPS_AFTER), "right")):
         _drain(legs, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
     _drain(legs, np.array([one.motion for one in program.breaks], dtype=np.int64))
-    seconds = np.zeros(program.blocks)
-    pauses, times = program.language.dwells(letter, value)
-    seconds[words.block[pauses]] = times
-    resting = words.block[dwell]
-    at = np.searchsorted(block, resting, side="left")
+    lines, seconds = program.dwells()
+    at = np.searchsorted(block, lines, side="left")
+    _drain(legs, at)
     inside = at < legs.pause.size
-    np.add.at(legs.pause, at[inside], seconds[resting[inside]])
+    np.add.at(legs.pause, at[inside], np.nan_to_num(seconds[inside]))
 
 
 def _drain(legs: Legs, moves: IntArray) -> None:

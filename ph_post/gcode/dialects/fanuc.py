@@ -28,7 +28,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.gcode.dialect import Dialect, Dwell
+from ph_post.gcode.dialect import SET_BEFORE, Dialect, Dwell, switched_off
 from ph_post.gcode.format import Comments
 from ph_post.gcode.fronts.fanuc import read_fanuc
 from ph_post.gcode.lines import LineWriter
@@ -57,18 +57,9 @@ class FanucLines(LineWriter):
 
     def write_spline(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`; the blocks of its points, then those of the knots alone."""
-        inner = [
-            [axis + self._length(count) for axis, count in zip(self.axes, point, strict=False)]
-            for point in moves.inner[i].tolist()
-        ]
-        start = [
-            axis + self._length(count)
-            for axis, count in zip(self.axes[:2], moves.points[i].tolist(), strict=False)
-        ]
-        speed = ["F" + feed] if feed and feed != self._feed else []
-        self._feed = feed or self._feed
-        end = body[:2]
-        self.lines.append(" ".join(["G6.2", f"P{_ORDER}", "K0.", *start, *speed]))
+        start, end = self._place(moves.points[i, :2]), body[:2]
+        inner = [self._place(point) for point in moves.inner[i]]
+        self.lines.append(" ".join(["G6.2", f"P{_ORDER}", "K0.", *start, *self._speed(feed)]))
         self.lines += [" ".join(["K0.", *point]) for point in (*inner, end)]
         self.lines += ["K1."] * _ORDER
         self._motion = "G6.2"
@@ -145,10 +136,10 @@ DIALECT = Dialect(
     opening=opening,
     closing=("M30",),
     comments=Comments(allowed=_ALLOWED, upper=True),
-    dwell=Dwell(letter="P", unit=MS, whole=True),
+    dwell=Dwell(letter="P", unit=MS, decimals=0),
     assumed=(
-        "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before",
-        "spindle and coolant are not touched until M30, which switches them off",
+        SET_BEFORE,
+        switched_off("M30"),
         "the program number may be taken: change it",
     ),
     writer=FanucLines,

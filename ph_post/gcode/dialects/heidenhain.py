@@ -22,22 +22,23 @@ without a gap, a jump or a repeat counts on labels, and a contour may be correct
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final
 
 from msgspec.structs import replace
 
-from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.dialect import Dialect, Dwell, switched_off
 from ph_post.gcode.format import SEMICOLON, decimal_text, to_grid
 from ph_post.gcode.fronts.klartext import read_klartext
 from ph_post.gcode.fronts.tnciso import read_tnc_iso
 from ph_post.gcode.lines import LineWriter
 from ph_post.gcode.moves import Moves
 from ph_post.types import Capabilities
-from ph_post.units import MS
 
 _DECIMALS: Final = 4
 _FEED_DECIMALS: Final = 3
+_TIME_DECIMALS: Final = 3
 _MAX_LINE: Final = 100
 _NAME: Final = 16
 """Letters of a program's name: every TNC takes so many."""
@@ -45,57 +46,17 @@ _STEP: Final = 10
 """Between the numbers of ISO blocks."""
 _LAST: Final = "N99999999"
 
-CAPABILITIES: Final = Capabilities(
-    arcs=True,
-    cubic_splines=False,
-    inverse_time=False,
-    decimals=_DECIMALS,
-    max_line=_MAX_LINE,
-    blending=False,
-)
 _ASSUMED: Final = (
     "assumed: datum set, feed override 100 percent, tool called with axis Z and spindle on as set before",
-    "spindle and coolant are not touched until M30, which switches them off",
+    switched_off("M30"),
 )
 _UNSPLICED: Final = (
     "blocks are numbered without a gap, repeats count on labels, and a contour may be corrected elsewhere"
 )
 
 
-class TncLines(LineWriter):
-    """What both languages share: poles, and times."""
-
-    def _centre(self, moves: Moves, i: int) -> list[str]:
-        """Return the absolute centre of an arc, by axis."""
-        return [
-            axis + self._length(count)
-            for axis, count in zip(self.axes[:2], moves.center[i].tolist(), strict=True)
-        ]
-
-    def _left(self, moves: Moves, i: int) -> bool:
-        return bool(moves.turn[i] * self._sense > 0)
-
-    def _speed(self, feed: str) -> list[str]:
-        """F where it changes."""
-        if not feed or feed == self._feed:
-            return []
-        self._feed = feed
-        return ["F" + feed]
-
-    @staticmethod
-    def _time(seconds: float) -> str:
-        """Write the time of a dwell, in whole milliseconds, rounded up."""
-        return decimal_text(-int(-(seconds - 1e-9) // MS), 3)
-
-
-class KlartextLines(TncLines):
+class KlartextLines(LineWriter):
     """Writes conversational blocks."""
-
-    def path_mode(self, *, exact: bool) -> None:
-        """Write cycle 32 in its two lines, where it is wanted."""
-        before = len(self.lines)
-        super().path_mode(exact=exact)
-        self.lines[before:] = [part for line in self.lines[before:] for part in line.split("\n")]
 
     def write_straight(self, word: str, body: list[str], feed: str) -> None:
         """Write a straight move; rapid traverse holds for its block alone."""
@@ -104,16 +65,17 @@ class KlartextLines(TncLines):
 
     def write_arc(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write the pole, and the arc about it."""
-        self.lines.append(" ".join(["CC", *self._centre(moves, i)]))
+        self.lines.append(" ".join(["CC", *self._place(moves.center[i])]))
         sense = "DR+" if self._left(moves, i) else "DR-"
         self.lines.append(" ".join(["C", *body[:2], sense, *self._speed(feed)]))
 
     def write_dwell(self, seconds: float) -> None:
         """Write cycle 9."""
-        self.lines += ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {self._time(seconds)}"]
+        time = self.dialect.dwell.number(seconds, self.dialect.feed_digits)
+        self.lines += ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {time}"]
 
 
-class IsoLines(TncLines):
+class IsoLines(LineWriter):
     """Writes ISO blocks."""
 
     def write_straight(self, word: str, body: list[str], feed: str) -> None:
@@ -123,14 +85,10 @@ class IsoLines(TncLines):
 
     def write_arc(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write the centre, and the arc about it."""
-        centre = zip("IJ", self._centre(moves, i), strict=True)
-        self.lines.append(" ".join(letter + text[1:] for letter, text in centre))
+        centre = zip("IJ", moves.center[i].tolist(), strict=True)
+        self.lines.append(" ".join(letter + self._length(count) for letter, count in centre))
         word = "G03" if self._left(moves, i) else "G02"
         self.lines.append(" ".join([word, *body[:2], *self._speed(feed)]))
-
-    def write_dwell(self, seconds: float) -> None:
-        """Write a dwell, whose time stands in F."""
-        self.lines.append(f"G04 F{self._time(seconds)}")
 
 
 def program_name(name: str) -> str:
@@ -197,21 +155,20 @@ def _g62(tolerance: float | None) -> str:
     return "G62" if tolerance is None else f"G62 T{_tolerance(tolerance)}"
 
 
-def _with_cycle_32(dialect: Dialect) -> Dialect:
-    return replace(dialect, path_mode=_cycle_32, capabilities=replace(CAPABILITIES, blending=True))
-
-
-def _with_g62(dialect: Dialect) -> Dialect:
-    return replace(dialect, path_mode=_g62, capabilities=replace(CAPABILITIES, blending=True))
-
-
-_KLARTEXT_VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {"tolerance": _with_cycle_32}
-_ISO_VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {"tolerance": _with_g62}
+def _with_path_mode(dialect: Dialect, path_mode: Callable[[float | None], str]) -> Dialect:
+    return replace(dialect, path_mode=path_mode, capabilities=replace(dialect.capabilities, blending=True))
 
 
 DIALECT = Dialect(
     name="heidenhain",
-    capabilities=CAPABILITIES,
+    capabilities=Capabilities(
+        arcs=True,
+        cubic_splines=False,
+        inverse_time=False,
+        decimals=_DECIMALS,
+        max_line=_MAX_LINE,
+        blending=False,
+    ),
     feed_digits=8,
     terse=False,
     opening=_nothing,
@@ -225,7 +182,8 @@ DIALECT = Dialect(
     feed_decimals=_FEED_DECIMALS,
     unspliced=_UNSPLICED,
     front=read_klartext,
-    variants=_KLARTEXT_VARIANTS,
+    dwell=Dwell(decimals=_TIME_DECIMALS),
+    variants={"tolerance": partial(_with_path_mode, path_mode=_cycle_32)},
 )
 """Conversational programs."""
 
@@ -236,6 +194,7 @@ ISO_DIALECT = replace(
     writer=IsoLines,
     finish=finish_iso,
     front=read_tnc_iso,
-    variants=_ISO_VARIANTS,
+    dwell=Dwell(word="G04", letter="F", decimals=_TIME_DECIMALS),
+    variants={"tolerance": partial(_with_path_mode, path_mode=_g62)},
 )
 """ISO programs."""

@@ -56,7 +56,6 @@ DIALECT = Dialect(
         decimals=_DECIMALS,
         max_line=255,
         blending=False,
-        dwells=True,
     ),
     feed_digits=7,
     terse=False,

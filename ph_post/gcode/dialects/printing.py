@@ -92,8 +92,9 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
 
 def _says_nothing(word: bytes, rest: bytes) -> bool:
     """Whether a command has no meaning for the path: G4 that only waits for moves, G92 of the extruder."""
-    given = _letters(rest)
-    return (word == b"G4" and not given & set(b"PS")) or (word == b"G92" and given == set(b"E"))
+    if word == b"G4":
+        return not _letters(rest) & set(b"PS")
+    return word == b"G92" and _letters(rest) == set(b"E")
 
 
 def _letters(rest: bytes) -> set[int]:

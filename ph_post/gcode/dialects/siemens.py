@@ -25,10 +25,9 @@ start, M30.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
-from ph_post.gcode.dialect import Dialect, Dwell
+from ph_post.gcode.dialect import Dialect, Dwell, switched_off
 from ph_post.gcode.feedpieces import Feed
 from ph_post.gcode.format import SEMICOLON, decimal_text, significant_text, to_grid
 from ph_post.gcode.fronts.siemens import read_siemens
@@ -114,10 +113,6 @@ def _path_mode(tolerance: float | None) -> str:
     return f"G641 ADIS={decimal_text(int(to_grid(tolerance, _DECIMALS)), _DECIMALS)}"
 
 
-def _writer(dialect: Dialect, axes: Sequence[str], tolerance: float) -> LineWriter:
-    return SiemensWriter(dialect, axes, tolerance)
-
-
 DIALECT = Dialect(
     name="siemens",
     capabilities=Capabilities(
@@ -148,8 +143,8 @@ DIALECT = Dialect(
         "assumed: polynomial interpolation is enabled, axes and coefficients fit into a block, and positions"
         " are rounded to the resolution of the control alone, MD10200",
         "the compressor is switched off by COMPOF and stays off",
-        "spindle and coolant are not touched until M30, which switches them off",
+        switched_off("M30"),
     ),
-    writer=_writer,
+    writer=SiemensWriter,
 )
 """The SINUMERIK dialect."""

@@ -9,24 +9,25 @@ not run: what they may repeat, skip or move is passed through.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Final
 
 import msgspec
 import numpy as np
 
-from ph_post.gcode.fronts.fanuclines import Editor, Stretch, jumps_and_loops, masked
-from ph_post.gcode.fronts.fanucnurbs import NurbsBlocks, with_nurbs
+from ph_post.gcode.fronts.fanuclines import MACRO, Editor, Stretch, jumps_and_loops, masked
+from ph_post.gcode.fronts.fanucnurbs import find_nurbs, with_nurbs
 from ph_post.gcode.fronts.translated import NOT_UNDERSTOOD, Remark, lines_of, read_translated, text_of
 from ph_post.gcode.reader.record import PartProgram
 
 _ODD: Final = re.compile(
     rb"[XYZIJKR][ \t]*[-+]?[ \t]*\d+(?![\d.])"
-    rb"|G0*[45789](?!\d)|G\d+\.\d|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<"
-    rb"|IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT",
+    rb"|G0*[45789](?!\d)|G\d+\.\d|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<|"
+    + MACRO,
     re.MULTILINE,
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""
+
+_NO_CALL: Final = re.compile(rb"G67(?!\d)")
 
 
 def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgram:
@@ -51,10 +52,10 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgr
     bares = {int(number): bare[lines[number] : lines[number + 1]].rstrip(b"\r\n") for number in odd}
     remarks: dict[int, Remark] = {}
     dwells: dict[int, int] = {}
-    nurbs: list[NurbsBlocks] = []
+    curved: list[int] = []
     for stretch in jumps_and_loops(bares, bare, lines, data, name):
         _pass(stretch, texts, remarks)
-    for number in list(_outside(bares, remarks)):
+    for number in sorted(bares):
         if number in remarks:
             continue
         editor = Editor(texts[number], bares[number], calculator=calculator)
@@ -67,15 +68,12 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgr
         if editor.calls:
             _pass(_modal_call(number, bare, lines), texts, remarks)
         if editor.begins_nurbs:
-            nurbs.append(NurbsBlocks.gather(bare, lines, number, calculator=calculator))
+            curved.append(number)
+    nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
     for one in nurbs:
         one.write(texts, remarks)
     found = read_translated(data, lines, name, texts, remarks, in_place=True)
     return _in_seconds(with_nurbs(found, nurbs), dwells)
-
-
-def _outside(bares: dict[int, bytes], remarks: dict[int, Remark]) -> Iterator[int]:
-    return (number for number in sorted(bares) if number not in remarks)
 
 
 def _pass(stretch: Stretch, texts: list[bytes], remarks: dict[int, Remark]) -> None:
@@ -88,7 +86,7 @@ def _pass(stretch: Stretch, texts: list[bytes], remarks: dict[int, Remark]) -> N
 
 def _modal_call(number: int, bare: bytes, lines: np.ndarray) -> Stretch:
     """Find the lines from a G66, which calls a macro after every motion, to its G67."""
-    end = re.compile(rb"G67(?!\d)").search(bare, int(lines[number]))
+    end = _NO_CALL.search(bare, int(lines[number]))
     last = lines.size - 2 if end is None else int(np.searchsorted(lines, end.start(), "right")) - 1
     return Stretch(first=number, last=last, what="macro called by every motion: G66")
 

@@ -14,23 +14,27 @@ from ph_post.gcode.reader.record import PlaceArray
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
 _WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
-_MACRO: Final = re.compile(rb"IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT")
+MACRO: Final = rb"IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT"
+"""Pattern of the words of macro statements."""
+
+_MACRO: Final = re.compile(MACRO)
 _LOOP: Final = re.compile(rb"(DO|END)[ \t]*(\d+)")
 _JUMP: Final = re.compile(rb"GOTO[ \t]*(\d*)")
 
 _LENGTHS: Final = frozenset((b"X", b"Y", b"Z", b"I", b"J", b"K", b"R"))
-_MODES: Final[Mapping[float, bytes]] = {
-    # In the words of RS274's reader: a turned frame, its end, and a motion that is not understood.
-    7.1: b"G68", 12.1: b"G68", 13.1: b"G69", 68.2: b"G68", 68.3: b"G68", 68.4: b"G68",
-    2.1: b"G33", 3.1: b"G33", 2.2: b"G33", 3.2: b"G33", 2.3: b"G33", 3.3: b"G33", 2.4: b"G33", 3.4: b"G33",
-    6.1: b"G33",
-}  # fmt: skip
-_NAMES: Final[Mapping[float, str]] = {
-    7.1: "cylindrical interpolation", 12.1: "polar interpolation", 68.2: "tilted plane",
-    68.3: "tilted plane", 68.4: "tilted plane", 2.1: "thread on a circle", 3.1: "thread on a circle",
-    2.2: "involute", 3.2: "involute", 2.3: "exponential interpolation", 3.3: "exponential interpolation",
-    2.4: "arc in space", 3.4: "arc in space", 6.1: "spline interpolation",
-}  # fmt: skip
+_MODES: Final[Mapping[float, tuple[bytes, str]]] = {
+    7.1: (b"G68", "cylindrical interpolation"),
+    12.1: (b"G68", "polar interpolation"),
+    13.1: (b"G69", ""),
+    **dict.fromkeys((68.2, 68.3, 68.4), (b"G68", "tilted plane")),
+    **dict.fromkeys((2.1, 3.1), (b"G33", "thread on a circle")),
+    **dict.fromkeys((2.2, 3.2), (b"G33", "involute")),
+    **dict.fromkeys((2.3, 3.3), (b"G33", "exponential interpolation")),
+    **dict.fromkeys((2.4, 3.4), (b"G33", "arc in space")),
+    6.1: (b"G33", "spline interpolation"),
+}
+"""In the words of RS274's reader a turned frame, its end, or a motion that is not understood; and a name."""
+
 _QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0))
 """Look-ahead, contour control, limit checks: they move nothing."""
 _ARCS: Final = frozenset((2.0, 3.0))
@@ -53,6 +57,17 @@ def masked(data: bytes) -> bytes:
     b'G1        X1.     '
     """
     return _COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
+
+
+def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:
+    """Words of a masked text: the letter, the number without its blanks, and where it begins and ends.
+
+    Examples
+    --------
+    >>> words_of(b"G1 X- 5.")
+    [(b'G', b'1', 0, 2), (b'X', b'-5.', 3, 8)]
+    """
+    return [(found[1], found[2].translate(None, b" \t"), *found.span()) for found in _WORD.finditer(bare)]
 
 
 class Editor:
@@ -81,7 +96,7 @@ class Editor:
         self._text = bytearray(text)
         self._bare = bare
         self._calculator = calculator
-        self._words = [(found[1], found[2], *found.span()) for found in _WORD.finditer(bare)]
+        self._words = words_of(bare)
         self._codes = {
             float(number): (start, end) for letter, number, start, end in self._words if letter == b"G"
         }
@@ -140,10 +155,11 @@ class Editor:
             if code in _QUIET:
                 self._quiet(code, start, end)
             elif code in _MODES:
-                ends = code == 7.1 and any(one == b"C" and float(n) == 0.0 for one, n, _, _ in self._words)
-                self._put(start, end, b"G69" if ends else _MODES[code])
-                if code in _NAMES and not ends:
-                    self._note(_NAMES[code], start, end)
+                word, name = _MODES[code]
+                ends = code == 7.1 and self._has(b"C", 0.0)
+                self._put(start, end, b"G69" if ends else word)
+                if name and not ends:
+                    self._note(name, start, end)
 
     def _quiet(self, code: float, start: int, end: int) -> None:
         self._put(start, end)
@@ -160,7 +176,7 @@ class Editor:
                 self.dwell = 3
             elif letter in (b"X", b"U"):
                 self._put(start, start + 1, b"P")
-                plain = b"." in number or float(number.replace(b" ", b"")) == 0.0 or self._calculator
+                plain = b"." in number or float(number) == 0.0 or self._calculator
                 self.dwell = 0 if plain else -1
                 if not plain:
                     self._note("dwell without a decimal point", start, end)
@@ -190,7 +206,7 @@ class Editor:
     @staticmethod
     def _is_bare(word: tuple[bytes, bytes, int, int]) -> bool:
         letter, number, _, _ = word
-        return letter in _LENGTHS and b"." not in number and float(number.replace(b" ", b"")) != 0.0
+        return letter in _LENGTHS and b"." not in number and float(number) != 0.0
 
 
 def jumps_and_loops(

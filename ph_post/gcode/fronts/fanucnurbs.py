@@ -10,14 +10,14 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.gcode.fronts.translated import FORGOTTEN, Remark
+from ph_post.gcode.fronts.fanuclines import words_of
+from ph_post.gcode.fronts.translated import FORGOTTEN, Remark, motion_rows
 from ph_post.gcode.reader.record import AXES, NURBS, PartProgram, PlaceArray
 from ph_post.geometry.fractional import floats
 from ph_post.geometry.nurbs import bezier_spans
 from ph_post.types import Array, frozen, sealed
 from ph_post.units import INCH, MM
 
-_WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
 _MODE: Final = re.compile(rb"G(20|21|90|91)(?![\d.])")
 _ENDS: Final = re.compile(rb"[GMSTO%#]")
 """Nothing but points and knots stands between the first block and the last."""
@@ -40,20 +40,25 @@ class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     why: str = ""
 
     @classmethod
-    def gather(cls, bare: bytes, lines: PlaceArray, number: int, *, calculator: bool) -> NurbsBlocks:
-        """Read the blocks from the one with G06.2, line `number`, to the last knot."""
+    def gather(
+        cls, bare: bytes, lines: PlaceArray, number: int, modes: tuple[float, bool], *, calculator: bool
+    ) -> NurbsBlocks:
+        """Read the blocks from the one with G06.2, line `number`, to the last knot.
+
+        `modes` are the units [m], and whether positions are absolute.
+        """
         found: list[tuple[int, dict[str, bytes]]] = []
         last = number
         for line in range(number, lines.size - 1):
             text = bare[lines[line] : lines[line + 1]]
             if line > number and _ENDS.search(text):
                 break
-            words = {one[0].decode(): one[1].replace(b" ", b"") for one in _WORD.findall(text)}
+            words = {letter.decode(): value for letter, value, _, _ in words_of(text)}
             words.pop("N", None)
             if words:
                 found.append((line, words))
                 last = line
-        units, absolute = _modes(bare[: lines[number]] + bare[lines[number] : lines[number + 1]])
+        units, absolute = modes
         why = _fault(found, absolute=absolute, calculator=calculator)
         if why:
             return cls(first=number, last=last, why=why)
@@ -78,13 +83,20 @@ class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             texts[line] = f"G1 {places}".encode()
 
 
-def _modes(before: bytes) -> tuple[float, bool]:
-    """Units [m], and whether positions are absolute, after a text."""
-    units, absolute = MM, True
-    for code in _MODE.findall(before):
-        units = {b"20": INCH, b"21": MM}.get(code, units)
-        absolute = {b"90": True, b"91": False}.get(code, absolute)
-    return units, absolute
+def find_nurbs(
+    bare: bytes, lines: PlaceArray, numbers: Sequence[int], *, calculator: bool
+) -> list[NurbsBlocks]:
+    """Read the NURBS that begin on lines `numbers`, which rise, each in the modes in force there."""
+    found = []
+    units, absolute, done = MM, True, 0
+    for number in numbers:
+        end = int(lines[number + 1])
+        for code in _MODE.findall(bare, done, end):
+            units = {b"20": INCH, b"21": MM}.get(code, units)
+            absolute = {b"90": True, b"91": False}.get(code, absolute)
+        done = end
+        found.append(NurbsBlocks.gather(bare, lines, number, (units, absolute), calculator=calculator))
+    return found
 
 
 def _fault(found: Sequence[tuple[int, dict[str, bytes]]], *, absolute: bool, calculator: bool) -> str:
@@ -136,7 +148,7 @@ def _cut(found: Sequence[tuple[int, dict[str, bytes]]], first: int, last: int, u
         control = np.full((order, len(AXES)), np.nan)
         control[:, [AXES.index(axis) for axis in axes]] = values[:, :-1] / values[:, -1:] * units
         curves.append((order, frozen(control), frozen(values[:, -1])))
-    lines = tuple(found[order - 1 + j + 1][0] for j in range(len(curves)))
+    lines = tuple(found[order + j][0] for j in range(len(curves)))
     given = found[0][1].get("F", b"")
     feed = b" F" + given if given else b""
     return NurbsBlocks(first=first, last=last, lines=lines, curves=tuple(curves), units=units, feed=feed)
@@ -148,16 +160,14 @@ def _exact(number: bytes) -> Fraction:
 
 def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgram:
     """Put the curves in the place of the straight moves that stand for them."""
-    spans = [pair for one in nurbs for pair in zip(one.lines, one.curves, strict=True)]
+    spans = {line: curve for one in nurbs for line, curve in zip(one.lines, one.curves, strict=True)}
     if not spans:
         return program
     motions = program.motions
     kind, start = motions.kind.copy(), motions.start.copy()
     drawn = dict(motions.nurbs)
-    for line, (order, control, weights) in spans:
-        row = int(np.searchsorted(motions.block, np.int32(line)))
-        if row == motions.block.size or motions.block[row] != line:
-            continue
+    for line, row in motion_rows(motions, spans):
+        order, control, weights = spans[line]
         place = np.where(np.isnan(control), start[row], control)
         start[row] = np.where(np.isnan(start[row]), place[0], start[row])
         kind[row], drawn[row] = NURBS, (order, frozen(place), weights)

@@ -14,9 +14,9 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.tnc import NUMBER, Places, Puzzle, Tnc, number_of, whole
-from ph_post.gcode.fronts.translated import lines_of, refuse_line, text_of
-from ph_post.gcode.reader.record import PartProgram, PlaceArray
+from ph_post.gcode.fronts.tnc import NUMBER, Places, Puzzle, Tnc, number_of
+from ph_post.gcode.fronts.tncsource import JUMPED, REPEATED, Source
+from ph_post.gcode.reader.record import PartProgram
 
 _HEAD: Final = re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)")
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
@@ -29,9 +29,11 @@ _SENSE: Final = re.compile(r"DR\s*([-+])")
 _CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
 _LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?)?\s*([XYZ])?(.*)")
-_LABEL: Final = re.compile(r"LBL\s+(\"[^\"]*\"|\d+)")
-_REPEAT: Final = re.compile(r"CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP")
-_JUMP: Final = re.compile(r"GOTO\s+LBL\s+(\S+)")
+_LABEL: Final = re.compile(r"^LBL\s+(\"[^\"]*\"|\d+)")
+_CALLS: Final = {
+    REPEATED: re.compile(r"^CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP"),
+    JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
+}
 _QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
 _TURNS: Final = frozenset((8, 10, 11, 19, 26))
 _SHIFTS: Final = frozenset((7, 247))
@@ -62,26 +64,18 @@ def read_klartext(data: bytes, name: str) -> PartProgram:
     InputError
         Where the text is no such program, or jumps to where nobody knows.
     """
-    lines = lines_of(data, name)
-    sources = [_source(data, lines, number) for number in range(lines.size - 1)]
-    first = next(number for number, source in enumerate(sources) if source)
-    head = _HEAD.match(sources[first])
-    if head is None:
-        raise refuse_line(
-            data, lines, name, first, "not a conversational program", "0 BEGIN PGM, a name, and MM or INCH",
-            sources[first][:40],
-        )  # fmt: skip
+    source = Source(data, name, _plain)
+    _, head = source.head(_HEAD, "not a conversational program", "0 BEGIN PGM, a name, and MM or INCH")
     follower = _Follower(Tnc("G21" if head[2] == "MM" else "G20"))
-    for source in sources:
-        follower.line(source)
-    return whole(follower.tnc, data, lines, name, _stretches(sources, data, lines, name))
+    for text in source.texts:
+        follower.line(text)
+    return source.program(follower.tnc, _LABEL, _CALLS, "LBL")
 
 
-def _source(data: bytes, lines: PlaceArray, number: int) -> str:
-    """Return a line in capitals without its number and its comment."""
-    text = text_of(data, lines, number).decode("utf-8", "replace").upper()
-    text = re.sub(r"^\s*\d+(?=\s|$)", "", text)
-    return text.split(";")[0].replace("~", " ").strip()
+def _plain(line: str) -> str:
+    """Return a line without its number and its comment."""
+    text = re.sub(r"^\s*\d+(?=\s|$)", "", line)
+    return text.partition(";")[0].replace("~", " ").strip()
 
 
 class _Follower:
@@ -242,27 +236,3 @@ class _Follower:
         words = [f"S{number_of(speed[1])}"] if speed else []
         words += [f"F{number_of(feed[1])}"] if feed else []
         return self.tnc.tool(axis, number, " ".join(words))
-
-
-def _stretches(sources: list[str], data: bytes, lines: PlaceArray, name: str) -> list[tuple[int, int, str]]:
-    """Find the lines that repeats run more than once, and jumps perhaps not, or more than once.
-
-    Raises
-    ------
-    InputError
-        Where a label is not in the program, or computed.
-    """
-    labels = {label[1]: number for number, source in enumerate(sources) if (label := _LABEL.match(source))}
-    found = []
-    for number, source in enumerate(sources):
-        repeat, jump = _REPEAT.match(source), _JUMP.search(source)
-        for word, what in ((repeat, "repeated part"), (jump, "part that is jumped over or back to")):
-            if word is None:
-                continue
-            if word[1] not in labels:
-                raise refuse_line(
-                    data, lines, name, number, "label that is not known", "LBL in the program", word[1]
-                )
-            place = labels[word[1]]
-            found.append((min(place, number), max(place, number), what))
-    return found

@@ -10,6 +10,7 @@ from ph_post.gcode.fronts import siemenstables as tables
 from ph_post.gcode.fronts.siemenstables import Circle, Extras, Polynomial, Profile
 from ph_post.gcode.fronts.siemenswords import Word, read_words, without_comment
 from ph_post.gcode.fronts.translated import FORGOTTEN, NOT_UNDERSTOOD, Remark
+from ph_post.gcode.reader.notes import shortened
 
 _LEADING: Final = re.compile(
     r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\w+[ \t]*:(?!=)[ \t]*)?", re.IGNORECASE
@@ -22,9 +23,6 @@ _AXES: Final = "XYZ"
 _CENTERS: Final = "IJK"
 _SHAPES: Final = frozenset((*_AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", "TURN"))
 """Names that shape a motion; the empty one is a denominator."""
-
-_SHOWN: Final = 40
-"""Characters of a word that a remark shows."""
 
 
 class Modes:
@@ -77,8 +75,7 @@ class Translator:
 
     def passed(self, number: int, what: str, column: int, text: str) -> str:
         """Name what is not understood on a line, and return what stands for it."""
-        shown = what if len(what) <= _SHOWN else what[:_SHOWN] + "..."
-        self.extras.remarks[number] = Remark(what=shown, column=column)
+        self.extras.remarks[number] = Remark(what=shortened(what), column=column)
         return text
 
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from ph_post.errors import InputError
+from ph_post.gcode.feedpieces import Feed
 from ph_post.gcode.fronts.siemenstables import Circle, Extras, Polynomial, Profile
+from ph_post.gcode.fronts.translated import motion_rows
 from ph_post.gcode.options import BLOCK_TIME
 from ph_post.gcode.paths.curves import curves_of
 from ph_post.gcode.polynomials import restricted
-from ph_post.gcode.reader.record import ARC, AXES, LINE, NURBS, PLANE_AXES, Motions, PartProgram
+from ph_post.gcode.reader.record import ARC, AXES, NURBS, PLANE_AXES, Motions, PartProgram
+from ph_post.gcode.splice.parts import place
 from ph_post.geometry.bernstein import from_power
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, IntArray, sealed
 from ph_post.units import MINUTE
 
 _MOST_PARTS: Final = 64
@@ -42,37 +45,25 @@ def with_extras(program: PartProgram, extras: Extras) -> PartProgram:
     return _with_profiles(program, extras.profiles)
 
 
-def _rows(motions: Motions, lines: Mapping[int, Any]) -> list[tuple[int, int]]:
-    """Lines and the motion of each, of those that have one."""
-    found = []
-    for line in sorted(lines):
-        row = int(np.searchsorted(motions.block, np.int32(line)))
-        if row < motions.block.size and motions.block[row] == line:
-            found.append((line, row))
-    return found
-
-
 def _with_curves(program: PartProgram, extras: Extras) -> Motions:
     motions = program.motions
     kind, center, angle = motions.kind.copy(), motions.center.copy(), motions.angle.copy()
     nurbs = dict(motions.nurbs)
-    for line, row in _rows(motions, extras.polynomials):
+    for line, row in motion_rows(motions, extras.polynomials):
         units = program.modal_after(line).units
         found = _bezier(motions, row, extras.polynomials[line], units)
         if found is not None:
             if not (found[2] > 0.0).all():
                 raise _refused(program, line, "denominator with a zero", "a positive one")
             kind[row], nurbs[row] = NURBS, found
-    for line, row in _rows(motions, extras.circles):
+    for line, row in motion_rows(motions, extras.circles):
         units = program.modal_after(line).units
         swept = _through(motions, row, extras.circles[line], units)
         if swept is None:
             raise _refused(program, line, "circle in space", "three points in the plane, not on a line")
         kind[row] = ARC
         center[row], angle[row] = swept
-    for column in (kind, center, angle):
-        column.setflags(write=False)
-    return replace(motions, kind=kind, center=center, angle=angle, nurbs=nurbs)
+    return replace(motions, kind=sealed(kind), center=sealed(center), angle=sealed(angle), nurbs=nurbs)
 
 
 def _refused(program: PartProgram, line: int, what: str, expected: str) -> InputError:
@@ -145,7 +136,7 @@ def _with_profiles(program: PartProgram, profiles: Mapping[int, Profile]) -> Par
     """Divide motions whose feed changes into parts of one feed, so that all parts take their time."""
     motions = program.motions
     divided: dict[int, _Parts] = {}
-    for line, row in _rows(motions, profiles):
+    for line, row in motion_rows(motions, profiles):
         if line > 0 and not np.isnan(motions.feed[row]):
             speed = program.modal_after(line).units / MINUTE
             before = float(program.feed_word[line - 1]) * speed
@@ -165,15 +156,10 @@ def _with_profiles(program: PartProgram, profiles: Mapping[int, Profile]) -> Par
 
 
 def _parts(motions: Motions, row: int, before: float, profile: Profile, speed: float) -> _Parts | None:
-    end, quad, cub = speed * profile.end, speed * profile.quad, speed * profile.cub
-    linear = end - before - quad - cub
-
-    def feed(p: Array) -> Array:
-        return before + p * (linear + p * (quad + p * cub))
-
+    feed = Feed(start=before, end=speed * profile.end, quad=speed * profile.quad, cub=speed * profile.cub)
     if np.isnan(motions.end[row] - motions.start[row]).all():
         return None
-    if not (feed(np.linspace(0.0, 1.0, 65)) > 0.0).all():
+    if not (feed.at(np.linspace(0.0, 1.0, 65)) > 0.0).all():
         return _Parts(edges=np.array([0.0, 1.0]), feeds=np.zeros(1))
     length = sum(curve.length for curve in curves_of(motions, row, (0, 1, 2)))
     times = _times(feed, np.linspace(0.0, 1.0, _MOST_PARTS + 1)) * length
@@ -182,11 +168,11 @@ def _parts(motions: Motions, row: int, before: float, profile: Profile, speed: f
     return _Parts(edges=edges, feeds=np.diff(edges) / _times(feed, edges))
 
 
-def _times(feed: Any, edges: Array) -> Array:
+def _times(feed: Feed, edges: Array) -> Array:
     """∫ dp / feed between neighbouring edges."""
     half, middle = 0.5 * np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
     places = middle[:, None] + half[:, None] * _NODES
-    return np.asarray(half * ((1.0 / feed(places)) @ _WEIGHTS))
+    return np.asarray(half * ((1.0 / feed.at(places)) @ _WEIGHTS))
 
 
 def _expanded(motions: Motions, divided: Mapping[int, _Parts], first: IntArray) -> Motions:
@@ -200,39 +186,22 @@ def _expanded(motions: Motions, divided: Mapping[int, _Parts], first: IntArray) 
     for row, parts in divided.items():
         rows = slice(int(first[row]), int(first[row + 1]))
         columns["feed"][rows] = parts.feeds
-        points = _points(motions, row, parts.edges)
-        if motions.kind[row] == ARC:
-            columns["angle"][rows] = motions.angle[row] * np.diff(parts.edges)
-        elif motions.kind[row] == NURBS:
+        if motions.kind[row] == NURBS:
             pieces = _pieces(motions, row, parts.edges)
             nurbs |= zip(range(rows.start, rows.stop), pieces, strict=True)
-            for number, piece in enumerate(pieces[:-1], 1):
-                points[number] = piece[1][-1]
+            inner = [control[-1] for _, control, _ in pieces[:-1]]
+        else:
+            inner = [place(motions, row, share) for share in parts.edges[1:-1].tolist()]
+        if motions.kind[row] == ARC:
+            columns["angle"][rows] = motions.angle[row] * np.diff(parts.edges)
+        points = np.array([motions.start[row], *inner, motions.end[row]])
         columns["start"][rows], columns["end"][rows] = points[:-1], points[1:]
-    for column in columns.values():
-        column.setflags(write=False)
     control = {int(first[row]): one for row, one in motions.control.items()}
-    return Motions(**columns, control=control, nurbs=nurbs)
-
-
-def _points(motions: Motions, row: int, edges: Array) -> Array:
-    """Return the ends of the parts of a line or an arc; of other curves those of their chord."""
-    start, end = motions.start[row], motions.end[row]
-    points = start + edges[:, None] * (end - start)
-    if motions.kind[row] == ARC:
-        first, second, _ = PLANE_AXES[int(motions.plane[row])]
-        center = motions.center[row]
-        ray, last = (complex(*(place[[first, second]] - center)) for place in (start, end))
-        radius = abs(ray) + edges * (abs(last) - abs(ray))
-        turned = radius * np.exp(1j * (np.angle(ray) + edges * motions.angle[row]))
-        points[:, first], points[:, second] = center[0] + turned.real, center[1] + turned.imag
-    points[0], points[-1] = start, end
-    return np.asarray(points)
+    return Motions(**{name: sealed(column) for name, column in columns.items()}, control=control, nurbs=nurbs)
 
 
 def _pieces(motions: Motions, row: int, edges: Array) -> list[Nurbs]:
     """Cut a polynomial or rational curve at shares of its length."""
-    assert motions.kind[row] not in (LINE, ARC)
     order, control, weights = motions.nurbs[row]
     (curve,) = curves_of(motions, row, (0, 1, 2))
     places = curve.parameter(edges * curve.length)

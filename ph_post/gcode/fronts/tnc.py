@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.translated import FORGOTTEN, NOT_UNDERSTOOD, Remark, read_translated, text_of
-from ph_post.gcode.reader.record import PartProgram, PlaceArray
+from ph_post.gcode.fronts.translated import FORGOTTEN, NOT_UNDERSTOOD, Remark
 
 NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 """A number, with a point or a comma."""
@@ -27,7 +26,7 @@ _FUNCTIONS: Final[Mapping[int, str]] = {
     0: "M0", 1: "M1", 2: "M2", 3: "M3", 4: "M4", 5: "M5", 6: "M6", 8: "M8", 9: "M9",
     13: "M3 M8", 14: "M4 M8", 19: "M19", 30: "M30",
 }  # fmt: skip
-MACHINE: Final = frozenset((91, 92))
+_MACHINE: Final = frozenset((91, 92))
 """M functions with which the positions of a block are the machine's."""
 _CALLS: Final = frozenset((89, 99))
 
@@ -115,7 +114,7 @@ class Tnc:
         words = self._functions(functions)
         if not places:
             return " ".join([*([feed] if feed else []), *words])
-        if MACHINE & set(functions):
+        if _MACHINE & set(functions):
             self.forget(places)
             return " ".join(["G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words])
         ends = self._ends(places)
@@ -126,7 +125,7 @@ class Tnc:
         self, places: Places, *, left: bool, radius: Decimal | None, feed: str, functions: list[int]
     ) -> str:
         """Write an arc about the pole, or with a radius."""
-        if MACHINE & set(functions):
+        if _MACHINE & set(functions):
             raise Puzzle("arc in machine coordinates")
         plane = PLANES[self.tool_axis]
         ends = self._ends({**{axis: (True, Decimal(0)) for axis in plane}, **places})
@@ -172,7 +171,7 @@ class Tnc:
         for number in functions:
             if number in _CALLS:
                 raise Puzzle("call of a cycle", f"M{number}")
-            if number not in _FUNCTIONS and number not in MACHINE:
+            if number not in _FUNCTIONS and number not in _MACHINE:
                 raise Puzzle("unknown M function", f"M{number}")
         return [_FUNCTIONS[number] for number in functions if number in _FUNCTIONS]
 
@@ -214,16 +213,3 @@ class Tnc:
             self.remarks[self._moved] = Remark(what=f"move whose end is cut off: {text}")
             self.texts[self._moved] = FORGOTTEN
         raise Puzzle("rounded or chamfered corner", text)
-
-
-def whole(
-    tnc: Tnc, data: bytes, lines: PlaceArray, name: str, stretches: Iterable[tuple[int, int, str]]
-) -> PartProgram:
-    """Read the translation; what is repeated or jumped over is passed through."""
-    for first, last, what in stretches:
-        for number in range(first, last + 1):
-            if text_of(data, lines, number).strip():
-                tnc.texts[number] = NOT_UNDERSTOOD
-                tnc.remarks[number] = Remark(what=what)
-    texts = [text.encode() for text in tnc.said()]
-    return read_translated(data, lines, name, texts, tnc.remarks, in_place=False)

@@ -12,12 +12,19 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.tnc import AXES, NUMBER, Places, Puzzle, Tnc, number_of, whole
-from ph_post.gcode.fronts.translated import lines_of, refuse_line, text_of
-from ph_post.gcode.reader.record import PartProgram, PlaceArray
+from ph_post.gcode.fronts.tnc import AXES, NUMBER, Places, Puzzle, Tnc, number_of
+from ph_post.gcode.fronts.tncsource import JUMPED, REPEATED, Source
+from ph_post.gcode.reader.record import PartProgram
 
 _HEAD: Final = re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$")
 _WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
+_LABEL: Final = re.compile(r"G98\s*L\s*(\d+)")
+_IF: Final = r"D\s*(?:09|9|10|11|12)(?!\d)"
+_CALLS: Final = {
+    REPEATED: re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*[1-9]"),
+    JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
+}
+_CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
 _CENTRES: Final = {"I": "X", "J": "Y", "K": "Z"}
 _PLANES: Final = {17: "Z", 18: "Y", 19: "X"}
 _SIDES: Final = {40: False, 41: True, 42: True}
@@ -39,25 +46,17 @@ def read_tnc_iso(data: bytes, name: str) -> PartProgram:
     InputError
         Where the text is no such program, or repeats a label that is not in it.
     """
-    lines = lines_of(data, name)
-    sources = [_source(data, lines, number) for number in range(lines.size - 1)]
-    first = next(number for number, source in enumerate(sources) if source)
-    head = _HEAD.match(sources[first])
-    if head is None:
-        raise refuse_line(
-            data, lines, name, first, "not an ISO program of Heidenhain", "%, a name, and G71 or G70",
-            sources[first][:40],
-        )  # fmt: skip
+    source = Source(data, name, _plain)
+    first, head = source.head(_HEAD, "not an ISO program of Heidenhain", "%, a name, and G71 or G70")
     follower = _Follower(Tnc("G21" if head[2] == "71" else "G20"))
-    for number, source in enumerate(sources):
-        follower.line(source, begins=number == first)
-    return whole(follower.tnc, data, lines, name, _stretches(sources, data, lines, name))
+    for number, text in enumerate(source.texts):
+        follower.line(text, begins=number == first)
+    return source.program(follower.tnc, _LABEL, _CALLS, "G98 L")
 
 
-def _source(data: bytes, lines: PlaceArray, number: int) -> str:
-    """Return a line in capitals without its comment and the asterisk that ends it."""
-    text = text_of(data, lines, number).decode("utf-8", "replace").upper()
-    return re.sub(r"\s*\*\s*$", "", text.split(";")[0].rstrip()).strip()
+def _plain(line: str) -> str:
+    """Return a line without its comment and the asterisk that ends it."""
+    return re.sub(r"\s*\*\s*$", "", line.partition(";")[0].rstrip()).strip()
 
 
 class _Block:
@@ -66,8 +65,7 @@ class _Block:
     def __init__(self, source: str) -> None:
         bare = re.sub(r"^N\s*\d+", "", source).strip()
         self.words = [(letter, number) for letter, number in _WORD.findall(bare)]
-        left = _WORD.sub("", bare).strip()
-        self.odd = left if left else ""
+        self.odd = _WORD.sub("", bare).strip()
         self.codes = [
             int(Decimal(number)) for letter, number in self.words if letter == "G" and "Q" not in number
         ]
@@ -90,9 +88,8 @@ class _Follower:
 
     def line(self, source: str, *, begins: bool) -> None:
         """Follow one line."""
-        call = re.search(r"(?<![A-Z])L\s*(?:\d+\s*,\s*[1-9]|\d+\s*,\s*0)|D\s*(?:09|9|10|11|12)(?!\d)", source)
         bare = re.sub(r"^N\s*\d+\s*", "", source)
-        if call is not None and "G98" not in source:
+        if _CALL.search(source) and "G98" not in source:
             self.tnc.lose("call or jump", bare)
         elif bare.startswith("%"):
             if begins:
@@ -216,33 +213,3 @@ class _Follower:
         speed = block.value("S")
         rest = "" if speed is None or "Q" in speed else f"S{number_of(speed)}"
         return self.tnc.tool(axis, block.value("T"), rest)
-
-
-def _stretches(sources: list[str], data: bytes, lines: PlaceArray, name: str) -> list[tuple[int, int, str]]:
-    """Find the lines that repeats and jumps run more than once, or perhaps not.
-
-    Raises
-    ------
-    InputError
-        Where a label is not in the program.
-    """
-    labels = {
-        label[1]: number
-        for number, source in enumerate(sources)
-        if (label := re.search(r"G98\s*L\s*(\d+)", source))
-    }
-    found = []
-    for number, source in enumerate(sources):
-        repeat = re.search(r"(?<![A-Z])L\s*(\d+)\s*,\s*[1-9]", source)
-        jump = re.search(r"D\s*(?:09|9|10|11|12)(?!\d).*P03\s*(\S+)", source)
-        for word, what in ((repeat, "repeated part"), (jump, "part that is jumped over or back to")):
-            if word is None or "G98" in source:
-                continue
-            target = word[1].lstrip("+")
-            if target not in labels:
-                raise refuse_line(
-                    data, lines, name, number, "label that is not known", "G98 L in the program", word[1]
-                )
-            place = labels[target]
-            found.append((min(place, number), max(place, number), what))
-    return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -16,9 +16,9 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.reader.faults import excerpt, refuse
-from ph_post.gcode.reader.notes import SHOWN
+from ph_post.gcode.reader.notes import shortened
 from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import Note, PartProgram, PlaceArray, Words
+from ph_post.gcode.reader.record import Motions, Note, PartProgram, PlaceArray, Words
 from ph_post.gcode.reader.words import find_lines
 from ph_post.types import sealed
 
@@ -111,6 +111,14 @@ def read_translated(
     )
 
 
+def motion_rows(motions: Motions, lines: Iterable[int]) -> list[tuple[int, int]]:
+    """Return the lines that move, in order, each with the row of its first motion."""
+    asked = np.array(sorted(lines), dtype=np.int32)
+    row = np.searchsorted(motions.block, asked, side="left")
+    moves = np.searchsorted(motions.block, asked, side="right") > row
+    return list(zip(asked[moves].tolist(), row[moves].tolist(), strict=True))
+
+
 def _told(error: InputError, data: bytes, lines: PlaceArray) -> InputError:
     """Show the original line with an error that was found in its translation."""
     place = _PLACE.search(error.where)
@@ -160,10 +168,7 @@ def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
     what, _, word = note.what.partition(": ")
     if not word or word.upper() in line.upper():
         return note
-    shown = line.strip()
-    return msgspec.structs.replace(
-        note, column=1, what=f"{what}: {shown if len(shown) <= SHOWN else shown[:SHOWN] + '...'}"
-    )
+    return msgspec.structs.replace(note, column=1, what=f"{what}: {shortened(line.strip())}")
 
 
 def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:

@@ -55,10 +55,11 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
 
     def dwells(self, letter: NDArray[np.uint8], value: Array) -> tuple[IntArray, Array]:
         """Rows of words that tell the time of a G4, where one stands beside them, and the times [s]."""
-        units = {ord(name): unit for name, unit in self.dwell}
-        rows = np.flatnonzero(np.isin(letter, list(units)))
-        unit = np.array([units[one] for one in letter[rows].tolist()])
-        seconds = value[rows] * unit if rows.size else np.zeros(0)
+        units = np.full(256, np.nan)
+        for name, unit in self.dwell:
+            units[ord(name)] = unit
+        rows = np.flatnonzero(np.isfinite(units)[letter])
+        seconds = value[rows] * units[letter[rows]]
         plain = np.isfinite(seconds)
         return rows[plain], seconds[plain]
 

@@ -47,7 +47,7 @@ _LETTERS: Final = {
     codes.DWELL_AXES: "XYZABCUVW",
 }
 """Letters of the words that are meant where the letter tells."""
-SHOWN: Final = 40
+_SHOWN: Final = 40
 """Characters of a word that a note shows."""
 _KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
     (codes.TOOL_CHANGE, "tool change"),
@@ -81,8 +81,12 @@ def _note(lexed: Lexed, data: bytes, first: int, last: int, why: int) -> Note:
     start, end = find_place(lexed, data, first, why)
     text = data[start:end].decode("utf-8", "replace").strip()
     column = len(data[int(lexed.lines[first]) : start].decode("utf-8", "replace")) + 1
-    named = f"{_TEXTS[why]}: {text if len(text) <= SHOWN else text[:SHOWN] + '...'}"
-    return Note(first=first, last=last, column=column, what=named)
+    return Note(first=first, last=last, column=column, what=f"{_TEXTS[why]}: {shortened(text)}")
+
+
+def shortened(text: str) -> str:
+    """Return as much of a text as a note shows."""
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
 
 
 def find_place(lexed: Lexed, data: bytes, block: int, why: int) -> tuple[int, int]:

@@ -187,6 +187,15 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Modal state after a line; before the first one for -1."""
         return self.modal[self.state[block]] if block >= 0 else Modal()
 
+    def dwells(self) -> tuple[PlaceArray, Array]:
+        """Lines of all G4, and the times that they tell [s], NaN where that is no plain number."""
+        words = self.words
+        seconds = np.full(self.blocks, np.nan)
+        told, times = self.language.dwells(words.letter, words.value)
+        seconds[words.block[told]] = times
+        lines = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
+        return lines, seconds[lines]
+
     def words_of(self, block: int) -> range:
         """Numbers of the words on a line."""
         return range(*span_of(self.words.block, block))

@@ -16,7 +16,7 @@ from ph_post.gcode.reader.language import RS274, Language
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.splice.grid import word_decimals
-from ph_post.gcode.splice.marks import MARK, comment_pattern
+from ph_post.gcode.splice.marks import MARK, comment_pattern, said
 from ph_post.gcode.splice.options import SpliceOptions
 from ph_post.gcode.splice.record import Edits, Stop
 from ph_post.gcode.splice.schedule import schedule, stops_written
@@ -212,8 +212,8 @@ def _pauses(stops: Iterable[Stop], dialect: Dialect) -> list[float]:
 
 
 def _words(found: re.Match[bytes]) -> str:
-    """Return what a comment of either style says."""
-    return next(text for text in found.groups() if text is not None).decode("latin-1")
+    """Return the one group of a comment."""
+    return said(found)[0].decode("latin-1")
 
 
 def _seconds(time: float) -> str:
@@ -224,13 +224,7 @@ def _length(size: float, units: float) -> str:
     return decimal_text(round(size / units * 10**_PLACES), _PLACES)
 
 
-_OPENS = r"(?:\A|(?<=[\r\n]))(?:{})[ \t]*(?:\r\n|\r|\n|\Z)"
-_HEAD = re.compile(
-    _OPENS.format(
-        comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program").pattern.decode()
-    ).encode(),
-    re.IGNORECASE,
-)
+_HEAD = comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program", alone=True)
 _FACT = comment_pattern(rf"{MARK}((?!\+).*)")
 _FURTHER = comment_pattern("  (.*)")
 _COMMAND = re.compile("command (.*)", re.IGNORECASE)

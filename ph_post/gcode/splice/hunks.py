@@ -177,8 +177,8 @@ class HunkWriter:
 
     def _wording(self, motion: int, block: int, offset: IntArray) -> Wording:
         modal = self._program.modal_after(block)
-        fine = self._fine
-        words = Wording(self._program, motion, modal, self._decimals, fine, self._dialect.length)
+        length = self._dialect.length
+        words = Wording(self._program, motion, modal, self._decimals, self._fine, length)
         words.begin(offset)
         return words
 

@@ -23,15 +23,31 @@ def marked(words: str, style: Comments) -> str:
     return style.line(text.upper() if style.upper else text)
 
 
-def comment_pattern(words: str) -> re.Pattern[bytes]:
-    """Pattern of a comment of either style; `words` is a pattern whose groups stand there once a style.
+def comment_pattern(words: str, *, alone: bool = False) -> re.Pattern[bytes]:
+    """Pattern of a comment of either style, whose groups :func:`said` returns.
+
+    Parameters
+    ----------
+    words : str
+        Pattern of what it says.
+    alone : bool
+        Whether it has to be all of its line, the end of which belongs to it.
+    """
+    either = rf"\({words}\)|; {words}(?=[ \t]*(?:[\r\n]|\Z))"
+    if alone:
+        either = rf"(?:\A|(?<=[\r\n]))(?:{either})[ \t]*(?:\r\n|\r|\n|\Z)"
+    return re.compile(either.encode(), re.IGNORECASE)
+
+
+def said(found: re.Match[bytes]) -> list[bytes]:
+    """Return the groups of the pattern of words, which stands in that of a comment once a style.
 
     Examples
     --------
-    >>> [comment_pattern(r"(a+)").fullmatch(text).groups() for text in (b"(aa)", b"; a")]
-    [(b'aa', None), (None, b'a')]
+    >>> [said(comment_pattern(r"(a+)").fullmatch(text)) for text in (b"(aa)", b"; a")]
+    [[b'aa'], [b'a']]
     """
-    return re.compile(rf"\({words}\)|; {words}(?=[ \t]*(?:[\r\n]|\Z))".encode(), re.IGNORECASE)
+    return [text for text in found.groups() if text is not None]
 
 
 def find_last(data: bytes, words: str) -> int:

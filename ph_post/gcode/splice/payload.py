@@ -11,7 +11,7 @@ import msgspec
 
 from ph_post.errors import InputError
 from ph_post.gcode.format import PARENTHESES, Comments
-from ph_post.gcode.splice.marks import MARK, comment_pattern, find_last, marked
+from ph_post.gcode.splice.marks import MARK, comment_pattern, find_last, marked, said
 
 _LEVEL: Final = 6
 _WIDTH: Final = 120
@@ -69,7 +69,7 @@ def read_payload(data: bytes, name: str) -> tuple[Payload, int]:
     begin = payload_start(data)
     if begin < 0:
         raise InputError(name, "the lines at the end that undo the compensation are missing")
-    rows = [[text for text in row if text] for row in _LINE.findall(data, begin)]
+    rows = [said(row) for row in _LINE.finditer(data, begin)]
     if not rows or [int(row[1]) for row in rows] != list(range(1, int(rows[0][2]) + 1)):
         raise InputError(name, "lines that undo the compensation are missing")
     try:

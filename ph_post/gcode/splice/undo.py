@@ -14,7 +14,7 @@ from ph_post.gcode.reader.lexer import split_lines
 from ph_post.gcode.reader.record import ByteArray, PlaceArray
 from ph_post.gcode.reader.words import read_words
 from ph_post.gcode.splice.header import declared_language, read_declaration
-from ph_post.gcode.splice.marks import MARK, comment_pattern
+from ph_post.gcode.splice.marks import MARK, comment_pattern, said
 from ph_post.gcode.splice.payload import Payload, read_payload
 from ph_post.gcode.splice.rewrite import assemble, unshift_numbers
 from ph_post.types import BoolArray, IntArray, sealed
@@ -108,7 +108,7 @@ class _Restorer:
         for found in HUNK.finditer(self._data, 0, end):
             line = int(np.searchsorted(self._lines, np.int32(found.start()), side="right")) - 1
             if not added[line]:
-                new, old = (int(text) for text in found.groups() if text is not None)
+                new, old = map(int, said(found))
                 added[line : line + 1 + new] = True
                 spans[line] = removed[done], removed[done + old]
                 done += old

@@ -37,9 +37,8 @@ class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def window_edits(
-    motions: Motions, path: ProgramPath, plan: Plan, block_time: float,
-    bound: Callable[[int], str] = lambda _: "",
-) -> Found:  # fmt: skip
+    motions: Motions, path: ProgramPath, plan: Plan, block_time: float, bound: Callable[[int], str]
+) -> Found:
     """Tell what a plan does in its windows on the motions of the program.
 
     Parameters
@@ -51,7 +50,7 @@ def window_edits(
         Made for a program, without lasting offsets.
     block_time : float
         Longest block of a dip [s].
-    bound : callable, optional
+    bound : callable
         ``bound(motion)``: why the line of a motion is not divided, in words.
     """
     return _Windows(motions, path, plan, block_time, bound).found()
@@ -61,9 +60,8 @@ class _Windows:
     """The windows of one plan."""
 
     def __init__(
-        self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float,
-        bound: Callable[[int], str],
-    ) -> None:  # fmt: skip
+        self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float, bound: Callable[[int], str]
+    ) -> None:
         self.bound = bound
         self.motions, self.path, self.plan, self.block_time = motions, path, plan, block_time
         read = read_jogs(plan)

@@ -110,9 +110,7 @@ def plan_windows(
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
         made = _planned(part, chosen, tolerance, _telling(tell, where))
-        done = window_edits(
-            program.motions, part.path, made.plan, block_time, partial(why_bound, program)
-        )  # fmt: skip
+        done = window_edits(program.motions, part.path, made.plan, block_time, partial(why_bound, program))
         stops += done.stops
         dips += done.dips
         plans.append(made)
