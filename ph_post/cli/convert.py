@@ -121,7 +121,7 @@ def command(
       table_error    what a table would reach, where -o stands alone
       stops, dips    of a part program: how many
       pulses         of a part program: by axis [mm]
-      verified       of a part program: whether the judge has passed it
+      verified       of a part program: whether the judge, of --undo the hash of the original, has passed it
       unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.job import default_strategy, load_and_analyse

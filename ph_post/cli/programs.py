@@ -47,7 +47,7 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
     if how["undo"]:
         if how["plot"] is not None:
             raise click.UsageError("--undo draws nothing; leave out --plot")
-        return _undo(name, data, target)
+        return _undo(name, data, target, as_json)
     if how["machine"] is None:
         raise click.UsageError("Missing option '-m' / '--machine'")
     return _compensate(name, data, how, target, as_json)
@@ -70,16 +70,18 @@ def refuse_path_options(how: Mapping[str, Any]) -> None:
         raise click.UsageError(f"{given[0]} is for path files; a part program keeps its own")
 
 
-def _undo(name: str, data: bytes, target: Target | None) -> int:
+def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
     """Write the original of a compensated program."""
     from ph_post.gcode.splice.undo import undo
     from ph_post.io.atomic import write_atomically
-    from ph_post.report.deliveries import written_lines
+    from ph_post.report.deliveries import undone_view, written_lines
+    from ph_post.report.tables import print_json
 
-    if target is None:
-        raise click.UsageError("--undo writes a program and prints no object; leave out --json")
-    products = products_of(target, undo(data, name), data)
+    original = undo(data, name)
+    products = {} if target is None else products_of(target, original, data)
     write_atomically(products)
+    if as_json:
+        print_json(undone_view())
     for line in written_lines(products):
         click.echo(line, err=True)
     return 0
