@@ -92,8 +92,9 @@ def command(
     `table_error` is what a table would reach; --no-simulation saves the time for that.
 
     With --watch a file is taken when it has not changed for a while, again when it changes, and never what
-    was written here. Programs keep their names, that of part.json is part.ngc; a line tells of each. A bad
-    file is named and the next has its turn; what ph-post did not write is not overwritten (--force: is).
+    was written here. Programs keep their names, that of part.json has the ending of the dialect (part.ngc,
+    part.gcode, part.mpf); a line tells of each. A bad file is named and the next has its turn; what ph-post
+    did not write is not overwritten (--force: is).
 
     \b
     Examples:

@@ -15,6 +15,7 @@ import click
 
 from ph_post.cli.conversion import Converted, convert_input, hushed
 from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.registry import find_dialect
 from ph_post.io.atomic import make_folder, write_atomically
 from ph_post.io.folderwatch import Folder, Look
 from ph_post.io.inputs import ENDINGS
@@ -25,8 +26,6 @@ POLL: Final = 0.5
 """Time between two looks at the folder [s]."""
 
 _PATH: Final = ".json"
-_PROGRAM: Final = ".ngc"
-"""What the program of a path file ends with."""
 
 WATCHED: Final = (*sorted(ENDINGS), _PATH)
 """Endings of files that are taken."""
@@ -63,7 +62,6 @@ def watch_folder(folder: str, how: Mapping[str, Any]) -> int:
         Where the folder, that of the outputs or the machine file are bad, or one of the folders vanishes.
     """
     _refuse_unfit(how)
-    read_machine(how["machine"])
     watcher = Watcher(folder, how)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     mine = f", but not *{how['suffix']}.*" if how["suffix"] else ""
@@ -102,6 +100,7 @@ class Watcher:
 
     def __init__(self, folder: str, how: Mapping[str, Any]) -> None:
         self._how = how
+        self._ending = find_dialect(how["dialect"] or read_machine(how["machine"]).dialect).ending
         self._suffix: str | None = how["suffix"]
         self._folder = Folder(folder, self._wanted, how["settle"])
         self._folder.require()
@@ -176,7 +175,7 @@ class Watcher:
     def _target(self, name: str) -> pathlib.Path:
         """Name the program that is made of a file."""
         stem, ending = os.path.splitext(name)  # noqa: PTH122
-        ending = _PROGRAM if ending.lower() == _PATH else ending
+        ending = self._ending if ending.lower() == _PATH else ending
         return self._place / f"{stem}{self._suffix or ''}{ending}"
 
     def _is_there(self, target: pathlib.Path, raw: Raw) -> bool:

@@ -139,6 +139,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         Decimals of F, where a controller counts those and not digits; never less than the last of them.
     unspliced : str
         Why nothing is spliced into a program of that language, in words; empty where it can be.
+    ending : str
+        What its programs' file names end with.
     """
 
     name: str
@@ -171,6 +173,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     plus: bool = False
     feed_decimals: int | None = None
     unspliced: str = ""
+    ending: str = ".ngc"
 
     def length(self, count: int, decimals: int) -> str:
         """Write a length of `count` / 10^`decimals` units."""

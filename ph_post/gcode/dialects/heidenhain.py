@@ -225,6 +225,7 @@ DIALECT = Dialect(
     feed_decimals=_FEED_DECIMALS,
     unspliced=_UNSPLICED,
     front=read_klartext,
+    ending=".h",
     variants=_KLARTEXT_VARIANTS,
 )
 """Conversational programs."""
@@ -236,6 +237,7 @@ ISO_DIALECT = replace(
     writer=IsoLines,
     finish=finish_iso,
     front=read_tnc_iso,
+    ending=".i",
     variants=_ISO_VARIANTS,
 )
 """ISO programs."""

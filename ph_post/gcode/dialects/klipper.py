@@ -67,6 +67,7 @@ DIALECT = Dialect(
     assumed=_ASSUMED,
     modal_motion=False,
     rapid_feed=True,
+    ending=".gcode",
     language=Language(
         name="klipper",
         hide=reader_of(_STILL, b"XYZIJEF", b"$", small=True),
