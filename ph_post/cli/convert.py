@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--feed-mode",
-    type=click.Choice(["per-minute", "inverse-time"]),
-    default="per-minute",
+    type=click.Choice([options.PER_MINUTE, "inverse-time"]),
+    default=options.PER_MINUTE,
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93).",
 )

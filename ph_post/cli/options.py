@@ -15,6 +15,9 @@ DEFAULT_TOLERANCE_MM = 0.005
 BACKUP = ".bak"
 """Ending of a backup where the user names none."""
 
+PER_MINUTE = "per-minute"
+"""How feeds are written where the user does not say."""
+
 MACHINE_VARIABLE = "PH_POST_MACHINE"
 """Environment variable that names the machine file where no option does."""
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import msgspec
 
+from ph_post.cli import options
 from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.io.source import STDIN
 from ph_post.units import MM, MS
@@ -54,15 +55,15 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
 
 
 def refuse_path_options(how: Mapping[str, Any]) -> None:
-    """Refuse what a part program has of its own.
+    """Refuse what a part program has of its own; options that a command does not have may be missing.
 
     Raises
     ------
     click.UsageError
         Where an option is given that is for path files.
     """
-    given = [option for name, option in PATH_ONLY.items() if how[name] is not None]
-    given += ["--feed-mode"] if how["feed_mode"] != "per-minute" else []
+    given = [option for name, option in PATH_ONLY.items() if how.get(name) is not None]
+    given += ["--feed-mode"] if how.get("feed_mode", options.PER_MINUTE) != options.PER_MINUTE else []
     given += ["--start moving"] if how["start"] != "rest" else []
     given += ["--strategy retrograde"] if how["strategy"] == "retrograde" else []
     given += ["--allow-retrograde"] if how["allow_retrograde"] else []
@@ -175,7 +176,7 @@ def compensated(raw: Raw, machine: Machine, how: dict[str, Any], stage: Callable
     from ph_post.gcode.reading import read_as
     from ph_post.gcode.splice.options import SpliceOptions
 
-    refuse_path_options({**dict.fromkeys((*PATH_ONLY, "feed_mode")), "feed_mode": "per-minute", **how})
+    refuse_path_options(how)
     program = read_as(machine.dialect, raw.data, raw.name)
     require_drives(moved_axes(program), "program", machine, f"machine {machine.name}")
     original = original_of(program)
