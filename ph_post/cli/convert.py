@@ -141,8 +141,7 @@ def command(
     if is_program(raw) and table is None:
         return convert_program(source, raw.data, everything, as_json=as_json)
     _refuse_program_options(how, output if is_program(raw) else None)
-    if machine is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+    machine = options.require_machine(machine)
     _check_outputs(output, table, as_json)
     how["strategy"] = how["strategy"] or default_strategy(how)
     program = output or (None if table is not None or as_json else "-")

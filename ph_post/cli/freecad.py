@@ -65,8 +65,7 @@ def _answer(trace: str, machine: str | None) -> int:
     from ph_post.io.machinefile import read_machine
     from ph_post.io.source import read_source
 
-    if machine is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
-    told = answer(read_job(read_source(trace)), read_machine(machine))
+    drives = read_machine(options.require_machine(machine))
+    told = answer(read_job(read_source(trace)), drives)
     click.echo(msgspec.json.encode(told, enc_hook=float))
     return 0

@@ -49,6 +49,20 @@ optional_machine = click.option(
     help="Machine file (.toml), or the name of a shipped one.",
 )
 
+
+def require_machine(name: str | None) -> str:
+    """Return what :data:`optional_machine` names, where it turns out to be needed.
+
+    Raises
+    ------
+    click.UsageError
+        Where it names nothing.
+    """
+    if name is None:
+        raise click.UsageError("Missing option '-m' / '--machine'")
+    return name
+
+
 positive = click.FloatRange(min=0.0, min_open=True)
 
 tolerance = click.option(

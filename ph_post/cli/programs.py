@@ -49,8 +49,7 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
         if how["plot"] is not None:
             raise click.UsageError("--undo draws nothing; leave out --plot")
         return _undo(name, data, target, as_json)
-    if how["machine"] is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+    options.require_machine(how["machine"])
     return _compensate(name, data, how, target, as_json)
 
 

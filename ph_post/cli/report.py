@@ -105,8 +105,7 @@ def _made(source: str, other: str | None, machine: str | None, how: dict[str, An
         return _of_two(source, other, machine, stage)
     raw = read_raw(or_shipped("paths", source))
     kind = kind_of(raw)
-    if machine is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+    machine = options.require_machine(machine)
     if kind == "log":
         _refuse_table(raw)
         _refuse("a record", keep=OF_LOGS)

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import click
 
+from ph_post.cli import options
 from ph_post.cli.conversion import Converted, convert_input, hushed
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.registry import find_dialect
@@ -78,8 +79,7 @@ def _refuse_unfit(how: Mapping[str, Any]) -> None:
     given = [option for name, option in _UNFIT.items() if how[name]]
     if given:
         raise click.UsageError(f"{given[0]} does not go with --watch")
-    if how["machine"] is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+    options.require_machine(how["machine"])
     if (how["output"] is None) == (how["suffix"] is None):
         raise click.UsageError("--watch needs a place for the programs: -o FOLDER or --suffix END")
     if how["output"] in ("", "-"):
