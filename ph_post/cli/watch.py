@@ -15,6 +15,7 @@ import click
 
 from ph_post.cli import options
 from ph_post.cli.conversion import Converted, convert_input, hushed
+from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.registry import find_dialect
 from ph_post.io.atomic import make_folder, write_atomically
@@ -84,8 +85,8 @@ def _refuse_unfit(how: Mapping[str, Any]) -> None:
         raise click.UsageError("--watch needs a place for the programs: -o FOLDER or --suffix END")
     if how["output"] in ("", "-"):
         raise click.UsageError(f"-o needs the name of a folder with --watch; got {how['output']!r}")
-    if how["suffix"] is not None and (not how["suffix"] or set(how["suffix"]) & {"/", os.sep}):
-        raise click.UsageError(f"--suffix needs an end for the file's name; got {how['suffix']!r}")
+    if how["suffix"] is not None:
+        refuse_bad_suffix(how["suffix"])
 
 
 class Watcher:
@@ -181,10 +182,11 @@ class Watcher:
     def _is_there(self, target: pathlib.Path, raw: Raw) -> bool:
         """Whether the program is there from an earlier run, made of these bytes for this machine."""
         known = raw.name.endswith(_PATH) or target in self._written
-        if known or self._how["force"] or not _is_ours(_bytes(target)):
+        there = b"" if known or self._how["force"] else _bytes(target)
+        if not _is_ours(there):
             return False
         with contextlib.suppress(PhPostError), hushed():
-            found = convert_input(Raw(name=target.name, stem="", data=_bytes(target)), self._how, _silent)
+            found = convert_input(Raw(name=target.name, stem="", data=there), self._how, _silent)
             return found.done and found.original == raw.data
         return False
 
