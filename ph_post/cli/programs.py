@@ -74,7 +74,7 @@ def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
     """Write the original of a compensated program."""
     from ph_post.gcode.splice.undo import undo
     from ph_post.io.atomic import write_atomically
-    from ph_post.report.deliveries import undone_view, written_lines
+    from ph_post.report.deliveries import undone_view
     from ph_post.report.tables import print_json
 
     original = undo(data, name)
@@ -82,8 +82,7 @@ def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
     write_atomically(products)
     if as_json:
         print_json(undone_view())
-    for line in written_lines(products):
-        click.echo(line, err=True)
+    options.tell_written((), products)
     return 0
 
 

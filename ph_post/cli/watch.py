@@ -16,6 +16,7 @@ import click
 from ph_post.cli import options
 from ph_post.cli.conversion import Converted, convert_input, hushed
 from ph_post.cli.outputs import refuse_bad_suffix
+from ph_post.compensate.strategies.base import silent
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.registry import find_dialect
 from ph_post.io.atomic import make_folder, write_atomically
@@ -159,7 +160,7 @@ class Watcher:
             found, lines = None, [f"{raw.name}: {target} is there already"]
         else:
             with hushed():
-                found = convert_input(raw, self._how, _silent)
+                found = convert_input(raw, self._how, silent)
             self._require_free(target, raw, found)
             said = found.said if found.said.startswith(raw.name) else f"{raw.name}: {found.said}"
             lines = [f"{said}; wrote {target}", *found.lines[1:]]
@@ -186,7 +187,7 @@ class Watcher:
         if not _is_ours(there):
             return False
         with contextlib.suppress(PhPostError), hushed():
-            found = convert_input(Raw(name=target.name, stem="", data=there), self._how, _silent)
+            found = convert_input(Raw(name=target.name, stem="", data=there), self._how, silent)
             return found.done and found.original == raw.data
         return False
 
@@ -216,10 +217,6 @@ def _bytes(place: pathlib.Path) -> bytes:
 
 def _is_ours(data: bytes) -> bool:
     return _MARK.search(data[:_HEAD]) is not None
-
-
-def _silent(_stage: str) -> None:
-    """Say nothing: a line a file is enough."""
 
 
 def _say(words: str) -> None:
