@@ -18,6 +18,7 @@ from ph_post.drive.local import has_gap
 from ph_post.drive.required import require_drives
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.controller.moves import moved_axes
+from ph_post.gcode.dialect import require_spliceable
 from ph_post.gcode.header import package_version
 from ph_post.gcode.paths.build import line_words, paths_of
 from ph_post.gcode.reader.record import PartProgram
@@ -102,12 +103,7 @@ def deliver(
     PhPostError
         Where the outcome does not pass :func:`ph_post.audit.verify.verify`: nothing is to be written then.
     """
-    dialect = find_dialect(machine.dialect)
-    if dialect.unspliced:
-        raise InputError(
-            program.name, f"nothing is spliced into programs of {dialect.name}: {dialect.unspliced}",
-            expected="a path file, or a program of another dialect",
-        )  # fmt: skip
+    require_spliceable(find_dialect(machine.dialect), program.name)
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return Delivery(before=original, after=program, done=True)

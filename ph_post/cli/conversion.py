@@ -9,16 +9,15 @@ from typing import Any, Final
 
 import msgspec
 
-from ph_post.cli.programs import deliver_program, refuse_path_options
+from ph_post.cli import options
+from ph_post.cli.programs import PATH_ONLY, deliver_program, refuse_path_options
 from ph_post.io.source import Raw
 
-DEFAULTS: Final[Mapping[str, Any]] = {"dialect": None, "interval_table": None, "feed_mode": "per-minute"}
+DEFAULTS: Final[Mapping[str, Any]] = {"interval_table": None, "feed_mode": options.PER_MINUTE}
 """Options of ``convert`` that the commands for other programs do not have."""
 
-_PATHS_ONLY: Final[Mapping[str, Any]] = {
-    "feed": None, "safe_z": None, "depth": None, "interval_table": None, "feed_mode": "per-minute",
-}  # fmt: skip
-"""Options that concern path files alone: one line serves path files and programs, which leave them out."""
+_LEFT_OUT: Final[Mapping[str, Any]] = {**dict.fromkeys(PATH_ONLY), "feed_mode": options.PER_MINUTE}
+"""What part programs leave out: one line with the options of path files serves both."""
 
 
 class Converted(msgspec.Struct, frozen=True, kw_only=True):
@@ -66,7 +65,7 @@ def convert_input(
     from ph_post.io.inputs import is_program
 
     if is_program(raw):
-        return convert_part(raw, {**how, **_PATHS_ONLY}, stage, noted=noted)
+        return convert_part(raw, {**how, **_LEFT_OUT}, stage, noted=noted)
     return _convert_path(raw, {**DEFAULTS, **how}, stage, noted=noted)
 
 
@@ -76,7 +75,6 @@ def convert_part(
     """Convert a part program, whatever its name ends with; as :func:`convert_input`."""
     from ph_post.report.deliveries import summary, warnings_of
 
-    how = {**DEFAULTS, **how}
     refuse_path_options(how)
     found, _, _ = deliver_program(raw.name, raw.data, how, stage, noted=noted)
     return Converted(

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--feed-mode",
-    type=click.Choice(["per-minute", "inverse-time"]),
-    default="per-minute",
+    type=click.Choice([options.PER_MINUTE, "inverse-time"]),
+    default=options.PER_MINUTE,
     show_default=True,
     help="F words in mm/min (G94) or in 1/min (G93).",
 )
@@ -92,8 +92,9 @@ def command(
     `table_error` is what a table would reach; --no-simulation saves the time for that.
 
     With --watch a file is taken when it has not changed for a while, again when it changes, and never what
-    was written here. Programs keep their names, that of part.json is part.ngc; a line tells of each. A bad
-    file is named and the next has its turn; what ph-post did not write is not overwritten (--force: is).
+    was written here. Programs keep their names, that of part.json has the ending of the dialect (part.ngc,
+    part.gcode, part.mpf); a line tells of each. A bad file is named and the next has its turn; what ph-post
+    did not write is not overwritten (--force: is).
 
     \b
     Examples:
@@ -121,7 +122,7 @@ def command(
       table_error    what a table would reach, where -o stands alone
       stops, dips    of a part program: how many
       pulses         of a part program: by axis [mm]
-      verified       of a part program: whether the judge has passed it
+      verified       of a part program: whether the judge, of --undo the hash of the original, has passed it
       unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.job import default_strategy, load_and_analyse
@@ -140,8 +141,7 @@ def command(
     if is_program(raw) and table is None:
         return convert_program(source, raw.data, everything, as_json=as_json)
     _refuse_program_options(how, output if is_program(raw) else None)
-    if machine is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+    machine = options.require_machine(machine)
     _check_outputs(output, table, as_json)
     how["strategy"] = how["strategy"] or default_strategy(how)
     program = output or (None if table is not None or as_json else "-")

@@ -25,10 +25,11 @@ def command(installs: bool, folder: str | None, trace: str | None, machine: str 
 
     In FreeCAD choose in the job's output the processor `backlash` and the arguments `--machine=FILE.toml`.
     The job is posted by FreeCAD's own post-processor for the dialect of that machine (or `--post=NAME`), and
-    the program compensated and verified as by `ph-post convert`. Arguments that FreeCAD's post-processor
-    knows go to it, others to `ph-post convert`; the tooltip of the field lists them. Arcs stay arcs, and what
-    FreeCAD sampled from a spline is written as a spline where the controller plays G5. What goes wrong is
-    told in FreeCAD in one line, and nothing is written then.
+    the program compensated and verified as by `ph-post convert`. FreeCAD has one for fanuc, grbl, grblhal,
+    linuxcnc and marlin, and none for klipper; programs of siemens and heidenhain cannot be compensated.
+    Arguments that FreeCAD's post-processor knows go to it, others to `ph-post convert`; the tooltip of the
+    field lists them. Arcs stay arcs, and what FreeCAD sampled from a spline is written as a spline where the
+    controller plays G5. What goes wrong is told in FreeCAD in one line, and nothing is written then.
 
     FreeCAD 0.20 and later. The copy knows where this ph-post is; another is named by `--ph-post=FILE` in the
     arguments or by PH_POST in the environment.
@@ -64,8 +65,7 @@ def _answer(trace: str, machine: str | None) -> int:
     from ph_post.io.machinefile import read_machine
     from ph_post.io.source import read_source
 
-    if machine is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
-    told = answer(read_job(read_source(trace)), read_machine(machine))
+    drives = read_machine(options.require_machine(machine))
+    told = answer(read_job(read_source(trace)), drives)
     click.echo(msgspec.json.encode(told, enc_hook=float))
     return 0

@@ -121,16 +121,13 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
         else:
             print_list(shown)
         return 0
-    if output is not None or not as_json:
-        write_atomically({output or "-": made.text})
+    products = {output or "-": made.text} if output is not None or not as_json else {}
+    write_atomically(products)
     if as_json:
         print_json(shown)
     else:
         print_import(shown)
-    for warning in shown["warnings"]:
-        click.echo(f"warning: {warning}", err=True)
-    if output not in {None, "-"}:
-        click.echo(f"wrote {output}", err=True)
+    options.tell_written(shown["warnings"], products)
     return 0
 
 

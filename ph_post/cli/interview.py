@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from ph_post.cli.questions import QUESTIONS, Question, State
@@ -255,14 +255,9 @@ def _text(value: Any, where: str) -> str:
     if isinstance(value, dict):
         return " ".join(f"{axis}={_text(one, where)}" for axis, one in value.items())
     if isinstance(value, list):
-        return "; ".join(_items(value, where))
+        return "; ".join(_text(one, where) for one in value)
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
     raise InputError(
         where, "wrong type", expected="a text, a number, or one by axis", got=type(value).__name__
     )
-
-
-def _items(values: list[Any], where: str) -> Iterator[str]:
-    for one in values:
-        yield _text(one, where)

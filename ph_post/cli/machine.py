@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -135,22 +136,19 @@ def _refuse_place(output: str, force: bool) -> None:
     """Refuse a place that cannot be written before anybody answers a question for it."""
     from ph_post.cli.outputs import refuse_existing, refuse_unwritable
 
+    refuse_existing(output, force)
     if output != "-":
-        refuse_existing(output, force)
         refuse_unwritable(output)
 
 
 def _write(output: str, made: NewMachine, force: bool) -> None:
     """Write the file; what was answered at a terminal is shown where that fails, so that it is not lost."""
-    import sys
-
     from ph_post.cli.outputs import refuse_existing
     from ph_post.errors import InputError
     from ph_post.io.atomic import write_atomically
 
     try:
-        if output != "-":
-            refuse_existing(output, force)
+        refuse_existing(output, force)
         write_atomically({output: made.text})
     except InputError:
         if output != "-" and sys.stdin is not None and sys.stdin.isatty():

@@ -41,6 +41,9 @@ COMMANDS = (
 COMPLETE_VARIABLE = "_PH_POST_COMPLETE"
 """Where a shell says that it wants words to be completed; the name is click's for a program `ph-post`."""
 
+_HELP_PAGE = getattr(click.exceptions, "NoArgsIsHelpError", ())
+"""How newer click says that nothing but its name was given; older ones print the help page themselves."""
+
 
 class LazyGroup(click.Group):
     """A group that imports a command's module when the command is asked for."""
@@ -80,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         result = cli.main(arguments, prog_name="ph-post", standalone_mode=False, obj=state)
     except click.ClickException as error:
-        return _refuse(_usage_line(error))
+        return _show_or_refuse(error)
     except (click.Abort, KeyboardInterrupt):
         return _refuse("interrupted; nothing more was written", status=130)
     except OSError as error:
@@ -115,6 +118,14 @@ def _refuse_stream(error: OSError) -> int:
         return 0
     place, reason = error.filename or "standard output", error.strerror or str(error)
     return _refuse(f"{place}: cannot be read or written; got {reason}")
+
+
+def _show_or_refuse(error: click.ClickException) -> int:
+    """Print the help page where nothing was asked, as click does; else say what is wrong, in one line."""
+    if isinstance(error, _HELP_PAGE):
+        error.show()
+        return int(error.exit_code)
+    return _refuse(_usage_line(error))
 
 
 def _usage_line(error: click.ClickException) -> str:

@@ -15,6 +15,9 @@ DEFAULT_TOLERANCE_MM = 0.005
 BACKUP = ".bak"
 """Ending of a backup where the user names none."""
 
+PER_MINUTE = "per-minute"
+"""How feeds are written where the user does not say."""
+
 MACHINE_VARIABLE = "PH_POST_MACHINE"
 """Environment variable that names the machine file where no option does."""
 
@@ -45,6 +48,20 @@ optional_machine = click.option(
     metavar="MACHINE",
     help="Machine file (.toml), or the name of a shipped one.",
 )
+
+
+def require_machine(name: str | None) -> str:
+    """Return what :data:`optional_machine` names, where it turns out to be needed.
+
+    Raises
+    ------
+    click.UsageError
+        Where it names nothing.
+    """
+    if name is None:
+        raise click.UsageError("Missing option '-m' / '--machine'")
+    return name
+
 
 positive = click.FloatRange(min=0.0, min_open=True)
 

@@ -49,10 +49,21 @@ def choose_target(source: str, how: dict[str, Any]) -> Target | None:
         raise click.UsageError(f"{wanted[0]} needs a file; got standard input")
     file = Path(source)
     if wanted == ["--suffix"]:
-        if not how["suffix"] or "/" in how["suffix"] or os.sep in how["suffix"]:
-            raise click.UsageError(f"--suffix needs an end for the file's name; got {how['suffix']!r}")
+        refuse_bad_suffix(how["suffix"])
         return Target(program=str(file.with_name(file.stem + how["suffix"] + file.suffix)))
     return Target(program=source, backup=f"{source}{how['backup']}" if how["backup"] else None)
+
+
+def refuse_bad_suffix(suffix: str) -> None:
+    """Refuse what is no end of a file's name.
+
+    Raises
+    ------
+    click.UsageError
+        Where it is empty, or leads to another folder.
+    """
+    if not suffix or "/" in suffix or os.sep in suffix:
+        raise click.UsageError(f"--suffix needs an end for the file's name; got {suffix!r}")
 
 
 def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, str | bytes]:

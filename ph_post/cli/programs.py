@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-import msgspec
 
+from ph_post.cli import options
 from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.io.source import STDIN
 from ph_post.units import MM, MS
@@ -47,22 +47,21 @@ def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: b
     if how["undo"]:
         if how["plot"] is not None:
             raise click.UsageError("--undo draws nothing; leave out --plot")
-        return _undo(name, data, target)
-    if how["machine"] is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+        return _undo(name, data, target, as_json)
+    options.require_machine(how["machine"])
     return _compensate(name, data, how, target, as_json)
 
 
 def refuse_path_options(how: Mapping[str, Any]) -> None:
-    """Refuse what a part program has of its own.
+    """Refuse what a part program has of its own; options that a command does not have may be missing.
 
     Raises
     ------
     click.UsageError
         Where an option is given that is for path files.
     """
-    given = [option for name, option in PATH_ONLY.items() if how[name] is not None]
-    given += ["--feed-mode"] if how["feed_mode"] != "per-minute" else []
+    given = [option for name, option in PATH_ONLY.items() if how.get(name) is not None]
+    given += ["--feed-mode"] if how.get("feed_mode", options.PER_MINUTE) != options.PER_MINUTE else []
     given += ["--start moving"] if how["start"] != "rest" else []
     given += ["--strategy retrograde"] if how["strategy"] == "retrograde" else []
     given += ["--allow-retrograde"] if how["allow_retrograde"] else []
@@ -70,18 +69,19 @@ def refuse_path_options(how: Mapping[str, Any]) -> None:
         raise click.UsageError(f"{given[0]} is for path files; a part program keeps its own")
 
 
-def _undo(name: str, data: bytes, target: Target | None) -> int:
+def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
     """Write the original of a compensated program."""
     from ph_post.gcode.splice.undo import undo
     from ph_post.io.atomic import write_atomically
-    from ph_post.report.deliveries import written_lines
+    from ph_post.report.deliveries import undone_view
+    from ph_post.report.tables import print_json
 
-    if target is None:
-        raise click.UsageError("--undo writes a program and prints no object; leave out --json")
-    products = products_of(target, undo(data, name), data)
+    original = undo(data, name)
+    products = {} if target is None else products_of(target, original, data)
     write_atomically(products)
-    for line in written_lines(products):
-        click.echo(line, err=True)
+    if as_json:
+        print_json(undone_view())
+    options.tell_written((), products)
     return 0
 
 
@@ -129,14 +129,11 @@ def deliver_program(
         Where program or machine file are bad, and as :func:`ph_post.audit.deliver.deliver`.
     """
     from ph_post.audit.deliver import Request, deliver
-    from ph_post.cli.job import default_strategy, plan_options
+    from ph_post.cli.job import default_strategy, plan_options, read_drives
     from ph_post.gcode.reading import read_as
-    from ph_post.io.machinefile import read_machine
 
     stage("reading")
-    machine = read_machine(how["machine"])
-    if how["dialect"] is not None:
-        machine = msgspec.structs.replace(machine, dialect=how["dialect"])
+    machine = read_drives(how["machine"], how["dialect"])
     program = read_as(machine.dialect, data, name, strict=how["strict"])
     plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
     request = Request(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
@@ -173,7 +170,7 @@ def compensated(raw: Raw, machine: Machine, how: dict[str, Any], stage: Callable
     from ph_post.gcode.reading import read_as
     from ph_post.gcode.splice.options import SpliceOptions
 
-    refuse_path_options({**dict.fromkeys((*PATH_ONLY, "feed_mode")), "feed_mode": "per-minute", **how})
+    refuse_path_options(how)
     program = read_as(machine.dialect, raw.data, raw.name)
     require_drives(moved_axes(program), "program", machine, f"machine {machine.name}")
     original = original_of(program)

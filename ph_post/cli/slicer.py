@@ -52,7 +52,8 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
       ph-post-slicer -m router.toml --backup --max-slowdown 0.25 part.gcode
     """
     from ph_post.cli.conversion import convert_part, hushed
-    from ph_post.io.atomic import write_atomically
+    from ph_post.compensate.strategies.base import silent
+    from ph_post.io.atomic import Content, write_atomically
     from ph_post.io.source import Raw, read_raw
 
     ctx.ensure_object(dict)["one_line"] = True
@@ -63,16 +64,16 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
     name = os.environ.get(_NAME) or source
     data = _program(source, name, read_raw(source).data)
     with hushed():
-        found = convert_part(
-            Raw(name=name, stem="", data=data), {**how, "machine": machine}, lambda _stage: None
-        )
-    products: dict[str, str | bytes] = {source: found.data}
-    if backup and found.data != data:
-        products = {_free(_final(source, name), data): data, **products}
+        found = convert_part(Raw(name=name, stem="", data=data), {**how, "machine": machine}, silent)
+    products: dict[str, Content] = {}
     if found.data != data:
+        if backup:
+            products[_free(_final(source, name), data)] = data
+        products[source] = found.data
         write_atomically(products)
-    for line in (*found.lines, *(f"wrote {place}" for place in products if found.data != data)):
+    for line in found.lines:
         click.echo(line, err=True)
+    options.tell_written((), products)
     return 0
 
 
@@ -101,8 +102,9 @@ def _final(source: str, name: str) -> str:
 def _free(place: str, data: bytes) -> str:
     """Return a name for a backup that is free, or holds these bytes already."""
     first = place + options.BACKUP
-    for name in itertools.chain((first,), (f"{first}{number}" for number in itertools.count(2))):
-        there = pathlib.Path(name)
-        if not os.path.lexists(there) or (there.is_file() and there.read_bytes() == data):
-            return name
-    raise AssertionError(name)
+    names = itertools.chain((first,), (f"{first}{number}" for number in itertools.count(2)))
+    return next(name for name in names if not os.path.lexists(name) or _holds(pathlib.Path(name), data))
+
+
+def _holds(file: pathlib.Path, data: bytes) -> bool:
+    return file.is_file() and file.read_bytes() == data

@@ -13,20 +13,22 @@ from typing import Any, Final
 
 import click
 
+from ph_post.cli import options
 from ph_post.cli.conversion import Converted, convert_input, hushed
+from ph_post.cli.job import read_drives
+from ph_post.cli.outputs import refuse_bad_suffix
+from ph_post.compensate.strategies.base import silent
 from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.registry import find_dialect
 from ph_post.io.atomic import make_folder, write_atomically
 from ph_post.io.folderwatch import Folder, Look
 from ph_post.io.inputs import ENDINGS
-from ph_post.io.machinefile import read_machine
 from ph_post.io.source import Raw, read_raw
 
 POLL: Final = 0.5
 """Time between two looks at the folder [s]."""
 
 _PATH: Final = ".json"
-_PROGRAM: Final = ".ngc"
-"""What the program of a path file ends with."""
 
 WATCHED: Final = (*sorted(ENDINGS), _PATH)
 """Endings of files that are taken."""
@@ -63,7 +65,6 @@ def watch_folder(folder: str, how: Mapping[str, Any]) -> int:
         Where the folder, that of the outputs or the machine file are bad, or one of the folders vanishes.
     """
     _refuse_unfit(how)
-    read_machine(how["machine"])
     watcher = Watcher(folder, how)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     mine = f", but not *{how['suffix']}.*" if how["suffix"] else ""
@@ -80,14 +81,13 @@ def _refuse_unfit(how: Mapping[str, Any]) -> None:
     given = [option for name, option in _UNFIT.items() if how[name]]
     if given:
         raise click.UsageError(f"{given[0]} does not go with --watch")
-    if how["machine"] is None:
-        raise click.UsageError("Missing option '-m' / '--machine'")
+    options.require_machine(how["machine"])
     if (how["output"] is None) == (how["suffix"] is None):
         raise click.UsageError("--watch needs a place for the programs: -o FOLDER or --suffix END")
     if how["output"] in ("", "-"):
         raise click.UsageError(f"-o needs the name of a folder with --watch; got {how['output']!r}")
-    if how["suffix"] is not None and (not how["suffix"] or set(how["suffix"]) & {"/", os.sep}):
-        raise click.UsageError(f"--suffix needs an end for the file's name; got {how['suffix']!r}")
+    if how["suffix"] is not None:
+        refuse_bad_suffix(how["suffix"])
 
 
 class Watcher:
@@ -102,6 +102,7 @@ class Watcher:
 
     def __init__(self, folder: str, how: Mapping[str, Any]) -> None:
         self._how = how
+        self._ending = find_dialect(read_drives(how["machine"], how["dialect"]).dialect).ending
         self._suffix: str | None = how["suffix"]
         self._folder = Folder(folder, self._wanted, how["settle"])
         self._folder.require()
@@ -159,7 +160,7 @@ class Watcher:
             found, lines = None, [f"{raw.name}: {target} is there already"]
         else:
             with hushed():
-                found = convert_input(raw, self._how, _silent)
+                found = convert_input(raw, self._how, silent)
             self._require_free(target, raw, found)
             said = found.said if found.said.startswith(raw.name) else f"{raw.name}: {found.said}"
             lines = [f"{said}; wrote {target}", *found.lines[1:]]
@@ -176,16 +177,17 @@ class Watcher:
     def _target(self, name: str) -> pathlib.Path:
         """Name the program that is made of a file."""
         stem, ending = os.path.splitext(name)  # noqa: PTH122
-        ending = _PROGRAM if ending.lower() == _PATH else ending
+        ending = self._ending if ending.lower() == _PATH else ending
         return self._place / f"{stem}{self._suffix or ''}{ending}"
 
     def _is_there(self, target: pathlib.Path, raw: Raw) -> bool:
         """Whether the program is there from an earlier run, made of these bytes for this machine."""
         known = raw.name.endswith(_PATH) or target in self._written
-        if known or self._how["force"] or not _is_ours(_bytes(target)):
+        there = b"" if known or self._how["force"] else _bytes(target)
+        if not _is_ours(there):
             return False
         with contextlib.suppress(PhPostError), hushed():
-            found = convert_input(Raw(name=target.name, stem="", data=_bytes(target)), self._how, _silent)
+            found = convert_input(Raw(name=target.name, stem="", data=there), self._how, silent)
             return found.done and found.original == raw.data
         return False
 
@@ -215,10 +217,6 @@ def _bytes(place: pathlib.Path) -> bytes:
 
 def _is_ours(data: bytes) -> bool:
     return _MARK.search(data[:_HEAD]) is not None
-
-
-def _silent(_stage: str) -> None:
-    """Say nothing: a line a file is enough."""
 
 
 def _say(words: str) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from ph_post.errors import InputError
 from ph_post.gcode.format import PARENTHESES, Comments, comment_lines, decimal_text, significant_text
 from ph_post.gcode.reader.language import RS274, Language
 from ph_post.gcode.reader.record import PartProgram
@@ -148,6 +149,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         Decimals of F, where a controller counts those and not digits; never less than the last of them.
     unspliced : str
         Why nothing is spliced into a program of that language, in words; empty where it can be.
+    ending : str
+        What its programs' file names end with.
     """
 
     name: str
@@ -180,6 +183,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     plus: bool = False
     feed_decimals: int | None = None
     unspliced: str = ""
+    ending: str = ".ngc"
 
     def length(self, count: int, decimals: int) -> str:
         """Write a length of `count` / 10^`decimals` units."""
@@ -203,6 +207,21 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     def finished(self, lines: Sequence[str], name: str) -> Sequence[str]:
         """Return the lines of a whole program as the controller is to have them."""
         return lines if self.finish is None else self.finish(lines, name)
+
+
+def require_spliceable(dialect: Dialect, where: str) -> None:
+    """See that programs of a dialect can be compensated; `where` is the program, or who asks for it.
+
+    Raises
+    ------
+    InputError
+        With the dialect's reason.
+    """
+    if dialect.unspliced:
+        raise InputError(
+            where, f"nothing is spliced into programs of {dialect.name}: {dialect.unspliced}",
+            expected="a path file, or a program of another dialect",
+        )  # fmt: skip
 
 
 def metric_opening(plane: str) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError, PhPostError
-from ph_post.gcode.dialect import Dialect
+from ph_post.gcode.dialect import Dialect, require_spliceable
 from ph_post.gcode.registry import find_dialect
 from ph_post.gcode.tracing.cubics import cubic_track
 from ph_post.gcode.tracing.record import Move
@@ -28,11 +28,11 @@ POSTS: Final = {
     "fanuc": "fanuc",
     "grbl": "grbl",
     "grblhal": "grbl",
-    "heidenhain": "heidenhain",
     "linuxcnc": "linuxcnc",
     "marlin": "marlin",
 }
-"""FreeCAD's own post-processor for each dialect; where it has none the user names one."""
+"""FreeCAD's own post-processor for each dialect. It has none for Klipper, and users of that name one; the
+programs of Siemens and Heidenhain cannot be compensated, whoever has posted them."""
 
 
 class CurveRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -75,12 +75,19 @@ def read_job(source: Source) -> JobRecord:
 
 
 def answer(job: JobRecord, machine: Machine) -> dict[str, Any]:
-    """Return what FreeCAD's post-processor is told: see the module."""
+    """Return what FreeCAD's post-processor is told: see the module.
+
+    Raises
+    ------
+    InputError
+        Where programs of the machine's dialect cannot be compensated.
+    """
     dialect = find_dialect(machine.dialect)
+    require_spliceable(dialect, machine.name)
     traced = [_traced(operation, dialect, machine, job.tolerance * MM) for operation in job.operations]
     return {
         "dialect": dialect.name,
-        "post": POSTS.get(dialect.name),
+        "post": POSTS.get(dialect.name.partition("+")[0]),
         "operations": [moves for moves, _ in traced],
         "splines": sum(count for _, count in traced),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator
 from typing import Any, Final
@@ -13,10 +12,10 @@ from ph_post.diagnose.identification import Drive, Identification
 from ph_post.diagnose.identifyaxis import PRODUCT
 from ph_post.errors import InputError
 from ph_post.io.machinechange import axis_change
-from ph_post.io.machineedit import edit_axes, put, written
+from ph_post.io.machineedit import put, written
 from ph_post.io.machinefile import machine_of
-from ph_post.io.machinewrite import log_words, read_back, require_same
-from ph_post.io.source import Source
+from ph_post.io.machinewrite import changed_machine, log_words, require_same
+from ph_post.io.source import Source, source_of
 from ph_post.types import Axis, Log, Machine
 from ph_post.units import MM, MS
 
@@ -59,17 +58,14 @@ def identified_machine(original: Source | None, found: Identification, log: Log)
     if original is None:
         return _new_file(found, log)
     before = machine_of(original)
-    changes = [
-        change
-        for name, drive in found.drives.items()
-        if (change := axis_change(
+    changes = (
+        axis_change(
             before.axes[name], found.machine.axes[name], original,
             parameters=drive.parameters, above=[f"identified from {log_words(log)}"], effects={},
-        )) is not None
-    ]  # fmt: skip
-    text = edit_axes(original.text, changes) if changes else original.text
-    require_same(read_back(original, text), found.machine)
-    return text
+        )
+        for name, drive in found.drives.items()
+    )  # fmt: skip
+    return changed_machine(original, changes, found.machine)
 
 
 def require_writable(machine: Machine, name: str) -> None:
@@ -112,8 +108,7 @@ def _new_file(found: Identification, log: Log) -> str:
         axes.add(name, _axis_table(machine.axes[name], drive))
     document.add("axes", axes)
     text = tomlkit.dumps(document)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    require_same(machine_of(Source(name="-", stem=machine.name, text=text, digest=digest)), machine)
+    require_same(machine_of(source_of(text, "-", machine.name)), machine)
     return text
 
 

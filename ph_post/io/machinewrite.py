@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
-
-from msgspec.structs import replace
 
 from ph_post.diagnose.record import Diagnosis, Finding
 from ph_post.errors import SolveError
 from ph_post.io.machinechange import axis_change, error_words, same
 from ph_post.io.machineedit import AxisChange, EffectChange, edit_axes
 from ph_post.io.machinefile import machine_of
-from ph_post.io.source import Source
+from ph_post.io.source import Source, source_of
 from ph_post.types import Axis, Log, Machine
 
 UM: Final = 1e-6
@@ -46,27 +43,25 @@ def better_machine(original: Source, diagnosis: Diagnosis, log: Log) -> str:
     SolveError
         Where it differs from the file in what no diagnosis changes.
     """
-    before = machine_of(original)
-    changes = [
-        change
-        for axis in before.axes.values()
-        if (change := _change(axis, diagnosis, log, original)) is not None
-    ]
-    text = edit_axes(original.text, changes) if changes else original.text
-    require_same(read_back(original, text), diagnosis.machine)
-    return text
+    axes = machine_of(original).axes.values()
+    changes = (_change(axis, diagnosis, log, original) for axis in axes)
+    return changed_machine(original, changes, diagnosis.machine)
 
 
-def read_back(original: Source, text: str) -> Machine:
-    """Read a machine file that was changed.
+def changed_machine(original: Source, changes: Iterable[AxisChange | None], wanted: Machine) -> str:
+    """Return a machine file with changes of its axes, None where one has none; it reads back as `wanted`.
 
     Raises
     ------
     InputError
         Where it contradicts itself.
+    SolveError
+        Where it is another machine's.
     """
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    return machine_of(replace(original, text=text, digest=digest))
+    found = [change for change in changes if change is not None]
+    text = edit_axes(original.text, found) if found else original.text
+    require_same(machine_of(source_of(text, original.name, original.stem)), wanted)
+    return text
 
 
 def require_same(read: Machine, wanted: Machine) -> None:

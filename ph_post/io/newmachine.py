@@ -6,7 +6,6 @@ constant) is taken over from the shipped machine of the same loop, and said to b
 
 from __future__ import annotations
 
-import hashlib
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -20,7 +19,7 @@ from ph_post.io.check import checked
 from ph_post.io.machineedit import put, written
 from ph_post.io.machinefile import machine_of, read_machine
 from ph_post.io.machinerecord import AxesRecord, AxisRecord, ControllerRecord, MachineRecord
-from ph_post.io.source import Source
+from ph_post.io.source import source_of
 from ph_post.types import Axis, Feedback, Machine
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -108,10 +107,9 @@ def new_machine(answers: Answers) -> NewMachine:
     text = _text(record, rows)
     if checked(tomllib.loads(text), MachineRecord, answers.name) != record:
         raise PhPostError(f"{answers.name}: the machine file would not be that of the answers")
-    digest = hashlib.sha256(text.encode()).hexdigest()
     return NewMachine(
         text=text,
-        machine=machine_of(Source(name=answers.name, stem=answers.name, text=text, digest=digest)),
+        machine=machine_of(source_of(text, answers.name, answers.name)),
         assumed={name: tuple(row.key for row in those if row.assumed) for name, those in rows.items()},
     )
 

@@ -26,6 +26,11 @@ class Source(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
 
 
+def source_of(text: str, name: str, stem: str) -> Source:
+    """Return a text that was made here as if it had been read, with its hash."""
+    return Source(name=name, stem=stem, text=text, digest=hashlib.sha256(text.encode()).hexdigest())
+
+
 def read_source(source: str | os.PathLike[str]) -> Source:
     """Read a UTF-8 text file, or standard input for ``-``.
 

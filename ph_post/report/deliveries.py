@@ -101,3 +101,23 @@ def delivery_view(
         "unchanged": delivery.after.data == delivery.before.data,
         "warnings": list(warnings_of(delivery)),
     }
+
+
+def undone_view() -> dict[str, Any]:
+    """Return what ``convert --undo --json`` prints: as :func:`delivery_view`, nothing added or simulated.
+
+    What is given back is the original byte for byte, which the hash in the program's head has shown.
+    """
+    return {
+        "windows": [],
+        "cycle_time": {"before": None, "after": None},
+        "error": {"before": None, "after": None},
+        "carrier": "program",
+        "stops": 0,
+        "dips": 0,
+        "offsets": {},
+        "pulses": {},
+        "verified": True,
+        "unchanged": False,
+        "warnings": [],
+    }

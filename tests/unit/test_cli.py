@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from support.streams import without_progress
 
-from ph_post.cli.main import COMMANDS, main
+from ph_post.cli.main import COMMANDS, cli, main
 
 ROOT = Path(__file__).resolve().parents[2]
 CIRCLE = str(ROOT / "paths" / "circle.json")
@@ -302,6 +303,14 @@ def test_bad_usage_is_one_line_and_exit_2(capsys, arguments, line):
     status, out, err = run(capsys, *arguments)
     assert (status, out) == (2, "")
     assert err == line + "\n"
+
+
+def test_without_a_command_it_prints_its_help_page_as_click_does(capsys):
+    main(["--help"])
+    page = capsys.readouterr().out
+    assert main([]) == CliRunner().invoke(cli, []).exit_code
+    streams = capsys.readouterr()
+    assert streams.out + streams.err == page
 
 
 def test_missing_drive_names_the_axis(capsys, tmp_path):

@@ -102,6 +102,20 @@ def test_in_place_with_a_backup_and_beside(circle, capfdbinary):
     assert circle.read_bytes() == CIRCLE
 
 
+def test_undo_prints_the_object_of_a_program_that_carries_nothing_any_more(circle, tmp_path, capfdbinary):
+    out, back = tmp_path / "out.ngc", tmp_path / "back.ngc"
+    done = json.loads(run(capfdbinary, "convert", circle, *ROOMY, "-o", out, "--json")[1])
+    status, printed, said = run(capfdbinary, "convert", out, "--undo", "--json", "-o", back)
+    assert (status, said) == (0, f"wrote {back}\n")
+    assert back.read_bytes() == CIRCLE
+    view = json.loads(printed)
+    assert list(view) == list(done)
+    assert (view["verified"], view["unchanged"], view["offsets"], view["stops"]) == (True, False, {}, 0)
+    assert view["cycle_time"] == view["error"] == {"before": None, "after": None}
+    # Without a place for the program the object is all there is.
+    assert run(capfdbinary, "convert", out, "--undo", "--json") == (0, printed, "")
+
+
 def test_where_nothing_is_to_be_done_the_bytes_stay(circle, tmp_path, capfdbinary):
     out = tmp_path / "out.ngc"
     status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "--strategy", "none", "-o", out)

@@ -158,6 +158,15 @@ def test_a_path_file_becomes_a_program(folders, capsys):
     assert (target / "circle.ngc").read_bytes() == before
 
 
+@pytest.mark.parametrize(("dialect", "name"), [("klipper", "circle.gcode"), ("heidenhain", "circle.h")])
+def test_the_program_of_a_path_file_has_the_ending_of_its_dialect(dialect, name, folders):
+    source, target = folders
+    watched = watcher(source, "-o", target, "--strategy", "suppress", "--dialect", dialect)
+    shutil.copy(ROOT / "paths" / "circle.json", source)
+    assert converted(watched) == 1
+    assert [one.name for one in target.iterdir()] == [name]
+
+
 def test_what_somebody_else_wrote_is_not_overwritten(folders, capsys):
     source, target = folders
     target.mkdir()
@@ -226,6 +235,7 @@ def test_what_cannot_be_watched_is_told_in_a_line(folders, tmp_path, capsys):
         ((file, *machine, "-o", target), "a file: is no folder; expected a folder to watch"),
         ((source, "-o", target), "Missing option '-m' / '--machine'"),
         ((source, "-m", file, "-o", target), "a file: the file is empty"),
+        ((source, *machine, "--dialect", "x", "-o", target), "dialect: no such dialect"),
         ((source, *machine), "--watch needs a place for the programs"),
         ((source, *machine, "-o", target, "--suffix", "_bl"), "--watch needs a place for the programs"),
         ((source, *machine, "-o", source / "."), "the watched folder itself"),

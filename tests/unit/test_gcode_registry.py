@@ -9,6 +9,7 @@ import pytest
 from ph_post.errors import InputError
 from ph_post.gcode import registry
 from ph_post.gcode.dialects import grbl, grblhal, linuxcnc
+from ph_post.io.inputs import ENDINGS
 
 
 def test_the_built_in_dialects() -> None:
@@ -23,6 +24,11 @@ def test_without_installed_metadata_the_built_in_ones_remain(monkeypatch: pytest
     for name in registry.BUILT_IN:
         assert registry.find_dialect(name).name == name
     assert registry.find_dialect("grbl") is grbl.DIALECT
+
+
+@pytest.mark.parametrize("name", registry.BUILT_IN)
+def test_files_of_every_dialect_are_taken_for_programs(name: str) -> None:
+    assert registry.find_dialect(name).ending in ENDINGS
 
 
 def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:

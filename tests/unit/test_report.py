@@ -97,6 +97,7 @@ def test_the_page_goes_to_standard_output_and_a_picture_beside_it(tmp_path, caps
         ),
         (("oval", "-m", "mill", "-o", "-", "--json"), "standard output can take one product"),
         (("nothing.json", "-m", "mill"), "nothing.json: no such file"),
+        (("a.ngc", "-m", "mill", "--dialect", "x"), "dialect: no such dialect"),
         (("table.csv", "-m", "mill"), "table.csv: is an interpolator table; expected the path"),
     ],
 )

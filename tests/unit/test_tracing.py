@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from ph_post.cli.main import main
 from ph_post.errors import InputError
@@ -17,7 +19,8 @@ from ph_post.gcode.tracing.record import Move
 from ph_post.gcode.tracing.runs import find_runs
 from ph_post.gcode.tracing.write import trace_moves
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.io.freecadjob import read_job
+from ph_post.io.freecadjob import JobRecord, answer, read_job
+from ph_post.io.machinefile import read_machine
 from ph_post.io.source import Source
 
 LINUXCNC = find_dialect("linuxcnc")
@@ -210,6 +213,23 @@ def test_the_command_answers_with_the_dialects_post_processor_and_moves(tmp_path
     assert main(["freecad", "--trace", str(tmp_path / "job.json"), "-m", "stepper"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["post"], told["operations"], told["splines"]) == ("grbl", [None, None], 0)
+
+
+NO_MOVES = JobRecord(format="ph-post-freecad", version=1, tolerance=0.02, operations=[])
+
+
+@pytest.mark.parametrize(
+    ("dialect", "post"),
+    [("fanuc+ai+nurbs", "fanuc"), ("marlin", "marlin"), ("klipper", None)],
+)
+def test_the_post_processor_is_that_of_the_dialect_whatever_the_machine_has_besides(dialect, post):
+    assert answer(NO_MOVES, replace(read_machine("mill"), dialect=dialect))["post"] == post
+
+
+@pytest.mark.parametrize("dialect", ["siemens", "heidenhain", "heidenhain-iso+tolerance"])
+def test_a_job_that_cannot_be_compensated_is_refused_before_it_is_posted(dialect):
+    with pytest.raises(InputError, match=f"nothing is spliced into programs of {re.escape(dialect)}: "):
+        answer(NO_MOVES, replace(read_machine("mill"), dialect=dialect))
 
 
 @pytest.mark.parametrize(

@@ -147,6 +147,7 @@ DIALECT = Dialect(
     point=True,
     feed_decimals=_FEED_DECIMALS,
     front=read_fanuc,
+    ending=".nc",
     variants=_VARIANTS,
 )
 """The Fanuc dialect."""

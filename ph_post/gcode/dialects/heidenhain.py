@@ -182,6 +182,7 @@ DIALECT = Dialect(
     feed_decimals=_FEED_DECIMALS,
     unspliced=_UNSPLICED,
     front=read_klartext,
+    ending=".h",
     dwell=Dwell(decimals=_TIME_DECIMALS),
     variants={"tolerance": partial(_with_path_mode, path_mode=_cycle_32)},
 )
@@ -194,6 +195,7 @@ ISO_DIALECT = replace(
     writer=IsoLines,
     finish=finish_iso,
     front=read_tnc_iso,
+    ending=".i",
     dwell=Dwell(word="G04", letter="F", decimals=_TIME_DECIMALS),
     variants={"tolerance": partial(_with_path_mode, path_mode=_g62)},
 )

@@ -66,6 +66,7 @@ DIALECT = Dialect(
     assumed=_ASSUMED,
     modal_motion=False,
     rapid_feed=True,
+    ending=".gcode",
     language=Language(
         name="klipper",
         hide=reader_of(_STILL, b"XYZIJEF", b"$", small=True),

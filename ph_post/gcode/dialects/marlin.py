@@ -92,6 +92,7 @@ DIALECT = Dialect(
     assumed=_ASSUMED,
     modal_motion=False,
     rapid_feed=True,
+    ending=".gcode",
     cautions=(_JOINED,),
     guard=(_OWN_OFF,),
     language=Language(

@@ -133,6 +133,7 @@ DIALECT = Dialect(
     path_mode=_path_mode,
     comments=SEMICOLON,
     front=read_siemens,
+    ending=".mpf",
     unspliced=(
         "values there may be computed, and a new line has to fit polynomials and feeds that change within"
         " blocks; convert the path file that it was made from"

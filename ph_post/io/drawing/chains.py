@@ -52,8 +52,11 @@ def join(runs: Sequence[Run], tolerance: float, same: float) -> Joining:
     """
     made: list[Contour] = []
     notes = _Notes()
-    for layer in dict.fromkeys(run.layer for run in runs):
-        chains = _Chainer([run for run in runs if run.layer == layer], tolerance, notes)
+    by_layer: dict[str, list[Run]] = {}
+    for run in runs:
+        by_layer.setdefault(run.layer, []).append(run)
+    for layer, those in by_layer.items():
+        chains = _Chainer(those, tolerance, notes)
         made.extend(_contour(pieces, layer, tolerance, same, notes) for pieces in chains.chains())
     return Joining(
         contours=tuple(made), gaps=notes.gaps, largest_gap=notes.largest, moved=notes.moved,
@@ -81,12 +84,13 @@ class _Chainer:
         self._tolerance, self._notes = tolerance, notes
         self._ends = np.array([(shapes[0].start, shapes[-1].end) for shapes in self._shapes]).reshape(-1, 3)
         self._tree = cKDTree(self._ends)
-        self._free = np.array([not is_loop(shapes, tolerance) for shapes in self._shapes], dtype=np.bool_)
+        self._loop = np.array([is_loop(shapes, tolerance) for shapes in self._shapes], dtype=np.bool_)
+        self._free = ~self._loop
 
     def chains(self) -> Iterable[list[Shape]]:
         """Yield the chains, in the order of their first runs."""
         for number, shapes in enumerate(self._shapes):
-            if is_loop(shapes, self._tolerance):
+            if self._loop[number]:
                 yield list(shapes)
             elif self._free[number]:
                 self._free[number] = False
@@ -193,14 +197,14 @@ def in_order(contours: Sequence[Contour], layers: Sequence[str], nearest: bool) 
     nearest : bool
         Else the drawing's order is kept inside a layer.
     """
+    by_layer: dict[str, list[Contour]] = {layer: [] for layer in layers}
+    for contour in contours:
+        by_layer.setdefault(contour.layer, []).append(contour)
     ordered: list[Contour] = []
     place = np.zeros(3)
-    for layer in dict.fromkeys((*layers, *(contour.layer for contour in contours))):
-        group = [contour for contour in contours if contour.layer == layer]
-        if nearest and group:
-            group = [group[number] for number in _nearest_next(group, place)]
-        ordered.extend(group)
-        place = group[-1].shapes[-1].end if group else place
+    for group in by_layer.values():
+        ordered.extend((group[number] for number in _nearest_next(group, place)) if nearest else group)
+        place = ordered[-1].shapes[-1].end if ordered else place
     return ordered
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import pathlib
 from collections.abc import Sequence
 from fractions import Fraction
@@ -21,7 +20,7 @@ from ph_post.io.drawing.shapes import Shape, transformed
 from ph_post.io.drawing.write import path_text
 from ph_post.io.pathfile import path_of
 from ph_post.io.pathsegment import MAX_LENGTH
-from ph_post.io.source import STDIN, Source
+from ph_post.io.source import STDIN, source_of
 from ph_post.types import Path
 from ph_post.units import MM
 
@@ -104,8 +103,7 @@ def import_drawing(drawing: Drawing, file: str, stem: str, wish: Wish) -> Import
         notes.append(f"the feed is {DEFAULT_FEED} mm/min, as a drawing has none; --feed sets another")
     notes.extend(_told(joining, wish, mm))
     text = path_text(contours, unit, feed / UNITS[unit], wish.axes, (stem, pathlib.Path(file).name))
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    path = path_of(Source(name=f"{file}, imported", stem=stem, text=text, digest=digest))
+    path = path_of(source_of(text, f"{file}, imported", stem))
     return Imported(
         text=text,
         path=path,

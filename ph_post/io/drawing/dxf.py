@@ -81,7 +81,6 @@ def read_dxf(data: bytes, file: str, layers: Sequence[str] = ()) -> Drawing:
     for layout in document.layouts:
         if layout.name != "Model" and len(layout):
             found.leave_out("in paper space", sum(1 for entity in layout if entity.dxftype() != "VIEWPORT"))
-    found.left_out = +found.left_out
     _Walk(document, found).walk(document.modelspace(), _Where(matrix=np.eye(4)))
     return found.drawing("DXF", _unit(text, found))
 

@@ -107,8 +107,9 @@ class Collector:
             )  # fmt: skip
 
     def leave_out(self, what: str, times: int = 1) -> None:
-        """Name something that does not become part of the path."""
-        self.left_out[what] += times
+        """Name something that does not become part of the path; of nothing there is nothing to say."""
+        if times:
+            self.left_out[what] += times
 
     def note(self, text: str) -> None:
         """Say something once."""

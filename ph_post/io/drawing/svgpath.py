@@ -166,24 +166,18 @@ def _elliptic(segment: Any, start: tuple[float, float], end: tuple[float, float]
         return None
     center = np.array(_pair(segment.center))
     u, v = np.array(_pair(segment.prx)) - center, np.array(_pair(segment.pry)) - center
-    sweep, first = float(segment.sweep), float(segment.get_start_t())
-    ray = (
-        np.linalg.solve(np.stack([u, v], axis=1), np.array(start) - center)
-        if np.any(u) and np.any(v)
-        else None
-    )
-    if ray is None:
+    sweep = float(segment.sweep)
+    if not (np.any(u) and np.any(v)):
         return shapes.line(start, end)
     if abs(abs(sweep) - math.pi) < HALF:
         center = 0.5 * (np.array(start) + np.array(end))
-        ray = np.linalg.solve(np.stack([u, v], axis=1), np.array(start) - center)
         sweep = math.copysign(math.pi, sweep)
-    first = math.atan2(ray[1], ray[0])
+    ray = np.linalg.solve(np.stack([u, v], axis=1), np.array(start) - center)
     if abs(np.linalg.norm(u) - np.linalg.norm(v)) <= shapes.ROUND * np.linalg.norm(u):
         return shapes.arc(start, end, center, "ccw" if sweep > 0.0 else "cw")
     matrix = np.eye(4)
     matrix[:2, :2], matrix[:2, 3] = np.stack([u, v], axis=1), center
-    made = shapes.transformed(shapes.unit_arc(first, sweep), matrix)
+    made = shapes.transformed(shapes.unit_arc(math.atan2(ray[1], ray[0]), sweep), matrix)
     return shapes.with_ends(made, np.array([*start, 0.0]), np.array([*end, 0.0]))
 
 

@@ -222,6 +222,11 @@ def test_layers_symbols_and_what_is_used():
     assert [contour.layer for contour in plain.contours] == ["a", "0"]
 
 
+def test_a_hidden_group_that_holds_nothing_is_nothing_left_out():
+    made = import_of(svg('<g display="none"><title>guides</title></g><path d="M0 0h5"/>'), strict=True)
+    assert made.drawing.left_out == {}
+
+
 def test_what_is_not_understood_is_named_with_its_count():
     body = (
         '<path d="M0 0h5" clip-path="url(#c)"/><clipPath id="c"><rect width="2" height="2"/></clipPath>'

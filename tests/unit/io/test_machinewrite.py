@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from ph_post.diagnose.record import Diagnosis, Estimate, Finding, GapStep, Quality
 from ph_post.errors import SolveError
 from ph_post.io.machinefile import machine_of, machine_source
-from ph_post.io.machinewrite import better_machine, read_back
-from ph_post.io.source import Source
+from ph_post.io.machinewrite import better_machine
+from ph_post.io.source import Source, source_of
 from ph_post.types import AxisLog, EffectSetting, Log, frozen
 
 LIMITS = "max_velocity_mm_s = 100\nmax_acceleration_mm_s2 = 500\nmax_jerk_mm_s3 = 5000\n"
@@ -82,7 +82,7 @@ def test_an_effect_stands_behind_its_axis_and_says_where_it_comes_from():
         "# gap between model and record on held-out data 8.04 -> 3 um\n"
         '[[axes.X.effects]]\nname = "coulomb_friction"\nforce_n = 20.41235  # +- 0.1 N\n\n# the saddle',
     )
-    assert read_back(original, text).axes["X"].effects == (
+    assert machine_of(source_of(text, "mine.toml", "mine")).axes["X"].effects == (
         EffectSetting(name="coulomb_friction", parameters={"force_n": 20.41235}),
     )
 
