@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
@@ -16,6 +16,7 @@ from ph_post.report.page import make_page
 from ph_post.report.tables import format_table
 from ph_post.report.thinning import along, rows_to_draw
 from ph_post.report.traces import Mark, Picture, Trace
+from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import Array, IntArray
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
@@ -25,8 +26,6 @@ ROWS: Final = 10_000
 
 MARKS: Final = 2_000
 """Turning points that are listed at most: of more, those with the largest errors."""
-
-View = dict[str, Any]
 
 
 def motion_page(picture: Picture) -> str:
