@@ -75,11 +75,13 @@ def places_off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     kept = _thinned(side.deviation.size) if side.deviation.size else np.zeros(0, dtype=np.int64)
     stretch = np.repeat(np.arange(side.samples.stretch.size - 1), np.diff(side.samples.stretch))
     away = (side.samples.points - side.feet)[kept]
+    motions, motion = programs[k].motions, side.motion(kept)
     return {
         **_columns(side.feet[kept]),
         **{name: np.round(away[:, n] / MM, 7).tolist() for n, name in enumerate(("dx", "dy", "dz"))},
         "s": np.round((side.samples.ways if k == 0 else side.foot_ways)[kept] / MM, 4).tolist(),
-        "line": (programs[k].motions.block[side.motion(kept)] + 1).tolist(),
+        "line": (motions.block[motion] + 1).tolist(),
+        "rapid": (motions.kind[motion] == RAPID).astype(int).tolist(),
         "stretch": stretch[kept].tolist(),
     }
 

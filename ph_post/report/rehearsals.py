@@ -8,7 +8,7 @@ import numpy as np
 
 from ph_post.audit.rehearse import Execution, Rehearsal
 from ph_post.report.assessments import error_view
-from ph_post.report.figures import AFTER, BEFORE, MARK, new_figure
+from ph_post.report.figures import AFTER, BEFORE, MARK, legend_above, new_figure
 from ph_post.report.tables import format_table
 from ph_post.units import MM, MM_PER_MIN
 
@@ -93,7 +93,7 @@ def draw_rehearsal(found: Rehearsal, name: str) -> Figure:
     above.set(ylabel="contour error [mm]")
     below.set(xlabel="t [s]", ylabel="feed [mm/min]")
     for axes in (above, below):
-        axes.legend(loc="upper right", fontsize="small")
+        legend_above(axes)
     figure.suptitle(name)
     return figure
 

@@ -92,14 +92,18 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...]
     rapids: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def windows(self) -> list[tuple[float, float]]:
+        """The windows of all turning points that have one: first and last place along the path [m]."""
+        return [mark.window for mark in self.marks if mark.window is not None]
+
     def inside(self, s: Array) -> BoolArray:
         """Whether places along the path (n,) [m] lie in a window."""
         found = np.zeros(s.size, dtype=bool)
         order = np.argsort(s, kind="stable")
-        for mark in self.marks:
-            if mark.window is not None:
-                low, high = np.searchsorted(s, mark.window, sorter=order)
-                found[order[low:high]] = True
+        for window in self.windows:
+            low, high = np.searchsorted(s, window, sorter=order)
+            found[order[low:high]] = True
         return found
 
 
