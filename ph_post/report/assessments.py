@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 from ph_post.compensate.comparison import LAST, Contender
 from ph_post.report.tables import NOTHING, chosen_at, chosen_words, format_table
+from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment
 from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import Event, Plan, Run, Scenario, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
-
-View = dict[str, Any]
 
 EXPLAINED = (
     "error, rms: as the machine file has it; worst: of all the machines it leaves possible",

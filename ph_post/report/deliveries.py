@@ -10,6 +10,7 @@ from ph_post.audit.outcome import Outcome, Performance
 from ph_post.gcode.reader.record import PartProgram
 from ph_post.report.assessments import error_view
 from ph_post.report.programwindows import window_views
+from ph_post.report.tables import counted
 from ph_post.types import Machine
 from ph_post.units import MM
 
@@ -60,17 +61,6 @@ def _changes(delivery: Delivery) -> str:
         f"{axis} goes out and back by up to {size / MM:.4g} mm" for axis, size in sorted(edits.pulse.items())
     ]
     return ", ".join(facts)
-
-
-def counted(number: int, what: str) -> str:
-    """Count things in words.
-
-    Examples
-    --------
-    >>> counted(1, "stop"), counted(2, "stop")
-    ('1 stop', '2 stops')
-    """
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _times(delivery: Delivery, outcome: Outcome | None) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.diagnose.record import Diagnosis, Trail
 from ph_post.report.diagnosispage import channel_noise, residual_scale
-from ph_post.report.figures import AFTER, MARK, WINDOW, new_figure
+from ph_post.report.figures import AFTER, MARK, WINDOW, legend_above, new_figure
 from ph_post.report.findingwords import gap_words, label_words, verdict_sentences
 from ph_post.report.residuals import envelope, stretches
 from ph_post.types import Array
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 POINTS: Final = 2000
 """Groups of neighbouring samples that a residual is drawn with."""
+
+HELD_OUT: Final = "#d7dce4"
 
 TITLE: Final = 3
 """Sentences of the verdict that stand above the picture."""
@@ -79,25 +81,28 @@ def _draw_gap(axes: Axes, diagnosis: Diagnosis) -> None:
 def _draw_trail(axes: Axes, trail: Trail, diagnosis: Diagnosis, efforts: Mapping[str, str]) -> None:
     unit, size = residual_scale(trail.axis, trail.channel, efforts)
     drawn = envelope(trail, POINTS)
-    for k, (first, last) in enumerate(stretches(trail.held_out & trail.counted)):
-        label = "held out" if k == 0 else None
-        axes.axvspan(trail.t[first], trail.t[last], color="#e6e9ee", linewidth=0.0, label=label)
+    for first, last in stretches(trail.held_out & trail.counted):
+        axes.axvspan(trail.t[first], trail.t[last], color=HELD_OUT, linewidth=0.0, label="held out")
     pairs = [(drawn.before, WINDOW, "the machine file as it is")]
     pairs += [(drawn.after, AFTER, "the better machine")] if len(diagnosis.steps) > 1 else []
     for (low, high), colour, label in pairs:
         # An edge keeps what is thinner than a line in the picture.
         axes.fill_between(drawn.t, low / size, high / size, color=colour, linewidth=0.7, label=label)
-    noise = channel_noise(trail, diagnosis)
+    finish_trail(axes, trail, channel_noise(trail, diagnosis), (unit, size))
+
+
+def finish_trail(axes: Axes, trail: Trail, noise: float, unit: tuple[str, float]) -> None:
+    """Draw the noise into a residual over time, and let what counts set the range.
+
+    The start-up may be many times as large. `unit` is what the residual is drawn in: its name, and its size
+    in the record's units.
+    """
+    name, size = unit
     if math.isfinite(noise):
         for value in (noise, -noise):
-            axes.axhline(value / size, color="black", linestyle=":", linewidth=0.9)
-    _set_range(axes, trail, size)
-    axes.set(ylabel=f"{trail.axis}_{trail.channel}: record - model [{unit}]")
-    axes.legend(frameon=False, fontsize="small", loc="upper right", ncols=3)
-
-
-def _set_range(axes: Axes, trail: Trail, size: float) -> None:
-    """Let what counts set the range: the start-up may be many times as large."""
+            axes.axhline(value / size, color="black", linestyle=":", linewidth=0.9, label="noise")
+    axes.set(ylabel=f"{trail.axis}_{trail.channel}: record - model [{name}]")
+    legend_above(axes, columns=5)
     values = np.concatenate([trail.before[trail.counted], trail.after[trail.counted]]) / size
     values = values[np.isfinite(values)]
     if values.size and np.ptp(values) > 0.0:

@@ -9,17 +9,13 @@ import numpy as np
 from ph_post.audit.diff.record import Comparison
 from ph_post.report.diffpage import feed_steps, path_points, places_off
 from ph_post.report.diffs import Programs, summary
-from ph_post.report.figures import new_figure
-from ph_post.report.motion_figures import magnification
-from ph_post.types import Array
+from ph_post.report.figures import TWO, draw_moves, legend_above, magnification, new_figure, steps_of
+from ph_post.types import BoolArray
 from ph_post.units import MM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-COLOURS = ("#c2570c", "#0b62a4")
-"""A, and B."""
 
 
 def draw_comparison(found: Comparison, programs: Programs) -> Figure:
@@ -30,17 +26,18 @@ def draw_comparison(found: Comparison, programs: Programs) -> Figure:
     off = [] if found.travel.sides is None else [places_off(found.travel, programs, k) for k in (0, 1)]
     _draw_path(panels["path"], path, off, found.max_deviation or 0.0)
     panels["off"].sharex(panels["feed"])
-    for one, colour in zip(off, COLOURS, strict=False):
+    for one, colour in zip(off, TWO, strict=False):
         away = np.linalg.norm(np.array([one["dx"], one["dy"], one["dz"]]), axis=0)
-        panels["off"].plot(one["s"], _apart(away, one["stretch"]), color=colour, linewidth=1.0)
-    for k, (name, colour) in enumerate(zip("AB", COLOURS, strict=True)):
+        line = steps_of(np.array([one["s"], away]), _on_the_way(one["stretch"]))
+        panels["off"].plot(*line, color=colour, linewidth=1.0)
+    for k, (name, colour) in enumerate(zip("AB", TWO, strict=True)):
         steps = feed_steps(found.travel, programs, k)
         values = np.array([np.nan if one is None else one for one in steps["feed"]], dtype=np.float64)
         if values.size:
             panels["feed"].stairs(values, steps["s"], color=colour, baseline=None, label=name)
     panels["off"].set(ylabel="deviation [mm]")
     panels["feed"].set(xlabel="along A [mm]", ylabel="programmed feed [mm/min]")
-    panels["feed"].legend(frameon=False, fontsize="small")
+    legend_above(panels["feed"])
     figure.suptitle("\n".join(summary(found, programs)), fontsize="medium", wrap=True)
     return figure
 
@@ -48,22 +45,19 @@ def draw_comparison(found: Comparison, programs: Programs) -> Figure:
 def _draw_path(axes: Axes, path: dict[str, Any], off: list[dict[str, Any]], most: float) -> None:
     places = np.array([path["x"], path["y"]], dtype=np.float64)
     rapid = np.array(path["rapid"], dtype=bool)
-    for kind, style in ((False, "-"), (True, ":")):
-        shown = np.where(rapid == kind, places, np.nan)
-        axes.plot(*shown, style, color=COLOURS[0], linewidth=1.0, label=None if kind else "A")
+    draw_moves(axes, places, np.ones(rapid.size, dtype=bool), rapid, TWO[0], "A")
     extent = float(np.ptp(places, axis=1).max()) if places.size else 0.0
     factor = magnification(extent * MM, most)
-    for one, colour in zip(off[1:], COLOURS[1:], strict=False):
+    for one, colour in zip(off[1:], TWO[1:], strict=False):
         moved = np.array([one["x"], one["y"]]) + factor * np.array([one["dx"], one["dy"]])
-        label = f"B, where it is not A's, deviation x {factor:g}"
-        axes.plot(*(_apart(row, one["stretch"]) for row in moved), color=colour, linewidth=1.2, label=label)
+        rapid = np.array(one["rapid"], dtype=bool)
+        steps = _on_the_way(one["stretch"])
+        draw_moves(axes, moved, steps, rapid, colour, f"B, deviation x {factor:g}")
     axes.set(xlabel="X [mm]", ylabel="Y [mm]")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize="small")
+    legend_above(axes)
 
 
-def _apart(values: Array, stretch: list[int]) -> Array:
-    """Break a line between stretches: the first value of each but the first is not drawn."""
-    found = np.array(values, dtype=np.float64)
-    found[np.flatnonzero(np.diff(stretch)) + 1] = np.nan
-    return found
+def _on_the_way(stretch: list[int]) -> BoolArray:
+    """Whether the steps of a line stay in one stretch."""
+    return np.asarray(np.diff(stretch, prepend=-1) == 0)

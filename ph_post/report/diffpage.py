@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,8 +13,9 @@ from ph_post.audit.diff.record import Comparison
 from ph_post.audit.diff.travel import Side, Travel
 from ph_post.gcode.reader.record import RAPID, PartProgram
 from ph_post.report.diffs import Programs, page_view, summary
-from ph_post.report.page import make_page
-from ph_post.types import Array, IntArray
+from ph_post.report.page import make_page, numbers
+from ph_post.report.thinning import evenly, lowest_and_highest
+from ph_post.types import Array
 from ph_post.units import MM, MM_PER_MIN
 
 POINTS: Final = 30_000
@@ -45,41 +47,37 @@ def path_points(outline: Outline, program: PartProgram) -> dict[str, Any]:
     first = np.cumsum(parts) - parts
     u = (np.arange(piece.size) - first[piece] + 1) / parts[piece]
     piece, u = np.append(0, piece), np.append(0.0, u)
-    kept = _thinned(piece.size)
+    kept = evenly(piece.size, POINTS)
     points = places(table, outline.control, piece[kept], u[kept])
     motion = outline.motion[piece[kept]]
     # Of splines the way is that of an even run through the parameter.
     ways = outline.s[piece[kept]] + u[kept] * np.diff(outline.s)[piece[kept]]
     return {
         **_columns(points),
-        "s": np.round(ways / MM, 4).tolist(),
+        "s": numbers(ways / MM, 4),
         "line": (program.motions.block[motion] + 1).tolist(),
         "rapid": (program.motions.kind[motion] == RAPID).astype(int).tolist(),
     }
 
 
-def _thinned(count: int) -> IntArray:
-    """Return at most `POINTS` of so many rows, the last one among them."""
-    step = max(1, -(-count // POINTS))
-    return np.unique(np.append(np.arange(0, count, step), count - 1))
-
-
-def _columns(points: Array, names: str = "xyz") -> dict[str, Any]:
-    return {name: np.round(points[:, k] / MM, 5).tolist() for k, name in enumerate(names)}
+def _columns(points: Array, names: Sequence[str] = "xyz", decimals: int = 5) -> dict[str, Any]:
+    return {name: numbers(points[:, k] / MM, decimals) for k, name in enumerate(names)}
 
 
 def places_off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     """Where one path is not the other: the other's places [mm], and what is between, to be magnified."""
     assert travel.sides is not None
     side: Side = travel.sides[k]
-    kept = _thinned(side.deviation.size) if side.deviation.size else np.zeros(0, dtype=np.int64)
+    kept = evenly(side.deviation.size, POINTS)
     stretch = np.repeat(np.arange(side.samples.stretch.size - 1), np.diff(side.samples.stretch))
     away = (side.samples.points - side.feet)[kept]
+    motions, motion = programs[k].motions, side.motion(kept)
     return {
         **_columns(side.feet[kept]),
-        **{name: np.round(away[:, n] / MM, 7).tolist() for n, name in enumerate(("dx", "dy", "dz"))},
-        "s": np.round((side.samples.ways if k == 0 else side.foot_ways)[kept] / MM, 4).tolist(),
-        "line": (programs[k].motions.block[side.motion(kept)] + 1).tolist(),
+        **_columns(away, ("dx", "dy", "dz"), 7),
+        "s": numbers((side.samples.ways if k == 0 else side.foot_ways)[kept] / MM, 4),
+        "line": (motions.block[motion] + 1).tolist(),
+        "rapid": (motions.kind[motion] == RAPID).astype(int).tolist(),
         "stretch": stretch[kept].tolist(),
     }
 
@@ -96,8 +94,8 @@ def feed_steps(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     ways = _on_first(travel, outline.s[outline.first]) if k else outline.s[outline.first]
     starts, feed = _steps(ways, feed)
     return {
-        "s": np.round(starts / MM, 4).tolist(),
-        "feed": [None if np.isnan(one) else round(one / MM_PER_MIN, 3) for one in feed.tolist()],
+        "s": numbers(starts / MM, 4),
+        "feed": numbers(feed / MM_PER_MIN, 3),
     }
 
 
@@ -118,11 +116,7 @@ def _steps(ways: Array, feed: Array) -> tuple[Array, Array]:
         return ways, feed
     group = -(-feed.size // (STEPS // 2))
     firsts = np.arange(0, feed.size, group)
-    known = np.where(np.isnan(feed), np.inf, feed)
-    low = np.minimum.reduceat(known, firsts)
-    high = np.maximum.reduceat(np.where(np.isnan(feed), -np.inf, feed), firsts)
-    both = np.stack([low, high], axis=1).ravel()
     starts = np.append(ways[firsts], ways[-1])
     middles = 0.5 * (starts[:-1] + starts[1:])
     edges = np.append(np.stack([starts[:-1], middles], axis=1).ravel(), ways[-1])
-    return edges, np.where(np.isfinite(both), both, np.nan)
+    return edges, lowest_and_highest(feed, firsts).T.ravel()

@@ -10,8 +10,9 @@ import click
 from ph_post.audit.diff.record import BlockChange, Comparison, Deviation, FeedChange, Order, Span, Timing
 from ph_post.audit.diff.text import lines_of
 from ph_post.gcode.reader.record import PartProgram
-from ph_post.report.assessments import View, error_view
-from ph_post.report.tables import NOTHING, format_table
+from ph_post.report.assessments import error_view
+from ph_post.report.tables import NOTHING, counted, format_table
+from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError
 from ph_post.units import MM, MM_PER_MIN
 
@@ -131,16 +132,16 @@ def summary(found: Comparison, programs: Programs) -> list[str]:
         return [f"{a.name} and {b.name} do the same: {how}"]
     telling = [one for one in found.blocks if one.kind != "writing"]
     parts = [
-        _count(len(telling), "group of blocks", "groups of blocks"),
+        _some(len(telling), "group of blocks", "groups of blocks"),
         _path_words(found),
-        _count(len(found.feeds), "stretch with another feed", "stretches with another feed"),
-        _count(len(found.orders), "other order", "other orders"),
+        _some(len(found.feeds), "stretch with another feed", "stretches with another feed"),
+        _some(len(found.orders), "other order", "other orders"),
     ]  # fmt: skip
     return [f"{a.name} and {b.name} differ: " + ", ".join(part for part in parts if part)]
 
 
-def _count(number: int, one: str, many: str) -> str:
-    return "" if number == 0 else f"1 {one}" if number == 1 else f"{number} {many}"
+def _some(number: int, one: str, many: str) -> str:
+    return counted(number, one, many) if number else ""
 
 
 def _path_words(found: Comparison) -> str:
@@ -162,9 +163,7 @@ def _print_blocks(found: Comparison, programs: Programs) -> None:
     _say_rest(len(telling) - SHOWN, "groups of blocks")
     written = len(found.blocks) - len(telling)
     if written:
-        click.echo(
-            f"{_count(written, 'group', 'groups')} of blocks differ in comments, blanks or spelling only"
-        )
+        click.echo(f"{counted(written, 'group')} of blocks differ in comments, blanks or spelling only")
 
 
 def _few(lines: Sequence[str]) -> list[str]:

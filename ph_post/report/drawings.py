@@ -14,7 +14,7 @@ from ph_post.io.drawing.convert import Imported
 from ph_post.io.drawing.extents import extents_of
 from ph_post.io.drawing.joints import SAME
 from ph_post.io.drawing.record import UNITS, Drawing
-from ph_post.report.tables import NOTHING, format_table
+from ph_post.report.tables import NOTHING, counted, format_table
 from ph_post.types import Array
 from ph_post.units import MM
 
@@ -90,8 +90,8 @@ def print_import(view: dict[str, Any], stream: TextIO | None = None) -> None:
     closed = sum(contour["closed"] for contour in view["contours"])
     layers = ", ".join(dict.fromkeys(contour["layer"] for contour in view["contours"]))
     stream.write(
-        f"{view['name']}: {_many(len(view['contours']), 'contour')}, {closed} closed, on layer {layers}; "
-        f"{_many(view['segments'], 'segment')}, {view['length']:.3f} mm, "
+        f"{view['name']}: {counted(len(view['contours']), 'contour')}, {closed} closed, on layer {layers}; "
+        f"{counted(view['segments'], 'segment')}, {view['length']:.3f} mm, "
         f"x {_side(view, 0)}, y {_side(view, 1)} mm\n"
     )
 
@@ -99,10 +99,6 @@ def print_import(view: dict[str, Any], stream: TextIO | None = None) -> None:
 def _warnings(made: Imported) -> list[str]:
     left_out = [f"left out: {count} {what}" for what, count in made.drawing.left_out.items()]
     return left_out + list(made.notes)
-
-
-def _many(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _side(view: dict[str, Any], axis: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import numpy as np
 from ph_post.analysis import Analysis
 from ph_post.compensate.sample import place_and_feed
 from ph_post.errors import InputError
-from ph_post.types import Array, Phase, Plan, TurningPoint
+from ph_post.types import Array, BoolArray, Phase, Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
 
 if TYPE_CHECKING:
@@ -25,6 +26,15 @@ POINTS_A_PIECE = 64
 """Points a piece is drawn with."""
 
 BEFORE, AFTER, WINDOW, MARK = "#8c96a0", "#0b62a4", "#f2a33a", "#c0392b"
+
+TWO = ("#c2570c", AFTER)
+"""Of two that are compared, in the colours that the pages have for them."""
+
+SHOWN = 0.05
+"""The largest error is drawn as large as this part of the path's extent."""
+
+MOST = 1e4
+"""Errors are magnified by no more than this: what is smaller is rounding."""
 
 
 def new_figure(width: float = 10.0, height: float = 4.5) -> Figure:
@@ -59,6 +69,72 @@ def render(figure: Figure, picture: str) -> bytes:
     with mpl.rc_context({"svg.hashsalt": "ph_post"}):
         figure.savefig(stream, format=picture, dpi=120, metadata=dates[picture])
     return stream.getvalue()
+
+
+def legend_above(axes: Axes, columns: int = 3) -> None:
+    """Put the legend above the picture, where it hides nothing; what has the same name is told once."""
+    handles, names = axes.get_legend_handles_labels()
+    once = dict(zip(names, handles, strict=True))
+    if once:
+        axes.legend(
+            once.values(), once.keys(), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0),
+            ncols=columns, fontsize="small",
+        )  # fmt: skip
+
+
+def steps_of(points: Array, steps: BoolArray) -> Array:
+    """Return points (m, n) as a line to be plotted that has some of its steps alone, with NaN between them.
+
+    Parameters
+    ----------
+    points : Array, shape (m, n)
+    steps : BoolArray, shape (n,)
+        Whether the step that ends in a point is drawn; the first point ends none.
+
+    Examples
+    --------
+    >>> steps_of(np.arange(4.0)[None], np.array([False, True, False, True])).tolist()
+    [[0.0, 1.0, nan, 2.0, 3.0]]
+    """
+    steps = np.append(False, steps[1:])[: steps.size]
+    ends = steps | np.append(steps[1:], False)[: steps.size]
+    gaps = np.flatnonzero(ends[:-1] & ends[1:] & ~steps[1:]) + 1
+    line: Array = np.insert(np.where(ends, points, np.nan), gaps, np.nan, axis=1)
+    return line
+
+
+def draw_moves(axes: Axes, line: Array, steps: BoolArray, rapid: BoolArray, colour: str, name: str) -> None:
+    """Draw the steps of a path, rapid ones dotted.
+
+    Parameters
+    ----------
+    axes : Axes
+    line : Array, shape (2, n)
+        Its points.
+    steps, rapid : BoolArray, shape (n,)
+        Whether the step that ends in a point is drawn, and whether it is a rapid move.
+    colour, name : str
+        Of the line, and in the legend; what is rapid has one name there, whichever line it is part of.
+    """
+    for shown, style, label in ((steps & ~rapid, "-", name), (steps & rapid, ":", "rapid")):
+        if shown[1:].any():
+            axes.plot(*steps_of(line, shown), style, color=colour, linewidth=1.0, label=label)
+
+
+def magnification(extent: float, error: float) -> float:
+    """Round factor 1, 2, 5, 10, … that shows an error on a path of that extent.
+
+    Examples
+    --------
+    >>> magnification(0.5, 0.00055)
+    20.0
+    """
+    if error <= 0.0:
+        return 1.0
+    wanted = SHOWN * extent / error
+    power = 10.0 ** math.floor(math.log10(wanted))
+    rounded = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    return min(max(rounded, 1.0), MOST)
 
 
 def draw_plan(analysis: Analysis, plan: Plan) -> Figure:
@@ -97,25 +173,20 @@ def _draw_intervals(axes: Axes, analysis: Analysis) -> None:
     axes.invert_yaxis()
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="after the command turns round [ms]", ylabel="turning point")
-    # Every bar has its label; the legend has each once.
-    once = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(
-        once.values(), once.keys(), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
-    )
+    legend_above(axes)
 
 
 def _draw_path(axes: Axes, analysis: Analysis) -> None:
     track = analysis.track
     line = _positions(analysis, np.linspace(0.0, track.length, POINTS_A_PIECE * len(track.pieces) + 1))
     axes.plot(*line, color=BEFORE, linewidth=1.0, label="path")
-    for number, window in enumerate(analysis.windows):
+    for window in analysis.windows:
         span = np.linspace(window.s - window.half_length, window.s + window.half_length, POINTS_A_PIECE)
-        label = "window" if number == 0 else None
-        axes.plot(*_positions(analysis, span), color=WINDOW, linewidth=4.0, alpha=0.7, label=label)
+        axes.plot(*_positions(analysis, span), color=WINDOW, linewidth=4.0, alpha=0.7, label="window")
     _draw_turning_points(axes, analysis)
     axes.set(xlabel=f"{analysis.path.axes[0]} [mm]", ylabel=f"{analysis.path.axes[1]} [mm]")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    legend_above(axes)
 
 
 def _draw_turning_points(axes: Axes, analysis: Analysis) -> None:
@@ -142,7 +213,7 @@ def _draw_feed(axes: Axes, plan: Plan) -> None:
         s, feed = _feed_along(phases)
         axes.plot(s / MM, feed / MM_PER_MIN, style, color=colour, linewidth=1.4, label=label)
     axes.set(xlabel="along the path [mm]", ylabel="feed [mm/min]")
-    axes.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    legend_above(axes)
 
 
 def _feed_along(phases: tuple[Phase, ...]) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from ph_post.diagnose.identification import Identification
 from ph_post.diagnose.model import problem_of
 from ph_post.diagnose.quality import examine
 from ph_post.diagnose.record import Trail
+from ph_post.report.diagnosisfigures import finish_trail
 from ph_post.report.figures import AFTER, MARK, new_figure
 from ph_post.report.findingwords import number_words
 from ph_post.report.residuals import envelope
@@ -72,13 +73,7 @@ def _draw_trail(axes: Axes, trail: Trail, noise: float) -> None:
     drawn = envelope(trail, POINTS)
     low, high = drawn.after / MICROMETRE
     axes.fill_between(drawn.t, low, high, color=AFTER, linewidth=0.7, label="record - model")
-    for value in (noise, -noise):
-        axes.axhline(value / MICROMETRE, color="black", linestyle=":", linewidth=0.9)
-    values = trail.after[trail.counted] / MICROMETRE
-    if values.size and np.ptp(values) > 0.0:
-        room = 0.15 * float(np.ptp(values))
-        axes.set_ylim(float(values.min()) - room, float(values.max()) + room)
+    finish_trail(axes, trail, noise, ("µm", MICROMETRE))
     beside = axes.twinx()
     beside.plot(trail.t, trail.command / MM, color=MARK, linewidth=0.6, alpha=0.5)
     beside.set_ylabel(f"{trail.axis} commanded [mm]", color=MARK)
-    axes.set(ylabel=f"{trail.axis}_{trail.channel}: record - model [µm]")

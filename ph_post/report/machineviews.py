@@ -1,11 +1,19 @@
-"""Machines in the shop's units: as JSON, and as a line each."""
+"""Machines in the shop's units: as JSON, as a line each, and as a table with a column an axis."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
-from ph_post.types import Machine
+from ph_post.types import Axis, Feedback, Machine
 from ph_post.units import MM, MM_PER_MIN, MS
+
+LOOPS: Final[dict[Feedback, str]] = {
+    "load": "scale on the table",
+    "motor": "encoder on the motor",
+    "none": "no feedback",
+}
+"""Where the loop of an axis closes, in words."""
 
 
 def machine_view(machine: Machine) -> dict[str, Any]:
@@ -41,6 +49,46 @@ def machine_cells(name: str, machine: Machine) -> tuple[str, ...]:
     loops = dict.fromkeys(axis.feedback for axis in machine.axes.values())
     gaps = " ".join(f"{axis} {one.gap.lost_motion / MM:.3g}" for axis, one in machine.axes.items())
     return name, "/".join(loops), machine.dialect, gaps, machine.name
+
+
+def machine_table(machine: Machine, axes: Sequence[str]) -> dict[str, Any]:
+    """Return a machine for a page: rows with a word for each of the axes, and its effects."""
+    drives = [machine.axes[name] for name in axes]
+    return {
+        "name": machine.name,
+        "dialect": machine.dialect,
+        "period": _short(machine.servo_period / MS),
+        "axes": list(axes),
+        "rows": [[name, *map(cell, drives)] for name, cell in _CELLS.items()],
+        "effects": [
+            {"axis": axis.name, "name": one.name, "parameters": dict(one.parameters)}
+            for axis in drives
+            for one in axis.effects
+        ],
+    }
+
+
+def _pickup(axis: Axis) -> str:
+    return axis.gap.pickup or ("every rule is tried" if axis.feedback == "load" else "-")
+
+
+def _flank(axis: Axis) -> str:
+    known = axis.gap.initial_flank
+    return "both are tried" if known == "unknown" else known
+
+
+_CELLS: Final[dict[str, Callable[[Axis], str]]] = {
+    "loop": lambda axis: LOOPS[axis.feedback],
+    "lost motion [mm]": lambda axis: f"{axis.gap.lost_motion / MM:.4g}",
+    "lost motion known to": lambda axis: f"± {100.0 * axis.uncertainty.backlash:g} %",
+    "b [s²]": lambda axis: f"{axis.servo.b:.4g}",
+    "c [s]": lambda axis: f"{axis.servo.c:.4g}",
+    "pick-up": _pickup,
+    "stands at first on": _flank,
+    "highest velocity [mm/s]": lambda axis: f"{axis.limits.velocity / MM:.6g}",
+    "highest acceleration [mm/s²]": lambda axis: f"{axis.limits.acceleration / MM:.6g}",
+    "highest jerk [mm/s³]": lambda axis: f"{axis.limits.jerk / MM:.6g}",
+}
 
 
 def _short(value: float) -> float:

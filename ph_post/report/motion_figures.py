@@ -10,7 +10,15 @@ import numpy as np
 
 from ph_post.analysis import Analysis
 from ph_post.compensate.comparison import Contender
-from ph_post.report.figures import AFTER, BEFORE, MARK, WINDOW, new_figure
+from ph_post.report.figures import (
+    AFTER,
+    BEFORE,
+    MARK,
+    WINDOW,
+    legend_above,
+    magnification,
+    new_figure,
+)
 from ph_post.simulate.assess import Assessment
 from ph_post.types import Array, Run
 from ph_post.units import MM
@@ -19,11 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHOWN = 0.05
-"""The largest error is drawn as large as this part of the path's extent."""
-
 GAP = "#1fb5c9"
-COLOURS = ("#8c96a0", "#0b62a4", "#f2a33a", "#c0392b", "#2c8a4b", "#7b4fa3", "#1fb5c9", "#5c4033", "#d96fa8")
+COLOURS = (BEFORE, AFTER, WINDOW, MARK, "#2c8a4b", "#7b4fa3", GAP, "#5c4033", "#d96fa8")
 
 
 def draw_run(name: str, run: Run, analysis: Analysis | None, assessment: Assessment | None) -> Figure:
@@ -56,11 +61,9 @@ def gap_intervals(run: Run, axis: str) -> list[tuple[float, float]]:
 
 def _mark_gaps(axes: Axes, run: Run) -> None:
     for number, name in enumerate(run.axes):
-        for k, (begin, end) in enumerate(gap_intervals(run, name)):
-            label = f"{name} in its gap" if k == 0 else None
-            axes.axvspan(
-                begin, end, color=(GAP, WINDOW, MARK)[number], alpha=0.35, linewidth=0.0, label=label
-            )
+        colour = (GAP, WINDOW, MARK)[number]
+        for begin, end in gap_intervals(run, name):
+            axes.axvspan(begin, end, color=colour, alpha=0.35, linewidth=0.0, label=f"{name} in its gap")
 
 
 def _draw_error(axes: Axes, run: Run, assessment: Assessment) -> None:
@@ -71,7 +74,7 @@ def _draw_error(axes: Axes, run: Run, assessment: Assessment) -> None:
     axes.plot(run.t[counted:], error[counted:], color=AFTER, linewidth=1.0)
     axes.axhline(0.0, color=BEFORE, linewidth=0.6)
     axes.set(xlabel="t [s]", ylabel=_error_label(run))
-    _legend(axes)
+    legend_above(axes)
 
 
 def _error_label(run: Run) -> str:
@@ -85,7 +88,7 @@ def _draw_following(axes: Axes, run: Run) -> None:
         lag = (run.executed[:, number] - run.commanded[:, number]) / MM
         axes.plot(run.t, lag, color=(AFTER, MARK, BEFORE)[number], linewidth=1.0, label=name)
     axes.set(xlabel="t [s]", ylabel="executed - commanded [mm]")
-    _legend(axes)
+    legend_above(axes)
 
 
 def _draw_path(axes: Axes, run: Run, analysis: Analysis, assessment: Assessment) -> None:
@@ -99,11 +102,11 @@ def _draw_path(axes: Axes, run: Run, analysis: Analysis, assessment: Assessment)
     place = (foot + factor * (run.executed - foot))[counted, :2] / MM
     axes.plot(*(foot[:, :2] / MM).T, color=MARK, linewidth=0.9, label="path")
     axes.plot(*place.T, color=AFTER, linewidth=1.0, label=f"executed, error x {factor:g}")
-    for k, rows in enumerate(_gap_rows(run, assessment.first)):
-        axes.plot(*place[rows].T, color=GAP, linewidth=1.8, label="a gap is open" if k == 0 else None)
+    for rows in _gap_rows(run, assessment.first):
+        axes.plot(*place[rows].T, color=GAP, linewidth=1.8, label="a gap is open")
     axes.set(xlabel=f"{run.axes[0]} [mm]", ylabel=f"{run.axes[1]} [mm]")
     axes.set_aspect("equal", adjustable="datalim")
-    _legend(axes)
+    legend_above(axes)
 
 
 def _gap_rows(run: Run, first: int) -> list[slice]:
@@ -117,21 +120,6 @@ def _gap_rows(run: Run, first: int) -> list[slice]:
     return found
 
 
-def magnification(extent: float, error: float) -> float:
-    """Round factor 1, 2, 5, 10, … that shows an error on a path of that extent.
-
-    Examples
-    --------
-    >>> magnification(0.5, 0.00055)
-    20.0
-    """
-    if error <= 0.0:
-        return 1.0
-    wanted = SHOWN * extent / error
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return max(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted), 1.0)
-
-
 def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
     """Draw the errors of all strategies as bars, and those that can be run along the path."""
     figure = new_figure(12.0, 5.0)
@@ -143,7 +131,7 @@ def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
         if one.assessment is not None:
             right.set(ylabel=_error_label(one.assessment.run))
     right.set(xlabel="along the path [mm]")
-    _legend(right, columns=4)
+    legend_above(right, columns=4)
     figure.suptitle(name)
     return figure
 
@@ -173,7 +161,7 @@ def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
         axes.set_xlim(10.0 ** math.floor(math.log10(0.8 * min(sizes))), 3.0 * max(sizes))
         axes.xaxis.set_minor_formatter("")
     axes.set(xlabel="largest contour error [mm]")
-    _legend(axes)
+    legend_above(axes)
 
 
 def _label(one: Contender) -> str:
@@ -185,10 +173,3 @@ def _size(one: Contender, *, worst: bool) -> float:
     found = one.assessment
     error = None if found is None else found.error_worst if worst else found.error
     return math.nan if error is None else error.max / MM
-
-
-def _legend(axes: Axes, columns: int = 3) -> None:
-    if axes.get_legend_handles_labels()[1]:
-        axes.legend(
-            frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize="small"
-        )

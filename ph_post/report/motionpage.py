@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
 
 from ph_post.gcode.header import package_version
 from ph_post.report.assessments import error_view, scenario_words
-from ph_post.report.machinewords import machine_view
-from ph_post.report.page import make_page
+from ph_post.report.machineviews import machine_table
+from ph_post.report.page import make_page, numbers
 from ph_post.report.tables import format_table
-from ph_post.report.thinning import along, rows_to_draw
+from ph_post.report.thinning import evenly, rows_to_draw
 from ph_post.report.traces import Mark, Picture, Trace
+from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError, TurningError
-from ph_post.types import Array, IntArray
+from ph_post.types import IntArray
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 ROWS: Final = 10_000
@@ -26,17 +26,16 @@ ROWS: Final = 10_000
 MARKS: Final = 2_000
 """Turning points that are listed at most: of more, those with the largest errors."""
 
-View = dict[str, Any]
-
 
 def motion_page(picture: Picture) -> str:
     """Return the page."""
-    return make_page("motion", f"ph-post report {picture.name}", motion_view(picture), motion_lines(picture))
-
-
-def motion_view(picture: Picture) -> View:
-    """Return the page's data: lengths in mm, errors in µm, feeds in mm/min, times in s."""
     picture, left_out = _listed(picture)
+    title = f"ph-post report {picture.name}"
+    return make_page("motion", title, motion_view(picture, left_out), motion_lines(picture))
+
+
+def motion_view(picture: Picture, notes: Sequence[str]) -> View:
+    """Return the page's data: lengths in mm, errors in µm, feeds in mm/min, times in s; more `notes` last."""
     kept = [_rows(picture, trace) for trace in picture.traces]
     return {
         "name": picture.name,
@@ -46,9 +45,9 @@ def motion_view(picture: Picture) -> View:
         "strategy": picture.strategy,
         "version": package_version(),
         "summary": summary(picture),
-        "machine": machine_view(picture.machine, picture.axes),
+        "machine": machine_table(picture.machine, picture.axes),
         "warnings": list(picture.warnings),
-        "notes": [*_thinned(picture, kept), *left_out],
+        "notes": [*_thinned(picture, kept), *notes],
         "path": _path(picture, kept),
         "points": [_point(picture, number) for number in range(len(picture.marks))],
         "runs": [_run(picture, trace, rows) for trace, rows in zip(picture.traces, kept, strict=True)],
@@ -82,7 +81,7 @@ def motion_lines(picture: Picture) -> list[str]:
             str(mark.view["index"]), mark.view["axis"], mark.view["sense"], f"{mark.s / MM:.3f}",
             mark.view["strategy"], *(_cell(one.turning[k]) for one in picture.traces),
         )
-        for k, mark in enumerate(picture.marks[:MARKS])
+        for k, mark in enumerate(picture.marks)
     ]  # fmt: skip
     table = [format_table(header, rows)] if rows else ["no axis turns round"]
     return [summary(picture), *table, *(f"warning: {text}" for text in picture.warnings)]
@@ -131,14 +130,13 @@ def _path(picture: Picture, kept: Sequence[IntArray]) -> View:
     """Points of the path [mm] at the places that are drawn, and its rapid stretches."""
     drawn = [trace.s[rows] for trace, rows in zip(picture.traces, kept, strict=True)]
     marks = [np.array([mark.s, *(mark.window or ())]) for mark in picture.marks]
-    fine = np.concatenate(
-        [along(np.unique(np.concatenate(drawn)), ROWS), along(picture.joints, ROWS), *marks]
-    )
+    thinned = [one[evenly(one.size, ROWS)] for one in (np.unique(np.concatenate(drawn)), picture.joints)]
+    fine = np.concatenate([*thinned, *marks])
     s = np.unique(np.clip(fine, 0.0, picture.length).round(9))
     points = picture.points(s)
     return {
-        "s": _numbers(s / MM, 5),
-        **{name: _numbers(points[:, k] / MM, 5) for k, name in enumerate("xyz"[: len(picture.axes)])},
+        "s": numbers(s / MM, 5),
+        **{name: numbers(points[:, k] / MM, 5) for k, name in enumerate("xyz"[: len(picture.axes)])},
         "rapid": [[begin / MM, end / MM] for begin, end in picture.rapids[:ROWS]],
         "closed": picture.closed,
     }
@@ -155,12 +153,12 @@ def _run(picture: Picture, trace: Trace, rows: IntArray) -> View:
         "worst_words": worst,
         "assumed": scenario_words(trace.run.scenario),
         "samples": trace.t.size,
-        "t": _numbers(trace.t[rows], 6),
-        "s": _numbers(trace.s[rows] / MM, 5),
-        "feed": _numbers(trace.feed[rows] / MM_PER_MIN, 3),
-        "e": _numbers(trace.error[rows] / MICROMETRE, 4),
-        **{name: _numbers(trace.foot[rows, k] / MM, 5) for k, name in enumerate(names)},
-        **{f"d{name}": _numbers(trace.away[rows, k] / MM, 7) for k, name in enumerate(names)},
+        "t": numbers(trace.t[rows], 6),
+        "s": numbers(trace.s[rows] / MM, 5),
+        "feed": numbers(trace.feed[rows] / MM_PER_MIN, 3),
+        "e": numbers(trace.error[rows] / MICROMETRE, 4),
+        **{name: numbers(trace.foot[rows, k] / MM, 5) for k, name in enumerate(names)},
+        **{f"d{name}": numbers(trace.away[rows, k] / MM, 7) for k, name in enumerate(names)},
         "counted": trace.counted[rows].astype(int).tolist(),
         "line": None if trace.line is None else trace.line[rows].tolist(),
     }
@@ -178,7 +176,6 @@ def _point(picture: Picture, number: int) -> View:
         "window": None if mark.window is None else [end / MM for end in mark.window],
         "half": None if view["window"] is None else view["window"]["half_length"],
         "limited_by": None if view["window"] is None else view["window"]["limited_by"],
-        "radius": view["radius"],
         "lag": None if backlash is None else 1e3 * backlash["lag"],
         "duration": None if backlash is None else 1e3 * backlash["duration"],
         "errors": [_turning(trace.turning[number]) for trace in picture.traces],
@@ -193,11 +190,3 @@ def _said(view: View) -> list[str]:
 
 def _turning(error: TurningError | None) -> float | None:
     return None if error is None else error.max / MICROMETRE
-
-
-def _numbers(values: Array, digits: int) -> list[float | None]:
-    """Return values rounded to so many decimals, as short as can be; None where there is none."""
-    rounded = np.round(values, digits) + 0.0
-    return [
-        None if not math.isfinite(one) else int(one) if one == int(one) else one for one in rounded.tolist()
-    ]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable
 from importlib import resources
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
+
+from ph_post.types import Array
 
 Kind = Literal["motion", "diff", "diagnosis"]
 
@@ -42,6 +46,20 @@ def make_page(kind: Kind, title: str, data: dict[str, Any], lines: Iterable[str]
     pieces = _text("page.html").split("@@")
     # What stands in a part is never looked at again: nothing from a file is taken for the page's own.
     return "".join(parts[piece] if number % 2 else piece for number, piece in enumerate(pieces))
+
+
+def numbers(values: Array, decimals: int) -> list[float | None]:
+    """Return values (n,) rounded for a page, as short as can be; None where there is none.
+
+    Examples
+    --------
+    >>> numbers(np.array([2.0, 0.123456, np.nan]), 4)
+    [2, 0.1235, None]
+    """
+    rounded = np.round(values, decimals) + 0.0
+    return [
+        None if not math.isfinite(one) else int(one) if one == int(one) else one for one in rounded.tolist()
+    ]
 
 
 def _text(name: str) -> str:

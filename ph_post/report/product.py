@@ -23,7 +23,7 @@ class Product(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """How page, picture and JSON object of one input are made, and what there is to warn of."""
 
     page: Callable[[], str]
-    figure: Callable[[], Any]
+    figure: Callable[[], Figure]
     view: Callable[[], dict[str, Any]]
     warnings: tuple[str, ...] = ()
 

@@ -16,8 +16,8 @@ from ph_post.gcode.reader.record import PartProgram
 from ph_post.report.deliveries import warnings_of
 from ph_post.report.programwindows import TurningPlace, turning_places
 from ph_post.report.traces import CHORDS, Mark, Picture, Trace
-from ph_post.simulate.contour import ContourError, turning_errors
-from ph_post.types import Array, Machine
+from ph_post.simulate.contour import turning_errors
+from ph_post.types import Array, Machine, TurningPoint
 from ph_post.units import MM
 
 
@@ -33,16 +33,20 @@ def program_picture(
     path = CutPath(original, machine)
     tell("locating turning points, windows and backlash intervals")
     turns = turning_places(delivery, machine, tolerance)
-    marks = tuple(_program_mark(one, path, delivery.done) for one in turns)
+    places = [_places_of(one, path) for one in turns]
+    points = [
+        replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))
+    ]
     both = [("as it is", original)]
     both += [("compensated", delivery.after)] if delivery.after.data != original.data else []
     traces = []
     for name, program in both:
         tell(f"running the program {name} on the models of controller and drives")
-        traces.append(_program_trace(name, program, original, machine, path, marks, turns))
+        traces.append(_program_trace(name, program, original, machine, path, points))
     axes = traces[0].run.axes
+    at = path.points(np.array([point.s for point in points]), axes).tolist()
     marks = tuple(
-        replace(one, point=tuple(path.points(np.array([one.s]), axes)[0].tolist())) for one in marks
+        _program_mark(*one, delivery.done) for one in zip(turns, places, map(tuple, at), strict=True)
     )
     rapid = np.flatnonzero(path.legs.rapid == 1.0)
     return Picture(
@@ -54,46 +58,46 @@ def program_picture(
     )  # fmt: skip
 
 
-def _program_mark(turn: TurningPlace, path: CutPath, done: bool) -> Mark:
-    """Place a turning point on the program; of one compensated before nobody knows what was done where."""
+def _places_of(turn: TurningPlace, path: CutPath) -> tuple[float, float, float]:
+    """Place a turning point on the program, and the ends of its window, if it has one [m]."""
     window = turn.window
     reach = 0.0 if window is None else window.half_length
     middle = turn.point.s if window is None else window.s
     wanted = np.array([turn.point.s, middle - reach, middle + reach])
     s, low, high = path.place_of(*turn.path.to_motions(wanted)).tolist()
+    return s, low, high
+
+
+def _program_mark(
+    turn: TurningPlace, places: tuple[float, float, float], point: tuple[float, ...], done: bool
+) -> Mark:
+    """Tell of a turning point; of a program compensated before nobody knows what was done where."""
+    s, low, high = places
     profile = turn.view["profile"]
     told = {
         **turn.view, "s": s / MM, "ratio": None if profile is None else profile["ratio"],
         "notes": () if profile is None else profile["notes"],
         **({"strategy": "compensated before"} if done else {}),
     }  # fmt: skip
-    return Mark(s=s, window=None if window is None else (low, high), view=told, point=())
+    return Mark(s=s, window=None if turn.window is None else (low, high), view=told, point=point)
 
 
 def _program_trace(
     name: str, program: PartProgram, original: PartProgram, machine: Machine, path: CutPath,
-    marks: Sequence[Mark], turns: Sequence[TurningPlace],
+    points: Sequence[TurningPoint],
 ) -> Trace:  # fmt: skip
     command = run_program(program, machine)
     found = program_error(command, machine, original)
     _, feet = path.feet(found.run, found.place)
     foot = path.points(feet, found.run.axes)
-    own = [
-        replace(one.point, s=mark.s, index=k) for k, (one, mark) in enumerate(zip(turns, marks, strict=True))
-    ]
     rows = found.counted
     return Trace(
         name=name, t=command.t, s=found.place, feed=command.feed, foot=foot, away=found.run.executed - foot,
         error=found.distance, counted=rows, size=found.error, worst=found.error_worst,
-        worst_scenario=found.scenarios[_worst(found.errors)], run=found.run,
-        turning=turning_errors(found.distance[rows], found.place[rows], own),
+        worst_scenario=found.worst, run=found.run,
+        turning=turning_errors(found.distance[rows], found.place[rows], points),
         line=original.motions.block[found.motion].astype(np.int64) + 1,
     )  # fmt: skip
-
-
-def _worst(errors: Sequence[ContourError | None]) -> int:
-    sizes = [-1.0 if error is None else error.max for error in errors]
-    return int(np.argmax(sizes))
 
 
 def _joints(path: CutPath) -> Array:

@@ -11,7 +11,7 @@ from ph_post.analysis import Analysis, analyse
 from ph_post.audit.deliver import Delivery
 from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.paths.record import ProgramPath
-from ph_post.gcode.reader.record import AXES
+from ph_post.gcode.reader.record import AXES, Motions
 from ph_post.gcode.splice.record import Edits
 from ph_post.gcode.splice.windows import WindowPlan
 from ph_post.report.views import (
@@ -25,9 +25,12 @@ from ph_post.report.views import (
     window_number,
     windows_by_point,
 )
-from ph_post.types import IntArray, Machine, TurningPoint, Window
+from ph_post.types import Array, BoolArray, IntArray, Machine, TurningPoint, Window
 
 MILLION = 10**6
+
+STILL = 1e-9
+"""What differs by no more [m] is the same: a place of an axis, or an offset."""
 
 Place = tuple[str, int, int]
 
@@ -52,12 +55,13 @@ class TurningPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def turning_places(delivery: Delivery, machine: Machine, tolerance: float) -> list[TurningPlace]:
     """Return every turning point of a program, path by path; `tolerance` is the ε of the windows [m]."""
-    done = _done(delivery.windows)
+    done, edits = _done(delivery.windows), delivery.edits
+    changes = None if edits is None or not edits.amplitude else _changes_of(edits)
     found: list[TurningPlace] = []
     for path in paths_of(delivery.before):
         analysis = analyse(path.path, machine, tolerance)
         windows = windows_by_point(analysis.windows)
-        views = _of_path(delivery, path, analysis, done)
+        views = _of_path(delivery, path, analysis, done, changes)
         for point, view in zip(analysis.turning_points, views, strict=True):
             told = {**view, "index": len(found)}
             window = windows.get(point.index)
@@ -87,14 +91,46 @@ def _places(path: ProgramPath, points: Sequence[TurningPoint]) -> list[Place]:
     return [(point.axis, number, round(part * MILLION)) for point, number, part in rows]
 
 
+class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where the lasting offsets of a program change.
+
+    `motion`, `share` and `column` (n,) of the stops that do it, one a shift, in order of travel; `carried`
+    (m, 3) whether a motion, a rapid, does it on its way.
+    """
+
+    axes: tuple[str, ...]
+    motion: IntArray
+    share: Array
+    column: IntArray
+    carried: BoolArray
+
+
+def _changes_of(edits: Edits) -> _Changes:
+    rows = np.array([
+        (stop.motion, stop.share, AXES.index(shift.axis), shift.travel)
+        for stop in edits.stops
+        for shift in stop.shifts
+    ])  # fmt: skip
+    motion, share, column, travel = rows.reshape(-1, 4).T
+    at = motion.astype(np.int64), column.astype(np.int64)
+    steps = np.diff(edits.offset, axis=0, prepend=0.0)
+    np.subtract.at(steps, at, travel)
+    return _Changes(
+        axes=tuple(edits.amplitude), motion=at[0], share=share, column=at[1], carried=np.abs(steps) > STILL
+    )
+
+
 def _of_path(
-    delivery: Delivery, path: ProgramPath, analysis: Analysis, done: Mapping[Place, View]
+    delivery: Delivery,
+    path: ProgramPath,
+    analysis: Analysis,
+    done: Mapping[Place, View],
+    changes: _Changes | None,
 ) -> Iterator[View]:
-    points = analysis.turning_points
-    places = _places(path, points)
+    places = _places(path, analysis.turning_points)
     motion = np.array([number for _, number, _ in places], dtype=np.int64)
     lines = delivery.before.motions.block[motion] + 1
-    shifted = _shifted(delivery.edits, path, points, motion)
+    shifted = _shifted(changes, delivery.before.motions, path, analysis.turning_points, places)
     rows = zip(turning_point_views(analysis), places, lines.tolist(), shifted, strict=True)
     for view, place, line, carried in rows:
         what = done.get(place, {"strategy": "none", "profile": None, "crossings": []})
@@ -102,24 +138,38 @@ def _of_path(
 
 
 def _shifted(
-    edits: Edits | None, path: ProgramPath, points: tuple[TurningPoint, ...], motion: IntArray
+    changes: _Changes | None,
+    motions: Motions,
+    path: ProgramPath,
+    points: tuple[TurningPoint, ...],
+    places: Sequence[Place],
 ) -> list[bool]:
-    """Whether the lasting offset of the axis that turns changes at each turning point."""
-    if edits is None or not edits.amplitude:
+    """Whether the lasting offset of the axis that turns changes at each turning point.
+
+    Of one at which the axis rested that may be anywhere in the rest, at whose end it is listed.
+    """
+    if changes is None or not points:
         return [False] * len(points)
-    lasting = [(stop, shift.axis) for stop in edits.stops for shift in stop.shifts]
-    places = path.to_path(
-        np.array([stop.motion for stop, _ in lasting], dtype=np.int64),
-        np.array([stop.share for stop, _ in lasting]),
-    )
-    at = {axis: places[[name == axis for _, name in lasting]] for axis in edits.amplitude}
+    own = slice(*np.searchsorted(changes.motion, (path.motion[0], path.motion[-1] + 1)).tolist())
+    at, column = path.to_path(changes.motion[own], changes.share[own]), changes.column[own]
+    left_off = {name: _left_off(motions, path, AXES.index(name)) for name in changes.axes}
     found = []
-    for point, own in zip(points, motion.tolist(), strict=True):
-        if point.axis not in edits.amplitude:
+    for point, (name, motion, share) in zip(points, places, strict=True):
+        if name not in changes.axes:
             found.append(False)
             continue
-        after = min(own + 1, len(edits.offset) - 1)
-        column = AXES.index(point.axis)
-        carried = edits.offset[own, column] != edits.offset[after, column]
-        found.append(bool(carried or (np.abs(at[point.axis] - point.s) < PASSED).any()))
+        begin, low = motion, point.s
+        if point.kind == "dwell":
+            begin = left_off[name][motion]
+            low = float(path.to_path(np.array([begin]), np.ones(1))[0])
+        stops = (column == AXES.index(name)) & (at > low - PASSED) & (at < point.s + PASSED)
+        leaves = motion + 2 if share == MILLION else begin + 1
+        found.append(bool(stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
     return found
+
+
+def _left_off(motions: Motions, path: ProgramPath, column: int) -> dict[int, int]:
+    """Tell of the motions of a path which was the last up to there that moved an axis; maybe itself."""
+    moves = np.abs(motions.end[path.motion, column] - motions.start[path.motion, column]) > STILL
+    last = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
+    return dict(zip(path.motion.tolist(), path.motion[last].tolist(), strict=True))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ph_post.audit.rehearse import Execution, Rehearsal
-from ph_post.report.figures import AFTER, BEFORE, MARK, new_figure
+from ph_post.report.assessments import error_view
+from ph_post.report.figures import AFTER, BEFORE, MARK, legend_above, new_figure
 from ph_post.report.tables import format_table
-from ph_post.simulate.contour import ContourError
 from ph_post.units import MM, MM_PER_MIN
 
 if TYPE_CHECKING:
@@ -26,19 +26,15 @@ def rehearsal_view(found: Rehearsal) -> dict[str, Any]:
         "path": {"max": found.path / MM, "allowed": None if found.allowed is None else found.allowed / MM},
         "time": {"plan": found.plan.time, "controller": real.time, "before": before.time},
         "error": {
-            "before": _error_view(before.error.error),
-            "after": _error_view(real.error.error),
-            "planned": _error_view(found.plan.error.error),
-            "before_worst": _error_view(before.error.error_worst),
-            "after_worst": _error_view(real.error.error_worst),
-            "backlash": None if found.backlash is None else _error_view(found.backlash.error.error),
+            "before": error_view(before.error.error),
+            "after": error_view(real.error.error),
+            "planned": error_view(found.plan.error.error),
+            "before_worst": error_view(before.error.error_worst),
+            "after_worst": error_view(real.error.error_worst),
+            "backlash": None if found.backlash is None else error_view(found.backlash.error.error),
         },
         "lockstep": found.lockstep,
     }
-
-
-def _error_view(error: ContourError | None) -> dict[str, float] | None:
-    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}
 
 
 def rehearsal_lines(found: Rehearsal, name: str) -> list[str]:
@@ -97,7 +93,7 @@ def draw_rehearsal(found: Rehearsal, name: str) -> Figure:
     above.set(ylabel="contour error [mm]")
     below.set(xlabel="t [s]", ylabel="feed [mm/min]")
     for axes in (above, below):
-        axes.legend(loc="upper right", fontsize="small")
+        legend_above(axes)
     figure.suptitle(name)
     return figure
 

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from ph_post.diagnose.record import Trail
+from ph_post.report.thinning import lowest_and_highest
 from ph_post.types import Array, BoolArray, IntArray
 
 SLACK: Final = 1e-4
@@ -49,17 +50,8 @@ def envelope(trail: Trail, most: int) -> Envelope:
     firsts = np.arange(0, trail.t.size, step)
     return Envelope(
         t=trail.t[firsts], command=trail.command[firsts],
-        before=_extremes(trail.before, firsts), after=_extremes(trail.after, firsts),
+        before=lowest_and_highest(trail.before, firsts), after=lowest_and_highest(trail.after, firsts),
     )  # fmt: skip
-
-
-def _extremes(values: Array, firsts: IntArray) -> Array:
-    if values.size == 0:
-        return np.zeros((2, 0))
-    known = np.isfinite(values)
-    low = np.minimum.reduceat(np.where(known, values, np.inf), firsts)
-    high = np.maximum.reduceat(np.where(known, values, -np.inf), firsts)
-    return np.where(np.isfinite(low), np.stack([low, high]), np.nan)
 
 
 def reversals(command: Array) -> tuple[IntArray, IntArray]:

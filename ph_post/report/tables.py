@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
 import msgspec
-import numpy as np
 
 from ph_post.analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
@@ -40,6 +39,17 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
+def counted(number: int, one: str, many: str = "") -> str:
+    """Count things in words; of most several have an s more.
+
+    Examples
+    --------
+    >>> counted(1, "stop"), counted(2, "stop"), counted(3, "stop on the way", "stops on the way")
+    ('1 stop', '2 stops', '3 stops on the way')
+    """
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
 def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:
     """Print the turning points of a path, a line each, and what there is to say about them."""
     stream = stream or sys.stdout
@@ -62,9 +72,7 @@ def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:
 
 def _heading(analysis: Analysis) -> str:
     count = len(analysis.turning_points)
-    points = (
-        "no turning point" if not count else "1 turning point" if count == 1 else f"{count} turning points"
-    )
+    points = counted(count, "turning point") if count else "no turning point"
     length = f"{analysis.track.length / MM:.3f} mm"
     return f"{analysis.path.name}: {points} on {length} (in mm; windows at {analysis.tolerance / MM:g} mm)\n"
 
@@ -204,8 +212,3 @@ def dip_table(analysis: Analysis, plan: Plan) -> str:
         place = (str(point.index), point.axis, point.sense, f"{point.position / MM:.3f}")
         rows.append((*place, lag, duration, window, *dip, crossed, chosen))
     return format_table(header, rows)
-
-
-def relative_error(value: float, printed: float) -> float:
-    """|value - printed| / |printed|."""
-    return float(np.abs(value - printed) / np.abs(printed))

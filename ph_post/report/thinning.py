@@ -62,8 +62,30 @@ def _extremes(values: Array, firsts: IntArray) -> tuple[IntArray, IntArray]:
     return order[firsts], order[np.append(firsts[1:], values.size) - 1]
 
 
-def along(places: Array, most: int) -> Array:
-    """Thin out places along a path (n,), ascending, evenly by their number; both ends stay."""
-    if places.size <= most:
-        return places
-    return places[np.unique(np.linspace(0, places.size - 1, most).astype(np.int64))]
+def evenly(count: int, most: int) -> IntArray:
+    """Return the numbers of at most so many of `count` rows, spread evenly; the first and last are there."""
+    if count <= most:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, most).astype(np.int64))
+
+
+def lowest_and_highest(values: Array, firsts: IntArray) -> Array:
+    """Return the lowest and the highest value of each group of neighbours.
+
+    Parameters
+    ----------
+    values : Array, shape (n,)
+    firsts : IntArray, shape (m,)
+        First rows of the groups.
+
+    Returns
+    -------
+    Array, shape (2, m)
+        NaN where all of a group are missing.
+    """
+    if values.size == 0:
+        return np.zeros((2, 0))
+    known = np.isfinite(values)
+    low = np.minimum.reduceat(np.where(known, values, np.inf), firsts)
+    high = np.maximum.reduceat(np.where(known, values, -np.inf), firsts)
+    return np.where(np.isfinite(low), np.stack([low, high]), np.nan)

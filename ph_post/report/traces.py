@@ -12,13 +12,13 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis import Analysis
-from ph_post.compensate.comparison import before_and_after, plain
+from ph_post.compensate.comparison import plain
 from ph_post.compensate.offsets import command_of
 from ph_post.geometry.track import Track
 from ph_post.report.views import View, strategy_at, turning_point_views, window_number, windows_by_point
-from ph_post.simulate.assess import Assessment
+from ph_post.simulate.assess import assess
 from ph_post.simulate.contour import ContourError, Nominal, TurningError
-from ph_post.types import Array, BoolArray, IntArray, Machine, Plan, Run, Scenario
+from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario
 
 Points = Callable[[Array], Array]
 """Points of a path (n, dimension) [m] at places along it (n,) [m]."""
@@ -92,42 +92,44 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...]
     rapids: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def windows(self) -> list[tuple[float, float]]:
+        """The windows of all turning points that have one: first and last place along the path [m]."""
+        return [mark.window for mark in self.marks if mark.window is not None]
+
     def inside(self, s: Array) -> BoolArray:
         """Whether places along the path (n,) [m] lie in a window."""
         found = np.zeros(s.size, dtype=bool)
         order = np.argsort(s, kind="stable")
-        for mark in self.marks:
-            if mark.window is not None:
-                low, high = np.searchsorted(s, mark.window, sorter=order)
-                found[order[low:high]] = True
+        for window in self.windows:
+            low, high = np.searchsorted(s, window, sorter=order)
+            found[order[low:high]] = True
         return found
 
 
 def path_picture(analysis: Analysis, plan: Plan, warnings: Sequence[str] = ()) -> Picture:
     """Run a path as it is and as planned, and gather what is to be seen."""
-    track = analysis.track
+    track, period = analysis.track, plan.machine.servo_period
     nominal = Nominal(track)
-    assessed = zip(
-        ("as it is", "compensated"), (plain(plan), plan), before_and_after(analysis, plan), strict=True
-    )
-    traces = [_path_trace(name, analysis, one, found, nominal) for name, one, found in assessed]
-    traces = traces[:1] if _alike(*traces) else traces
+    before, after = (command_of(one, track, period) for one in (plain(plan), plan))
+    named = [("as it is", before), *([] if _alike(before, after) else [("compensated", after)])]
+    traces = [_path_trace(name, command, analysis, plan.machine, nominal) for name, command in named]
     return Picture(
         name=analysis.path.name, kind="path", axes=analysis.path.axes, length=track.length,
         closed=track.closed, points=nominal.places, joints=_path_joints(track),
-        marks=_path_marks(analysis, plan), traces=tuple(traces), machine=plan.machine,
+        marks=_path_marks(analysis, plan, nominal), traces=tuple(traces), machine=plan.machine,
         strategy=plan.strategy, warnings=(*plan.warnings, *warnings), rapids=_rapid_segments(analysis),
     )  # fmt: skip
 
 
-def _alike(one: Trace, other: Trace) -> bool:
+def _alike(one: Command, other: Command) -> bool:
     """Whether two motions are the same in every sample, but for rounding."""
-    a, b = one.run.commanded, other.run.commanded
+    a, b = one.position, other.position
     return a.shape == b.shape and bool((np.abs(a - b) < SAME).all())
 
 
-def _path_trace(name: str, analysis: Analysis, plan: Plan, found: Assessment, nominal: Nominal) -> Trace:
-    command = command_of(plan, analysis.track, plan.machine.servo_period)
+def _path_trace(name: str, command: Command, analysis: Analysis, machine: Machine, nominal: Nominal) -> Trace:
+    found = assess(command, machine, nominal, analysis.turning_points)
     foot = nominal.places(found.nearest.s)
     return Trace(
         name=name, t=command.t, s=command.s, feed=command.feed, foot=foot, away=found.run.executed - foot,
@@ -136,10 +138,10 @@ def _path_trace(name: str, analysis: Analysis, plan: Plan, found: Assessment, no
     )  # fmt: skip
 
 
-def _path_marks(analysis: Analysis, plan: Plan) -> tuple[Mark, ...]:
+def _path_marks(analysis: Analysis, plan: Plan, nominal: Nominal) -> tuple[Mark, ...]:
     windows = windows_by_point(analysis.windows)
     marks = []
-    places = Nominal(analysis.track).places(np.array([point.s for point in analysis.turning_points]))
+    places = nominal.places(np.array([point.s for point in analysis.turning_points]))
     views = turning_point_views(analysis)
     for view, point, place in zip(views, analysis.turning_points, places.tolist(), strict=True):
         window, number = windows.get(point.index), window_number(plan, point)

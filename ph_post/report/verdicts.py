@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from ph_post.audit.verdict import Verdict
-from ph_post.report.deliveries import counted
+from ph_post.report.tables import counted
 
 SHOWN = 20
 """So many failures are listed as text."""

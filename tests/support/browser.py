@@ -62,16 +62,12 @@ class Shown:
 
     def ticks(self, picture: str, axis: str) -> dict[float, float]:
         """Values that stand on an axis of a picture, with their pixels in the window."""
-        text, at = ("x", "x") if axis == "x" else ("y", "y")
         found = self.page.eval_on_selector_all(
-            f"{picture} text.{text}",
-            f"list => list.map(e => [e.textContent, +e.getAttribute('{at}')])",
-        )  # fmt: skip
-        box = self.page.locator(picture).bounding_box()
+            f"{picture} text.{axis}", f"list => list.map(e => [e.textContent, +e.getAttribute('{axis}')])"
+        )
         # A label stands with its middle 4 pixels above its line of writing.
-        return {
-            float(value): box[axis] + pixel - (4.0 if axis == "y" else 0.0) for value, pixel in found
-        }  # fmt: skip
+        begin = self.page.locator(picture).bounding_box()[axis] - (4.0 if axis == "y" else 0.0)
+        return {float(value): begin + pixel for value, pixel in found}
 
     def pixel(self, picture: str, axis: str, value: float) -> float:
         """Where a value is in the window, by the two outermost ticks of its axis."""

@@ -21,6 +21,15 @@ SAME_TIME = 1e-9
 SHALLOW = 1e-4
 """[s] below which an opening that falls back is left out: the gap hardly opened, and rounding decides."""
 
+PERIOD = 2e-3
+T = PERIOD * np.arange(251)
+WAVES = 0.02 * np.sin(7.0 * T) + 0.006 * np.sin(23.0 * T)
+"""A command [m] that turns back now and then, and hardly ever comes by the same place at the same speed."""
+ACROSS = 0.015 * np.cos(9.0 * T)
+"""One for a second axis."""
+SOFT = {"b": 4e-4, "c": 0.02, "gap": 4e-4, "eta": 0.4, "beta": 4.0}
+"""A drive that follows slowly, and a gap [m] that is wide for it."""
+
 
 class Case(NamedTuple):
     """One axis, its command, and how the reference is to start."""

@@ -138,6 +138,31 @@ def test_json_tells_times_errors_and_what_was_done(circle, tmp_path, capfdbinary
     assert turning == [("Y", "takeup"), ("X", "takeup"), ("Y", "takeup")]
 
 
+@pytest.mark.parametrize(("strategy", "done"), [("auto", "takeup"), ("none", "none")])
+def test_json_tells_what_was_done_while_an_axis_rested(tmp_path, capfdbinary, strategy, done):
+    place, out = tmp_path / "frame.ngc", tmp_path / "out.ngc"
+    place.write_bytes(b"G21 G90 G94\nG0 X0 Y0\nG1 X40 F600\nY20\nX0\nY0\nM2\n")
+    status, printed, _ = run(
+        capfdbinary, "convert", place, *ROOMY, "--strategy", strategy, "-o", out, "--json"
+    )
+    assert status == 0
+    # X rests in line 4 and goes back, Y in line 5; each is shifted at the beginning of that.
+    told = [
+        [one[key] for key in ("axis", "kind", "line", "strategy")] for one in json.loads(printed)["windows"]
+    ]
+    assert told == [["X", "dwell", 4, done], ["Y", "dwell", 5, done]]
+
+
+def test_json_tells_what_a_rapid_took_along(tmp_path, capfdbinary):
+    place, out = tmp_path / "slots.ngc", tmp_path / "out.ngc"
+    place.write_bytes(b"G21 G90 G94\nG0 X0 Z5\nG1 Z-1 F300\nX40\nG0 Z5\nG0 X0\nG1 Z-1\nX40\nM2\n")
+    status, printed, _ = run(capfdbinary, "convert", place, *ROOMY, "-o", out, "--json")
+    assert status == 0
+    # The rapids up and back carry their changes themselves; before it cuts again each is shifted once more.
+    told = [(one["axis"], one["line"], one["strategy"]) for one in json.loads(printed)["windows"]]
+    assert told == [("Z", 4, "takeup"), ("X", 5, "takeup"), ("Z", 6, "takeup"), ("X", 7, "takeup")]
+
+
 def test_strict_refuses_what_the_others_pass_through(tmp_path, capfdbinary):
     place, out = tmp_path / "a.ngc", tmp_path / "out.ngc"
     place.write_bytes(CIRCLE.replace(b"M5\n", b"#1=5\nM5\n"))

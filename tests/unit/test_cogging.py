@@ -9,7 +9,11 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 from support.engine_cases import (
+    PERIOD,
+    SOFT,
+    WAVES,
     Case,
+    T,
     contacts,
     contacts_of,
     effect,
@@ -25,10 +29,6 @@ from ph_post.simulate.machine import Trace, run_plant, simulate
 from ph_post.simulate.modes import level_for, modes_of
 from ph_post.types import EffectSetting, Feedback, Pickup, Run, Scenario
 
-PERIOD = 2e-3
-T = PERIOD * np.arange(251)
-WAVES = 0.02 * np.sin(7.0 * T) + 0.006 * np.sin(23.0 * T)
-SOFT = {"b": 4e-4, "c": 0.02, "gap": 4e-4, "eta": 0.4, "beta": 4.0}
 COGGING = effect("cogging", following_error_mm=0.1, period_mm=5.0, phase_deg=40.0)
 FINE = effect("cogging", following_error_mm=0.02, period_mm=0.8, phase_deg=0.0)
 DRY = effect("coulomb_friction", following_error_mm=0.2)

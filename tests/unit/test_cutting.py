@@ -9,17 +9,15 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support.engine_cases import effect, make_axis, make_command, make_machine
+from support.engine_cases import ACROSS as Y
+from support.engine_cases import PERIOD, T, effect, make_axis, make_command, make_machine
+from support.engine_cases import WAVES as X
 
 from ph_post.drive.plant import Plant
 from ph_post.simulate.cutting import cutting_force, path_velocity
 from ph_post.simulate.machine import Trace, run_plant, simulate
 from ph_post.types import Command, EffectSetting, Feedback, Run
 
-PERIOD = 2e-3
-T = PERIOD * np.arange(251)
-X = 0.02 * np.sin(7.0 * T) + 0.006 * np.sin(23.0 * T)
-Y = 0.015 * np.cos(9.0 * T)
 B, C, ETA, BETA, GAP = 4e-4, 0.02, 0.4, 4.0, 4e-4
 SOFT = {"b": B, "c": C, "eta": ETA, "beta": BETA}
 CUT = effect("cutting_force", following_error_mm=0.2, feed_mm_min=6000.0, exponent=0.8)

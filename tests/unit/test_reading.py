@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.engine_cases import effect, make_axis, make_command, make_machine
+from support.engine_cases import ACROSS as Y
+from support.engine_cases import PERIOD, SOFT, effect, make_axis, make_command, make_machine
+from support.engine_cases import WAVES as X
 
 from ph_post.cli.job import effect_warnings
 from ph_post.drive.effects import plant_of, still
@@ -16,11 +18,6 @@ from ph_post.drive.reading import read_table
 from ph_post.simulate.machine import run_plant, simulate, trace_of
 from ph_post.types import EffectSetting, Feedback, Run, Scenario
 
-PERIOD = 2e-3
-T = PERIOD * np.arange(251)
-X = 0.02 * np.sin(7.0 * T) + 0.006 * np.sin(23.0 * T)
-Y = 0.015 * np.cos(9.0 * T)
-SOFT = {"b": 4e-4, "c": 0.02, "gap": 4e-4, "eta": 0.4, "beta": 4.0}
 CYCLE = effect("cyclic_error", amplitude_mm=0.003, period_mm=2.5, phase_deg=30.0)
 FINE_CYCLE = effect("cyclic_error", amplitude_mm=0.001, period_mm=0.02)
 SCALE = effect("scale_error", error=4e-5)

@@ -9,7 +9,11 @@ from support.circle import circle
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP
 from support.drives import axis as paper_axis
 from support.engine_cases import (
+    PERIOD,
+    SOFT,
+    WAVES,
     Case,
+    T,
     contacts,
     contacts_of,
     effect,
@@ -24,11 +28,6 @@ from support.reference_machine import Motion
 
 from ph_post.simulate.machine import simulate
 from ph_post.types import EffectSetting, Feedback, Pickup, Run, Scenario
-
-PERIOD = 2e-3
-T = PERIOD * np.arange(251)
-WAVES = 0.02 * np.sin(7.0 * T) + 0.006 * np.sin(23.0 * T)
-SOFT = {"b": 4e-4, "c": 0.02, "gap": 4e-4, "eta": 0.4, "beta": 4.0}
 
 
 def run_case(case: Case, moving: bool = False) -> Run:

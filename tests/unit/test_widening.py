@@ -7,7 +7,11 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 from support.engine_cases import (
+    PERIOD,
+    SOFT,
+    WAVES,
     Case,
+    T,
     contacts,
     contacts_of,
     effect,
@@ -23,11 +27,6 @@ from ph_post.drive.widening import gap_at, table_behind
 from ph_post.simulate.assess import scenarios
 from ph_post.simulate.machine import Trace, run_plant, simulate
 from ph_post.types import EffectSetting, Feedback, Run, Scenario
-
-PERIOD = 2e-3
-T = PERIOD * np.arange(251)
-WAVES = 0.02 * np.sin(7.0 * T) + 0.006 * np.sin(23.0 * T)
-SOFT = {"b": 4e-4, "c": 0.02, "gap": 4e-4, "eta": 0.4, "beta": 4.0}
 
 
 def worn(slope: float = 0.0, bump: float = 0.0, reference: float = 3.0) -> EffectSetting:

@@ -39,14 +39,16 @@ class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `errors` one a scenario, None where nothing is cut. `error` the largest at the file's values, with its
     `run` and, a row each, the `distance` of the table from the path [m] and whether it is `counted`: rapids
-    are not, nor is the beginning, for five servo time constants. `error_worst` the largest of all. `motion`
-    is the number of the program's motion that every row belongs to, `place` how far along the program [m].
+    are not, nor is the beginning, for five servo time constants. `error_worst` is the largest of all, in the
+    scenario `worst`. `motion` is the number of the program's motion that every row belongs to, `place` how
+    far along the program [m].
     """
 
     scenarios: tuple[Scenario, ...]
     errors: tuple[ContourError | None, ...]
     error: ContourError | None
     error_worst: ContourError | None
+    worst: Scenario
     run: Run
     distance: Array
     counted: BoolArray
@@ -172,8 +174,9 @@ def program_error(
     decides, worst = max(nominal, key=lambda k: sizes[k]), int(np.argmax(sizes))
     _, run, distance = measure(tried[decides])
     return ProgramError(
-        scenarios=tried, errors=errors, error=errors[decides], error_worst=errors[worst], run=run,
-        distance=distance, counted=counted, motion=path.legs.motion[leg].astype(np.int64), place=place,
+        scenarios=tried, errors=errors, error=errors[decides], error_worst=errors[worst], worst=tried[worst],
+        run=run, distance=distance, counted=counted, motion=path.legs.motion[leg].astype(np.int64),
+        place=place,
     )  # fmt: skip
 
 

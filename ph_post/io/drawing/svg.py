@@ -22,7 +22,7 @@ from ph_post.errors import InputError
 from ph_post.io.drawing.record import MAX_DEPTH, Collector, Drawing
 from ph_post.io.drawing.svgcurves import SHAPES, curves_of
 from ph_post.io.drawing.svgpath import transform_of
-from ph_post.io.drawing.svgsize import UnclearError, fit, length, page_of, view_box
+from ph_post.io.drawing.svgsize import UnclearError, View, fit, length, page_of, view_box, whole_of
 from ph_post.io.drawing.xmltree import Node, parse_xml
 from ph_post.types import Array
 
@@ -49,7 +49,7 @@ class _Context(msgspec.Struct, frozen=True, kw_only=True):
     """What an element has from those around it."""
 
     matrix: Array
-    view: tuple[float, float] | None
+    view: View
     layer: str = "0"
     named: bool = False
     hidden: bool = False
@@ -190,7 +190,7 @@ class _Walk:
             raise InputError(f"{found.file}:{node.line}", f"{target[:40]} uses itself")
         found.spend(1)
         try:
-            shift = _shifted(*(_length(node, key, context.view) for key in ("x", "y")))
+            shift = _shifted(node, context.view)
         except UnclearError as error:
             found.leave_out(f"use with {error}")
             return
@@ -207,9 +207,7 @@ class _Walk:
         where = f"{self._found.file}:{node.line}"
         box = view_box(node.attributes, where)
         try:
-            matrix = np.eye(4) if size is not node else _shifted(
-                *(_length(node, key, context.view) for key in ("x", "y"))
-            )  # fmt: skip
+            matrix = _shifted(node, context.view) if size is node else np.eye(4)
             view = context.view
             wide, high = (self._size(node, size, axis, context) for axis in (0, 1))
             if box is not None:
@@ -228,7 +226,7 @@ class _Walk:
         text = size.attributes.get(key, node.attributes.get(key, "100%"))
         if context.view is None and text.endswith("%") and "viewBox" not in node.attributes:
             return 0.0  # not needed
-        return length(text, None if context.view is None else context.view[axis])
+        return length(text, whole_of(context.view, axis))
 
     def _layer_of(self, node: Node, context: _Context) -> tuple[str, bool]:
         """Return the layer: the innermost one of Inkscape's; without any, the outermost group with a name."""
@@ -272,12 +270,10 @@ def _style(node: Node) -> dict[str, str]:
     return found
 
 
-def _length(node: Node, key: str, view: tuple[float, float] | None) -> float:
-    whole = None if view is None else view[key == "y"]
-    return length(node.attributes.get(key, "0"), whole)
-
-
-def _shifted(x: float, y: float) -> Array:
+def _shifted(node: Node, view: View) -> Array:
+    """Return the shift by `x` and `y` of an element, shape (4, 4)."""
     matrix = np.eye(4)
-    matrix[:2, 3] = x, y
+    matrix[:2, 3] = [
+        length(node.attributes.get(key, "0"), whole_of(view, axis)) for axis, key in enumerate("xy")
+    ]
     return matrix

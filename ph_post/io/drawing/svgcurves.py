@@ -17,8 +17,8 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.io.drawing import shapes
 from ph_post.io.drawing.shapes import Shape
-from ph_post.io.drawing.svgpath import NUMBERS, ONE, Runs, View, path_runs, shown
-from ph_post.io.drawing.svgsize import UnclearError, length
+from ph_post.io.drawing.svgpath import NUMBERS, ONE, Runs, path_runs, shown
+from ph_post.io.drawing.svgsize import UnclearError, View, length, whole_of
 from ph_post.io.drawing.xmltree import Node
 from ph_post.types import Array
 
@@ -66,7 +66,7 @@ def _rect(node: Node, view: View, _file: str) -> Runs:
 def _corner(node: Node, view: View) -> tuple[float, float]:
     """Return both radii; one that is not given is as the other."""
     given = [node.attributes.get(key, "auto").strip() for key in ("rx", "ry")]
-    sizes = [None if text == "auto" else length(text, _whole(view, k)) for k, text in enumerate(given)]
+    sizes = [None if text == "auto" else length(text, whole_of(view, k)) for k, text in enumerate(given)]
     if any(size is not None and size < 0.0 for size in sizes):
         raise UnclearError("a negative radius")
     rx, ry = (
@@ -144,11 +144,7 @@ def _closed(points: Sequence[tuple[float, float]]) -> list[Shape]:
 def _size(node: Node, key: str, view: View) -> float:
     across = 1 if key in {"y", "height", "cy", "y1", "y2"} else 0
     text = node.attributes.get(key, "0").strip()
-    return length("0" if text == "auto" else text, _whole(view, across))
-
-
-def _whole(view: View, axis: int) -> float | None:
-    return None if view is None else view[axis]
+    return length("0" if text == "auto" else text, whole_of(view, across))
 
 
 SHAPES: Final[dict[str, Callable[[Node, View, str], Runs]]] = {

@@ -18,12 +18,11 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.io.drawing import shapes
 from ph_post.io.drawing.shapes import Shape
-from ph_post.io.drawing.svgsize import NUMBER
+from ph_post.io.drawing.svgsize import NUMBER, View
 from ph_post.io.drawing.xmltree import Node
 from ph_post.io.exact import quoted
 from ph_post.types import Array
 
-View = tuple[float, float] | None
 Runs = Iterator[Sequence[Shape]]
 
 _S: Final = r"[\s,]*+"

@@ -35,6 +35,10 @@ _FIT = re.compile(r"\s*(?:defer\s+)?(?:(none)|x(Min|Mid|Max)Y(Min|Mid|Max))(?:\s
 _PART: Final = {"Min": Fraction(0), "Mid": Fraction(1, 2), "Max": Fraction(1)}
 
 
+View = tuple[float, float] | None
+"""Size of what percentages are parts of, in user units."""
+
+
 class UnclearError(Exception):
     """A length that has no size in mm, such as one in em."""
 
@@ -55,7 +59,7 @@ class Page(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """
 
     matrix: Array
-    view: tuple[float, float] | None
+    view: View
     unit: str | None
     notes: tuple[str, ...]
 
@@ -69,6 +73,11 @@ def length(text: str, whole: float | None) -> float:
         Where it has no size by itself.
     """
     return float(_exact(text, None if whole is None else Fraction(whole)))
+
+
+def whole_of(view: View, axis: int) -> float | None:
+    """Return what a percentage along an axis is a part of."""
+    return None if view is None else view[axis]
 
 
 def _exact(text: str, whole: Fraction | None) -> Fraction:

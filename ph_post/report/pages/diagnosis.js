@@ -79,6 +79,7 @@ for (const [title, places] of [["Where machine file and record differ", D.places
 const end = Math.max(0, ...D.trails.map(x => x.end));
 const range = new Range(0, end);
 const changed = D.gap.steps.length > 1;
+const HELD_OUT = { fill: "var(--line)", opacity: 0.4 }, NOISE = { "stroke-dasharray": "2 4" };
 
 // Groups that are drawn: neighbours are merged until no more are left than the picture has columns.
 function merged(trail, name, columns) {
@@ -119,13 +120,12 @@ function overTime(svg, trail) {
     return rows.join("\n");
   };
   const paint = f => {
-    const box = (spans, attributes) => spans.forEach(([a, b]) => { if (b >= range.low && a <= range.high) draw(f.inside, "rect", { x: f.X(a), y: TOP, width: Math.max(f.X(b) - f.X(a), 0.5), height: 220 - LOW - TOP, ...attributes }); });
-    box(trail.held_out, { fill: "var(--shade)" });
-    const columns = f.width - LEFT - RIGHT;
+    trail.held_out.forEach(span => shade(f, ...span, HELD_OUT));
+    const columns = f.box[2] - f.box[0];
     band(f.inside, merged(trail, "before", columns), f.X, f.Y, { ...BEFORE, "fill-opacity": 0.45, "stroke-opacity": 0.6 });
     if (changed) band(f.inside, merged(trail, "after", columns), f.X, f.Y, AFTER);
-    box(trail.left_out, { fill: "var(--paper)", opacity: 0.8 });
-    if (trail.noise) for (const y of [trail.noise, -trail.noise]) draw(f.inside, "line", { x1: LEFT, x2: f.width - RIGHT, y1: f.Y(y), y2: f.Y(y), stroke: "var(--ink)", "stroke-dasharray": "2 4" });
+    trail.left_out.forEach(span => shade(f, ...span, { fill: "var(--paper)", opacity: 0.8 }));
+    if (trail.noise) for (const y of [trail.noise, -trail.noise]) level(f, y, NOISE);
   };
   const now = chart(svg, range, 220, "t [s]", `record − model [${trail.unit}]`, () => counting(trail), paint, {
     hover: (t, x, y, e) => { pointed = at(trail.t, Math.min(Math.max(t, range.low), range.high)); show(e.clientX, e.clientY, words(pointed)); },
@@ -142,7 +142,7 @@ if (D.trails.length) {
   all.className = "hand";
   bar.append(key("the machine file as it is", "--a", 0.6));
   if (changed) bar.append(key("the better machine", "--b", 1));
-  bar.append(key("held out of the fit", "--line", 1), key("noise", "--ink", 1, "thin"), all, el("span", HINT, "hand"));
+  bar.append(key("held out of the fit", "--line", 0.4), key("noise", "--ink", 1, "thin"), all, el("span", HINT, "hand"));
   s.append(bar);
   for (const trail of D.trails) {
     const part = el("section"), [b, a] = trail.rms.held_out, [fb, fa] = trail.rms.fitted;
@@ -171,7 +171,7 @@ if (D.trails.length) {
         const f = frame(svg, 200, ...xs, 0, 1.06 * top, "since the reversal [ms]", `[${trail.unit}]`);
         line(f.inside, one.x, one.before, f.X, f.Y, { stroke: "var(--a)" });
         if (changed) line(f.inside, one.x, one.after, f.X, f.Y, { stroke: "var(--b)" });
-        if (trail.noise) draw(f.inside, "line", { x1: LEFT, x2: f.width - RIGHT, y1: f.Y(trail.noise), y2: f.Y(trail.noise), stroke: "var(--ink)", "stroke-dasharray": "2 4" });
+        if (trail.noise) level(f, trail.noise, NOISE);
       });
     }
     part.append(pair); s.append(part);

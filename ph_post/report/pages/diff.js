@@ -4,8 +4,10 @@ const span = r => r === null ? "–" : r[0] === r[1] ? `${r[0]}` : `${r[0]}–${
 const most = D.geometry.max_deviation || 0;
 const VIEWS = { XY: [0, 1], XZ: [0, 2], YZ: [1, 2] };
 const range = new Range(0, D.files[0].length);
-let view = "XY", mag = 1, flat = null, pointed = null;
+const mag = magnifier("deviations", Math.max(...NAMES.map(n => { const [a, b] = extent([P[n]], 0); return b - a; })), most);
+let view = "XY", flat = null, pointed = null;
 const overlays = [];
+const unpoint = () => { pointed = null; overlays.forEach(one => one()); };
 
 // What stands above the pictures.
 main.append(el("h1", D.summary.join(" · ")));
@@ -20,11 +22,12 @@ main.append(el("h1", D.summary.join(" · ")));
 }
 
 // The path in one of three views, and charts along it.
-const moved = (o, k) => VIEWS[view].map(n => o[NAMES[n]][k] + mag * o[`d${NAMES[n]}`][k]);
+// B is drawn off A, its deviation magnified; where A is off B it is where it is.
+const moved = (o, k) => VIEWS[view].map(n => o[NAMES[n]][k] + (o === OFF[1] ? mag.factor : 1) * o[`d${NAMES[n]}`][k]);
 const bounds = () => VIEWS[view].map(n => extent([P[NAMES[n]], ...OFF.map(o => o[NAMES[n]].map((v, k) => v + o[`d${NAMES[n]}`][k]))], 0));
 const away = (o, k) => Math.hypot(o.dx[k], o.dy[k], o.dz[k]);
 const zoomTo = one => {
-  const k = VIEWS[view], reach = 4 * Math.max(one.deviation * mag, 1e-3);
+  const k = VIEWS[view], reach = 4 * Math.max(one.deviation * mag.factor, 1e-3);
   flat.whole = false; flat.fit(k.map(n => [one.position[n] - reach, one.position[n] + reach]));
   const more = Math.max(one.s_a[1] - one.s_a[0], 1e-3);
   range.set(one.s_a[0] - more, one.s_a[1] + more);
@@ -32,20 +35,11 @@ const zoomTo = one => {
 };
 {
   const s = section("Tool path"), bar = el("div", undefined, "bar hand");
-  const slider = el("input"), told = el("output"), label = el("label", "deviations × ");
-  Object.assign(slider, { type: "range", min: 0, max: 4, step: 0.02, id: "mag" });
-  slider.setAttribute("aria-label", "magnification of the deviations");
-  label.append(slider, " ", told);
-  const scaled = () => { told.textContent = mag < 10 ? num(mag, 1) : num(mag, 0); };
-  slider.oninput = () => { mag = 10 ** +slider.value; scaled(); redraw(); };
-  const size = P.x.length ? Math.max(...NAMES.map(n => { const [a, b] = extent([P[n]], 0); return b - a; })) : 1;
-  mag = most ? Math.min(Math.max(0.04 * size / most, 1), 1e4) : 1;
-  slider.value = Math.log10(mag); scaled();
-  bar.append(choice(Object.keys(VIEWS), view, name => { view = name; flat.whole = true; flat.fit(); redraw(); }), label,
+  bar.append(choice(Object.keys(VIEWS), view, name => { view = name; flat.whole = true; flat.fit(); redraw(); }), mag.box,
     button("all", () => { range.reset(); flat.whole = true; flat.fit(); redraw(); }));
   const legend = el("div", undefined, "bar");
-  legend.append(key("A", "--a"), key("B, where it is not A's", "--b"), el("span", HINT, "hand"));
-  s.append(bar, legend);
+  legend.append(key("A", "--a"), key("A, where it is not B's", "--a", 0.25), key("B, where it is not A's, magnified", "--b"), key("rapid", "--dim", 1, "thin"));
+  s.append(bar, legend, el("p", HINT, "dim hand"));
   const svg = picture(s, "the tool path of A, and that of B where it is another", "picture plane", false);
   svg.id = "path";
   let v = null, over = null;
@@ -57,17 +51,22 @@ const zoomTo = one => {
   overlays.push(overlay);
   const paint = now => {
     v = now;
-    const [u, w] = VIEWS[view].map(n => P[NAMES[n]]), n = P.x.length, inside = k => P.s[k] >= range.low && P.s[k] <= range.high;
+    const [u, w] = VIEWS[view].map(n => P[NAMES[n]]), inside = k => P.s[k] >= range.low && P.s[k] <= range.high;
+    const off = (side, look) => {
+      const o = OFF[side], places = o.x.map((_, k) => moved(o, k));
+      for (const rapid of [1, 0]) {
+        const d = steps(places.length, k => v.X(places[k][0]), k => v.Y(places[k][1]), k => o.rapid[k] === rapid && o.stretch[k] === o.stretch[k - 1], v.box);
+        draw(v.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[side]})`, ...look(rapid), class: `off${side}` });
+      }
+    };
+    if (OFF.length) off(0, () => ({ "stroke-width": 7, opacity: 0.25 }));
     for (const rapid of [1, 0]) for (const lit of [false, true]) {
-      const d = strokes(n, k => v.X(u[k]), k => v.Y(w[k]), k => (P.rapid[k] === rapid || (k + 1 < n && P.rapid[k + 1] === rapid && P.rapid[k] !== rapid)) && inside(k) === lit, v.box);
-      draw(v.inside, "path", { ...LINE, d, stroke: rapid ? "var(--dim)" : "var(--a)", "stroke-width": rapid ? 0.8 : 1.5, opacity: lit ? 1 : 0.35, ...(rapid ? { "stroke-dasharray": "3 4" } : {}), class: "path" });
+      const d = steps(P.x.length, k => v.X(u[k]), k => v.Y(w[k]), k => P.rapid[k] === rapid && inside(k) === lit, v.box);
+      const look = rapid ? { stroke: "var(--dim)", "stroke-width": 0.8, ...DASHES } : { stroke: "var(--a)", "stroke-width": 1.5 };
+      draw(v.inside, "path", { ...LINE, d, opacity: lit ? 1 : 0.35, ...look, class: "path" });
     }
-    OFF.forEach((o, side) => {
-      let part = [];
-      const flush = () => { if (part.length) { const d = strokes(part.length, i => v.X(moved(o, part[i])[0]), i => v.Y(moved(o, part[i])[1]), () => true, v.box); draw(v.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[side]})`, "stroke-width": side ? 1.8 : 0.9, ...(side ? {} : { "stroke-dasharray": "1 2" }), class: `off${side}` }); } part = []; };
-      for (let k = 0; k < o.x.length; k++) { if (k && o.stretch[k] !== o.stretch[k - 1]) flush(); part.push(k); }
-      flush();
-    });
+    if (OFF.length) off(1, rapid => rapid ? { "stroke-width": 1, ...DASHES } : { "stroke-width": 1.8 });
+    if (most) ruler(v, "deviation", "mm", v.scale * mag.factor);
     over = draw(v.inside, "g", {}); overlay();
   };
   flat = plane(svg, width => Math.round(Math.min(Math.max(0.5 * width, 320), 560)), () => [...view].map(n => `${n} [mm]`), bounds, paint, {
@@ -87,7 +86,7 @@ const zoomTo = one => {
       });
       overlays.forEach(one => one()); show(e.clientX, e.clientY, text);
     },
-    leave: () => { pointed = null; overlays.forEach(one => one()); }, reset: () => range.reset(),
+    leave: unpoint, reset: () => range.reset(),
   });
 }
 {
@@ -107,15 +106,12 @@ const zoomTo = one => {
   };
   const charts = [
     ["dev", "Deviation along A", "[mm]", () => [0, Math.max(most * 1.05, 1e-6)], f => OFF.forEach((o, side) => {
-      let begun = 0;
-      for (let k = 1; k <= o.s.length; k++) if (k === o.s.length || o.stretch[k] !== o.stretch[begun]) {
-        const from = begun, d = strokes(k - from, i => f.X(o.s[from + i]), i => f.Y(away(o, from + i)), () => true, [f.box[0] - 20, -1e5, f.box[2] + 20, 1e5]);
-        draw(f.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[side]})` }); begun = k;
-      }
+      const d = steps(o.s.length, k => f.X(o.s[k]), k => f.Y(away(o, k)), k => o.stretch[k] === o.stretch[k - 1], f.lane);
+      draw(f.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[side]})` });
     })],
     ["feed", "Programmed feed along A", "[mm/min]", () => [0, 1.05 * D.speed.reduce((m, p) => p.feed.reduce((n, f) => Math.max(n, f || 0), m), 1e-6)], f => D.speed.forEach((p, side) => {
       const n = 2 * p.feed.length, value = i => p.feed[i >> 1];
-      const d = strokes(n, i => f.X(p.s[(i + 1) >> 1]), i => f.Y(value(i)), i => value(i) !== null, [f.box[0] - 20, -1e5, f.box[2] + 20, 1e5]);
+      const d = strokes(n, i => f.X(p.s[(i + 1) >> 1]), i => f.Y(value(i)), i => value(i) !== null, f.lane);
       draw(f.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[side]})`, ...(side ? {} : { "stroke-width": 2.4, opacity: 0.75 }) });
     })],
   ];
@@ -126,11 +122,11 @@ const zoomTo = one => {
     overlays.push(() => {
       if (!over) return;
       over.textContent = "";
-      if (pointed) draw(over, "line", { x1: f.X(pointed.s), x2: f.X(pointed.s), y1: TOP, y2: f.height - LOW, stroke: "var(--ink)" });
+      if (pointed) upright(f, pointed.s, {}, over);
     });
     chart(svg, range, 190, "s [mm]", "", ys, now => { f = now; paint(f); over = draw(f.inside, "g", {}); }, {
       hover: (x, px, py, e) => show(e.clientX, e.clientY, place(Math.min(Math.max(x, range.low), range.high))),
-      leave: () => { pointed = null; overlays.forEach(one => one()); },
+      leave: unpoint,
       step: sign => {
         const x = Math.min(Math.max((pointed ? pointed.s : range.low) + sign * 0.01 * (range.high - range.low), range.low), range.high), r = svg.getBoundingClientRect();
         show(r.left + f.X(x), r.top + 30, place(x));
@@ -146,7 +142,7 @@ const zoomTo = one => {
   if (devs.length) {
     const t = table(["lines of A", "lines of B", "from s", "to s", "mm", "at line", "X", "Y", "Z"],
       devs.map(d => [span(d.a), span(d.b), num(d.s_a[0], 3), num(d.s_a[1], 3), num(d.deviation, 6), `${d.where.on.toUpperCase()}:${d.where.line}`, ...d.position.map(x => num(x, 4))]));
-    [...t.tBodies[0].rows].forEach((r, k) => { r.className = "go"; r.tabIndex = 0; r.onclick = () => zoomTo(devs[k]); r.onkeydown = e => { if (e.key === "Enter" || e.key === " ") { e.preventDefault(); zoomTo(devs[k]); } }; });
+    [...t.tBodies[0].rows].forEach((r, k) => leads(r, () => zoomTo(devs[k])));
     add("Where the tool path deviates", t);
   }
   const feeds = (r, n) => r === null ? "–" : r[0] === r[1] ? num(r[0], n) : `${num(r[0], n)} to ${num(r[1], n)}`;

@@ -3,8 +3,6 @@ const P = D.path, RUNS = D.runs, MARKS = D.points, COLOURS = ["--a", "--b"];
 const NAMES = ["x", "y", "z"].slice(0, D.axes.length);
 const seen = { runs: RUNS.map(() => true), windows: true, points: true };
 const micro = v => v === null || v === undefined ? "–" : v === 0 ? "0" : v >= 99.95 ? v.toFixed(0) : v >= 0.995 ? String(+v.toPrecision(3)) : v.toFixed(3);
-const size = one => one ? 1000 * one.max : null;
-const change = (a, b, n, unit) => a === null || b === null ? "–" : [a, b].map(v => num(v, n)).join(" → ") + unit;
 const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
 
 // The answer.
@@ -13,34 +11,43 @@ const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
   const facts = [`machine ${D.machine.name}`, `${num(D.length, 3)} mm`, changed ? `strategy ${D.strategy}` : "nothing is changed", `ph-post ${D.version}`];
   main.append(el("p", facts.join(" · "), "dim"));
   const tiles = el("div", undefined, "tiles");
-  const tile = (title, values, below) => {
+  // Values of runs have the colours of these.
+  const tile = (title, values, below, tags = ["i", "em"]) => {
     const t = el("div", undefined, "tile"), b = el("b");
-    values.forEach((v, k) => { if (k) b.append(" → "); b.append(el(k || !changed ? "em" : "i", v)); });
+    values.forEach((v, k) => { if (k) b.append(" → "); b.append(el(tags[k], v)); });
     t.append(title, b, el("span", below, "dim")); tiles.append(t);
   };
-  const gain = (a, b) => !changed || !a || !b ? "" : Math.abs(a / b - 1) < 0.005 ? "as before" : a >= b ? `${few(a / b)} times smaller` : `${few(b / a)} times larger`;
-  const sizes = name => RUNS.map(one => size(one[name]));
-  const shown = name => sizes(name).map(v => `${micro(v)}`);
-  tile("Largest contour error, µm", shown("error"), gain(...sizes("error")));
-  tile("Root mean square, µm", RUNS.map(one => micro(one.error && 1000 * one.error.rms)), changed ? gain(...RUNS.map(one => one.error && one.error.rms)) : "");
-  tile("Worst of what the file leaves open, µm", shown("worst"), gain(...sizes("worst")));
-  tile("Cycle time, s", RUNS.map(one => num(one.time, 3)), changed && first.time ? `${(100 * (last.time / first.time - 1)).toFixed(2)} % more` .replace(/^-(.*) more$/, "$1 less") : "");
+  const gain = (a, b) => !a || !b ? "" : Math.abs(a / b - 1) < 0.005 ? "as before" : a >= b ? `${few(a / b)} times smaller` : `${few(b / a)} times larger`;
+  const sizes = (title, of) => { const found = RUNS.map(of); tile(title, found.map(micro), gain(...found)); };
+  sizes("Largest contour error, µm", one => one.error && 1000 * one.error.max);
+  sizes("Root mean square, µm", one => one.error && 1000 * one.error.rms);
+  sizes("Worst of what the file leaves open, µm", one => one.worst && 1000 * one.worst.max);
+  const more = changed && first.time ? 100 * (last.time / first.time - 1) : null;
+  tile("Cycle time, s", RUNS.map(one => num(one.time, 3)), more === null ? "" : Math.abs(more) < 0.005 ? "as before" : `${num(Math.abs(more))} % ${more < 0 ? "less" : "more"}`);
   const done = MARKS.filter(p => p.strategy !== "none").length;
-  tile("Turning points", [String(MARKS.length)], changed ? `at ${done} something is done` : "");
+  tile("Turning points", [String(MARKS.length)], changed ? `at ${done} something is done` : "", ["span"]);
   main.append(tiles);
   D.warnings.forEach(text => main.append(el("p", text, "note")));
 }
 
 // Where one is: a row of a run, and a turning point that is meant.
 const range = new Range(0, D.length);
-let pointed = null, lit = null, mag = 1;
+let pointed = null, lit = null;
+// Round, so that the largest error is a twentieth of the path.
+const mag = magnifier("error", Math.max(...NAMES.map(n => { const [a, b] = extent([P[n]], 0); return b - a; })),
+  Math.max(...RUNS.map(run => Math.max(0, ...run.e.map((e, k) => run.counted[k] ? Math.abs(e) / 1000 : 0)))));
 const views = NAMES.length < 2 ? [[0, 1]] : NAMES.flatMap((_, a) => NAMES.slice(a + 1).map((_, b) => [a, a + 1 + b]));
 const viewName = ([a, b]) => `${D.axes[a]}${D.axes[b] || ""}`;
 let view = views[0];
 const nothing = () => 0;
 const column = (from, names, k) => { const values = from[names[k]]; return values ? i => values[i] : nothing; };
 const DNAMES = NAMES.map(n => `d${n}`);
-const placed = run => view.map(k => { const foot = column(run, NAMES, k), away = column(run, DNAMES, k); return i => foot(i) + mag * away(i); });
+const placed = run => view.map(k => { const foot = column(run, NAMES, k), away = column(run, DNAMES, k); return i => foot(i) + mag.factor * away(i); });
+// Where a run is drawn in one direction of the view, between two places along the path.
+const reached = (run, n, low = -Infinity, high = Infinity) => {
+  const place = placed(run)[n];
+  return run.s.map((s, i) => run.counted[i] && s >= low && s <= high ? place(i) : null);
+};
 const markAt = s => {
   let best = null;
   MARKS.forEach((p, k) => { if (p.window && s >= p.window[0] - 1e-9 && s <= p.window[1] + 1e-9 && (best === null || Math.abs(p.s - s) < Math.abs(MARKS[best].s - s))) best = k; });
@@ -88,25 +95,17 @@ let flat = null;
   RUNS.forEach((run, r) => { bar.append(button(run.name, b => { seen.runs[r] = !seen.runs[r]; b.setAttribute("aria-pressed", seen.runs[r]); redraw(); }, true)); });
   for (const [name, text] of [["windows", "windows"], ["points", "turning points"]])
     bar.append(button(text, b => { seen[name] = !seen[name]; b.setAttribute("aria-pressed", seen[name]); redraw(); }, true));
-  const slider = el("input"), told = el("output"), label = el("label", "error × ");
-  Object.assign(slider, { type: "range", min: 0, max: 4, step: 0.02, id: "mag" });
-  slider.setAttribute("aria-label", "magnification of the error");
-  label.append(slider, " ", told); bar.append(label);
-  const scaled = () => { told.textContent = mag < 10 ? num(mag, 1) : num(mag, 0); slider.setAttribute("aria-valuetext", `error times ${told.textContent}`); };
-  slider.oninput = () => { mag = 10 ** +slider.value; scaled(); redraw(); };
-  // Round, so that the largest error is a twentieth of the path.
-  const width = Math.max(...NAMES.map(n => { const [a, b] = extent([P[n]], 0); return b - a; }));
-  const most = Math.max(...RUNS.map(run => Math.max(0, ...run.e.map((e, k) => run.counted[k] ? Math.abs(e) / 1000 : 0))));
-  if (most > 0) { const wish = 0.05 * width / most, power = 10 ** Math.floor(Math.log10(wish)); mag = Math.min(Math.max(power * [5, 2, 1].find(k => k * power <= wish), 1), 1e4); }
-  slider.value = Math.log10(mag); scaled();
+  bar.append(mag.box);
   if (views.length > 1) bar.append(choice(views.map(viewName), viewName(view), name => { view = views.find(one => viewName(one) === name); flat.whole = true; flat.fit(); redraw(); }));
   bar.append(button("all", () => { range.reset(); flat.whole = true; flat.fit(); redraw(); }));
   s.append(bar);
   const legend = el("div", undefined, "bar");
   legend.append(key("path", "--dim"));
+  if (P.rapid.length) legend.append(key("rapid", "--dim", 1, "thin"));
   RUNS.forEach((run, r) => legend.append(key(`${run.name}, error magnified`, COLOURS[r])));
   if (MARKS.some(p => p.window)) legend.append(key("window", "--window"));
   if (MARKS.length) legend.append(key("turning point", "--point", 1, "dot"));
+  legend.append(el("span", "▶ begins here"));
   s.append(legend, el("p", `${HINT}; arrows walk along the path`, "dim hand"), desk);
   desk.append(left, right);
 }
@@ -115,10 +114,7 @@ let flat = null;
 {
   const svg = picture(left, "the path with its windows, and the error magnified, normal to it", "picture plane", false);
   svg.id = "plane";
-  const bounds = () => view.map(k => {
-    const own = NAMES[k] ? P[NAMES[k]] : [0];
-    return extent([own, ...RUNS.flatMap((run, r) => { if (!seen.runs[r]) return []; const place = placed(run)[view.indexOf(k)]; return [run.s.map((_, i) => run.counted[i] ? place(i) : null)]; })], 0);
-  });
+  const bounds = () => view.map((k, n) => extent([NAMES[k] ? P[NAMES[k]] : [0], ...RUNS.filter((_, r) => seen.runs[r]).map(run => reached(run, n))], 0));
   const tall = width => Math.round(Math.min(Math.max(0.75 * width, 300), 620));
   const within = s => s >= range.low && s <= range.high;
   const span = ([a, b]) => P.closed && a < 0 ? [[0, b], [D.length + a, D.length]] : P.closed && b > D.length ? [[a, D.length], [0, b - D.length]] : [[a, b]];
@@ -128,15 +124,17 @@ let flat = null;
     draw(parent, "path", { ...LINE, "stroke-linecap": "round", d, ...attributes });
   };
   const bands = (v, p, attributes, parent) => span(p.window).forEach(part => stretch(v, part, attributes, parent));
+  // Whether the step that ends in a point is a rapid move.
+  const rapid = new Uint8Array(P.s.length);
+  P.rapid.forEach(([a, b]) => { for (let k = at(P.s, a + 1e-9) + 1; k < P.s.length && P.s[k] <= b + 1e-9; k++) rapid[k] = 1; });
   let v = null, over = null;
   const paint = now => {
     v = now;
     if (seen.windows) MARKS.forEach(p => { if (p.window) bands(v, p, { stroke: "var(--window)", "stroke-width": 9, opacity: 0.55, class: "window" }); });
-    const [pu, pw] = view.map(k => column(P, NAMES, k)), dash = new Uint8Array(P.s.length);
-    P.rapid.forEach(([a, b]) => { for (let k = at(P.s, a + 1e-9) + 1; k < P.s.length && P.s[k] <= b + 1e-9; k++) dash[k] = 1; });
-    for (const rapid of [1, 0]) {
-      const d = strokes(P.s.length, k => v.X(pu(k)), k => v.Y(pw(k)), k => dash[k] === rapid || (k + 1 < P.s.length && dash[k + 1] === rapid), v.box);
-      draw(v.inside, "path", { ...LINE, d, stroke: "var(--dim)", "stroke-width": rapid ? 0.7 : 1, ...(rapid ? { "stroke-dasharray": "3 4" } : {}), class: "path" });
+    const [pu, pw] = view.map(k => column(P, NAMES, k));
+    for (const kind of [1, 0]) {
+      const d = steps(P.s.length, k => v.X(pu(k)), k => v.Y(pw(k)), k => rapid[k] === kind, v.box);
+      draw(v.inside, "path", { ...LINE, d, stroke: "var(--dim)", "stroke-width": kind ? 0.7 : 1, ...(kind ? DASHES : {}), class: "path" });
     }
     RUNS.forEach((run, r) => {
       if (!seen.runs[r]) return;
@@ -147,22 +145,20 @@ let flat = null;
         draw(v.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[r]})`, opacity: inside ? 1 : 0.25, class: `run run${r}` });
       }
     });
-    if (seen.points) MARKS.forEach(p => {
-      const [x, y] = view.map(k => p.at[k] || 0);
-      draw(v.inside, "circle", { cx: v.X(x), cy: v.Y(y), r: 3.4, fill: "var(--card)", stroke: "var(--point)", "stroke-width": 1.8, class: "point" });
-    });
-    // The first of numbers that stand too close to each other is read.
-    if (seen.points) {
-      const taken = [];
-      MARKS.forEach(p => {
-        const x = v.X(p.at[view[0]] || 0) + 7, y = v.Y(p.at[view[1]] || 0) - 6;
-        if (x < 0 || y < 0 || x > v.width || y > v.height || taken.some(([a, b]) => Math.abs(a - x) < 14 + 8 * String(p.index).length && Math.abs(b - y) < 14)) return;
-        taken.push([x, y]); draw(v.inside, "text", { x, y, class: "ink" }, `#${p.index}`);
-      });
-    }
-    start(v, pu, pw); ruler(v);
+    if (seen.points) numbers(v);
+    start(v, pu, pw); ruler(v, "error", "µm", v.scale * mag.factor / 1000);
     over = draw(v.inside, "g", {}); overlay();
   };
+  // The turning points over their numbers, of which the first is read where some stand too close to each other.
+  function numbers(v) {
+    const taken = [], places = MARKS.map(p => [v.X(p.at[view[0]] || 0), v.Y(p.at[view[1]] || 0)]);
+    places.forEach(([px, py], k) => {
+      const text = `#${MARKS[k].index}`, x = px + 7, y = py - 6;
+      if (x < 0 || y < 0 || x > v.width || y > v.height || taken.some(([a, b]) => Math.abs(a - x) < 6 + 8 * text.length && Math.abs(b - y) < 14)) return;
+      taken.push([x, y]); draw(v.inside, "text", { x, y, class: "ink" }, text);
+    });
+    places.forEach(([cx, cy]) => draw(v.inside, "circle", { cx, cy, r: 3.4, fill: "var(--card)", stroke: "var(--point)", "stroke-width": 1.8, class: "point" }));
+  }
   // Where the motion begins, and which way it goes.
   function start(v, u, w) {
     if (P.s.length < 2) return;
@@ -171,13 +167,6 @@ let flat = null;
     while (k + 1 < P.s.length && Math.hypot(v.X(u(k)) - x, v.Y(w(k)) - y) < 4) k++;
     const turn = Math.atan2(v.Y(w(k)) - y, v.X(u(k)) - x) * 180 / Math.PI;
     draw(v.inside, "path", { d: "M0 -5L11 0L0 5Z", transform: `translate(${x.toFixed(1)} ${y.toFixed(1)}) rotate(${turn.toFixed(1)})`, fill: "var(--ink)" });
-  }
-  // How long an error of a round size is drawn.
-  function ruler(v) {
-    const wish = 90 / (v.scale * mag / 1000), power = 10 ** Math.floor(Math.log10(wish)), size = power * [5, 2, 1].find(k => k * power <= wish);
-    const long = size * v.scale * mag / 1000, x = v.width - 16 - long, y = 24;
-    draw(v.inside, "path", { d: `M${x} ${y - 4}V${y + 4}M${x} ${y}H${x + long}M${x + long} ${y - 4}V${y + 4}`, stroke: "var(--ink)", "stroke-width": 1.4, fill: "none" });
-    draw(v.inside, "text", { x: x + long, y: y - 9, "text-anchor": "end", class: "ink" }, `error of ${+size.toPrecision(3)} µm`);
   }
   const overlay = () => {
     if (!over) return;
@@ -213,13 +202,13 @@ let flat = null;
 
 // Error and feed along the path.
 {
-  const shade = f => {
-    P.rapid.forEach(([a, b]) => { if (b >= range.low && a <= range.high) draw(f.inside, "rect", { x: f.X(a), y: TOP, width: Math.max(f.X(b) - f.X(a), 0.5), height: f.height - LOW - TOP, fill: "var(--shade)" }); });
+  const ground = f => {
+    P.rapid.forEach(([a, b]) => shade(f, a, b, { fill: "var(--shade)" }));
     // Where they stand closer than a few pixels they would hide everything else.
     const sparse = seen.points && MARKS.filter(p => p.s >= range.low && p.s <= range.high).length < f.width / 8;
     MARKS.forEach(p => {
-      if (seen.windows && p.window && p.window[1] >= range.low && p.window[0] <= range.high) draw(f.inside, "rect", { x: f.X(p.window[0]), y: TOP, width: Math.max(f.X(p.window[1]) - f.X(p.window[0]), 0.8), height: f.height - LOW - TOP, fill: "var(--window)", opacity: 0.3, class: "window" });
-      if (sparse && p.s >= range.low && p.s <= range.high) draw(f.inside, "line", { x1: f.X(p.s), x2: f.X(p.s), y1: TOP, y2: f.height - LOW, stroke: "var(--point)", "stroke-width": 0.8, "stroke-dasharray": "2 3" });
+      if (seen.windows && p.window) shade(f, ...p.window, { fill: "var(--window)", opacity: 0.3, class: "window" });
+      if (sparse && p.s >= range.low && p.s <= range.high) upright(f, p.s, { stroke: "var(--point)", "stroke-width": 0.8, "stroke-dasharray": "2 3" });
     });
   };
   const visible = (run, of) => run.s.map((s, k) => s >= range.low && s <= range.high ? of(run, k) : null);
@@ -236,10 +225,10 @@ let flat = null;
     const overlay = () => {
       if (!over) return;
       over.textContent = "";
-      if (lit !== null) { const p = MARKS[lit], [a, b] = p.window || [p.s, p.s]; draw(over, "rect", { x: f.X(a) - 1, y: TOP, width: Math.max(f.X(b) - f.X(a), 0) + 2, height: f.height - LOW - TOP, fill: "var(--point)", opacity: 0.16, class: "lit" }); }
+      if (lit !== null) { const p = MARKS[lit]; shade(f, ...(p.window || [p.s, p.s]), { fill: "var(--point)", stroke: "var(--point)", opacity: 0.16, class: "lit" }, over); }
       if (!pointed) return;
       const s = pointed.run.s[pointed.k];
-      draw(over, "line", { x1: f.X(s), x2: f.X(s), y1: TOP, y2: f.height - LOW, stroke: "var(--ink)", "stroke-width": 1 });
+      upright(f, s, {}, over);
       RUNS.forEach((run, r) => {
         if (!seen.runs[r]) return;
         const k = run === pointed.run ? pointed.k : near(run, s), y = of(run, k);
@@ -249,10 +238,10 @@ let flat = null;
     overlays.push(overlay);
     chart(svg, range, height, "s [mm]", unit, ys, now => {
       f = now;
-      shade(f);
+      ground(f);
       RUNS.forEach((run, r) => {
         if (!seen.runs[r]) return;
-        const d = strokes(run.s.length, k => f.X(run.s[k]), k => f.Y(of(run, k)), k => of(run, k) !== null, [f.box[0] - 20, -1e5, f.box[2] + 20, 1e5]);
+        const d = strokes(run.s.length, k => f.X(run.s[k]), k => f.Y(of(run, k)), k => of(run, k) !== null, f.lane);
         draw(f.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[r]})`, class: `run run${r}` });
       });
       over = draw(f.inside, "g", {}); overlay();
@@ -283,8 +272,8 @@ function goTo(p) {
   const [a, b] = p.window || [p.s - 0.01 * D.length, p.s + 0.01 * D.length], more = Math.max(0.6 * (b - a), 1e-4);
   range.set(a - more, b + more);
   const from = at(P.s, range.low), to = at(P.s, range.high);
-  const reach = view.map((k, n) => { const [low, high] = extent([[p.at[k] || 0], ...RUNS.map(run => { const place = placed(run)[n]; return run.s.map((s, i) => s >= a && s <= b && run.counted[i] ? place(i) : null); }), NAMES[k] ? P[NAMES[k]].slice(from, to + 1) : [0]], 0); return [low, high]; });
-  flat.whole = false; flat.fit(reach, 0.8);
+  flat.whole = false;
+  flat.fit(view.map((k, n) => extent([[p.at[k] || 0], ...RUNS.map(run => reached(run, n, a, b)), NAMES[k] ? P[NAMES[k]].slice(from, to + 1) : [0]], 0)), 0.8);
   redraw();
   desk.scrollIntoView({ block: "nearest" });
 }
@@ -328,13 +317,11 @@ function goTo(p) {
   function fill() {
     body.textContent = "";
     order.slice(0, shown).forEach(k => {
-      const p = MARKS[k], r = el("tr", undefined, "go");
+      const p = MARKS[k], r = el("tr");
       columns.forEach(([, cell], n) => r.append(el("td", cell(p), wordy.includes(n) ? "words" : "")));
-      r.tabIndex = 0; r.dataset.index = p.index;
+      leads(r, () => goTo(p)); r.dataset.index = p.index;
       const on = () => { light(k); overlays.forEach(one => one()); }, off = () => { light(null); overlays.forEach(one => one()); };
       r.onmouseenter = r.onfocus = on; r.onmouseleave = r.onblur = off;
-      r.onclick = () => goTo(p);
-      r.onkeydown = e => { if (e.key === "Enter" || e.key === " ") { e.preventDefault(); goTo(p); } };
       rows[k] = r; body.append(r);
     });
     more.hidden = order.length <= shown;

@@ -26,6 +26,13 @@ function table(head, rows, words = []) {
   t.append(top, body);
   return t;
 }
+// A row that leads somewhere, by hand or by keys.
+function leads(row, does) {
+  row.classList.add("go");
+  row.tabIndex = 0;
+  row.onclick = does;
+  row.onkeydown = e => { if (e.key === "Enter" || e.key === " ") { e.preventDefault(); does(); } };
+}
 function scroll(...parts) { const s = el("div", undefined, "scroll"); s.tabIndex = 0; s.append(...parts); return s; }
 function button(text, does, pressed) {
   const b = el("button", text);
@@ -39,6 +46,27 @@ function choice(names, first, does) {
   const s = el("span", undefined, "one");
   names.forEach(name => s.append(button(name, b => { [...s.children].forEach(x => x.setAttribute("aria-pressed", x === b)); does(name); }, name === first), " "));
   return s;
+}
+
+// The largest of 1, 2 or 5 times a power of ten that is no larger.
+function rounded(wish) {
+  const power = 10 ** Math.floor(Math.log10(wish));
+  return power * [5, 2, 1].find(k => k * power <= wish);
+}
+// A slider that magnifies up to 10,000 times; at first `size` becomes a twentieth of `extent`, or a little less.
+function magnifier(what, extent, size) {
+  const slider = el("input"), told = el("output"), box = el("label", `${what} × `);
+  const m = { box, factor: size > 0 ? Math.min(Math.max(rounded(0.05 * extent / size), 1), 1e4) : 1 };
+  const tell = () => {
+    told.textContent = num(m.factor, m.factor < 10 ? 1 : 0);
+    slider.setAttribute("aria-valuetext", `${what} times ${told.textContent}`);
+  };
+  Object.assign(slider, { type: "range", min: 0, max: 4, step: 0.02, id: "mag", value: Math.log10(m.factor) });
+  slider.setAttribute("aria-label", `magnification: ${what}`);
+  slider.oninput = () => { m.factor = 10 ** +slider.value; tell(); redraw(); };
+  box.append(slider, " ", told);
+  tell();
+  return m;
 }
 
 // Steps of 1, 2 or 5 times a power of ten.
@@ -91,6 +119,19 @@ function strokes(n, x, y, shown, [left, top, right, low]) {
   }
   return out.join("");
 }
+// Neighbours among n places of which `of` says the same: first and last place of each stretch, and what it says.
+function stretches(n, of) {
+  const found = [];
+  for (let k = 0; k < n; k++) {
+    const last = found[found.length - 1], said = of(k);
+    if (last && last.said === said) last.to = k; else found.push({ from: k, to: k, said });
+  }
+  return found;
+}
+// A line of which some steps are drawn; `drawn` says it of the step that ends in a place.
+const steps = (n, x, y, drawn, box) => stretches(n, k => k > 0 && drawn(k)).filter(one => one.said)
+  .map(({ from, to }) => strokes(to - from + 2, k => x(from - 1 + k), k => y(from - 1 + k), () => true, box)).join("");
+const DASHES = { "stroke-dasharray": "3 4" };
 const LINE = { fill: "none", "stroke-width": 1.6, "stroke-linejoin": "round" };
 function line(parent, xs, ys, X, Y, attributes) {
   const d = strokes(xs.length, k => X(xs[k]), k => Y(ys[k]), k => ys[k] !== null, [-1e4, -1e4, 1e4, 1e4]);
@@ -183,8 +224,17 @@ function frame(svg, height, x0, x1, y0, y1, xlabel, ylabel) {
   const c = draw(svg, "clipPath", { id: clip });
   draw(c, "rect", { x: LEFT, y: TOP - 4, width: width - LEFT - RIGHT, height: height - LOW - TOP + 8 });
   const inside = draw(svg, "g", { "clip-path": `url(#${clip})` });
-  return { inside, X, Y, width, height, box: [LEFT, TOP, width - RIGHT, height - LOW], x: px => x0 + (px - LEFT) / (width - LEFT - RIGHT) * (x1 - x0) };
+  const box = [LEFT, TOP, width - RIGHT, height - LOW];
+  // What lies to the sides of the box is left out of its lines; above and below there is always more to see.
+  return { inside, X, Y, width, height, box, lane: [LEFT - 20, -1e5, width - RIGHT + 20, 1e5], x: px => x0 + (px - LEFT) / (width - LEFT - RIGHT) * (x1 - x0) };
 }
+// Into a frame: what lies between two values, one value of either axis.
+function shade(f, a, b, attributes, parent = f.inside) {
+  const [left, top, right, low] = f.box, x = f.X(a), width = Math.max(f.X(b) - x, 0.8);
+  if (x <= right && x + width >= left) draw(parent, "rect", { x, y: top, width, height: low - top, ...attributes });
+}
+const upright = (f, x, attributes, parent = f.inside) => draw(parent, "line", { x1: f.X(x), x2: f.X(x), y1: f.box[1], y2: f.box[3], stroke: "var(--ink)", ...attributes });
+const level = (f, y, attributes) => draw(f.inside, "line", { x1: f.box[0], x2: f.box[2], y1: f.Y(y), y2: f.Y(y), stroke: "var(--ink)", ...attributes });
 function picture(parent, label, cls, told = true) {
   const box = el("div", undefined, "chart"), svg = document.createElementNS(NS, "svg");
   if (cls) svg.setAttribute("class", cls);
@@ -252,5 +302,11 @@ function plane(svg, height, labels, bounds, paint, does = {}) {
     reset: () => { v.whole = true; v.fit(); if (does.reset) does.reset(); },
   });
   return v;
+}
+// How long something of a round size is drawn that is magnified: `pixels` to its unit.
+function ruler(v, what, unit, pixels) {
+  const size = rounded(90 / pixels), long = size * pixels, x = v.width - 16 - long, y = 24;
+  draw(v.inside, "path", { d: `M${x} ${y - 4}V${y + 4}M${x} ${y}H${x + long}M${x + long} ${y - 4}V${y + 4}`, stroke: "var(--ink)", "stroke-width": 1.4, fill: "none" });
+  draw(v.inside, "text", { x: x + long, y: y - 9, "text-anchor": "end", class: "ink" }, `${what} of ${+size.toPrecision(3)} ${unit}`);
 }
 const HINT = "wheel, pinch or + − zooms; dragging or shift + arrows moves; double click or 0 shows all";
