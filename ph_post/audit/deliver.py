@@ -103,7 +103,8 @@ def deliver(
     PhPostError
         Where the outcome does not pass :func:`ph_post.audit.verify.verify`: nothing is to be written then.
     """
-    require_spliceable(find_dialect(machine.dialect), program.name)
+    dialect = find_dialect(machine.dialect)
+    require_spliceable(dialect, program.name)
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return Delivery(before=original, after=program, done=True)
