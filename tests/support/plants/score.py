@@ -24,7 +24,7 @@ NEAR = 0.10
 QUIET = 1.3
 """Held-out rms over the noise floor that counts as explained."""
 
-UNSIDED = frozenset({"backlash", "coulomb_friction"})
+UNSIDED = frozenset({"backlash", "coulomb_friction", "stribeck_friction"})
 """What no position of unknown side can tell apart: the rank test takes such a reading for the table's, where
 a diagnosis must not."""
 
