@@ -43,14 +43,14 @@ class Puzzle(Exception):  # noqa: N818 - nothing is wrong with the program
 
 
 def number_of(text: str) -> Decimal | None:
-    """Read a number with a point or a comma, None of one that is computed.
+    """Read a number with a point or a comma, None of one that is computed, and of MAX.
 
     Examples
     --------
     >>> number_of("+5,5"), number_of("-Q3")
     (Decimal('5.5'), None)
     """
-    return None if "Q" in text else Decimal(text.replace(",", "."))
+    return None if "Q" in text or text == "MAX" else Decimal(text.replace(",", "."))
 
 
 def joined(*words: str) -> str:

@@ -65,13 +65,12 @@ class _Block:
     def __init__(self, source: str) -> None:
         bare = re.sub(r"^N\s*\d+", "", source).strip()
         self.words = [(letter, number) for letter, number in _WORD.findall(bare)]
-        self.odd = _WORD.sub("", bare).strip()
-        self.codes = [
-            int(Decimal(number)) for letter, number in self.words if letter == "G" and "Q" not in number
-        ]
-        self.functions = [
-            int(number) for letter, number in self.words if letter == "M" and number.isdecimal()
-        ]
+        self.codes, self.functions = self._plain("G"), self._plain("M")
+        strange = [letter + text for letter, text in self.words if letter in "GM" and not text.isdecimal()]
+        self.odd = _WORD.sub("", bare).strip() or "".join(strange[:1])
+
+    def _plain(self, letter: str) -> list[int]:
+        return [int(number) for one, number in self.words if one == letter and number.isdecimal()]
 
     def value(self, letter: str) -> str | None:
         """Return the number of a word as it stands there, None where it does not."""
@@ -80,7 +79,8 @@ class _Block:
     def speed(self) -> str:
         """Return the word of the spindle's speed, empty where there is none, or a computed one."""
         given = self.value("S")
-        return "" if given is None or "Q" in given else f"S{number_of(given)}"
+        number = None if given is None else number_of(given)
+        return "" if number is None else f"S{number}"
 
 
 class _Follower:
@@ -184,7 +184,7 @@ class _Follower:
         given = block.value("F")
         feed, rapid = "", self._motion == 0
         if given is not None:
-            number = None if given == "MAX" else number_of(given)
+            number = number_of(given)
             if given == "MAX":
                 rapid = True
             elif number is None:
