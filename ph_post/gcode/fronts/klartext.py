@@ -14,7 +14,7 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.tnc import NUMBER, Places, Puzzle, Tnc, number_of
+from ph_post.gcode.fronts.tnc import NUMBER, Places, Puzzle, Tnc, joined, number_of
 from ph_post.gcode.fronts.tncsource import JUMPED, REPEATED, Source
 from ph_post.gcode.reader.record import PartProgram
 
@@ -121,12 +121,8 @@ class _Follower:
             return self.tnc.turned("PLANE", "RESET" not in source)
         if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
             functions = [int(number) for number in _FUNCTION.findall(source)]
-            return " ".join(
-                [
-                    *(["M0"] if word == "STOP" else []),
-                    self.tnc.straight({}, rapid=False, feed="", functions=functions),
-                ]
-            )
+            told = self.tnc.straight({}, rapid=False, feed="", functions=functions)
+            return joined("M0" if word == "STOP" else "", told)
         what = "path function" if word in _OTHERS else "block delete" if word[0] == "/" else "unknown word"
         raise Puzzle(what, source)
 
@@ -233,6 +229,5 @@ class _Follower:
     def _tool(self, number: str | None, axis: str | None, rest: str) -> str:
         speed = re.search(rf"S\s*({NUMBER})", rest)
         feed = re.search(rf"(?<![A-Z])F\s*({NUMBER})", rest)
-        words = [f"S{number_of(speed[1])}"] if speed else []
-        words += [f"F{number_of(feed[1])}"] if feed else []
-        return self.tnc.tool(axis, number, " ".join(words))
+        turns = f"S{number_of(speed[1])}" if speed else ""
+        return self.tnc.tool(axis, number, joined(turns, f"F{number_of(feed[1])}" if feed else ""))

@@ -43,14 +43,19 @@ class Puzzle(Exception):  # noqa: N818 - nothing is wrong with the program
 
 
 def number_of(text: str) -> Decimal | None:
-    """Read a number with a point or a comma, None of one that is computed.
+    """Read a number with a point or a comma, None of one that is computed, and of MAX.
 
     Examples
     --------
     >>> number_of("+5,5"), number_of("-Q3")
     (Decimal('5.5'), None)
     """
-    return None if "Q" in text else Decimal(text.replace(",", "."))
+    return None if "Q" in text or text == "MAX" else Decimal(text.replace(",", "."))
+
+
+def joined(*words: str) -> str:
+    """Put words into a line; empty ones are left out."""
+    return " ".join(word for word in words if word)
 
 
 class Tnc:
@@ -113,13 +118,13 @@ class Tnc:
         """Write a straight move, or what else its line says where it moves nothing."""
         words = self._functions(functions)
         if not places:
-            return " ".join([*([feed] if feed else []), *words])
+            return joined(feed, *words)
         if _MACHINE & set(functions):
             self.forget(places)
-            return " ".join(["G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words])
+            return joined("G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words)
         ends = self._ends(places)
         self._moved = len(self.texts)
-        return " ".join(["G0" if rapid else "G1", *ends, *([feed] if feed else []), *words])
+        return joined("G0" if rapid else "G1", *ends, feed, *words)
 
     def arc(
         self, places: Places, *, left: bool, radius: Decimal | None, feed: str, functions: list[int]
@@ -137,9 +142,7 @@ class Tnc:
                 raise Puzzle("arc about a centre that is not known")
             ends += [_CENTRES[axis] + str(value) for axis, value in pole.items()]
         self._moved = len(self.texts)
-        return " ".join(
-            ["G3" if left else "G2", *ends, *([feed] if feed else []), *self._functions(functions)]
-        )
+        return joined("G3" if left else "G2", *ends, feed, *self._functions(functions))
 
     def pole(self, places: Places) -> str:
         """Set the pole, or the axes of it that are named; without any it is where the tool stands."""
@@ -154,14 +157,15 @@ class Tnc:
         """Words of the places that a move goes to; it is followed."""
         words = []
         for axis, (incremental, number) in places.items():
-            base = Decimal(0) if not incremental else self._at.get(axis)
+            base = self._at.get(axis) if incremental else Decimal(0)
             if number is None or (base is None and axis in AXES):
                 raise Puzzle(
                     "place that is computed" if number is None else "increment of an unknown place", axis
                 )
-            words.append(axis + str(number + (base or 0)))
+            place = number + (base or Decimal(0))
+            words.append(axis + str(place))
             if axis in AXES:
-                self._at[axis] = Decimal(number + (base or 0))
+                self._at[axis] = place
         if {*places} - {*AXES}:
             self.forget(AXES)
         return words
@@ -181,7 +185,7 @@ class Tnc:
         call = [] if number is None else ["M6"] if not number.isdecimal() else [f"T{number}", "M6"]
         if call:
             self.forget(AXES)
-        return " ".join([*call, *([rest] if rest else [])])
+        return joined(*call, rest)
 
     def shifted(self) -> str:
         """Tell that the datum is another from here on."""

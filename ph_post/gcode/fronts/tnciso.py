@@ -12,7 +12,7 @@ import re
 from decimal import Decimal
 from typing import Final
 
-from ph_post.gcode.fronts.tnc import AXES, NUMBER, Places, Puzzle, Tnc, number_of
+from ph_post.gcode.fronts.tnc import AXES, NUMBER, Places, Puzzle, Tnc, joined, number_of
 from ph_post.gcode.fronts.tncsource import JUMPED, REPEATED, Source
 from ph_post.gcode.reader.record import PartProgram
 
@@ -65,17 +65,22 @@ class _Block:
     def __init__(self, source: str) -> None:
         bare = re.sub(r"^N\s*\d+", "", source).strip()
         self.words = [(letter, number) for letter, number in _WORD.findall(bare)]
-        self.odd = _WORD.sub("", bare).strip()
-        self.codes = [
-            int(Decimal(number)) for letter, number in self.words if letter == "G" and "Q" not in number
-        ]
-        self.functions = [
-            int(number) for letter, number in self.words if letter == "M" and number.isdecimal()
-        ]
+        self.codes, self.functions = self._plain("G"), self._plain("M")
+        strange = [letter + text for letter, text in self.words if letter in "GM" and not text.isdecimal()]
+        self.odd = _WORD.sub("", bare).strip() or "".join(strange[:1])
+
+    def _plain(self, letter: str) -> list[int]:
+        return [int(number) for one, number in self.words if one == letter and number.isdecimal()]
 
     def value(self, letter: str) -> str | None:
         """Return the number of a word as it stands there, None where it does not."""
         return next((number for one, number in self.words if one == letter), None)
+
+    def speed(self) -> str:
+        """Return the word of the spindle's speed, empty where there is none, or a computed one."""
+        given = self.value("S")
+        number = None if given is None else number_of(given)
+        return "" if number is None else f"S{number}"
 
 
 class _Follower:
@@ -179,21 +184,20 @@ class _Follower:
         given = block.value("F")
         feed, rapid = "", self._motion == 0
         if given is not None:
-            number = None if given == "MAX" else number_of(given)
+            number = number_of(given)
             if given == "MAX":
                 rapid = True
             elif number is None:
                 raise Puzzle("feed that is computed", f"F{given}")
             else:
                 feed = f"F{number}"
-        speed = [f"S{number_of(text)}"] if (text := block.value("S")) is not None and "Q" not in text else []
+        speed = block.speed()
         if places and self._motion not in _MOTIONS:
             raise Puzzle("move in a mode that is not followed", source)
         explicit = {2, 3} & set(block.codes)
         if self._motion in (2, 3) and (places or explicit):
-            return " ".join([*speed, self._arc(block, places, feed)])
-        text = self.tnc.straight(places, rapid=rapid, feed=feed, functions=block.functions)
-        return " ".join([*speed, text]).strip()
+            return joined(speed, self._arc(block, places, feed))
+        return joined(speed, self.tnc.straight(places, rapid=rapid, feed=feed, functions=block.functions))
 
     def _arc(self, block: _Block, places: Places, feed: str) -> str:
         given = block.value("R")
@@ -210,6 +214,4 @@ class _Follower:
 
     def _tool(self, block: _Block) -> str:
         axis = next((_PLANES[code] for code in block.codes if code in _PLANES), None)
-        speed = block.value("S")
-        rest = "" if speed is None or "Q" in speed else f"S{number_of(speed)}"
-        return self.tnc.tool(axis, block.value("T"), rest)
+        return self.tnc.tool(axis, block.value("T"), block.speed())

@@ -23,7 +23,7 @@ _APART: Final = (4.0, 10.0, 28.0, 28.1, 30.0, 30.1, 92.0, 92.1, 92.2, 92.3)
 LAST: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
 """M words that RS274/NGC executes after the motion of their block; all others go before it."""
 
-ENDING: Final = (2.0, 30.0)
+_ENDING: Final = (2.0, 30.0)
 """M words after which nothing is read."""
 
 PLACES: Final = "XYZABCUVWIJKR"
@@ -62,6 +62,30 @@ def last_words(program: PartProgram, block: int) -> list[int]:
     return [
         w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in LAST
     ]
+
+
+def last_text(program: PartProgram, block: int) -> str:
+    """Text of the words of a line that are executed after its motion."""
+    text, base, words = bare(program, block), program.lines[block], program.words
+    last = last_words(program, block)
+    return " ".join(text[words.start[w] - base : words.end[w] - base] for w in last)
+
+
+def ends(program: PartProgram, block: int) -> bool:
+    """Whether the program ends in a line."""
+    return any(float(program.words.value[w]) in _ENDING for w in last_words(program, block))
+
+
+def exchanged(
+    program: PartProgram, block: int, new: Mapping[str, str], mode: str
+) -> tuple[dict[int, str], list[str]]:
+    """Put new words, by letter, in the place of a line's own; those it does not have are to be added."""
+    own = letters(program, block)
+    exchange = {own[letter]: text for letter, text in new.items() if letter in own}
+    word = motion_word(program, block)
+    if word is not None and mode == "G5":
+        exchange[word] = mode
+    return exchange, [text for letter, text in new.items() if letter not in own and text]
 
 
 def relies_on_mode(program: PartProgram, block: int) -> bool:

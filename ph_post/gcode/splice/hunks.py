@@ -20,7 +20,7 @@ from ph_post.gcode.splice.dividing import why_bound
 from ph_post.gcode.splice.parts import part_length
 from ph_post.gcode.splice.record import Stop
 from ph_post.gcode.splice.schedule import Part, Task
-from ph_post.gcode.splice.shifted import Carried, lasting
+from ph_post.gcode.splice.shifted import Carried, stop_words
 from ph_post.gcode.splice.wording import Wording, fine_decimals
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM
@@ -78,7 +78,7 @@ class HunkWriter:
             offset = self._before(task, block)
             if not task.whole:
                 self._replaced(task, block, offset)
-            elif 1.0 in task.stops and self._ends(block):
+            elif 1.0 in task.stops and blocktext.ends(self._program, block):
                 # Between two stops of one hunk a short move could not be told from a jog.
                 yield from self._move_to(block, apart=True)
                 self._replaced(task, block, offset)
@@ -161,11 +161,6 @@ class HunkWriter:
         stops = {share: stop for share, stop in task.stops.items() if share > 0.0}
         self._divided(task, stops, block, offset)
 
-    def _ends(self, block: int) -> bool:
-        """Whether the program ends in a block."""
-        values = self._program.words.value
-        return any(float(values[w]) in blocktext.ENDING for w in blocktext.last_words(self._program, block))
-
     def _open(self, block: int, removed: int, before: int) -> None:
         """Go on with the hunk at a line, or begin one with the modes in force after the line `before`."""
         if self._hunk is not None:
@@ -191,7 +186,8 @@ class HunkWriter:
             if number == 0 and task.whole:
                 self._first(block, self._numbers(block), [], words, part)
             elif number == 0:
-                exchange, add = self._exchanged(block, words.part(part, offset), words.mode)
+                new = words.part(part, offset)
+                exchange, add = blocktext.exchanged(self._program, block, new, words.mode)
                 self._first(block, exchange, add, words, part)
             else:
                 self._line(words, part, offset)
@@ -203,24 +199,10 @@ class HunkWriter:
                 self._hunk.label.append("feed")
             if part.high in stops:
                 self._stop(stops[part.high], words, part.high, offset)
-        last = blocktext.last_words(self._program, block)
+        last = blocktext.last_text(self._program, block)
         if last:
             self._restore(block)
-            text, base, own = (
-                blocktext.bare(self._program, block),
-                self._program.lines[block],
-                self._program.words,
-            )
-            self._hunk.lines.append(" ".join(text[own.start[w] - base : own.end[w] - base] for w in last))
-
-    def _exchanged(self, block: int, new: dict[str, str], mode: str) -> tuple[dict[int, str], list[str]]:
-        """Put new words in the place of a block's own; those it does not have are added."""
-        own = blocktext.letters(self._program, block)
-        exchange = {own[letter]: text for letter, text in new.items() if letter in own}
-        word = blocktext.motion_word(self._program, block)
-        if word is not None and mode == "G5":
-            exchange[word] = mode
-        return exchange, [text for letter, text in new.items() if letter not in own and text]
+            self._hunk.lines.append(last)
 
     def _first(
         self, block: int, exchange: dict[int, str], add: list[str], words: Wording, part: Part
@@ -289,7 +271,7 @@ class HunkWriter:
         assert self._hunk is not None
         lines, modal = self._hunk.lines, words.modal
         step = modal.units * 10.0**-self._decimals
-        self._label(stop, offset, step)
+        self._hunk.label += stop_words(stop, offset, step)
         self._rest(stop.pause)
         # Each sum is rounded, not each step: what is out and back again then comes back.
         base, moved = offset.copy(), np.zeros(3)
@@ -308,17 +290,6 @@ class HunkWriter:
         if pause >= _LEAST_PAUSE:
             words = self._dialect.dwell.words(pause, self._dialect.feed_digits)
             self._hunk.lines.append(self._joined(*words))
-
-    def _label(self, stop: Stop, offset: IntArray, step: float) -> None:
-        assert self._hunk is not None
-        after = offset + lasting(stop, step)
-        for axis, name in enumerate(AXES):
-            if any(shift.axis == name for shift in stop.shifts):
-                way = int(np.sign(after[axis]))
-                what = "pulse" if after[axis] == offset[axis] else ("back", "up", "down")[way]
-                self._hunk.label.append(f"{name} {what}")
-        if not stop.shifts:
-            self._hunk.label.append("rest")
 
     def _digits(self, value: float) -> str:
         return self._dialect.feed(value)

@@ -55,6 +55,18 @@ def lasting(stop: Stop, step: float) -> IntArray:
     return np.rint(total / step).astype(np.int64)
 
 
+def stop_words(stop: Stop, offset: IntArray, step: float) -> list[str]:
+    """Say what a stop does to the offsets (3,) in force before it, in steps: a word or two an axis."""
+    if not stop.shifts:
+        return ["rest"]
+    after, found = offset + lasting(stop, step), []
+    for axis, name in enumerate(AXES):
+        if any(shift.axis == name for shift in stop.shifts):
+            way = int(np.sign(after[axis]))
+            found.append(f"{name} {'pulse' if after[axis] == offset[axis] else ('back', 'up', 'down')[way]}")
+    return found
+
+
 def changed_words(program: PartProgram, found: Carried) -> Changed:
     """Tell the change of every word.
 
