@@ -44,9 +44,7 @@ def load(
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
     raw = source if isinstance(source, Raw) else read_raw(or_shipped("paths", source))
-    drives = None if machine is None else read_machine(machine)
-    if drives is not None and dialect is not None:
-        drives = msgspec.structs.replace(drives, dialect=dialect)
+    drives = None if machine is None else read_drives(machine, dialect)
     path, warnings = read_input(raw, drives, dialect)
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -56,6 +54,12 @@ def load(
         return path, None
     require_drives(path.axes, "path", drives, str(machine))
     return path, drives
+
+
+def read_drives(machine: str, dialect: str | None) -> Machine:
+    """Read a machine file; the command line's dialect, where there is one, is taken in place of its own."""
+    drives = read_machine(machine)
+    return drives if dialect is None else msgspec.structs.replace(drives, dialect=dialect)
 
 
 def load_and_analyse(

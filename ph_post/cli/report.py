@@ -165,19 +165,21 @@ def _of_path(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Produ
     from ph_post.report.product import motion_product
     from ph_post.report.traces import path_picture
 
-    analysis = load_and_analyse(raw, machine, how["tolerance"], stage, feed=how["feed"])
+    analysis = load_and_analyse(
+        raw, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
+    )
     plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
     stage("simulating before and after")
     return motion_product(path_picture(analysis, plan, effect_warnings(plan.machine, analysis.path.axes)))
 
 
 def _of_program(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
+    from ph_post.cli.job import read_drives
     from ph_post.cli.programs import compensated
-    from ph_post.io.machinefile import read_machine
     from ph_post.report.product import motion_product
     from ph_post.report.programtraces import program_picture
     from ph_post.units import MM
 
-    drives = read_machine(machine)
+    drives = read_drives(machine, how["dialect"])
     found = compensated(raw, drives, how, stage)
     return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], stage))

@@ -15,6 +15,7 @@ import click
 
 from ph_post.cli import options
 from ph_post.cli.conversion import Converted, convert_input, hushed
+from ph_post.cli.job import read_drives
 from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.compensate.strategies.base import silent
 from ph_post.errors import InputError, PhPostError
@@ -22,7 +23,6 @@ from ph_post.gcode.registry import find_dialect
 from ph_post.io.atomic import make_folder, write_atomically
 from ph_post.io.folderwatch import Folder, Look
 from ph_post.io.inputs import ENDINGS
-from ph_post.io.machinefile import read_machine
 from ph_post.io.source import Raw, read_raw
 
 POLL: Final = 0.5
@@ -102,7 +102,7 @@ class Watcher:
 
     def __init__(self, folder: str, how: Mapping[str, Any]) -> None:
         self._how = how
-        self._ending = find_dialect(how["dialect"] or read_machine(how["machine"]).dialect).ending
+        self._ending = find_dialect(read_drives(how["machine"], how["dialect"]).dialect).ending
         self._suffix: str | None = how["suffix"]
         self._folder = Folder(folder, self._wanted, how["settle"])
         self._folder.require()
