@@ -92,6 +92,12 @@ def _dialects() -> Iterable[str]:
     return dialect_names()
 
 
+def _loops() -> Iterable[str]:
+    from ph_post.cli.questions import LOOPS
+
+    return LOOPS.known
+
+
 def _strategies() -> Iterable[str]:
     from ph_post.compensate.strategies.registry import strategy_names
 
@@ -105,7 +111,7 @@ KINDS: Final[dict[str, click.types.StringParamType]] = {
     # by option
     "--strategy": Completed(_strategies, files=None),
     "--dialect": Completed(_dialects, files=None),
-    "--loop": Completed(lambda: ("load", "motor", "none"), files=None),
+    "--loop": Completed(_loops, files=None),
     "--axis": Completed(lambda: ("X", "Y", "Z"), files=None),
     "--copy": Completed(_machines),
     # by the word on the help page

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.axis import MISSING, ROOT, WHY_NOT, Axis, running_axis
+from support.axis import MISSING, WHY_NOT, Axis, running_axis
+from support.pipelines import ROOT
 from support.shop import SLOT
 
 from ph_post.gcode.splice.undo import undo

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shlex
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -19,8 +17,8 @@ from ph_post.audit.linuxcnc.config import write_configuration
 from ph_post.audit.linuxcnc.lock import only_one
 from ph_post.audit.linuxcnc.run import INSTALL
 from ph_post.io.machinefile import read_machine
+from support.pipelines import executable
 
-ROOT = Path(__file__).resolve().parents[2]
 SYSTEM = "/usr/bin:/bin:/usr/sbin:/sbin"
 NEEDED = ("linuxcnc", "axis", "axis-remote", "Xvfb")
 MISSING = [name for name in NEEDED if shutil.which(name, path=SYSTEM) is None]
@@ -114,10 +112,7 @@ def running_axis(lines: list[str], files: dict[str, str]) -> Iterator[Axis]:
 
 def _configured(folder: Path, lines: list[str]) -> Path:
     """Write LinuxCNC's files, with AXIS for a screen."""
-    command = folder / "ph-post-filter"
-    words = f"PYTHONPATH={shlex.quote(str(ROOT))} exec {shlex.quote(sys.executable)} -m ph_post filter"
-    command.write_text(f'#!/bin/sh\n{words} "$@"\n')
-    command.chmod(0o755)
+    command = executable(folder / "ph-post-filter", "filter")
     ini = write_configuration(folder, read_machine("mill"), {})
     text = ini.read_text().replace(f"DISPLAY = {folder / 'display'}\n", "DISPLAY = axis\n")
     ini.write_text("\n".join([text, "[FILTER]", *lines, ""]).replace("@FILTER@", str(command)))
