@@ -1,4 +1,4 @@
-"""What all tests share: the helpers in tests/support, and the renewal of golden files."""
+"""What all tests share: the helpers in tests/support, their order, and the renewal of golden files."""
 
 from __future__ import annotations
 
@@ -6,32 +6,54 @@ import os
 import sys
 from pathlib import Path
 
+# Tests run side by side, a process a core: more threads in each would only wait for each other. Before numpy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import hypothesis
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from support.amount import ALL, examples
+
 # No test fails on a time: how long an example takes depends on who else uses the machine.
-hypothesis.settings.register_profile("ph_post", deadline=None)
+hypothesis.settings.register_profile("ph_post", deadline=None, max_examples=examples(100))
 hypothesis.settings.load_profile("ph_post")
 
-
-ALL = "PH_POST_ALL_TESTS"
-"""Environment variable that asks for the slow tests too, as `.ci/run` does."""
+HERE = Path(__file__).parent
 
 SLOW_FOLDERS = ("pages", "diagnose")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
 
+LONG = (
+    "property/test_gcode_reader_laws.py", "property/test_simulate_reference.py",
+    "controllers/test_rehearsals.py", "property/test_limits.py", "paper/test_strategies_win.py",
+    "property/test_auto_random.py", "unit/test_corpus.py", "controllers/test_freecad.py",
+    "unit/test_cli_examples.py", "unit/test_effects_everywhere.py", "pages/test_motion_page.py",
+    "property/test_turning_reference.py", "controllers/test_axis_filter.py", "pages/test_other_pages.py",
+    "unit/test_cli_watch.py", "property/test_verify_random.py", "property/test_splice_laws.py",
+    "property/test_deliver_random.py", "unit/test_identify.py", "unit/test_cli_compare.py",
+    "unit/test_simulate.py", "property/test_turning_laws.py", "unit/test_layout.py",
+)  # fmt: skip
+"""Files that take longest, in the order they begin in: at the end no process is left alone with one.
+
+The first has the reader of programs compiled and the second the simulator, so that two processes that begin
+on a fresh clone do not both compile the same.
+"""
+
+BEGINNING = {HERE / name: number for number, name in enumerate(LONG)}
+
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the slow tests out where nobody asks for them, or for one of them by its file."""
-    here = Path(__file__).parent
+    """Leave the slow tests out where nobody asks for them, or for a file by its name; long files first."""
     named = any(Path(word.partition("::")[0]).suffix == ".py" for word in config.args)
     for item in items:
-        if item.path.is_relative_to(here) and item.path.relative_to(here).parts[0] in SLOW_FOLDERS:
+        if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).parts[0] in SLOW_FOLDERS:
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not (named or os.environ.get(ALL)):
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
+    if not named:
+        items.sort(key=lambda item: BEGINNING.get(item.path, len(LONG)))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

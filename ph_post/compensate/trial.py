@@ -101,6 +101,7 @@ class Trial:
         self.axes, self.period = track.path.axes, machine.servo_period
         self.limits = axis_limits(self.axes, machine, self.period)
         self.constant = max(_time_constant(machine, name) for name in self.axes)
+        self._plants = [[plant_of(machine.axes[name], one) for name in self.axes] for one in self.scenarios]
 
     @property
     def rows(self) -> int:
@@ -117,7 +118,7 @@ class Trial:
             for column, place, pace in zip(command.position.T, path, speed[0], strict=True)
         ]
         velocity = path_velocity(command)
-        errors = [self._error(traces, velocity, command.s, one)[counted:] for one in self.scenarios]
+        errors = [self._error(traces, velocity, command.s, plants)[counted:] for plants in self._plants]
         shape = design.shape
         return Outcome(
             error=np.array([np.abs(error).max() for error in errors]),
@@ -173,9 +174,8 @@ class Trial:
         axis = self.sized.axes[name]
         return 0.0 if axis.feedback == "load" else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
 
-    def _error(self, traces: Sequence[Trace], velocity: Array, s: Array, scenario: Scenario) -> Array:
-        """Signed contour error in one scenario, shape (n,) [m]."""
-        plants = [plant_of(self.machine.axes[name], scenario) for name in self.axes]
+    def _error(self, traces: Sequence[Trace], velocity: Array, s: Array, plants: Sequence[Plant]) -> Array:
+        """Signed contour error with the plants of one scenario, shape (n,) [m]."""
         tables: dict[str, Array] = {}
         for number, (name, plant) in enumerate(zip(self.axes, plants, strict=True)):
             trace = traces[number]

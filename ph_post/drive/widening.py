@@ -43,6 +43,8 @@ def widened(worn: Widening, factor: float) -> Widening | None:
 def table_behind(plant: Plant, motor: Array, flank: int) -> Array:
     """Return where the table is [m] that a motor at m [m] touches on flank f (1, -1): x = m - f gap(x)/2."""
     table = np.asarray(motor, dtype=np.float64)
+    if plant.widening is None:
+        return np.asarray(table - 0.5 * flank * plant.gap)
     for _ in range(SETTLED):
         before, table = table, motor - 0.5 * flank * gap_at(plant, table)
         if np.array_equal(before, table):

@@ -11,9 +11,12 @@ from collections.abc import Callable
 from threading import Timer
 from typing import Any, Final, TypeVar, cast
 
+import numpy as np
 from numba import njit
 from numba.core import event as events
 from numba.core import types as kinds
+
+from ph_post.types import Array
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,6 +54,16 @@ class _Teller(events.Listener):
 
 _register: Any = events.register  # which has no types
 _register("numba:compile", _Teller())
+
+
+def read_only(values: Array) -> Array:
+    """View floats as a compiled function takes what it only reads, whether or not others may write them.
+
+    It is compiled anew for every combination of arrays that may be written and arrays that may not.
+    """
+    view = np.ascontiguousarray(values, dtype=np.float64).view()
+    view.setflags(write=False)
+    return view
 
 
 def compiled(function: F) -> F:

@@ -12,6 +12,7 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.geometry.track import Track
 from ph_post.simulate.cells import EPS, cut_path, make_cells
+from ph_post.simulate.compiling import read_only
 from ph_post.simulate.nearest import find_nearest
 from ph_post.types import Array, Command, IntArray, Machine, TurningPoint
 
@@ -127,7 +128,7 @@ class Nominal:
         if hint.size == 0:
             return Nearest(error=np.zeros(0), s=np.zeros(0))
         first = int(np.searchsorted(self._starts, hint[0], side="right")) - 1
-        error, s = find_nearest(_read_only(position), _read_only(hint), max(first, 0), self._cells)
+        error, s = find_nearest(read_only(position), read_only(hint), max(first, 0), self._cells)
         return Nearest(error=error, s=s)
 
     def places(self, s: Array) -> Array:
@@ -141,13 +142,6 @@ class Nominal:
             raise InputError("", "wrong shape of positions", expected=f"{expected}", got=f"{position.shape}")
         if not (np.isfinite(position).all() and np.isfinite(hint).all()):
             raise InputError("", "a position is not finite", expected="finite numbers", got="NaN or infinity")
-
-
-def _read_only(values: Array) -> Array:
-    """View all arrays alike, or the kernel would be compiled once for frozen ones and once for others."""
-    view = np.ascontiguousarray(values, dtype=np.float64).view()
-    view.setflags(write=False)
-    return view
 
 
 def settling_time(machine: Machine, axes: Sequence[str]) -> float:

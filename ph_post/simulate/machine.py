@@ -20,6 +20,7 @@ from ph_post.drive.plant import Plant, force_on
 from ph_post.drive.reading import TRUE, read_table
 from ph_post.drive.widening import gap_at, table_behind
 from ph_post.simulate import kernel
+from ph_post.simulate.compiling import read_only
 from ph_post.simulate.cutting import cutting_force, path_velocity
 from ph_post.simulate.modes import level_for, modes_of
 from ph_post.simulate.slow import SlowAxis
@@ -127,10 +128,10 @@ def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Ar
     """
     linear = replace(plant, forces=(), cutting=(), reading=TRUE)
     automaton = build_automaton(linear)
-    command = delayed(trace.position, plant.command_delay / period)
+    command = read_only(delayed(trace.position, plant.command_delay / period))
     z, first = _start(trace, plant, automaton, flank)
     table, motor = np.empty(command.size), np.empty(command.size)
-    force = NO_FORCE if trace.force is None else np.ascontiguousarray(trace.force)
+    force = read_only(NO_FORCE if trace.force is None else trace.force)
     if plant.forces:
         axis = SlowAxis(plant, command, period, trace.begin, force)
         instants, log = axis.run(z, first, table, motor)

@@ -17,7 +17,7 @@ from ph_post.drive.plant import Plant, force_on
 from ph_post.drive.reading import TRUE
 from ph_post.simulate import kernel
 from ph_post.simulate.modes import modes_of
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, IntArray, sealed
 
 NEGLIGIBLE: Final = 1e-9
 """What the force of a part may be wrong by, F/K [m]; the table is off by no more than that."""
@@ -122,10 +122,10 @@ class SlowAxis:
         length = 0.5**level
         k = int(place)
         rows = np.array([place - k, place - k + length])
-        command = self.command[k] + rows * (self.command[k + 1] - self.command[k])
+        command = sealed(self.command[k] + rows * (self.command[k + 1] - self.command[k]))
         z, scratch = start.z.copy(), np.empty(2)
         mode, instants, log = kernel.advance(
-            command, self.period * length, z, start.mode, self.modes[level], force, scratch, scratch
+            command, self.period * length, z, start.mode, self.modes[level], sealed(force), scratch, scratch
         )
         changes = zip((place + instants * length).tolist(), *log.T.tolist(), strict=True)
         return Reached(z, mode, tuple(changes))

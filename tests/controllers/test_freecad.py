@@ -32,7 +32,7 @@ pytestmark = [
 ]
 
 PLAIN, LINES, CURVES, GRBL = "plain.ngc", "lines.ngc", "curves.ngc", "grbl.ngc"
-ARGUMENTS = "--machine=router --max-slowdown=1 --no-header"
+ARGUMENTS = "--machine=router --max-slowdown=1 --effort=0.05 --no-header"
 REFUSED = {
     "no machine": ("backlash", "--no-header", "no machine; expected --machine=FILE.toml, or a shipped one"),
     "missing machine": ("backlash", "--machine=none.toml", "ph-post: none.toml: no such file"),
@@ -63,7 +63,7 @@ def posted(tmp_path_factory):
         ("linuxcnc", "--no-header", PLAIN),
         ("backlash", f"{ARGUMENTS} --no-curves", LINES),
         ("backlash", ARGUMENTS, CURVES),
-        ("backlash", "--machine=stepper --max-slowdown=1 --no-header --translate_drill", GRBL),
+        ("backlash", "--machine=stepper --max-slowdown=1 --effort=0.05 --no-header --translate_drill", GRBL),
         *((post, arguments, "kept.ngc") for post, arguments, _ in REFUSED.values()),
     ]
     environment = {

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from support.amount import ALL
 from support.motions import look, worst_use
 from support.random_jobs import RandomJob, random_job
 
@@ -55,9 +56,6 @@ def run(job: RandomJob, analysis: Analysis, nominal: Nominal, strategy: str) -> 
 
 PAIRS = 200
 BATCHES = 20
-
-ALL = "PH_POST_ALL_TESTS"
-"""Environment variable that asks for all pairs; without it every fifth is run."""
 
 EFFORT = 0.05
 """Part of the usual search: what must hold may not rest on a long one."""
@@ -115,7 +113,7 @@ def assert_time_is_kept(none: Judged, auto: Judged, job: RandomJob) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("batch", range(BATCHES))
 def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(batch: int) -> None:
-    step = BATCHES if os.environ.get(ALL) else 5 * BATCHES
+    step = BATCHES if os.environ.get(ALL) else 5 * BATCHES  # every fifth, where nobody asks for all
     for number in range(batch, PAIRS, step):
         job = random_job(number)
         analysis = look(job.path, job.machine)

@@ -8,6 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from support.amount import examples
 from support.testdrive import Drive
 
 from ph_post.diagnose.experiments import MOVED, next_experiment
@@ -29,7 +30,7 @@ def swing(span: tuple[float, float], t: np.ndarray, omega: float) -> AxisLog:
     return AxisLog(command=command, table=command)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     st.sampled_from(sorted(MACHINES)), st.sampled_from(["grbl", "grblhal", "linuxcnc"]), spans, spans,
     st.floats(0.5, 20.0), st.lists(st.sampled_from(sorted(SHOWN)), max_size=3), st.sampled_from("XY"),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 from support.tape import Tape
 
 from ph_post.gcode.fitting.fit import fit_polyline
@@ -45,7 +46,7 @@ def same_pieces(a: Fit, b: Fit) -> bool:
     return bool(np.array_equal(a.kind, b.kind) and np.array_equal(a.first, b.first))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(polylines())
 def test_pieces_cover_the_vertices_in_order(points: Array) -> None:
     if len(points) < 2:
@@ -57,7 +58,7 @@ def test_pieces_cover_the_vertices_in_order(points: Array) -> None:
     assert ((fit.foot >= 0.0) & (fit.foot <= 1.0)).all()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(polylines())
 def test_every_end_of_a_move_is_within_tolerance_of_the_path(points: Array) -> None:
     shown = np.zeros((len(points), 3))
@@ -78,7 +79,7 @@ def test_every_end_of_a_move_is_within_tolerance_of_the_path(points: Array) -> N
     assert track.length <= polyline * 1.2 + 2.0 * TOLERANCE * len(points)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(polylines())
 def test_places_go_to_motions_and_back(points: Array) -> None:
     shown = np.zeros((len(points), 3))
@@ -90,7 +91,7 @@ def test_places_go_to_motions_and_back(points: Array) -> None:
         assert (np.diff(motion + share) >= -1e-12).all()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(polylines())
 def test_a_mirrored_polyline_has_mirrored_pieces(points: Array) -> None:
     if len(points) < 2:
@@ -100,7 +101,7 @@ def test_a_mirrored_polyline_has_mirrored_pieces(points: Array) -> None:
     assert same_pieces(fit_polyline(points * MM, TOLERANCE), fit_polyline(flipped * MM, TOLERANCE))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.lists(st.tuples(*[st.integers(-20, 20)] * 3), min_size=3, max_size=40))
 def test_reversals_of_a_polygon_are_those_of_its_whole_numbers(corners: list[tuple[int, int, int]]) -> None:
     # Steps of many millimetres sample nothing, so the path is the polygon, and whole numbers tell its turns.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 from support.canon import assert_agrees, needs_rs274, number_lines, run_rs274
 from support.random_programs import decimal, programs, thousandths
 
@@ -53,7 +54,7 @@ def test_any_bytes_are_kept_or_refused(data):
 
 
 @given(st.lists(fragments, max_size=40).map(b"".join))
-@settings(relaxed, max_examples=1000)
+@settings(relaxed, max_examples=examples(1000))
 def test_any_words_are_kept_or_refused(data):
     law(data)
 
@@ -71,7 +72,7 @@ def test_a_program_with_a_piece_missing_or_doubled_is_kept_or_refused(text, data
 
 @needs_rs274
 @given(programs())
-@settings(relaxed, max_examples=150)
+@settings(relaxed, max_examples=examples(150))
 def test_motions_are_those_of_linuxcnc(text):
     numbered = number_lines(text)
     canon = run_rs274(numbered)
@@ -102,7 +103,7 @@ def test_positions_are_those_of_exact_arithmetic(moves):
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
 @given(programs())
-@settings(relaxed, max_examples=30)
+@settings(relaxed, max_examples=examples(30))
 def test_line_ends_change_nothing(end, text):
     assume("\n" in text)
     plain = read_program(text.encode(), "a.ngc")

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from support.amount import examples
 
 from ph_post.io.machinechange import axis_change
 from ph_post.io.machineedit import edit_axes
@@ -38,7 +39,7 @@ def changed(draw, axis):
     )
 
 
-@settings(max_examples=100, derandomize=True)
+@settings(max_examples=examples(100), derandomize=True)
 @given(data=st.data(), name=st.sampled_from(shipped_names("machines")))
 def test_a_changed_machine_reads_back(data, name):
     source = machine_source(name)

@@ -9,6 +9,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 
 from ph_post.cli.interview import Given, conduct, machine_answers
 from ph_post.io.machinefile import machine_of
@@ -81,7 +82,7 @@ def interviews(draw):
     return texts, wanted
 
 
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=examples(150), derandomize=True)
 @given(interview=interviews())
 def test_any_valid_answers_read_back(interview):
     texts, wanted = interview

@@ -8,6 +8,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 
 from ph_post.errors import InputError
 from ph_post.io.machinefile import read_machine
@@ -18,7 +19,7 @@ PATHS = [shipped("paths", name).read_text(encoding="utf-8") for name in shipped_
 MACHINES = [shipped("machines", name).read_text(encoding="utf-8") for name in shipped_names("machines")]
 
 relaxed = settings(
-    max_examples=150,
+    max_examples=examples(150),
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
@@ -193,13 +194,13 @@ def test_any_bytes(tmp_path, data):
     takes_or_refuses(read_machine, tmp_path / "file", data)
 
 
-@settings(relaxed, max_examples=200)
+@settings(relaxed, max_examples=examples(200))
 @given(altered([json.loads(text) for text in PATHS]))
 def test_altered_paths(tmp_path, value):
     takes_or_refuses(read_path, tmp_path / "file", json.dumps(value).encode())
 
 
-@settings(relaxed, max_examples=300)
+@settings(relaxed, max_examples=examples(300))
 @given(made_path())
 def test_made_paths(tmp_path, value):
     takes_or_refuses(read_path, tmp_path / "file", json.dumps(value).encode())

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from support.amount import examples
 from support.engine_cases import (
     Case,
     contacts,
@@ -62,19 +63,19 @@ def check(case: Case) -> None:
         assert len(ours) == len(theirs)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.integers(0, 2**32 - 1), loops, rules, controllers, commands)
 def test_plain_axes(seed: int, feedback: Feedback, pickup: Pickup, control: str, kind: str) -> None:
     check(draw(seed, feedback, pickup, control, kind, with_effects=False, seconds=0.3))
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.integers(0, 2**32 - 1), loops, rules, controllers, commands)
 def test_axes_with_effects(seed: int, feedback: Feedback, pickup: Pickup, control: str, kind: str) -> None:
     check(draw(seed, feedback, pickup, control, kind, with_effects=True, seconds=0.3))
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.integers(0, 2**32 - 1))
 def test_ideal_steppers(seed: int) -> None:
     case = draw(seed, "none", "standstill", "P", "sines", with_effects=False, seconds=0.3)

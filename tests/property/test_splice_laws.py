@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from support.amount import examples
 from support.canonical import canonical_calls
 from support.part_programs import distances, played, random_program, samples
 from support.splicing import Compensated, compensate
@@ -28,7 +29,7 @@ MACHINE = read_machine("stepper")
 MM = 1e-3
 
 seeds = st.integers(0, 10**9)
-relaxed = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+relaxed = settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 def compensated(seed: int, **how: bool) -> Compensated:
@@ -125,7 +126,7 @@ def test_the_offset_is_none_at_the_end_of_every_chain(seed: int) -> None:
 
 @pytest.mark.skipif(shutil.which("rs274") is None, reason="LinuxCNC's interpreter rs274 is not installed")
 @given(seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 def test_linuxcnc_s_interpreter_finds_nothing_else_changed(seed: int) -> None:
     found = compensated(seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -137,7 +138,7 @@ def test_linuxcnc_s_interpreter_finds_nothing_else_changed(seed: int) -> None:
 
 
 @given(seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 def test_without_lost_motion_nothing_changes(seed: int) -> None:
     assert compensate(random_program(random.Random(seed)), _tight(MACHINE)).text == random_program(
         random.Random(seed)

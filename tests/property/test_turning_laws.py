@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 
 from ph_post.geometry.curves import Bezier
 from ph_post.geometry.track import Track
@@ -20,7 +21,7 @@ GRID = 2.0**-10
 
 Place = tuple[str, str, str, float]  # kind, axis, sense, s
 
-LAW = settings(max_examples=60, deadline=None)
+LAW = settings(max_examples=examples(60), deadline=None)
 
 POINT = st.tuples(st.integers(-20, 20), st.integers(-20, 20))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 from support.residuals import NOISE, UM, Moved, decaying, irregular, white
 
 from ph_post.diagnose.record import Place
@@ -27,7 +28,7 @@ def places(m: Moved, residual: np.ndarray, noise: float = NOISE) -> tuple[Place,
     return locate(m.log, "X", residual, m.counted, noise, m.machine)
 
 
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 @given(st.lists(SIZES, min_size=4, max_size=4), st.integers(0, 99), st.sampled_from([-1.0, 1e-3, 1e6]))
 def test_places_do_not_depend_on_unit_or_sign(sizes: list[float], seed: int, factor: float) -> None:
     m = MOVED()
@@ -37,7 +38,7 @@ def test_places_do_not_depend_on_unit_or_sign(sizes: list[float], seed: int, fac
     assert [place.share for place in one] == pytest.approx([place.share for place in other], abs=1e-6)
 
 
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 @given(st.lists(SIZES, min_size=4, max_size=4), st.integers(0, 99))
 def test_shares_are_shares(sizes: list[float], seed: int) -> None:
     m = MOVED()

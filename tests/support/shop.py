@@ -1,4 +1,4 @@
-"""Part programs as a shop has them: a circle, a slot, a pocket, and a curve in short moves."""
+"""Part programs as a shop has them: a circle, a slot, a pocket, and a curve in short moves; a short path."""
 
 from __future__ import annotations
 
@@ -52,3 +52,10 @@ PROGRAMS = {
     "eight": figure_eight(),
     "wide circle": WIDE_CIRCLE,
 }
+
+HUMP = {
+    "format": "ph-post-path", "version": 1, "name": "hump", "source": "by hand",
+    "units": "mm", "axes": ["X", "Y"], "feed": 900, "closed": False,
+    "segments": [{"type": "arc", "start": [-2, 0], "end": [2, 0], "center": [0, 0], "turn": "cw"}],
+}  # fmt: skip
+"""A path file with one turning point, which is planned in a moment."""

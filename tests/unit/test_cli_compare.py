@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
+from support.shop import HUMP
 from support.streams import without_progress
 
 from ph_post.cli.main import main
@@ -26,6 +27,13 @@ def run(capsys, *arguments):
 
 
 QUICK = ("--effort", "0.01")
+
+
+@pytest.fixture
+def hump(tmp_path):
+    file = tmp_path / "hump.json"
+    file.write_text(json.dumps(HUMP))
+    return str(file)
 
 
 def compared(capsys, *arguments):
@@ -58,14 +66,14 @@ def test_the_papers_circle(capsys):
     assert rows["suppress"]["min_feed"] == pytest.approx(0.25 * plain["min_feed"], rel=0.01)
 
 
-def test_a_refusal_is_listed_with_its_reason(capsys):
-    rows = {row["name"]: row for row in compared(capsys, OVAL, "-m", "mill")}
+def test_a_refusal_is_listed_with_its_reason(capsys, hump):
+    rows = {row["name"]: row for row in compared(capsys, hump, "-m", "mill")}
     refused = rows["retrograde"]
     assert not refused["ok"]
     assert "--allow-retrograde" in refused["reason"]
     assert "\n" not in refused["reason"]
     assert [refused[key] for key in ("error", "error_worst", "cycle_time", "min_feed")] == [None] * 4
-    _, out, _ = run(capsys, "compare", OVAL, "-m", "mill", *QUICK)
+    _, out, _ = run(capsys, "compare", hump, "-m", "mill", *QUICK)
     assert "refused retrograde: " in out
 
 
@@ -83,24 +91,24 @@ class Entry:
         return ForScales()
 
 
-def test_a_strategy_of_another_loop_is_refused(capsys, monkeypatch):
+def test_a_strategy_of_another_loop_is_refused(capsys, monkeypatch, hump):
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry()])
     for machine, fits in (("mill", True), ("router", False)):
-        row = next(row for row in compared(capsys, OVAL, "-m", machine) if row["name"] == "scales")
+        row = next(row for row in compared(capsys, hump, "-m", machine) if row["name"] == "scales")
         assert row["ok"] is fits
         assert fits or "expected feedback load; got X: motor, Y: motor" in row["reason"]
-    status, _, err = run(capsys, "convert", OVAL, "-m", "router", "--strategy", "scales")
+    status, _, err = run(capsys, "convert", hump, "-m", "router", "--strategy", "scales")
     assert (status, err.count("\n")) == (2, 1)
     assert "cannot shrink the backlash of these loops" in err
 
 
-def test_broken_limits_are_a_refusal(capsys, monkeypatch):
+def test_broken_limits_are_a_refusal(capsys, monkeypatch, hump):
     from ph_post.compensate import comparison
     from ph_post.compensate.limits import Violation
 
     broken = Violation(axis="X", quantity="jerk", t=1.5, s=0.1, value=25.0, limit=20.0)
     monkeypatch.setattr(comparison, "check_command", lambda command, machine: (broken,))
-    row = compared(capsys, OVAL, "-m", "mill")[0]
+    row = compared(capsys, hump, "-m", "mill")[0]
     assert not row["ok"]
     assert row["reason"] == "breaks the jerk limit of X at 1.500 s: 25000 mm/s³ where 20000 is allowed"
     assert row["error"]["max"] > 0
@@ -136,11 +144,11 @@ def test_a_program_is_refused_what_it_cannot_carry(capsys):
     assert "part program" in rows["step"]["reason"]
 
 
-def test_effects_that_do_not_act_are_named_once(capsys, tmp_path):
+def test_effects_that_do_not_act_are_named_once(capsys, tmp_path, hump):
     text = (ROOT / "samples" / "machines" / "router.toml").read_text()
     machine = tmp_path / "router.toml"
     machine.write_text(text.replace("[axes.Y]", '[[axes.X.effects]]\nname = "servo_mismatch"\n\n[axes.Y]', 1))
-    status, _, err = run(capsys, "compare", OVAL, "-m", str(machine), *QUICK)
+    status, _, err = run(capsys, "compare", hump, "-m", str(machine), *QUICK)
     assert status == 0
     assert err.count("servo_mismatch") == 1
 

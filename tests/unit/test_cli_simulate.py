@@ -166,7 +166,7 @@ def test_a_motion_too_short_to_count_has_no_error(capsys, tmp_path):
     assert [view[name] for name in ("error", "error_gap", "error_worst")] == [None] * 3
     # Five times 2b/c of Y, the slower axis: 5 * 2 * 0.000225 / 0.030 s.
     assert view["warnings"] == ["the motion is over before its contour error counts, 0.075 s after its start"]
-    assert run(capsys, "compare", short, "-m", "mill", "--plot", picture)[0] == 0
+    assert run(capsys, "compare", short, "-m", "mill", "--effort", "0.01", "--plot", picture)[0] == 0
 
 
 def refused(capsys, *arguments):

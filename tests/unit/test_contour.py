@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize_scalar
 from support.plans import make_machine
 
 from ph_post.errors import InputError
@@ -58,7 +57,8 @@ def nearest_by_roots(coefficients, point, low, high):
             total = added(total, times(off, [k * c for k, c in enumerate(off)][1:]))
         while total[-1] == 0:
             total.pop()
-        roots = mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400)
+        guess = [mpmath.mpc(complex(root)) for root in np.roots([float(c) for c in total[::-1]])]
+        roots = mpmath.polyroots(total[::-1], maxsteps=500, extraprec=400, roots_init=guess)
         places = [r.real for r in roots if abs(r.imag) < 1e-12 and low <= r.real <= high] + [low, high]
         return float(
             min(
@@ -237,30 +237,28 @@ def test_shipped_paths_against_dense_sampling(file):
     places = track.derivatives(*track.locate(s))[0]
     points = places + rng.normal(size=places.shape) * 10.0 ** rng.uniform(-6, -2.5, (25, 1))
     found = nominal.nearest(points, np.clip(s + 0.003, 0, track.length))
-    exact = [nearest_by_sampling(track, point) for point in points]
+    s = np.union1d(np.linspace(0, track.length, 20_001), track.starts)
+    samples = track.derivatives(*track.locate(s))[0]
+    exact = [nearest_by_sampling(track, s, samples, point) for point in points]
     np.testing.assert_allclose(np.abs(found.error), exact, rtol=0, atol=EXACT)
 
 
-def nearest_by_sampling(track, point):
-    s = np.union1d(np.linspace(0, track.length, 20_001), track.starts)
-
-    def distance(at):
-        return np.linalg.norm(track.derivatives(*track.locate(np.atleast_1d(at)))[0] - point, axis=1)
-
-    sampled = distance(s)
-    low, high = np.minimum(sampled, np.roll(sampled, 1)), np.minimum(sampled, np.roll(sampled, -1))
-    inner = np.flatnonzero((sampled <= low) & (sampled <= high) & (s > 0.0) & (s < track.length))
+def nearest_by_sampling(track, s, samples, point):
+    """Distance by ever finer samples on both sides of every minimum of the first, down to 1e-10 m of path."""
+    sampled = np.linalg.norm(samples - point, axis=1)
+    before, behind = np.minimum(sampled, np.roll(sampled, 1)), np.minimum(sampled, np.roll(sampled, -1))
+    inner = np.flatnonzero((sampled <= before) & (sampled <= behind) & (s > 0.0) & (s < track.length))
     best = sampled.min()
-    for k in inner[sampled[inner] < best + 2 * track.length / 20_000]:
-        # From the middle sample on: the minimiser's tolerance is relative to its variable.
-        for end in (s[k - 1] - s[k], s[k + 1] - s[k]):
-            found = minimize_scalar(
-                lambda part, k=k, end=end: distance(s[k] + part * end)[0],
-                bounds=(0.0, 1.0),
-                method="bounded",
-                options={"xatol": 1e-9},
-            )
-            best = min(best, found.fun)
+    inner = inner[sampled[inner] < best + 2 * track.length / 20_000]
+    low, high = np.concatenate([s[inner - 1], s[inner]]), np.concatenate([s[inner], s[inner + 1]])
+    sides = np.arange(low.size)
+    while (high - low).max(initial=0.0) > 1e-10:
+        fine = np.linspace(low, high, 41)
+        places = track.derivatives(*track.locate(fine.ravel()))[0]
+        off = np.linalg.norm(places - point, axis=1).reshape(fine.shape)
+        best = min(best, off.min())
+        k = off.argmin(axis=0)
+        low, high = fine[np.maximum(k - 1, 0), sides], fine[np.minimum(k + 1, 40), sides]
     return best
 
 

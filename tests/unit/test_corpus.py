@@ -32,7 +32,10 @@ ALL = {entry.name: entry for entry in entries()}
 each = pytest.mark.parametrize("name", ALL)
 
 LONG = ("adaptive_linuxcnc", "helix_linuxcnc", "arcspiral", "plasmatest")
-"""Programs whose windows take seconds to plan; their lasting offsets do not."""
+"""Programs whose windows take many seconds to plan; their lasting offsets do not."""
+
+SECONDS = ("tort", "craftsmancnc", "pocket_linuxcnc", "example")
+"""Programs whose windows take seconds: they are for the slow tests, the short ones for all."""
 
 MACHINES = {"stepper": stepper(), "mill": mill()}
 JOBS = [(name, "stepper", None) for name in ALL]
@@ -42,7 +45,14 @@ JOBS += [
     if entry.dialect == "linuxcnc" and name.split("/")[-1] not in LONG
 ]
 JOBS += [("comp-g1", "mill", "auto")]
-jobs = pytest.mark.parametrize(("name", "machine", "strategy"), JOBS)
+
+
+def job(name, machine, strategy):
+    slow = machine == "mill" and name.split("/")[-1] in SECONDS
+    return pytest.param(name, machine, strategy, marks=pytest.mark.slow if slow else ())
+
+
+jobs = pytest.mark.parametrize(("name", "machine", "strategy"), [job(*one) for one in JOBS])
 """Lasting offsets of a machine without feedback; dips, and full stops with pulses, of one with scales."""
 
 

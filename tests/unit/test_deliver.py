@@ -20,7 +20,7 @@ from ph_post.units import MM
 
 
 def asked(slowdown=10.0, strategy="takeup"):
-    how = PlanOptions(strategy=strategy, carrier="program", max_slowdown=slowdown)
+    how = PlanOptions(strategy=strategy, carrier="program", max_slowdown=slowdown, effort=0.05)
     return Request(plan=how, splice=SpliceOptions(max_slowdown=slowdown))
 
 

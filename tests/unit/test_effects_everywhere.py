@@ -6,16 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+from support.shop import HUMP
 
 from ph_post.cli.main import main
-from ph_post.drive.effects.registry import effect_names
+from ph_post.drive.effects.registry import effect_names, find_effect
 from ph_post.io.shipped import shipped
-
-HUMP = {
-    "format": "ph-post-path", "version": 1, "name": "hump", "source": "by hand",
-    "units": "mm", "axes": ["X", "Y"], "feed": 900, "closed": False,
-    "segments": [{"type": "arc", "start": [-2, 0], "end": [2, 0], "center": [0, 0], "turn": "cw"}],
-}  # fmt: skip
 
 PARAMETERS = {
     "coulomb_friction": "following_error_mm = 0.01",
@@ -39,6 +34,12 @@ stribeck_velocity_mm_s = 5""",
     "cutting_force": "following_error_mm = 0.02",
 }
 """Of an effect on Y that shows in the error of the hump."""
+
+
+OF_KIND = {find_effect(name).kind: name for name in reversed(PARAMETERS)}
+"""One effect of every kind, for all; the others are for the slow tests."""
+
+EACH = [pytest.param(name, marks=() if name in OF_KIND.values() else pytest.mark.slow) for name in PARAMETERS]
 
 
 def test_every_effect_is_here():
@@ -70,19 +71,19 @@ def machine_with(folder: Path, name: str) -> tuple[Path, Path]:
     return without, better
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("name", EACH)
 def test_every_command_takes_it(hump, tmp_path, capsys, name):
     plain, better = machine_with(tmp_path, name)
     assert len(told(capsys, "inspect", hump, "-m", better)["turning_points"]) == 1
     errors = [told(capsys, "simulate", hump, "-m", one)["error"] for one in (plain, better)]
     assert errors[1]["max"] != pytest.approx(errors[0]["max"], rel=0.0, abs=1e-6)  # mm
-    compared = told(capsys, "compare", hump, "-m", better, "--effort", 0.05)["strategies"]
+    compared = told(capsys, "compare", hump, "-m", better, "--effort", 0.01)["strategies"]
     plainly, best = compared[0], next(one for one in compared if one["name"] == "auto")
     assert best["error_worst"]["max"] <= plainly["error_worst"]["max"] * (1.0 + 1e-9)
     table, program = tmp_path / "hump.csv", tmp_path / "hump.ngc"
     told(
         capsys, "convert", hump, "-m", better, "--table", table, "-o", program,
-        "--effort", 0.05, "--no-simulation",
+        "--effort", 0.01, "--no-simulation",
     )  # fmt: skip
     assert len(table.read_text().splitlines()) > 400
     assert "F" in program.read_text()

@@ -10,6 +10,7 @@ import pytest
 import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 
 from ph_post.geometry import exact
 
@@ -72,7 +73,7 @@ COORDINATE = st.fractions(-5, 5, max_denominator=9)
 WEIGHT = st.fractions(Fraction(1, 9), 5, max_denominator=9)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(st.tuples(COORDINATE, WEIGHT), min_size=2, max_size=5))
 def test_rational_numerator_against_sympy(points: list[tuple[Fraction, Fraction]]) -> None:
     control = [(x * w, w) for x, w in points]

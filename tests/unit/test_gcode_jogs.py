@@ -37,7 +37,7 @@ CASES = {"ring": ([RING], True, 4), "cubic": ([CUBIC], False, 1), "corners": (CO
 def planned(name: str) -> tuple[Plan, Track]:
     curves, closed, _ = CASES[name]
     analysis = analyse(make_path(curves, closed=closed), read_machine("stepper"), 5e-6)
-    options = PlanOptions(strategy="takeup", carrier="program", max_slowdown=0.6)
+    options = PlanOptions(strategy="takeup", carrier="program", max_slowdown=0.6, effort=0.05)
     return plan_motion(analysis, options), analysis.track
 
 

@@ -42,7 +42,7 @@ def hooked(flank: str = "unknown", start: str = "rest") -> tuple[Plan, Command]:
 
 def take_up(path: Path, machine: Machine, start: str = "rest") -> tuple[Plan, Command]:
     analysis = look(path, machine)
-    plan = make_plan(analysis, PlanOptions(strategy="takeup", start=start, max_slowdown=0.5))
+    plan = make_plan(analysis, PlanOptions(strategy="takeup", start=start, max_slowdown=0.5, effort=0.05))
     return plan, command_of(plan, analysis.track, machine.servo_period)
 
 

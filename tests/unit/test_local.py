@@ -109,7 +109,7 @@ def test_a_lasting_offset_is_half_the_mean_gap_and_does_not_wander(tmp_path):
     """Where the file says that there is no gap at all, and the screw is worn by 0.05 mm in the middle."""
     machine = worn("router", {**BUMP, "centre_mm": 8.0, "width_mm": 8.0}, lost_motion=0.0)
     analysis = oval(tmp_path, machine)
-    plan = make_plan(analysis, PlanOptions(strategy="auto", inverse_dynamics=True, effort=0.1))
+    plan = make_plan(analysis, PlanOptions(strategy="auto", inverse_dynamics=True, effort=0.05))
     gap = 50e-6 * np.exp(-0.5)
     crossed = [one.travel for one in plan.crossings if one.axis == "X" and one.window >= 0]
     assert crossed

@@ -19,6 +19,7 @@ from ph_post.gcode.splice.record import Dip, Edits, Shift, Stop
 from ph_post.gcode.splice.rewrite import assemble, shift_numbers, unshift_numbers
 from ph_post.gcode.splice.undo import undo
 from ph_post.io.machinefile import read_machine
+from ph_post.types import sealed
 
 MM = 1e-3
 INCH = 25.4e-3
@@ -128,6 +129,14 @@ def test_payloads_of_any_size(width: int, size: int) -> None:
     assert read_payload("\n".join(["M2", *lines]).encode(), "a")[0] == payload
 
 
+def word_of(end: int, digits: int, decimals: int) -> tuple[np.ndarray, ...]:
+    """Columns of one word as the reader makes them: for others the compiler would run again."""
+    kinds = (np.int32, np.int32, np.int64, np.int16)
+    return tuple(
+        sealed(np.array([one], kind)) for one, kind in zip((0, end, digits, decimals), kinds, strict=True)
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "digits", "decimals", "odd"),
     [
@@ -145,15 +154,14 @@ def test_payloads_of_any_size(width: int, size: int) -> None:
     ],
 )
 def test_styles_of_numbers(text: str, digits: int, decimals: int, odd: bool) -> None:
-    data = np.frombuffer(text.encode(), np.uint8)
-    columns = tuple(np.array([one]) for one in (0, len(text), digits, decimals))
-    first, nothing = np.zeros(1, dtype=np.int64), np.array([[0, 0]])
-    pool, bounds, style, found = shift_numbers(data, columns, first, first, nothing)
+    data, columns = np.frombuffer(text.encode(), np.uint8), word_of(len(text), digits, decimals)
+    first, number, nothing = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.uint8), np.array([[0, 0]])
+    pool, bounds, style, found = shift_numbers(data, columns, first, number, nothing)
     assert bool(found[0]) == odd
     if not odd:
         assert pool.tobytes().decode() == text[1:]
         assert bounds.tolist() == [0, len(text) - 1]
-        back, _, wrong = unshift_numbers(columns[2], columns[3], first, first, nothing, style)
+        back, _, wrong = unshift_numbers(*columns[2:], first, number, nothing, sealed(style))
         assert (back.tobytes().decode(), wrong) == (text[1:], 0)
 
 
@@ -163,9 +171,9 @@ def test_sums_are_exact(number: str, shift: tuple[int, int]) -> None:
     decimals = len(number.partition(".")[2])
     digits = int(number.replace(".", ""))
     data = np.frombuffer(f"X{number}".encode(), np.uint8)
-    columns = tuple(np.array([one]) for one in (0, data.size, digits, decimals))
-    first, table = np.zeros(1, dtype=np.int64), np.array([shift])
-    text = shift_numbers(data, columns, first, first, table)[0].tobytes().decode()
+    first, row, table = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.uint8), np.array([shift])
+    columns = word_of(data.size, digits, decimals)
+    text = shift_numbers(data, columns, first, row, table)[0].tobytes().decode()
     assert Decimal(text) == Decimal(number) + Decimal(shift[0]).scaleb(-shift[1])
     assert len(text.partition(".")[2]) == max(decimals, shift[1])
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 
 from ph_post.io.drawing import shapes
 from ph_post.io.drawing.chains import in_order, join
@@ -61,7 +62,7 @@ def test_a_chain_is_found_from_its_middle():
 offset = st.tuples(st.floats(-0.004, 0.004), st.floats(-0.004, 0.004))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     offsets=st.lists(offset, min_size=12, max_size=12),
     kinds=st.lists(st.sampled_from("labn"), min_size=6, max_size=6),
@@ -137,7 +138,7 @@ def test_contours_of_a_layer_follow_the_nearest_start():
     assert starts((), False) == [9, 4, 1, 7]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(
     turn=st.floats(0, 7),
     sx=st.floats(0.1, 3),

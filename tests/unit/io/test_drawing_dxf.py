@@ -10,6 +10,7 @@ import scipy.interpolate
 from ezdxf.math import BSpline, ConstructionEllipse, Matrix44, Vec3, bulge_center
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 from support.drawings import block, dxf, ellipse, entity, insert, lwpolyline, point, sampled, spline
 
 from ph_post.errors import InputError
@@ -63,7 +64,7 @@ def test_a_tilted_circle_is_exact_in_space():
     assert (points[0] - center) @ normal == pytest.approx(0.0, abs=WORLD)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     center=st.tuples(st.floats(-500, 500), st.floats(-500, 500)),
     size=st.floats(0.1, 300),
@@ -89,7 +90,7 @@ def test_an_ellipse_is_one(center, size, turn, ratio, first, sweep):
         assert mine == pytest.approx((theirs.x, theirs.y), abs=WORLD)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(data=st.data(), degree=st.integers(2, 5), count=st.integers(6, 9), rational=st.booleans())
 def test_a_spline_is_the_spline(data, degree, count, rational):
     coordinate = st.floats(-100, 100).map(lambda x: round(x, 3))
@@ -195,7 +196,7 @@ def test_polylines_of_old_and_in_space():
         path_of(dxf(space, version="AC1009"))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(
     scales=st.tuples(*[st.floats(0.2, 3).flatmap(lambda s: st.sampled_from([s, -s]))] * 2),
     turn=st.floats(0, 360),

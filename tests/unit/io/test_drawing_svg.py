@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 from support.drawings import sampled
 from svgelements import CubicBezier, QuadraticBezier
 
@@ -91,7 +92,7 @@ def spec_center(start, end, rx, ry, turn, large, sweep):
         return (c * cu - s * cv + (x1 + x2) / 2, s * cu + c * cv + (y1 + y2) / 2), (rx, ry)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(
     start=place, end=place, rx=st.floats(0.5, 200), ry=st.floats(0.5, 200), turn=st.floats(-180, 180),
     large=st.booleans(), sweep=st.booleans(), circle=st.booleans(),
@@ -116,7 +117,7 @@ def test_an_arc_is_the_specifications(start, end, rx, ry, turn, large, sweep, ci
     assert abs(swept) >= math.pi - 1e-6 if large else abs(swept) <= math.pi + 1e-6
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     control=st.lists(place, min_size=4, max_size=4, unique=True),
     shift=place, turn=st.floats(-360, 360), skew=st.floats(-60, 60),

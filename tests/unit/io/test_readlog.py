@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.amount import examples
 
 from ph_post.cli.main import main
 from ph_post.errors import InputError
@@ -207,7 +208,7 @@ places = st.floats(-0.09, 0.09).map(lambda x: round(x, 9))
 positions = st.lists(st.lists(places, min_size=3, max_size=3), min_size=1, max_size=9)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=examples(20), deadline=None, derandomize=True)
 @given(table=positions, period=st.sampled_from([1e-3, 1 / 3000, 2.5e-4, 0.0123]))
 def test_a_simulated_run_reads_back_as_it_was(tmp_path_factory, table, period):
     commanded = np.tile(np.array(table), (200, 1))
@@ -233,15 +234,19 @@ def test_a_simulated_run_reads_back_as_it_was(tmp_path_factory, table, period):
 
 
 MACHINE = read_machine("mill")
-PROGRAM = read_program(
-    b"G21 G17 G90 G94 G64 P0.01\nG0 X0 Y0\nG1 X20 Y5 F1200\nG2 X30 Y15 I0 J10\nG1 X0 Y0\nM2\n", "part.ngc"
-)  # fmt: skip
+PART = b"G21 G17 G90 G94 G64 P0.01\nG0 X0 Y0\nG1 X20 Y5 F1200\nG2 X30 Y15 I0 J10\nG1 X0 Y0\nM2\n"
 
 
 @pytest.fixture(scope="module")
-def ran():
+def program():
+    """Read the program where a test asks for it: whoever collects tests has nothing compiled."""
+    return read_program(PART, "part.ngc")
+
+
+@pytest.fixture(scope="module")
+def ran(program):
     """What the machine does with the program, as rows of text by name."""
-    command = run_program(PROGRAM, MACHINE)
+    command = run_program(program, MACHINE)
     run = simulate(command, MACHINE, Scenario())
     lines = log_content(run, {}).decode().splitlines()
     return np.array([line.split(",") for line in lines])
@@ -252,22 +257,22 @@ def part(ran, names, skip=0):
     return "\n".join(",".join(row) for row in ran[np.r_[0, 1 + skip : len(ran)]][:, columns])
 
 
-def test_a_log_of_the_program_belongs_to_it(tmp_path, ran):
+def test_a_log_of_the_program_belongs_to_it(tmp_path, ran, program):
     file = put(tmp_path, part(ran, ran[0]))
-    assert read_log(file, program=PROGRAM, machine=MACHINE).warnings == ()
+    assert read_log(file, program=program, machine=MACHINE).warnings == ()
 
 
 def test_a_log_of_another_program_does_not(tmp_path, ran):
     file = put(tmp_path, part(ran, ran[0]))
-    other = read_program(PROGRAM.data.replace(b"Y15 I0 J10", b"Y15 R10.2"), "other.ngc")
+    other = read_program(PART.replace(b"Y15 I0 J10", b"Y15 R10.2"), "other.ngc")
     with pytest.raises(InputError, match=r"run.csv:\d+: the commands leave the path of other.ngc"):
         read_log(file, program=other, machine=MACHINE)
 
 
 @pytest.mark.parametrize("skip", [0, 333])
-def test_commands_come_from_the_program_at_the_time_that_fits(tmp_path, ran, skip):
+def test_commands_come_from_the_program_at_the_time_that_fits(tmp_path, ran, skip, program):
     names = ("t", "X_act", "Y_act")
-    log = read_log(put(tmp_path, part(ran, names, skip)), program=PROGRAM, machine=MACHINE)
+    log = read_log(put(tmp_path, part(ran, names, skip)), program=program, machine=MACHINE)
     true = ran[1 + skip :, ran[0].tolist().index("X_cmd")].astype(float) * 1e-3
     speed = np.abs(np.diff(true)).max() / log.period
     # within half a period: the drives of X and Y lag differently
@@ -277,9 +282,9 @@ def test_commands_come_from_the_program_at_the_time_that_fits(tmp_path, ran, ski
     assert warning.endswith("a delay of the readings cannot be seen")
 
 
-def test_a_recorded_command_tells_the_time_of_the_others_exactly(tmp_path, ran):
+def test_a_recorded_command_tells_the_time_of_the_others_exactly(tmp_path, ran, program):
     names = ("t", "X_cmd", "X_act", "Y_act")
-    log = read_log(put(tmp_path, part(ran, names, 100)), program=PROGRAM, machine=MACHINE)
+    log = read_log(put(tmp_path, part(ran, names, 100)), program=program, machine=MACHINE)
     true = ran[101:, ran[0].tolist().index("Y_cmd")].astype(float) * 1e-3
     assert log.axes["Y"].command == pytest.approx(true, abs=1e-7)
 
@@ -292,8 +297,8 @@ def test_axes_that_the_machine_does_not_have_are_refused(tmp_path, ran):
     assert str(refusal.value) == f"{file}:1: {words}"
 
 
-def test_without_a_machine_the_program_is_not_compared(tmp_path):
-    log = recorded(read_log(put(tmp_path, text()), program=PROGRAM))
+def test_without_a_machine_the_program_is_not_compared(tmp_path, program):
+    log = recorded(read_log(put(tmp_path, text()), program=program))
     assert log.warnings == ("without a machine the commands cannot be compared with part.ngc",)
 
 
@@ -327,12 +332,12 @@ def test_what_a_poor_reading_shows_is_left_to_others(tmp_path, reading):
     assert read_log(put(tmp_path, text(rows))).warnings == ()
 
 
-def test_what_is_before_and_after_the_program_is_told(tmp_path, ran):
+def test_what_is_before_and_after_the_program_is_told(tmp_path, ran, program):
     lines = part(ran, ("X_cmd", "X_act", "Y_cmd", "Y_act")).split("\n")
     away = ["60,60,60,60"] * 100
     rows = [f"{k * 0.001:.3f},{line}" for k, line in enumerate(away + lines[1:] + away)]
     file = put(tmp_path, "\n".join(["t," + lines[0], *rows]))
-    log = read_log(file, program=PROGRAM, machine=MACHINE)
+    log = read_log(file, program=program, machine=MACHINE)
     assert log.warnings == ("200 samples before and after the path of part.ngc are not of this program",)
 
 
