@@ -8,7 +8,7 @@ import numpy as np
 from ph_post.compensate.motion import Motion
 from ph_post.gcode.chords import Gauge, shares
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.feedpieces import feed_blocks
+from ph_post.gcode.feedcuts import cut_stretches, feed_blocks
 from ph_post.gcode.options import ProgramOptions
 from ph_post.gcode.record import DWELL, Blocks
 from ph_post.gcode.shape import ARC, CURVE, LINE, POLYNOMIAL, SNAP, SPLINE, Shape, read_shape
@@ -42,16 +42,19 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
         degree=abilities.polynomial_degree,
     )
     motion = Motion.from_phases(plan.phases)
+    period = plan.machine.servo_period
     stretches = find_stretches(plan.phases, shape)
-    runs = find_runs(stretches, shape)
-    runs = _with_splines(runs, stretches, shape, dialect, plan.machine.servo_period, options.chord_tolerance)
     if abilities.feed_degree:
-        timed = feed_blocks(stretches, shape, motion, plan.machine.servo_period)
+        cuts = cut_stretches(stretches, shape, motion, period)
+        stretches, timed = [one.stretch for one in cuts], feed_blocks(cuts)
     else:
         timed = _by_time(stretches, options.block_time)
+    runs = _with_splines(
+        find_runs(stretches, shape), stretches, shape, dialect, period, options.chord_tolerance
+    )
     blocks = _in_order(_by_geometry(runs, stretches, shape, options.chord_tolerance), timed)
-    blocks = _with_curves(_with_places(blocks, motion), shape, dialect)
-    blocks = without_slivers(blocks, shape, plan.machine.servo_period, options.block_time)
+    blocks = _with_curves(_with_places(blocks, motion, shape), shape, dialect)
+    blocks = without_slivers(blocks, shape, period, options.block_time)
     return _within_tolerance(blocks, motion, shape, options.chord_tolerance), shape
 
 
@@ -164,13 +167,13 @@ def _in_order(*groups: Blocks) -> Blocks:
     return Blocks(**{name: values[order] for name, values in joined.items()})
 
 
-def _with_places(blocks: Blocks, motion: Motion) -> Blocks:
-    """Find the ends of the blocks in ramps from the times there; elsewhere they are given."""
+def _with_places(blocks: Blocks, motion: Motion, shape: Shape) -> Blocks:
+    """Find the ends of the blocks in ramps from the times there; elsewhere they are given. Joints are met."""
     timed = np.flatnonzero(blocks.timed)
     s0, s1 = blocks.s0.copy(), blocks.s1.copy()
     s0[timed] = motion.place_and_feed(blocks.start[timed])[0]
     s1[timed] = motion.place_and_feed(blocks.end[timed])[0]
-    return msgspec.structs.replace(blocks, s0=s0, s1=s1)
+    return msgspec.structs.replace(blocks, s0=shape.snapped(s0), s1=shape.snapped(s1))
 
 
 def _with_curves(blocks: Blocks, shape: Shape, dialect: Dialect) -> Blocks:
@@ -199,7 +202,7 @@ def _within_tolerance(blocks: Blocks, motion: Motion, shape: Shape, tolerance: f
     while doubtful.any():
         parts = np.ones(doubtful.size, dtype=np.int64)
         parts[doubtful] = shares(shape, blocks.s0[doubtful], blocks.s1[doubtful], tolerance)
-        blocks = _with_places(_split(blocks, parts), motion)
+        blocks = _with_places(_split(blocks, parts), motion, shape)
         doubtful = np.repeat(parts > 1, parts)
     return blocks
 

@@ -8,8 +8,6 @@ then never leave it: a block beside a rest keeps the feed of its other end, and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import Final
 
 import msgspec
@@ -18,30 +16,20 @@ import numpy as np
 from ph_post.compensate.motion import Motion
 from ph_post.gcode.format import significant_text
 from ph_post.gcode.record import DWELL, JOG, Blocks
-from ph_post.gcode.shape import LINE, Shape, between
-from ph_post.gcode.stretches import Stretch
-from ph_post.gcode.timeline import time_at
-from ph_post.types import Array
-from ph_post.units import MM, MM_PER_MIN
+from ph_post.types import Array, BoolArray
+from ph_post.units import MM_PER_MIN
 
 FOLLOWS: Final = 1e-3
 """How far a written feed may be off the planned one, as a part of it."""
 
-_AIM: Final = 0.8 * FOLLOWS
+AIM: Final = 0.8 * FOLLOWS
 """What cutting aims at: joining short blocks and rounding take their share."""
 
-_AT_REST: Final = 1e-6
+AT_REST: Final = 1e-6
 """A speed that is no more than this part of the fastest one of the piece is none."""
 
 _MEETS: Final = 0.1 * FOLLOWS
 """A feed in force that differs from a piece's first one by no more than this part can begin it."""
-
-_BESIDE_REST: Final = 4.0
-"""A block beside a rest is halved down to so many servo periods: then the next one, which is as long, can be
-halved once more, as a cubic does not follow a feed that grows fourfold while the time doubles."""
-
-_SHORT: Final = 1e-4 * MM
-"""A block beside a rest that is no longer than this is not halved: 0.1 µm."""
 
 _NODES: Final = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 65))
 """Shares of a piece's time at which it is looked at; the middle is one of them."""
@@ -71,102 +59,32 @@ class Feed(msgspec.Struct, frozen=True, kw_only=True):
         return self.start + p * (linear + p * (self.quad + p * self.cub))
 
 
-def speed_over_way(motion: Motion, t0: float, t1: float) -> tuple[Array, Array] | None:
-    """Shares of the way and the speeds there [m/s] between two instants [s], without a turn between them.
+def fit_feed(
+    motion: Motion, t0: float, t1: float, start: float | None = None, end: float | None = None
+) -> Feed | None:
+    """Fit a feed to the speed between two instants; None where the motion rests at an end.
 
-    None where the motion rests at an end.
+    Parameters
+    ----------
+    motion : Motion
+    t0, t1 : float
+        The piece [s]; the motion does not turn back in it.
+    start, end : float, optional
+        The feeds with which the piece has to begin and to end [m/s]; absent: the planned ones.
     """
     s, speed = motion.place_and_feed(t0 + (t1 - t0) * _NODES)
     speed = np.abs(speed)
     most = float(speed.max())
-    if float(speed.min()) <= _AT_REST * most or s[-1] == s[0]:
+    if float(speed.min()) <= AT_REST * most or s[-1] == s[0]:
         return None
-    return (s - s[0]) / (s[-1] - s[0]), speed
-
-
-def fit_feed(p: Array, speed: Array, first: float, last: float) -> Feed:
-    """Fit a feed from `first` to `last` to planned speeds [m/s] at shares of the way."""
+    p = (s - s[0]) / (s[-1] - s[0])
+    first = float(speed[0]) if start is None else start
+    last = float(speed[-1]) if end is None else end
     line = first + (last - first) * p
     basis = np.stack([p * p - p, p**3 - p], axis=1) / speed[:, None]
     free = np.linalg.lstsq(basis, (speed - line) / speed, rcond=None)[0]
     error = float(np.abs((line - speed) / speed + basis @ free).max())
     return Feed(start=first, end=last, quad=float(free[0]), cub=float(free[1]), error=error)
-
-
-def feed_blocks(stretches: Sequence[Stretch], shape: Shape, motion: Motion, period: float) -> Blocks:
-    """Blocks of ramps and dips, as long as a cubic follows the speed, and of dwells.
-
-    They end where the motion's phases do, and where the kind of the path's pieces changes. Their places are
-    left at zero: they follow from the times.
-    """
-    rows = []
-    for number, one in enumerate(stretches):
-        if one.by_geometry:
-            continue
-        times = [one.start, one.end]
-        if one.span.kind != "dwell":
-            times = cut_feed(motion, _marks(one, shape, motion), period)
-        kind = DWELL if one.span.kind == "dwell" else LINE
-        rows += [(number, kind, t0, t1) for t0, t1 in pairwise(times)]
-    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    zeros = np.zeros(len(rows))
-    return Blocks(
-        kind=table[:, 1].astype(np.int64),
-        start=table[:, 2],
-        end=table[:, 3],
-        s0=zeros,
-        s1=zeros,
-        rapid=zeros.astype(np.int64),
-        stretch=table[:, 0].astype(np.int64),
-        timed=np.ones(len(rows), dtype=np.int64),
-    )
-
-
-def _marks(one: Stretch, shape: Shape, motion: Motion) -> list[float]:
-    """Instants at which a block of a stretch has to end, its ends included."""
-    places = between(shape, shape.marks, one.s0, one.s1).tolist()
-    inside = [time_at(motion, one.span, place) for place in places]
-    inside += motion.start[(motion.start > one.start) & (motion.start < one.end)].tolist()
-    return [one.start, *sorted({t for t in inside if one.start < t < one.end}), one.end]
-
-
-def cut_feed(motion: Motion, marks: Sequence[float], least: float) -> list[float]:
-    """Halve a stretch until cubics follow its speed, and what is beside a rest until it is short.
-
-    Parameters
-    ----------
-    motion : Motion
-    marks : sequence of float
-        Instants at which a block ends in any case, the stretch's ends the first and the last [s].
-    least : float
-        Shortest block [s], a servo period: what is shorter than two of them is not halved any more, and what
-        is beside a rest not below four.
-
-    Returns
-    -------
-    list of float
-        The marks and what was put between them, in order.
-    """
-    found = [marks[0]]
-    open_ends = list(reversed(marks[1:]))
-    while open_ends:
-        t0, t1 = found[-1], open_ends[-1]
-        if _is_done(motion, t0, t1, least):
-            found.append(open_ends.pop())
-        else:
-            open_ends.append(0.5 * (t0 + t1))
-    return found
-
-
-def _is_done(motion: Motion, t0: float, t1: float, least: float) -> bool:
-    planned = speed_over_way(motion, t0, t1)
-    if planned is None:
-        s0, s1 = motion.place_and_feed(np.array([t0, t1]))[0].tolist()
-        return t1 - t0 < _BESIDE_REST * least or bool(abs(s1 - s0) <= _SHORT)
-    if t1 - t0 < 2.0 * least:
-        return True
-    p, speed = planned
-    return fit_feed(p, speed, float(speed[0]), float(speed[-1])).error <= _AIM
 
 
 def constant_feed(motion: Motion, t0: float, t1: float) -> float:
@@ -177,11 +95,23 @@ def constant_feed(motion: Motion, t0: float, t1: float) -> float:
     return float(ends.max()) if float(ends.max()) > mean else mean
 
 
-def feed_profiles(blocks: Blocks, motion: Motion, feed: Array, digits: int) -> tuple[Array, dict[int, Feed]]:
-    """Return the feeds of blocks, and those that change within one by its number.
+class Course(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Feeds of n blocks.
 
-    Those begin with the feed in force. A block whose feed cannot follow the plan, beside a rest or behind
-    another feed, has one.
+    `feed` (n,) [m/s] of those that have one; by number of the block, `profiles` of those in which it changes,
+    and `off` how far what is written is off the plan, as a part of the planned speed, where that changes;
+    nothing for blocks beside a rest.
+    """
+
+    feed: Array
+    profiles: dict[int, Feed]
+    off: dict[int, float]
+
+
+def feed_course(blocks: Blocks, motion: Motion, feed: Array, digits: int) -> Course:
+    """Find the feeds of blocks; each that changes begins with the feed in force.
+
+    A block beside a rest has one feed, and so has one behind a feed that is not the planned one.
 
     Parameters
     ----------
@@ -192,21 +122,39 @@ def feed_profiles(blocks: Blocks, motion: Motion, feed: Array, digits: int) -> t
     digits : int
         Significant digits of a written feed in mm/min.
     """
-    feed, profiles = feed.copy(), {}
-    changes = (blocks.timed == 1) & ~np.isin(blocks.kind, (DWELL, JOG))
+    found = Course(feed=feed.copy(), profiles={}, off={})
+    changes = _changes(blocks, motion)
     now = 0.0
     for i in np.flatnonzero((blocks.rapid == 0) & (blocks.kind != DWELL)).tolist():
         if changes[i]:
             t0, t1 = float(blocks.start[i]), float(blocks.end[i])
-            planned = speed_over_way(motion, t0, t1)
-            if planned is not None and abs(now - planned[1][0]) <= _MEETS * planned[1][0]:
-                last = written(float(planned[1][-1]), digits)
-                profiles[i] = fit_feed(*planned, now, last)
+            planned = fit_feed(motion, t0, t1)
+            if planned is not None and abs(now - planned.start) <= _MEETS * planned.start:
+                last = written(planned.end, digits)
+                profile = fit_feed(motion, t0, t1, now, last) or planned
+                found.profiles[i], found.off[i] = profile, profile.error
                 now = last
                 continue
-            feed[i] = constant_feed(motion, t0, t1)
-        now = written(float(feed[i]), digits)
-    return feed, profiles
+            found.feed[i] = constant_feed(motion, t0, t1)
+            if planned is not None:
+                found.off[i] = _off(motion, t0, t1, float(found.feed[i]))
+        now = written(float(found.feed[i]), digits)
+    return found
+
+
+def _changes(blocks: Blocks, motion: Motion) -> BoolArray:
+    """Tell in which blocks the planned feed changes, steady ones that took a sliver of a ramp included."""
+    middle = 0.5 * (blocks.start + blocks.end)
+    times = np.concatenate([blocks.start, middle, blocks.end])
+    speed = motion.place_and_feed(times)[1].reshape(3, -1)
+    differs = np.ptp(speed, axis=0) > _MEETS * np.abs(speed[1])
+    moves = ~np.isin(blocks.kind, (DWELL, JOG))
+    return np.asarray(moves & ((blocks.timed == 1) | differs))
+
+
+def _off(motion: Motion, t0: float, t1: float, feed: float) -> float:
+    speed = np.abs(motion.place_and_feed(t0 + (t1 - t0) * _NODES)[1])
+    return float(np.abs(feed / speed - 1.0).max())
 
 
 def written(speed: float, digits: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.compensate.motion import Motion
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.feedpieces import Feed, feed_profiles
+from ph_post.gcode.feedpieces import Course, Feed, feed_course
 from ph_post.gcode.format import to_grid
 from ph_post.gcode.jogs import Carried
 from ph_post.gcode.polynomials import polynomial_words
@@ -32,8 +32,9 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `duration` (n,) [s], `length` (n,) [m] as the controller will find it, `feed` (n,) [m/s], 0 for rapids and
     dwells. `plain` (dim,) is the last point without the offset that is carried there. `kind`, `rapid`, `s0`
     and `s1` are those of the blocks. By move, `polynomials` are the coefficients of what is one (see
-    :func:`ph_post.gcode.polynomials.polynomial_words`), `profiles` the feeds that change within one; `feed`
-    then is the mean.
+    :func:`ph_post.gcode.polynomials.polynomial_words`), `profiles` the feeds that change within one (`feed`
+    then is the mean), and `off` how far a written feed is off the planned one where that changes, as a part
+    of it; nothing beside a rest.
     """
 
     kind: IntArray
@@ -50,6 +51,7 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     s1: Array
     polynomials: Mapping[int, IntArray] = {}
     profiles: Mapping[int, Feed] = {}
+    off: Mapping[int, float] = {}
 
 
 def round_blocks(
@@ -76,9 +78,9 @@ def round_blocks(
     turn = np.where(blocks.kind == ARC, shape.turn[piece] * way, 0)
     length = _lengths(blocks, points, center, turn, decimals)
     feed = np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration))
-    profiles: dict[int, Feed] = {}
+    course = Course(feed=feed, profiles={}, off={})
     if dialect.capabilities.feed_degree:
-        feed, profiles = feed_profiles(blocks, Motion.from_phases(phases), feed, dialect.feed_digits)
+        course = feed_course(blocks, Motion.from_phases(phases), feed, dialect.feed_digits)
     return Moves(
         kind=blocks.kind,
         points=points,
@@ -88,12 +90,13 @@ def round_blocks(
         inner=_inner_points(blocks, shape, piece, offset, decimals),
         duration=duration,
         length=length,
-        feed=feed,
+        feed=course.feed,
         rapid=blocks.rapid,
         s0=blocks.s0,
         s1=blocks.s1,
         polynomials=polynomial_words(blocks, shape, piece, offset, decimals),
-        profiles=profiles,
+        profiles=course.profiles,
+        off=course.off,
     )
 
 

@@ -42,6 +42,20 @@ class Shape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             return np.clip(s, 0.0, length)
         return np.where((s < 0.0) | (s > length), np.mod(s, length), s)
 
+    def snapped(self, s: Array) -> Array:
+        """Move places that are as good as at a joint, or an end, onto it: sums of a motion's phases are off.
+
+        Of a block that is a polynomial the end lay beside its own piece else.
+        """
+        length = self.track.length
+        base = np.floor(s / length) * length if self.track.closed else np.zeros(s.size)
+        joints = np.concatenate([[0.0], self.marks, [length]])
+        place = s - base
+        after = np.clip(np.searchsorted(joints, place), 1, joints.size - 1)
+        nearer = place - joints[after - 1] < joints[after] - place
+        joint = np.where(nearer, joints[after - 1], joints[after])
+        return np.where(np.abs(place - joint) <= SNAP, base + joint, s)
+
     def piece_at(self, s: Array) -> IntArray:
         """Return the number of the piece at each place."""
         number = np.searchsorted(self.track.starts, self.wrapped(s), side="right") - 1

@@ -49,10 +49,10 @@ def controller_warnings(
             f"in places the controller needs {rate:.0f} bytes a second and gets {dialect.stream_rate:.0f}:"
             " try a longer --block-time or a larger --chord-tolerance"
         )
-    coarse = [one.error for one in moves.profiles.values() if one.error > FOLLOWS]
+    coarse = [off for off in moves.off.values() if off > FOLLOWS]
     if coarse:
         warnings.append(
-            f"{len(coarse)} of {len(moves.profiles)} blocks with a changing feed are as short as the servo"
+            f"{len(coarse)} of {len(moves.off)} blocks with a changing feed are as short as the servo"
             f" period lets them be, and off the planned feed by up to {100.0 * max(coarse):.2g} percent"
         )
     if options.feed_mode == "inverse-time" and not dialect.inverse_time_arcs:

@@ -1,119 +1,165 @@
-"""The curves of path files, evaluated from their definition in 50 digits, in mm."""
+"""The pieces of path files as quotients of polynomials in fractions, from their definition alone, in mm."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from itertools import pairwise
+from functools import reduce
+from itertools import zip_longest
+from math import comb
 from pathlib import Path
 from typing import Any
 
-import mpmath
+import msgspec
 
 SCALE = {"mm": 1, "m": 1000}
-Curve = Callable[[mpmath.mpf], list[mpmath.mpf]]
+Power = list[Fraction]
+"""Coefficients of 1, u, u², …"""
 
 
-def exact_curves(file: Path) -> list[tuple[dict[str, Any], Curve, list[mpmath.mpf]]]:
-    """Segments of a path file, each with its curve, and the parameters between which that is smooth."""
+class Piece(msgspec.Struct, frozen=True, kw_only=True):
+    """A smooth piece for u from 0 to 1: `above` by axis, over `below`; of an arc `center` and `radius`."""
+
+    above: list[Power] = []
+    below: Power = msgspec.field(default_factory=lambda: [Fraction(1)])
+    center: list[Fraction] | None = None
+    radius: Fraction = Fraction(0)
+
+    def part(self, low: Fraction, high: Fraction) -> Piece:
+        """Return the piece from `low` to `high` for u from 0 to 1, the weight at its beginning being 1."""
+        line = [low, high - low]
+        above, below = [composed(row, line) for row in self.above], composed(self.below, line)
+        weight = below[0]
+        return Piece(above=[[c / weight for c in row] for row in above], below=[c / weight for c in below])
+
+
+def exact_pieces(file: Path) -> tuple[list[str], list[Piece]]:
+    """Axes of a path file, and its pieces in their order."""
     path = json.loads(file.read_text(), parse_float=Fraction)
-    scale = SCALE[path["units"]]
-    return [(one, *_CURVES[one["type"]](one, path["axes"], scale)) for one in path["segments"]]
+    scale = Fraction(SCALE[path["units"]])
+    axes = path["axes"]
+    return axes, [piece for one in path["segments"] for piece in _SEGMENTS[one["type"]](one, axes, scale)]
 
 
-def _numbers(row: Sequence[Any], scale: int = 1) -> list[mpmath.mpf]:
-    return [scale * _mp(one) for one in row]
-
-
-def _mp(value: Any) -> mpmath.mpf:
-    number = Fraction(value)
-    return mpmath.mpf(number.numerator) / number.denominator
-
-
-def _bezier(one: dict[str, Any], axes: list[str], scale: int) -> tuple[Curve, list[mpmath.mpf]]:
-    points = [_numbers(point, scale) for point in one["points"]]
-
-    def curve(xi: mpmath.mpf) -> list[mpmath.mpf]:
-        rows = points
-        while len(rows) > 1:
-            rows = [[(1 - xi) * a + xi * b for a, b in zip(p, q, strict=True)]
-                    for p, q in pairwise(rows)]  # fmt: skip
-        return rows[0]
-
-    return curve, [mpmath.mpf(0), mpmath.mpf(1)]
-
-
-def _polynomial(one: dict[str, Any], axes: list[str], scale: int) -> tuple[Curve, list[mpmath.mpf]]:
-    rows = [_numbers(one["coefficients"][axis], scale) for axis in axes]
-    return (
-        lambda xi: [mpmath.polyval(row[::-1], xi) for row in rows],
-        _numbers(one.get("domain", [0, 1])),
-    )
-
-
-def _ph(one: dict[str, Any], axes: list[str], scale: int) -> tuple[Curve, list[mpmath.mpf]]:
-    """Integrate the hodograph's products term by term in the power basis."""
-    start = _numbers(one["start"], scale)
-    parts = [_power(column) for column in zip(*[_numbers(row) for row in one["preimage"]], strict=True)]
-    if len(axes) == 2:
-        u, v = parts
-        slopes = [_add((1, u, u), (-1, v, v)), _add((2, u, v))]
-    else:
-        u, v, p, q = parts
-        slopes = [
-            _add((1, u, u), (1, v, v), (-1, p, p), (-1, q, q)),
-            _add((2, u, q), (2, v, p)),
-            _add((2, v, q), (-2, u, p)),
-        ]
-    rows = [[0, *(scale * c / (k + 1) for k, c in enumerate(slope))] for slope in slopes]
-    return (
-        lambda xi: [a + mpmath.polyval(row[::-1], xi) for a, row in zip(start, rows, strict=True)],
-        [mpmath.mpf(0), mpmath.mpf(1)],
-    )
-
-
-def _power(bernstein: Sequence[mpmath.mpf]) -> list[mpmath.mpf]:
-    n = len(bernstein) - 1
-    power = [mpmath.mpf(0)] * (n + 1)
-    for k, value in enumerate(bernstein):
-        for j in range(n - k + 1):
-            power[k + j] += value * mpmath.binomial(n, k) * mpmath.binomial(n - k, j) * (-1) ** j
-    return power
-
-
-def _add(*terms: tuple[int, list[mpmath.mpf], list[mpmath.mpf]]) -> list[mpmath.mpf]:
-    size = max(len(a) + len(b) - 1 for _, a, b in terms)
-    total = [mpmath.mpf(0)] * size
-    for factor, a, b in terms:
-        for i, left in enumerate(a):
-            for j, right in enumerate(b):
-                total[i + j] += factor * left * right
+def times(a: Power, b: Power) -> Power:
+    """Product."""
+    total = [Fraction(0)] * (len(a) + len(b) - 1)
+    for i, left in enumerate(a):
+        for j, right in enumerate(b):
+            total[i + j] += left * right
     return total
 
 
-def _nurbs(one: dict[str, Any], axes: list[str], scale: int) -> tuple[Curve, list[mpmath.mpf]]:
-    """De Boor's rule in homogeneous coordinates."""
+def plus(a: Power, b: Power) -> Power:
+    """Sum."""
+    return [left + right for left, right in zip_longest(a, b, fillvalue=Fraction(0))]
+
+
+def minus(a: Power, b: Power) -> Power:
+    """Difference."""
+    return plus(a, [-one for one in b])
+
+
+def composed(outer: Power, inner: Power) -> Power:
+    """outer(inner(u))."""
+    return reduce(lambda total, c: plus(times(total, inner), [c]), reversed(outer), [Fraction(0)])
+
+
+def bernstein(power: Power) -> Power:
+    """Bernstein coefficients on [0, 1], between which the polynomial lies."""
+    n = len(power) - 1
+    return [sum((Fraction(comb(k, j), comb(n, j)) * power[j] for j in range(k + 1)), Fraction(0))
+            for k in range(n + 1)]  # fmt: skip
+
+
+def from_bernstein(coefficients: Sequence[Fraction]) -> Power:
+    """Power coefficients of what is given in Bernstein form."""
+    n = len(coefficients) - 1
+    power = [Fraction(0)] * (n + 1)
+    for k, value in enumerate(coefficients):
+        for j in range(n - k + 1):
+            power[k + j] += value * comb(n, k) * comb(n - k, j) * (-1) ** j
+    return power
+
+
+def _numbers(row: Sequence[Any], scale: Fraction = Fraction(1)) -> list[Fraction]:
+    return [scale * Fraction(one) for one in row]
+
+
+def _bezier(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Piece]:
+    columns = zip(*(_numbers(point, scale) for point in one["points"]), strict=True)
+    yield Piece(above=[from_bernstein(column) for column in columns])
+
+
+def _polynomial(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Piece]:
+    low, high = _numbers(one.get("domain", [0, 1]))
+    rows = [_numbers(one["coefficients"][axis], scale) for axis in axes]
+    yield Piece(above=[composed(row, [low, high - low]) for row in rows])
+
+
+def _ph(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Piece]:
+    """Integrate the hodograph's products term by term."""
+    start = _numbers(one["start"], scale)
+    parts = [from_bernstein(column) for column in zip(*map(_numbers, one["preimage"]), strict=True)]
+    if len(axes) == 2:
+        u, v = parts
+        slopes = [_sum((1, u, u), (-1, v, v)), _sum((2, u, v))]
+    else:
+        u, v, p, q = parts
+        slopes = [
+            _sum((1, u, u), (1, v, v), (-1, p, p), (-1, q, q)),
+            _sum((2, u, q), (2, v, p)),
+            _sum((2, v, q), (-2, u, p)),
+        ]
+    yield Piece(
+        above=[
+            [first, *(scale * c / (k + 1) for k, c in enumerate(slope))]
+            for first, slope in zip(start, slopes, strict=True)
+        ]
+    )
+
+
+def _sum(*terms: tuple[int, Power, Power]) -> Power:
+    return reduce(plus, ([factor * c for c in times(a, b)] for factor, a, b in terms))
+
+
+def _nurbs(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Piece]:
+    """De Boor's rule in homogeneous coordinates, its parameter a polynomial of u on each span."""
     degree, knots = one["degree"], _numbers(one["knots"])
     weights = _numbers(one.get("weights") or [1] * len(one["points"]))
     points = [
-        [w * scale * _mp(c) for c in point] + [w] for point, w in zip(one["points"], weights, strict=True)
+        [w * c for c in _numbers(point, scale)] + [w] for point, w in zip(one["points"], weights, strict=True)
     ]
-
-    def curve(xi: mpmath.mpf) -> list[mpmath.mpf]:
-        span = max((k for k in range(degree, len(points)) if knots[k] <= xi), default=degree)
-        while knots[span] == knots[span + 1]:
-            span -= 1
-        rows = [points[span - degree + j] for j in range(degree + 1)]
+    for span in range(degree, len(points)):
+        if knots[span] == knots[span + 1]:
+            continue
+        rows = [[[c] for c in points[span - degree + j]] for j in range(degree + 1)]
         for r in range(1, degree + 1):
             for j in range(degree, r - 1, -1):
                 low, high = knots[span - degree + j], knots[span + 1 + j - r]
-                t = (xi - low) / (high - low)
-                rows[j] = [(1 - t) * a + t * b for a, b in zip(rows[j - 1], rows[j], strict=True)]
-        last = rows[degree]
-        return [c / last[-1] for c in last[:-1]]
+                t = [(knots[span] - low) / (high - low), (knots[span + 1] - knots[span]) / (high - low)]
+                rows[j] = [
+                    plus(times(minus([Fraction(1)], t), a), times(t, b))
+                    for a, b in zip(rows[j - 1], rows[j], strict=True)
+                ]
+        *above, below = rows[degree]
+        yield Piece(above=above, below=below)
 
-    return curve, sorted(set(knots))
+
+def _arc(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Piece]:
+    start, center = _numbers(one["start"], scale), _numbers(one["center"], scale)
+    square = sum(((a - b) ** 2 for a, b in zip(start, center, strict=True)), Fraction(0))
+    radius = Fraction(round(float(square) ** 0.5))
+    assert radius**2 == square
+    yield Piece(center=center, radius=radius)
 
 
-_CURVES = {"bezier": _bezier, "polynomial": _polynomial, "ph": _ph, "nurbs": _nurbs}
+_SEGMENTS = {
+    "line": _bezier,
+    "bezier": _bezier,
+    "polynomial": _polynomial,
+    "ph": _ph,
+    "nurbs": _nurbs,
+    "arc": _arc,
+}

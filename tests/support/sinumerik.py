@@ -11,7 +11,7 @@ import msgspec
 
 Point = dict[str, Fraction]
 
-_LIST = re.compile(r"PO\[(\w*)\]=\(([^)]*)\)")
+_LIST = re.compile(r"PO\[(\w*)\]=\(([^)]*)\)|\b(\w)=PO\(([^)]*)\)")
 _PROFILE = re.compile(r"F=FPO\(([^)]*)\)")
 _WORD = re.compile(r"([A-Z])(-?[\d.]+)")
 
@@ -86,7 +86,11 @@ def read_blocks(text: str) -> Iterator[Block]:
         if words[0] == "G4":
             continue
         word, body = words[0], " ".join(words[1:])
-        lists = {name: [Fraction(one) for one in values.split(",")] for name, values in _LIST.findall(body)}
+        lists = {
+            old + new: [Fraction(one) for one in (below + above).split(",")]
+            for old, below, new, above in _LIST.findall(body)
+        }
+        assert all(len(found[1].split(",")) <= 3 for found in _LIST.findall(body) if found[0])
         profile = _PROFILE.search(body)
         plain = dict(_WORD.findall(_PROFILE.sub("", _LIST.sub("", body)).replace("PL=1", "")))
         ends = {axis: lists[axis][0] if axis in lists else Fraction(plain[axis]) for axis in "XYZ"

@@ -1,4 +1,4 @@
-"""SINUMERIK programs: polynomials that are the path, feeds that are the profile, words of the manual."""
+"""SINUMERIK programs: circles that are the path's, feeds that are the profile, words of the manual."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import mpmath
 import pytest
-from support.exact_paths import Curve, exact_curves
 from support.plans import make_machine, make_path, make_plan
 from support.sinumerik import Block, read_blocks
 
@@ -22,7 +21,6 @@ from ph_post.geometry.track import Track
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINE = ROOT / "tests" / "golden" / "machine.toml"
-SHARES = [Fraction(k, 3) for k in range(4)]
 
 WORDS = frozenset(
     # Programming Manual Fundamentals: tables of G groups and addresses.
@@ -50,55 +48,6 @@ def _cuts(text: str) -> list[Block]:
     """Blocks behind the approach."""
     approach = len(list(read_blocks(text[: text.index("G641")])))
     return list(read_blocks(text))[approach:]
-
-
-def _nearest(curve: Curve, point: list[mpmath.mpf], xi: mpmath.mpf) -> tuple[mpmath.mpf, mpmath.mpf]:
-    """Parameter of the curve's point nearest to one that is close to it, from a guess, and its distance."""
-    h = mpmath.mpf(10) ** -20
-    for _ in range(12):
-        here, ahead = curve(xi), curve(xi + h)
-        slope = [(a - b) / h for a, b in zip(ahead, here, strict=True)]
-        off = [p - c for p, c in zip(point, here, strict=True)]
-        step = sum(o * s for o, s in zip(off, slope, strict=True)) / sum(s * s for s in slope)
-        xi += step
-        if abs(step) < mpmath.mpf(10) ** -18:
-            break
-    return xi, mpmath.sqrt(sum((p - c) ** 2 for p, c in zip(point, curve(xi), strict=True)))
-
-
-@pytest.mark.parametrize("path", ["oval", "spatial", "figure1", "inflection", "butterfly"])
-def test_polynomials_are_the_path(path: str, tmp_path: Path) -> None:
-    """The path file's own definition in 50 digits, against the written coefficients as fractions."""
-    blocks = _cuts(_program(path, tmp_path))
-    assert {block.word for block in blocks} == {"POLY"}
-    rows = [
-        (curve, low, high)
-        for _, curve, knots in exact_curves(ROOT / "paths" / f"{path}.json")
-        for low, high in pairwise(knots)
-    ]
-    worst, (curve, low, high) = mpmath.mpf(0), rows.pop(0)
-    xi = low
-    for block, following in zip(blocks, [*blocks[1:], None], strict=True):
-        assert following is None or following.start == block.end
-        before = block.at(Fraction(0))
-        for p in SHARES:
-            place = block.at(p)
-            step = sum((a - b) ** 2 for a, b in zip(place, before, strict=True)) ** Fraction(1, 2)
-            point, before = [mpmath.mpf(c.numerator) / c.denominator for c in place], place
-            h = (high - low) * mpmath.mpf(10) ** -9
-            inside = min(max(xi, low + h), high - h)
-            first, ahead = curve(inside), curve(inside + h / 2)
-            speed = mpmath.sqrt(sum((a - b) ** 2 for a, b in zip(ahead, first, strict=True))) / (h / 2)
-            guess = inside + step / speed
-            xi, distance = _nearest(curve, point, min(max(guess, low + h), high - h))
-            worst = max(worst, distance)
-        assert low < xi < high + h
-        if high - xi < (high - low) * mpmath.mpf(10) ** -7 and rows:
-            curve, low, high = rows.pop(0)
-            xi = low
-    assert not rows
-    assert high - xi < (high - low) * mpmath.mpf(10) ** -7
-    assert worst < 1e-9
 
 
 @pytest.mark.parametrize(("path", "radius"), [("circle", 250), ("pocket", None)])

@@ -4,15 +4,20 @@ Where the facts are from: SINUMERIK 840D sl / 828D Programming Manual Job Planni
 6FC5398-2BP40-0BA0; as Work Preparation in SINUMERIK ONE NC Programming, 12/2019, 6FC5398-2EP40-0BA0):
 
 - Polynomial interpolation (POLY, POLYPATH, PO, PL): f(p) = a0 + a1 p + … + a5 p⁵ for each axis, p from 0 to
-  PL, which is 1 where it is not given. PO[X]=(xe, a2, a3, a4, a5), also X=PO(…), gives the end f(PL) and the
-  coefficients from the second; a0 is where the block before ended, and a1 follows from the end. Zeros at the
-  end may be left out. PO[]=(…) is a denominator that the axes share, a0 of which is 1; the ends of the axes
-  are still places. The manual's example POLY PO[X]=(0,-10) PO[Y]=(10) PO[]=(2,1) from X10 Y0 is the quarter
-  of a circle 10 (1 - p²) / (1 + p²), 20 p / (1 + p²).
+  PL, which is 1 where it is not given. PO[X]=(xe, a2, a3) up to degree 3, X=PO(xe, a2, a3, a4, a5) up to 5,
+  give the end f(PL) and the coefficients from the second; a0 is where the block before ended, and a1 follows
+  from the end. The manual lists a4 and a5 with PO[axis] too, and says that the old form stays valid, but has
+  it with two coefficients; the Diagnostics Manual, 03/2009, has alarm 14094 for more. So each form is written
+  for what it is shown with. Zeros at the end may be left out. PO[]=(…) is a denominator that the axes share,
+  a0 of which is 1; the ends of the axes are still places. The manual's example POLY PO[X]=(0,-10) PO[Y]=(10)
+  PO[]=(2,1) from X10 Y0 is the quarter of a circle 10 (1 - p²) / (1 + p²), 20 p / (1 + p²). Not confirmed in
+  a manual: a denominator of degree 4 or 5; that without POLYPATH all axes of the path follow their
+  polynomials; how many axes and coefficients together a block may have, which is limited.
 - Feedrate response (FNORM, FLIN, FCUB, FPO): F=FPO(end, quad, cub) is the feed of one block as a cubic over
   its path, from the feed in force to `end`, which stays in force; the coefficients are given as those of PO,
-  over a share of the path that runs from 0 to 1: the example F=FPO(4000, 6000, -4000) after F2000 is
-  2000 + 6000 p² - 4000 p³, which is level at both ends. The compressor leaves such blocks alone.
+  over a share of the path that runs from 0 to 1: the example F=FPO(4000, 6000, -4000) behind F2000, on
+  6 mm, is 2000 + 6000 p² - 4000 p³, level at both ends as it is drawn there. They are absolute values, in the
+  unit of F under G94. The compressor leaves such blocks alone.
 - Settable path reference (SPATH, UPATH): with SPATH that path is the arc length.
 - NC block compression (COMPON, COMPOF), and the Function Manual Basic Functions, B1, Continuous-path mode:
   G60 stops at every end, G641 ADIS=d rounds joints within d of them, and none that G64 passes at full feed.
@@ -40,6 +45,9 @@ from ph_post.units import MM_PER_MIN
 _DECIMALS: Final = 10
 """1e-10 mm: ends and four coefficients of a quintic together then move no point by 2e-10 mm."""
 
+_OLD_FORM: Final = 3
+"""PO[X]=(…) is documented with the end and up to two coefficients, a cubic; with more X=PO(…) is."""
+
 _PROFILE: Final = "=FPO("
 
 
@@ -49,18 +57,21 @@ class SiemensWriter(LineWriter):
     def write_polynomial(self, moves: Moves, i: int, feed: str) -> None:
         """Write POLY with the ends and coefficients of all axes, and of a denominator."""
         table, ends = moves.polynomials[i], moves.points[i + 1].tolist()
-        words = [
-            f"PO[{axis}]=({self._values(self._length(end), row, len(self.axes) != len(table))})"
-            for axis, end, row in zip(self.axes, ends, table[: len(self.axes)], strict=True)
+        rational = len(self.axes) != len(table)
+        lists = [
+            self._values(self._length(end), row, rational)
+            for end, row in zip(ends, table[: len(self.axes)], strict=True)
         ]
-        if len(table) > len(self.axes):
-            end, *rest = (decimal_text(count, DENOMINATOR_DECIMALS) for count in table[-1].tolist())
-            words.append(f"PO[]=({','.join(_stripped([end, *rest]))})")
+        form = "{}=PO({})" if max(map(len, lists)) > _OLD_FORM else "PO[{}]=({})"
+        words = [form.format(axis, ",".join(row)) for axis, row in zip(self.axes, lists, strict=True)]
+        if rational:
+            below = [decimal_text(count, DENOMINATOR_DECIMALS) for count in table[-1].tolist()]
+            words.append(f"PO[]=({','.join(_stripped(below))})")
         self._write("POLY", [*words, "PL=1"], feed)
 
-    def _values(self, end: str, row: IntArray, rational: bool) -> str:
+    def _values(self, end: str, row: IntArray, rational: bool) -> list[str]:
         counts = row.tolist()[1:] if rational else row.tolist()
-        return ",".join(_stripped([end, *(self._length(count) for count in counts)]))
+        return _stripped([end, *(self._length(count) for count in counts)])
 
     def _feeds(self, moves: Moves, first: int, last: int) -> list[str]:
         feeds = super()._feeds(moves, first, last)

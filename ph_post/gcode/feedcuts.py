@@ -1,0 +1,256 @@
+"""Where blocks end whose feed is a cubic of their way.
+
+A block has to end where the kind of the path's pieces changes, and it cannot be shorter than a servo period:
+"each block requires at least one interpolation cycle" (SINUMERIK 840D sl / 828D, Function Manual Basic
+Functions, 09/2011, 6FC5397-0BP40-2BA0, B1, Continuous-path mode), so that a shorter one slows the controller
+down by far more than any cubic is off. It would best end too where the phases of the motion do, as the jerk
+jumps there. A planner's phases may be shorter than a period, or end just beside a joint of the path: such an
+end is moved or left out, and the ramp may borrow from the steady motion beside it. What a cubic does not
+follow yet is halved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence, Set
+from itertools import groupby, pairwise
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate.motion import Motion
+from ph_post.gcode.feedpieces import AIM, AT_REST, fit_feed
+from ph_post.gcode.record import DWELL, Blocks
+from ph_post.gcode.shape import LINE, SNAP, Shape, between
+from ph_post.gcode.stretches import Stretch
+from ph_post.gcode.timeline import Span, time_at
+from ph_post.units import MM
+
+_BESIDE_REST: Final = 8.0
+"""A block beside a rest that lasts less than so many servo periods is not halved where no cubics would follow
+the feed in its outer half: one that grows as the square of the time is followed in a half and two quarters of
+it, one that grows as its third power in eighths."""
+
+_SHORT: Final = 1e-4 * MM
+"""A block beside a rest that is no longer than this is not halved: 0.1 µm."""
+
+_ROUNDING: Final = 1e-6
+"""Blocks that are shorter than a servo period by this part of it last one."""
+
+
+class FeedCut(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch, and the instants [s] at which blocks end in it, its ends included; none by geometry."""
+
+    stretch: Stretch
+    times: tuple[float, ...] = ()
+
+
+def cut_stretches(stretches: Sequence[Stretch], shape: Shape, motion: Motion, period: float) -> list[FeedCut]:
+    """Cut the ramps and dips among stretches so that cubics follow their feed.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+    shape : Shape
+    motion : Motion
+    period : float
+        Servo period [s].
+
+    Returns
+    -------
+    list of FeedCut
+        Ramps that follow one another without a rest or a wall are one; steady motion between them is part of
+        it where it is too short, or where the end of a ramp has been moved into it.
+    """
+    found: list[FeedCut] = []
+    for group in _groups(stretches, shape, motion):
+        if all(one.by_geometry for one in group):
+            found += [FeedCut(stretch=one) for one in group]
+        elif group[0].span.kind == "dwell":
+            found += [FeedCut(stretch=one, times=(one.start, one.end)) for one in group]
+        else:
+            found += _cut_group(group, shape, motion, period)
+    return found
+
+
+def feed_blocks(cuts: Sequence[FeedCut]) -> Blocks:
+    """Blocks of ramps, dips and dwells.
+
+    Their places are left at zero: they follow from the times.
+    """
+    rows = [
+        (number, DWELL if one.stretch.span.kind == "dwell" else LINE, t0, t1)
+        for number, one in enumerate(cuts)
+        for t0, t1 in pairwise(one.times)
+    ]
+    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+    zeros = np.zeros(len(rows))
+    return Blocks(
+        kind=table[:, 1].astype(np.int64),
+        start=table[:, 2],
+        end=table[:, 3],
+        s0=zeros,
+        s1=zeros,
+        rapid=zeros.astype(np.int64),
+        stretch=table[:, 0].astype(np.int64),
+        timed=np.ones(len(rows), dtype=np.int64),
+    )
+
+
+def _groups(stretches: Sequence[Stretch], shape: Shape, motion: Motion) -> Iterator[list[Stretch]]:
+    """Stretches that follow one another without a rest or a wall between them."""
+    group: list[Stretch] = []
+    for one in stretches:
+        if group and not _joined(group[-1], one, shape, motion):
+            yield group
+            group = []
+        group.append(one)
+    if group:
+        yield group
+
+
+def _joined(before: Stretch, after: Stretch, shape: Shape, motion: Motion) -> bool:
+    if before.rapid or after.rapid or "dwell" in (before.span.kind, after.span.kind):
+        return False
+    place = float(shape.wrapped(np.array([after.s0]))[0])
+    near = np.searchsorted(shape.walls, [place - SNAP, place + SNAP])
+    speed = abs(float(motion.place_and_feed(np.array([after.start]))[1][0]))
+    moves = speed > AT_REST * max(abs(before.span.speed), abs(after.span.speed))
+    return bool(near[0] == near[1]) and moves and (before.s1 > before.s0) == (after.s1 > after.s0)
+
+
+def _cut_group(group: Sequence[Stretch], shape: Shape, motion: Motion, period: float) -> Iterator[FeedCut]:
+    """Cut stretches that follow one another; what is left of a steady one stays as the geometry has it."""
+    start, end = group[0].start, group[-1].end
+    joints = [t for one in group for t in _joints(one, shape, motion)]
+    knots = [one.start for one in group[1:]]
+    knots += motion.start[(motion.start > start) & (motion.start < end)].tolist()
+    ends = thinned(motion, [start, *joints, end], knots, period)
+    pieces = [(_steady(group, t0, t1, period), t0, t1) for t0, t1 in pairwise(ends)]
+    for steady, run in groupby(pieces, key=lambda piece: piece[0]):
+        spans = list(run)
+        marks = [spans[0][1], *(t1 for _, _, t1 in spans)]
+        if steady >= 0:
+            yield FeedCut(stretch=_part(group[steady], marks[0], marks[-1]))
+        else:
+            times = cut_feed(motion, marks, period)
+            yield FeedCut(stretch=_ramp(motion, times[0], times[-1]), times=tuple(times))
+
+
+def _joints(one: Stretch, shape: Shape, motion: Motion) -> list[float]:
+    """Instants in a stretch at which the kind of the path's pieces changes, its beginning included."""
+    places = between(shape, shape.marks, one.s0, one.s1).tolist()
+    times = (time_at(motion, one.span, place) for place in places)
+    begins = between(shape, shape.marks, one.s0 - 2.0 * SNAP, one.s0 + 2.0 * SNAP).size
+    return [*([one.start] if begins else []), *(t for t in times if one.start < t < one.end)]
+
+
+def _steady(group: Sequence[Stretch], t0: float, t1: float, period: float) -> int:
+    """Return the number of the steady stretch that holds a piece of time, -1 where none does."""
+    slack = _ROUNDING * period
+    holds = (one.by_geometry and one.start - slack <= t0 and t1 <= one.end + slack for one in group)
+    return next((number for number, found in enumerate(holds) if found), -1)
+
+
+def _part(one: Stretch, start: float, end: float) -> Stretch:
+    """Part of a steady stretch."""
+    s0 = one.s0 + (start - one.start) * one.span.speed
+    s1 = one.s1 - (one.end - end) * one.span.speed
+    return msgspec.structs.replace(one, start=start, end=end, s0=s0, s1=s1)
+
+
+def _ramp(motion: Motion, start: float, end: float) -> Stretch:
+    s0, s1 = motion.place_and_feed(np.array([start, end]))[0].tolist()
+    span = Span(kind="ramp", start=start, end=end, s0=s0, s1=s1, window=-1, rests=False)
+    return Stretch(span=span, start=start, end=end, s0=s0, s1=s1, rapid=False)
+
+
+def thinned(motion: Motion, fixed: Sequence[float], free: Sequence[float], least: float) -> list[float]:
+    """Put instants in order, and keep the free ones at least so far away from their neighbours [s].
+
+    One that is too close to a fixed one is moved two such distances away from it where there is room, and
+    left out else; of two free ones that is left out without which a cubic follows the feed better.
+    """
+    loose = set(free) - set(fixed)
+    marks = sorted(loose | set(fixed))
+    while (i := _closest(marks, loose, least)) >= 0:
+        out, moved = _spare(motion, marks, loose, i, least)
+        loose.discard(marks.pop(out))
+        loose.update(moved)
+        marks = sorted([*marks, *moved])
+    return marks
+
+
+def _closest(marks: Sequence[float], loose: Set[float], least: float) -> int:
+    """Return the first of the two closest marks, of which one is free, -1 where none are too close."""
+    gaps = [
+        (t1 - t0, number)
+        for number, (t0, t1) in enumerate(pairwise(marks))
+        if t1 - t0 < least * (1.0 - _ROUNDING) and (t0 in loose or t1 in loose)
+    ]
+    return min(gaps, default=(0.0, -1))[1]
+
+
+def _spare(
+    motion: Motion, marks: Sequence[float], loose: Set[float], i: int, least: float
+) -> tuple[int, list[float]]:
+    """Tell which of the marks `i` and `i` + 1 to take out, and where to put it instead."""
+    if marks[i] in loose and marks[i + 1] in loose:
+        without = [_error(motion, marks[k - 1], marks[k + 1]) for k in (i, i + 1)]
+        return (i if without[0] <= without[1] else i + 1), []
+    out, side = (i, -1) if marks[i] in loose else (i + 1, 1)
+    place, beyond = marks[out - side] + 2.0 * side * least, marks[out + side]
+    return out, [place] if (beyond - place) * side >= least else []
+
+
+def _error(motion: Motion, t0: float, t1: float) -> float:
+    fit = fit_feed(motion, t0, t1)
+    return math.inf if fit is None else fit.error
+
+
+def cut_feed(motion: Motion, marks: Sequence[float], least: float) -> list[float]:
+    """Halve a stretch until cubics follow its speed, and what is beside a rest as long as they do.
+
+    Parameters
+    ----------
+    motion : Motion
+    marks : sequence of float
+        Instants at which a block ends in any case, the stretch's ends the first and the last [s].
+    least : float
+        Shortest block [s], a servo period: what is shorter than two of them is not halved any more.
+
+    Returns
+    -------
+    list of float
+        The marks and what was put between them, in order.
+    """
+    found = [marks[0]]
+    for t0, t1 in pairwise(marks):
+        found += _halved(motion, t0, t1, least)
+    return found
+
+
+def _halved(motion: Motion, t0: float, t1: float, least: float) -> list[float]:
+    """Return the ends of the blocks between two instants, without the first one."""
+    middle = 0.5 * (t0 + t1)
+    fit = fit_feed(motion, t0, t1)
+    if t1 - t0 < 2.0 * least or (fit is not None and fit.error <= AIM):
+        return [t1]
+    if fit is None and _travel(motion, t0, t1) <= _SHORT:
+        return [t1]
+    halves = [*_halved(motion, t0, middle, least), *_halved(motion, middle, t1, least)]
+    if fit is None and t1 - t0 < _BESIDE_REST * least and not _followed(motion, [t0, *halves]):
+        return [t1]
+    return halves
+
+
+def _travel(motion: Motion, t0: float, t1: float) -> float:
+    s0, s1 = motion.place_and_feed(np.array([t0, t1]))[0].tolist()
+    return abs(float(s1 - s0))
+
+
+def _followed(motion: Motion, times: Sequence[float]) -> bool:
+    """Tell whether cubics follow the feed between these instants, but for what is beside a rest."""
+    fits = (fit_feed(motion, t0, t1) for t0, t1 in pairwise(times))
+    return all(fit is None or fit.error <= AIM for fit in fits)
