@@ -23,6 +23,9 @@ from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 ROWS: Final = 10_000
 """Rows that a motion is drawn with at most, apart from those that show the error of a turning point."""
 
+LENGTHS: Final = 5
+"""Decimals of places [mm]: also of the whole length, so that no place lies behind it."""
+
 MARKS: Final = 2_000
 """Turning points that are listed at most: of more, those with the largest errors."""
 
@@ -41,7 +44,7 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
         "name": picture.name,
         "kind": picture.kind,
         "axes": list(picture.axes),
-        "length": picture.length / MM,
+        "length": round(picture.length / MM, LENGTHS),
         "strategy": picture.strategy,
         "version": package_version(),
         "summary": summary(picture),
@@ -135,8 +138,8 @@ def _path(picture: Picture, kept: Sequence[IntArray]) -> View:
     s = np.unique(np.clip(fine, 0.0, picture.length).round(9))
     points = picture.points(s)
     return {
-        "s": numbers(s / MM, 5),
-        **{name: numbers(points[:, k] / MM, 5) for k, name in enumerate("xyz"[: len(picture.axes)])},
+        "s": numbers(s / MM, LENGTHS),
+        **{name: numbers(points[:, k] / MM, LENGTHS) for k, name in enumerate("xyz"[: len(picture.axes)])},
         "rapid": [[begin / MM, end / MM] for begin, end in picture.rapids[:ROWS]],
         "closed": picture.closed,
     }
@@ -154,10 +157,10 @@ def _run(picture: Picture, trace: Trace, rows: IntArray) -> View:
         "assumed": scenario_words(trace.run.scenario),
         "samples": trace.t.size,
         "t": numbers(trace.t[rows], 6),
-        "s": numbers(trace.s[rows] / MM, 5),
+        "s": numbers(trace.s[rows] / MM, LENGTHS),
         "feed": numbers(trace.feed[rows] / MM_PER_MIN, 3),
         "e": numbers(trace.error[rows] / MICROMETRE, 4),
-        **{name: numbers(trace.foot[rows, k] / MM, 5) for k, name in enumerate(names)},
+        **{name: numbers(trace.foot[rows, k] / MM, LENGTHS) for k, name in enumerate(names)},
         **{f"d{name}": numbers(trace.away[rows, k] / MM, 7) for k, name in enumerate(names)},
         "counted": trace.counted[rows].astype(int).tolist(),
         "line": None if trace.line is None else trace.line[rows].tolist(),

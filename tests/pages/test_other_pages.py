@@ -3,6 +3,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 from support.browser import Shown, numbers_after
 from support.diagnoses import diagnosis, each_verdict
@@ -148,5 +149,25 @@ def test_a_program_of_one_axis_is_shown(browser, tmp_path):
     assert numbers_after(text, "s", "X", "feed") == pytest.approx(
         [30.0, 10.0, 600.0], abs=0.5
     )  # the table lags
+    shown.require_quiet()
+    shown.close()
+
+
+@pytest.mark.parametrize(
+    ("picture", "more"), [("#plane", ("-m", "old_mill", "--strategy", "none")), ("#path", ("other.ngc",))]
+)
+def test_a_rapid_between_two_cuts_is_not_drawn_as_a_cut(browser, tmp_path, monkeypatch, picture, more):
+    monkeypatch.chdir(tmp_path)
+    text = "G21 G90 G94\nG0 X0 Y0\nG1 X10 F600\nG0 X20\nG1 X30\nY5\nM2\n"
+    (tmp_path / "part.ngc").write_text(text)
+    (tmp_path / "other.ngc").write_text(text.replace("Y5", "Y6"))
+    assert main(["report", "part.ngc", *more, "-o", "page.html"]) == 0
+    shown = Shown(browser, tmp_path / "page.html")
+    (cuts,) = (one for one in shown.drawn(f"{picture} .path:not([stroke-dasharray])") if one)
+    assert cuts.count("M") == 2
+    (rapids,) = (one for one in shown.drawn(f"{picture} .path[stroke-dasharray]") if one)
+    ends = [[float(x) for x in re.findall(r"[ML]([\d.]+) ", one)] for one in (cuts, rapids)]
+    # 10 of 30 mm in the middle.
+    assert ends[1][-1] - ends[1][-2 if picture == "#path" else 0] == pytest.approx(np.ptp(ends[0]) / 3, abs=2)
     shown.require_quiet()
     shown.close()

@@ -3,7 +3,8 @@ const P = D.path, OFF = D.off, COLOURS = ["--a", "--b"], NAMES = ["x", "y", "z"]
 const span = r => r === null ? "–" : r[0] === r[1] ? `${r[0]}` : `${r[0]}–${r[1]}`;
 const most = D.geometry.max_deviation || 0;
 const VIEWS = { XY: [0, 1], XZ: [0, 2], YZ: [1, 2] };
-const range = new Range(0, D.files[0].length);
+// The last place is rounded, and may lie a little behind the end.
+const range = new Range(0, Math.max(D.files[0].length, ...P.s.slice(-1)));
 const mag = magnifier("deviations", Math.max(...NAMES.map(n => { const [a, b] = extent([P[n]], 0); return b - a; })), most);
 let view = "XY", flat = null, pointed = null;
 const overlays = [];
