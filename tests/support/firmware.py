@@ -1,9 +1,9 @@
 """Words that firmware knows, from its own documents and from nothing in ph_post, and how printers read.
 
 Grbl 1.1: the list "Supported G-Codes in v1.1" of its wiki and README, and `LINE_BUFFER_SIZE` 80. grblHAL: the
-lists of its README. Marlin 2: `gcode.cpp`, words that depend on no build option but ARC_SUPPORT (on by
-default) and BACKLASH_GCODE (of which the program says that it may be missing), `MAX_CMD_SIZE` 96. Klipper:
-docs/G-Codes.md without optional sections, and `cmd_G21` of gcode_move.py.
+lists of its README, and gcode.c for G84. Marlin 2: `gcode.cpp`, words that depend on no build option but
+ARC_SUPPORT (on by default) and BACKLASH_GCODE (of which the program says that it may be missing),
+`MAX_CMD_SIZE` 96. Klipper: docs/G-Codes.md without optional sections, and `cmd_G21` of gcode_move.py.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ _DECIMALS: Final = 3
 """Increment system IS-B: 0.001 mm. IS-C has one more."""
 
 _FEED_DECIMALS: Final = 2
-"""0.01 mm/min, the least feed; F takes as many decimals."""
+"""0.01 mm/min, the least feed; F takes as many decimals. Not confirmed in a manual."""
 
 _MAX_LINE: Final = 100
 """No manual bounds a block so tightly; it is what a screen shows."""

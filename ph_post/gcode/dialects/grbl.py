@@ -1,4 +1,11 @@
-"""Grbl 1.1 (grblHAL takes all of it too): an eight-bit controller, fed line by line through a serial port."""
+"""Grbl 1.1 (grblHAL takes all of it too): an eight-bit controller, fed line by line through a serial port.
+
+Where the facts are from, in the repository "grbl" of gnea. README.md lists the words; `grbl/gcode.c` takes
+G93 and G94, G61 but no G61.1, G91.1 as it is that way anyhow, G40 as there is no other, and F, I, J, K, L, N,
+P, R, S, T, X, Y, Z each once a line; it refuses G5, G64, G90.1, G43 but for G43.1, and Q. `grbl/protocol.h`
+has a line buffer of 80 characters with the end, in which blanks and comments are not kept; `grbl/serial.h`
+and `config.h` have a receive buffer of 128 and 115,200 baud.
+"""
 
 from __future__ import annotations
 

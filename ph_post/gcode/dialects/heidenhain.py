@@ -10,6 +10,11 @@ block, N99999999 in the last, an asterisk at the end of each; 17 Technical infor
 decimals, feeds with 3, a dwell up to 3600 s with 3; F is the time of G04 and T the tolerance of G62. User's
 Manual for Cycle Programming: cycle 9 DWELL TIME and cycle 32 TOLERANCE, in two lines each.
 
+Looked up a second time: the input ranges, in the TNC 430 User's Manual, 13.3 (lengths 5.4, feeds 5.3, dwells
+up to 3600.000 s); G62 as cycle 32, in the TNC 620 User's Manual for Cycle Programming (340 56x-03), 12.5;
+both lines of cycles 9 and 32, in posts of CAM systems. Not confirmed by another manual: F as the time of G04
+and T as the tolerance of G62.
+
 Circles are written in the plane X, Y only, as those of other planes hang on the tool's axis in TOOL CALL,
 which is not touched. There is no inverse time; SPL, the cubic polynomials of the iTNC 530 alone, an option,
 is neither written nor read. The option ``tolerance``, behind a plus sign, sets cycle 32 (G62) to the chord

@@ -3,11 +3,12 @@
 Where the facts are from, in the repository "klipper" of Klipper3d. `docs/G-Codes.md` lists the words: G0, G1,
 G4, G28, G90, G91, G92, M82 and M83, M204, M220, M400 and some more; `klippy/extras/gcode_move.py` adds G21,
 which does nothing, and refuses G20. G2, G3 and G17 to G19 are there only where the configuration has a
-section [gcode_arcs], which few have and which draws them in chords of its `resolution`, 1 mm: so curves are
-written as chords within the tolerance asked for. G5, G40, G49, G54, G61, G64, G80, G91.1, G93, G94 and M2 are
-unknown, and F would be mm/min whatever they say. `klippy/gcode.py` takes one command a line, and only `;`
-begins a comment. G4 (`klippy/toolhead.py`): P in milliseconds, no S; the axes stand still in it. G0 is G1: it
-moves at F, which has to be positive. Klipper has no compensation of backlash of its own.
+section [gcode_arcs], which few have and which draws them in chords of its `resolution`, 1 mm
+(`klippy/extras/gcode_arcs.py`, which takes no R and no arcs under G91): so curves are written as chords
+within the tolerance asked for. G5, G40, G49, G54, G61, G64, G80, G91.1, G93, G94 and M2 are unknown, and F
+would be mm/min whatever they say. `klippy/gcode.py` takes one command a line, and only `;` begins a comment.
+G4 (`klippy/toolhead.py`): P in milliseconds, no S; the axes stand still in it. G0 is G1: it moves at F, which
+has to be positive. Klipper has no compensation of backlash of its own.
 """
 
 from __future__ import annotations
