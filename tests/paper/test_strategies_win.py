@@ -191,9 +191,12 @@ class _Angle:
         self.travel, self.omega, self.t_star, self.way, self.quarter = travel, omega, t_star, way, quarter
         self.lap = 2.0 * t_star + (quarter - way) / omega
         # When half the way of a dip is done, the last time should it move back.
-        fine = np.linspace(-t_star, t_star, 20_001)
-        short = omega * travel(fine) < 0.5 * way
-        self.middle = float(fine[np.flatnonzero(short)[-1]])
+        low, high = -t_star, t_star
+        for count in (2001, 101):
+            fine = np.linspace(low, high, count)
+            last = np.flatnonzero(omega * travel(fine) < 0.5 * way)[-1]
+            low, high = fine[last], fine[min(last + 1, count - 1)]
+        self.middle = float(low)
 
     def at(self, t: Array, coefficients: Array) -> tuple[Array, Array]:
         number, since = np.divmod(t + self.middle + self.t_star, self.lap)

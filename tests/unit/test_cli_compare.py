@@ -44,8 +44,8 @@ def compared(capsys, *arguments):
     return rows
 
 
-def test_all_strategies_the_plain_program_first(capsys):
-    rows = compared(capsys, OVAL, "-m", "mill", "--allow-retrograde")
+def test_all_strategies_the_plain_program_first(capsys, hump):
+    rows = compared(capsys, hump, "-m", "mill", "--allow-retrograde")
     assert rows[0]["name"] == "none"
     assert sorted(row["name"] for row in rows) == sorted(strategy_names())
     for row in rows:
@@ -114,9 +114,9 @@ def test_broken_limits_are_a_refusal(capsys, monkeypatch, hump):
     assert row["error"]["max"] > 0
 
 
-def test_the_table_has_a_line_a_strategy(capsys, tmp_path):
-    picture = tmp_path / "oval.png"
-    status, out, err = run(capsys, "compare", OVAL, "-m", "stepper", *QUICK, "--plot", str(picture))
+def test_the_table_has_a_line_a_strategy(capsys, tmp_path, hump):
+    picture = tmp_path / "hump.png"
+    status, out, err = run(capsys, "compare", hump, "-m", "stepper", *QUICK, "--plot", str(picture))
     assert status == 0
     assert all(any(line.split()[0] == name for line in out.splitlines()) for name in strategy_names())
     assert "without standstills" in out

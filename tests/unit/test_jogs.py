@@ -134,7 +134,7 @@ def test_the_gain_over_none_of_loops_that_are_not_closed_over_the_table(machine)
 
 
 def test_a_program_for_a_loop_over_the_table_is_never_worse() -> None:
-    analysis, plan = written(read_path(shipped("paths", "circle")), "paper", "auto")
+    analysis, plan = written(read_path(shipped("paths", "circle")), "paper", "auto", effort=0.05)
     before, after = before_and_after(analysis, plan)
     assert after.error.max <= before.error.max + 1e-9
     assert after.error_worst.max <= before.error_worst.max + 1e-9

@@ -112,7 +112,7 @@ EFFECTS = {
 
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS.keys())
 @pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
-@pytest.mark.parametrize("flank", [1, -1])
+@pytest.mark.parametrize("flank", [1, pytest.param(-1, marks=pytest.mark.slow)])
 def test_effects_inside_the_loop(effects: list[EffectSetting], pickup: Pickup, flank: int) -> None:
     case = Case(make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=effects), WAVES, PERIOD)
     assert_same(run_case(case), reference(case))
