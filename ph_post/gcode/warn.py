@@ -52,8 +52,9 @@ def controller_warnings(
     coarse = [off for off in moves.off.values() if off > FOLLOWS]
     if coarse:
         warnings.append(
-            f"{len(coarse)} of {len(moves.off)} blocks with a changing feed are as short as the servo"
-            f" period lets them be, and off the planned feed by up to {100.0 * max(coarse):.2g} percent"
+            f"{len(coarse)} of {len(moves.off)} blocks with a changing feed are off the planned feed by up to"
+            f" {100.0 * max(coarse):.2g} percent: the servo period lets them be no shorter, or another feed"
+            " is in force before them"
         )
     if options.feed_mode == "inverse-time" and not dialect.inverse_time_arcs:
         warnings.append(f"no G2 and G3 are written, as {dialect.name} does not keep their time under G93")
