@@ -103,7 +103,7 @@ def command(
         centre=_scaled(centre, MM), travel=_scaled(travel, MM), feeds=_scaled(feeds, MM_PER_MIN),
         radius=None if radius is None else radius * MM, warm_up=warm_up * MINUTE,
     )  # fmt: skip
-    texts = {program_file(one): one.program for one in kit}
+    texts = {program_file(drives, one): one.program for one in kit}
     texts[PLAN] = recording_plan(drives, machine, output, kit)
     if not force:
         _refuse_others(Path(output), texts)
@@ -111,12 +111,13 @@ def command(
     write_atomically({str(folder / name): text for name, text in texts.items()})
     if as_json:
         programs = [
-            {"name": one.name, "file": program_file(one), "why": one.why, "record": one.record} for one in kit
+            {"name": one.name, "file": program_file(drives, one), "why": one.why, "record": one.record}
+            for one in kit
         ]
         print_json({"folder": output, "plan": PLAN, "programs": programs})
     else:
         for one in kit:
-            click.echo(f"{folder / program_file(one)}: {one.why}")
+            click.echo(f"{folder / program_file(drives, one)}: {one.why}")
     click.echo(f"wrote {len(kit)} programs and {folder / PLAN}: read that first", err=True)
     return 0
 

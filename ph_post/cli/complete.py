@@ -115,7 +115,10 @@ KINDS: Final[dict[str, click.types.StringParamType]] = {
     "--axis": Completed(lambda: ("X", "Y", "Z"), files=None),
     "--copy": Completed(_machines),
     # by the word on the help page
-    "IN": Completed(_paths, (".json", ".ngc", ".nc", ".tap", ".gcode", ".csv")),
+    "IN": Completed(
+        _paths,
+        (".json", ".ngc", ".nc", ".tap", ".gcode", ".cnc", ".h", ".i", ".mpf", ".spf", ".csv"),
+    ),
     "MACHINE": Completed(_machines, (".toml",)),
     "FOLDER": _FOLDER,
     **dict.fromkeys(

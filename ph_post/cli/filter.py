@@ -18,6 +18,8 @@ BESIDE: Final = "ph-post.toml"
 _INI: Final = "INI_FILE_NAME"
 """LinuxCNC tells all that it starts where its INI file is."""
 
+_DIALECT: Final = "linuxcnc"
+
 
 @click.command()
 @click.argument("source", metavar="PATH")
@@ -61,7 +63,10 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     from ph_post.report.progress import FilterProgress
 
     ctx.ensure_object(dict)["one_line"] = True
-    how = {**how, "machine": machine or _beside_the_ini(), "dialect": "linuxcnc"}
+    dialect = how["dialect"] or _DIALECT
+    if dialect.partition("+")[0] != _DIALECT:
+        raise InputError("--dialect", "LinuxCNC reads what is filtered", expected=_DIALECT, got=dialect)
+    how = {**how, "machine": machine or _beside_the_ini(), "dialect": dialect}
     stage = FilterProgress(None if quiet else sys.stderr)
     raw = read_raw(source)
     with hushed():

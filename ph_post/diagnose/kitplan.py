@@ -8,21 +8,13 @@ from pathlib import Path
 
 from ph_post.diagnose.kitrecord import READ_WITH
 from ph_post.diagnose.record import Experiment
+from ph_post.gcode.registry import find_dialect
 from ph_post.types import Machine
 
-ENDING = ".ngc"
-"""Of the programs' file names."""
 
-
-def program_file(one: Experiment) -> str:
-    """Name of the file that a program goes to.
-
-    Examples
-    --------
-    >>> program_file(Experiment(name="mix", why="", record=(), program=""))
-    'mix.ngc'
-    """
-    return one.name + ENDING
+def program_file(machine: Machine, one: Experiment) -> str:
+    """Name of the file that a program goes to, with the ending that the machine's controller expects."""
+    return one.name + find_dialect(machine.dialect).ending
 
 
 def recording_plan(machine: Machine, source: str, folder: str, kit: Sequence[Experiment]) -> str:
@@ -44,14 +36,15 @@ def recording_plan(machine: Machine, source: str, folder: str, kit: Sequence[Exp
 def _before(machine: Machine, kit: Sequence[Experiment]) -> Iterator[str]:
     yield f"# Test programs for {machine.name}"
     yield ""
-    yield f"`{program_file(kit[0])}` alone is a good beginning; the others look at one thing each."
+    yield f"`{program_file(machine, kit[0])}` alone is a good beginning; the others look at one thing each."
     yield ""
     yield "## Before"
     yield ""
     yield "- Read the head of each program: it says where it moves. The tool must be clear of all there."
     yield "- The programs cut air. Spindle off, feed override at 100 percent, work offset G54."
     yield f"- Switch off what the controller compensates{_compensation(machine)}: it would hide the gap."
-    yield f"- `{program_file(kit[-1])}` wants a machine that was off for the night; the others a warm one."
+    cold = program_file(machine, kit[-1])
+    yield f"- `{cold}` wants a machine that was off for the night; the others a warm one."
     closed = [name for name, axis in machine.axes.items() if axis.feedback == "load"]
     if closed:
         yield (
@@ -70,7 +63,7 @@ def _runs(machine: Machine, source: str, folder: str, kit: Sequence[Experiment])
     yield "## Run, record, diagnose"
     for one in kit:
         yield ""
-        yield f"### {program_file(one)}"
+        yield f"### {program_file(machine, one)}"
         yield ""
         yield f"{one.why[:1].upper()}{one.why[1:]}."
         yield ""
@@ -92,7 +85,7 @@ def _command(machine: Machine, source: str, folder: str, one: Experiment) -> str
     log = Path(folder, one.name + (".txt" if linuxcnc else ".csv"))
     words = ["ph-post", "diagnose", str(log), "-m", source]
     if not linuxcnc:
-        words += ["--program", str(Path(folder, program_file(one)))]
+        words += ["--program", str(Path(folder, program_file(machine, one)))]
     for line in one.record:
         if line.startswith(READ_WITH):
             words += line.removeprefix(READ_WITH).split()

@@ -49,6 +49,17 @@ def test_the_plan_has_a_line_that_judges_each_log(capsys, tmp_path):
     assert "BACKLASH" in plan
 
 
+def test_programs_have_the_ending_of_their_dialect(capsys, tmp_path):
+    machine = tmp_path / "other.toml"
+    assert main(["machines", "--copy", "mill", str(machine)]) == 0
+    machine.write_text(machine.read_text().replace('dialect = "linuxcnc"', 'dialect = "fanuc"'))
+    capsys.readouterr()
+    status, _, _ = run(capsys, "-m", str(machine), "-o", str(tmp_path / "kit"))
+    assert status == 0
+    assert sorted(place.suffix for place in (tmp_path / "kit").iterdir()) == [".md", *[".nc"] * len(NAMES)]
+    assert "`mix.nc` alone is a good beginning" in (tmp_path / "kit" / "plan.md").read_text()
+
+
 def test_a_controller_without_a_recorder_gets_the_program_beside_the_log(capsys, tmp_path):
     folder = tmp_path / "kit"
     run(capsys, "-m", "stepper", "-o", str(folder))

@@ -78,6 +78,12 @@ def test_the_filter_writes_the_words_of_linuxcnc_whatever_the_machine_names(part
     assert b"\nG64 P0.001 Q0\n" in path.stdout
 
 
+def test_the_filter_refuses_the_words_of_another_controller(part):
+    assert one_line(run("filter", "-m", "stepper", "--dialect", "marlin", part)).endswith(
+        "--dialect: LinuxCNC reads what is filtered; expected linuxcnc; got marlin"
+    )
+
+
 def test_the_filter_finds_its_machine(part, tmp_path):
     router = ROOT / "samples" / "machines" / "router.toml"
     ini = tmp_path / "config" / "mill.ini"
