@@ -63,8 +63,9 @@ def _between_walls(motion: Motion, shape: Shape, span: Span) -> list[Stretch]:
     s = [span.s0, *inner, span.s1]
     t = [span.start, *(time_at(motion, span, place) for place in inner), span.end]
     rapid = shape.rapid[shape.piece_at(np.array([0.5 * (a + b) for a, b in pairwise(s)]))].tolist()
+    moves = span.kind != "dwell"  # a rest before a rapid is not part of it: an axis may be shifted there
     return [
-        Stretch(span=span, start=t0, end=t1, s0=s0, s1=s1, rapid=bool(quick))
+        Stretch(span=span, start=t0, end=t1, s0=s0, s1=s1, rapid=bool(quick) and moves)
         for (t0, t1), (s0, s1), quick in zip(pairwise(t), pairwise(s), rapid, strict=True)
     ]
 

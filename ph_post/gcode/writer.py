@@ -19,10 +19,11 @@ from ph_post.gcode.jogs import check_jogs, read_jogs, with_jogs
 from ph_post.gcode.lines import make_writer
 from ph_post.gcode.moves import Moves, round_blocks
 from ph_post.gcode.options import ProgramOptions, check_options
+from ph_post.gcode.record import DWELL, JOG
 from ph_post.gcode.seat import find_seat
 from ph_post.gcode.warn import controller_warnings, plan_warnings
 from ph_post.geometry.track import Track
-from ph_post.types import Plan
+from ph_post.types import BoolArray, Plan
 
 
 class Program(msgspec.Struct, frozen=True, kw_only=True):
@@ -130,6 +131,8 @@ class _Job:
             self._lift()
         if first == 0:
             self.out.straight("G0", self._point(0))
+        if (self.moves.kind[first:last] == JOG).any():
+            self.out.feed_mode(inverse=self.options.feed_mode == "inverse-time")
         self.out.moves(self.moves, first, last)
 
     def _cut(self, first: int, last: int) -> None:
@@ -195,7 +198,20 @@ def _rapid_speed(plan: Plan) -> float:
 
 
 def _groups(moves: Moves) -> Iterator[tuple[int, int, bool]]:
-    """Neighbouring moves that are all rapid, or none: (first, last + 1, rapid)."""
-    changes = (np.flatnonzero(np.diff(moves.rapid)) + 1).tolist()
-    for first, last in pairwise([0, *changes, moves.kind.size]):
-        yield first, last, bool(moves.rapid[first])
+    """Neighbouring moves that are all rapid, or none: (first, last + 1, rapid).
+
+    A rest that has nothing but rapids around it belongs to them, with what is shifted in it: nothing is cut
+    there, so the tool stays up.
+    """
+    rapid = moves.rapid != 0
+    still = np.isin(moves.kind, (DWELL, JOG))
+    for first, last in _runs(rapid):
+        rapid[first:last] |= still[first:last].all()
+    for first, last in _runs(rapid):
+        yield first, last, bool(rapid[first])
+
+
+def _runs(values: BoolArray) -> list[tuple[int, int]]:
+    """Stretches of equal values: (first, last + 1)."""
+    changes = (np.flatnonzero(np.diff(values)) + 1).tolist()
+    return list(pairwise([0, *changes, values.size]))

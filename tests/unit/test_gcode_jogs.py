@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -88,6 +89,22 @@ def corners_shared(moves: list[Move]) -> int:
     """Dwells beyond one a jog: each run of jogs has one more than jogs."""
     words = "".join("4" if move.word == "G4" else "1" for move in moves)
     return len(re.findall(r"4(?:14)+", words))
+
+
+@pytest.mark.parametrize("mode", ["per-minute", "inverse-time"])
+def test_rests_before_rapids_carry_jogs(mode: str) -> None:
+    """X turns back where a rapid begins, and where two rapids meet: there the tool stays up."""
+    corners = [[0, 0], [20, 0], [10, 10], [30, 10], [40, 20]]
+    curves = [Line(np.array(ends) * MM) for ends in pairwise(corners)]
+    analysis = analyse(make_path(curves, rapid=(1, 2)), read_machine("stepper"), 5e-6)
+    plan = plan_motion(analysis, PlanOptions(strategy="takeup", carrier="program", max_slowdown=0.6))
+    program = make_program(plan, analysis.track, find_dialect("linuxcnc"), replace(HOW, feed_mode=mode))
+    moves = run(program.text).moves
+    heights = [(moves[k].start[2], moves[k].end[2]) for k in jogs_of(moves)]
+    assert heights == [(-1.0, -1.0), (5.0, 5.0)]
+    assert [round(moves[k].start[0] - moves[k].end[0], 4) for k in jogs_of(moves)] == [0.06, -0.06]
+    down = [tuple(move.start[:2].round(4)) for move in moves if move.end[2] < move.start[2]]
+    assert down == [(0.03, 0.0), (30.03, 10.0)]
 
 
 def test_jogs_run_at_the_feed_they_were_simulated_with() -> None:
