@@ -35,6 +35,14 @@ it, one that grows as its third power in eighths."""
 _SHORT: Final = 1e-4 * MM
 """A block beside a rest that is no longer than this is not halved: 0.1 µm."""
 
+_LOW: Final = 0.1
+"""A phase whose speed falls to this part of its largest one, and grows again, is cut where it is least: no
+cubic over a servo period follows both sides of a dip that nearly stops."""
+
+_NODES: Final = 65
+_ZOOMS: Final = 6
+"""Instants at which a phase is looked at for its least speed, and how often again between the neighbours."""
+
 _ROUNDING: Final = 1e-6
 """Blocks that are shorter than a servo period by this part of it last one."""
 
@@ -123,7 +131,7 @@ def _joined(before: Stretch, after: Stretch, shape: Shape, motion: Motion) -> bo
 def _cut_group(group: Sequence[Stretch], shape: Shape, motion: Motion, period: float) -> Iterator[FeedCut]:
     """Cut stretches that follow one another; what is left of a steady one stays as the geometry has it."""
     start, end = group[0].start, group[-1].end
-    joints = [t for one in group for t in _joints(one, shape, motion)]
+    joints = [t for one in group for t in _joints(one, shape, motion)] + _lows(motion, start, end)
     knots = [one.start for one in group[1:]]
     knots += motion.start[(motion.start > start) & (motion.start < end)].tolist()
     ends = thinned(motion, [start, *joints, end], knots, period)
@@ -144,6 +152,28 @@ def _joints(one: Stretch, shape: Shape, motion: Motion) -> list[float]:
     times = (time_at(motion, one.span, place) for place in places)
     begins = between(shape, shape.marks, one.s0 - 2.0 * SNAP, one.s0 + 2.0 * SNAP).size
     return [*([one.start] if begins else []), *(t for t in times if one.start < t < one.end)]
+
+
+def _lows(motion: Motion, start: float, end: float) -> list[float]:
+    """Return the instants inside at which the motion nearly stands: a rest, where it does, ends blocks."""
+    found = []
+    for t0, duration in zip(motion.start.tolist(), motion.duration.tolist(), strict=True):
+        if t0 < end and t0 + duration > start:
+            low, speeds = _lowest(motion, t0, t0 + duration)
+            if t0 < low < t0 + duration and speeds[0] <= _LOW * speeds[1]:
+                found.append(low)
+    return [t for t in found if start < t < end]
+
+
+def _lowest(motion: Motion, low: float, high: float) -> tuple[float, tuple[float, float]]:
+    """Return when a phase is slowest, to a billionth of it, and its least and largest speed."""
+    most = 0.0
+    for _ in range(_ZOOMS):
+        t = np.linspace(low, high, _NODES)
+        speed = np.abs(motion.place_and_feed(t)[1])
+        k, most = int(speed.argmin()), max(most, float(speed.max()))
+        low, high = float(t[max(k - 1, 0)]), float(t[min(k + 1, _NODES - 1)])
+    return float(t[k]), (float(speed[k]), most)
 
 
 def _steady(group: Sequence[Stretch], t0: float, t1: float, period: float) -> int:
@@ -169,8 +199,8 @@ def _ramp(motion: Motion, start: float, end: float) -> Stretch:
 def thinned(motion: Motion, fixed: Sequence[float], free: Sequence[float], least: float) -> list[float]:
     """Put instants in order, and keep the free ones at least so far away from their neighbours [s].
 
-    One that is too close to a fixed one is moved two such distances away from it where there is room, and
-    left out else; of two free ones that is left out without which a cubic follows the feed better.
+    One that is too close to a fixed one is moved two such distances away from it where there is room and no
+    rest, and left out else; of two free ones that is left out without which a cubic follows the feed better.
     """
     loose = set(free) - set(fixed)
     marks = sorted(loose | set(fixed))
@@ -200,8 +230,11 @@ def _spare(
         without = [_error(motion, marks[k - 1], marks[k + 1]) for k in (i, i + 1)]
         return (i if without[0] <= without[1] else i + 1), []
     out, side = (i, -1) if marks[i] in loose else (i + 1, 1)
-    place, beyond = marks[out - side] + 2.0 * side * least, marks[out + side]
-    return out, [place] if (beyond - place) * side >= least else []
+    beside, beyond = marks[out - side], marks[out + side]
+    place = beside + 2.0 * side * least
+    apart = abs(marks[out] - beside) > _ROUNDING * least
+    moves = apart and (beyond - place) * side >= least and _error(motion, *sorted((beside, place))) < math.inf
+    return out, [place] if moves else []
 
 
 def _error(motion: Motion, t0: float, t1: float) -> float:

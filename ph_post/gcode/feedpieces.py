@@ -25,8 +25,9 @@ FOLLOWS: Final = 1e-3
 AIM: Final = 0.8 * FOLLOWS
 """What cutting aims at: joining short blocks and rounding take their share."""
 
-AT_REST: Final = 1e-6
-"""A speed that is no more than this part of the fastest one of the piece is none."""
+AT_REST: Final = 1e-3
+"""A speed that is no more than this part of the fastest one of the piece is none: a cubic of the way that
+grows so much within a servo period is off by half of it and more."""
 
 _MEETS: Final = 0.1 * FOLLOWS
 """A feed in force that differs from a piece's first one by no more than this part can begin it."""
@@ -62,7 +63,7 @@ class Feed(msgspec.Struct, frozen=True, kw_only=True):
 def fit_feed(
     motion: Motion, t0: float, t1: float, start: float | None = None, end: float | None = None
 ) -> Feed | None:
-    """Fit a feed to the speed between two instants; None where the motion rests at an end.
+    """Fit a feed to the speed between two instants; None where the motion rests, or the feed would.
 
     Parameters
     ----------
@@ -83,7 +84,10 @@ def fit_feed(
     line = first + (last - first) * p
     basis = np.stack([p * p - p, p**3 - p], axis=1) / speed[:, None]
     free = np.linalg.lstsq(basis, (speed - line) / speed, rcond=None)[0]
-    error = float(np.abs((line - speed) / speed + basis @ free).max())
+    off = (line - speed) / speed + basis @ free
+    if float(off.min()) <= -1.0:
+        return None
+    error = float(np.abs(off).max())
     return Feed(start=first, end=last, quad=float(free[0]), cub=float(free[1]), error=error)
 
 

@@ -19,12 +19,18 @@ Power = list[Fraction]
 
 
 class Piece(msgspec.Struct, frozen=True, kw_only=True):
-    """A smooth piece for u from 0 to 1: `above` by axis, over `below`; of an arc `center` and `radius`."""
+    """A smooth piece for u from 0 to 1, `above` by axis, over `below`; of an arc center, radius and start."""
 
     above: list[Power] = []
     below: Power = msgspec.field(default_factory=lambda: [Fraction(1)])
     center: list[Fraction] | None = None
     radius: Fraction = Fraction(0)
+    start: list[Fraction] = []
+
+    @property
+    def first(self) -> list[Fraction]:
+        """Where the piece begins."""
+        return self.start or [row[0] / self.below[0] for row in self.above]
 
     def part(self, low: Fraction, high: Fraction) -> Piece:
         """Return the piece from `low` to `high` for u from 0 to 1, the weight at its beginning being 1."""
@@ -152,7 +158,7 @@ def _arc(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Piec
     square = sum(((a - b) ** 2 for a, b in zip(start, center, strict=True)), Fraction(0))
     radius = Fraction(round(float(square) ** 0.5))
     assert radius**2 == square
-    yield Piece(center=center, radius=radius)
+    yield Piece(center=center, radius=radius, start=start)
 
 
 _SEGMENTS = {

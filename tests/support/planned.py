@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from math import comb
 
 import numpy as np
-from scipy.interpolate import BPoly
+from scipy.interpolate import BPoly, PPoly
 
 from ph_post.types import Phase
+
+NOISE = 1e-15
+"""Sums of phases are off by so much [m], and so a dwell moves a little."""
 
 
 class Planned:
@@ -21,15 +24,17 @@ class Planned:
         columns = np.column_stack([_elevated(np.asarray(phase.speed), degree) for phase in phases])
         self.speed = BPoly(columns, edges)
         self.place = self.speed.antiderivative()
-        still = np.abs(self.speed(edges)) <= 1e-9 * np.abs(columns).max()
-        self.rests = self.place(edges[still])
+        turns = PPoly.from_bernstein_basis(self.speed.derivative()).roots(extrapolate=False)
+        times = np.concatenate([edges, turns[np.isfinite(turns)]])
+        still = np.abs(self.speed(times)) <= 1e-6 * np.abs(columns).max()
+        self.rests = self.place(times[still])
 
     def times_at(self, s: np.ndarray, *, late: bool) -> np.ndarray:
         """When the motion passes places, counted from its start; at a rest the last moment or the first."""
         low, high = np.zeros(s.size), np.full(s.size, self.end)
         for _ in range(80):
             middle = 0.5 * (low + high)
-            before = self.place(middle) <= s if late else self.place(middle) < s
+            before = self.place(middle) <= s + NOISE if late else self.place(middle) < s - NOISE
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         return high
 

@@ -33,20 +33,26 @@ class Cut(msgspec.Struct, frozen=True, kw_only=True):
     offset: list[Fraction]
 
 
-def cuts_of(text: str, axes: Sequence[str]) -> list[Cut]:
-    """Blocks on the path behind the approach: without the jogs, which write the axis alone that they move."""
-    found, offset, begun = [], [Fraction(0)] * len(axes), False
+def cuts_of(text: str, axes: Sequence[str], first: Sequence[Fraction]) -> list[Cut]:
+    """Blocks on the path, which run under G641: without the jogs, which write the axis alone that they move.
+
+    The offset is what the first of them is away from where the path begins, and then what jogs add to it.
+    """
+    found: list[Cut] = []
+    offset, begun = [Fraction(0)] * len(axes), False
     lines = text.splitlines()
     moves = read_blocks(text)
     for number, line in enumerate(lines):
         words = line.split(";")[0].split()
-        begun = begun or words[:1] == ["G641"]
+        begun = words[0] == "G641" if words and words[0] in ("G60", "G641") else begun
         if not words or words[0] not in ("G0", "G1", "G2", "G3", "POLY"):
             continue
         block = next(moves)
         named = sum(word[0] in axes for word in words[1:])
         if not begun:
             continue
+        if not found:
+            offset = [block.start[axis] - place for axis, place in zip(axes, first, strict=True)]
         if words[0] == "G1" and named < len(axes):
             shift = [block.end[axis] - block.start[axis] for axis in axes]
             offset = [a + b for a, b in zip(offset, shift, strict=True)]
@@ -180,8 +186,14 @@ def _slope(power: Sequence[Fraction]) -> list[Fraction]:
     return [k * c for k, c in enumerate(power)][1:] or [Fraction(0)]
 
 
-def _touches(places: np.ndarray, rests: np.ndarray) -> np.ndarray:
-    return np.asarray((np.abs(places[:, None] - rests) <= SAME).any(axis=1))
+def _at_rests(places: np.ndarray, rests: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places, moved onto the rests that they are at, and which are at one."""
+    if not rests.size:
+        return places, np.zeros(places.size, dtype=bool)
+    off = np.abs(places[:, None] - rests)
+    near = off.argmin(axis=1)
+    still = off.min(axis=1) <= SAME
+    return np.where(still, rests[near], places), still
 
 
 class Followed(msgspec.Struct, frozen=True, kw_only=True):
@@ -200,13 +212,14 @@ def follow(cuts: Sequence[Cut], axes: Sequence[str], plan: Planned) -> Followed:
     """Compare feeds at equal places, at 33 of every block; each begins in feed where the one before ended."""
     length = np.array([length_of(cut.block, axes) for cut in cuts])
     ends = 1e-3 * np.cumsum(length)
-    begin = plan.times_at(np.append(0.0, ends[:-1]), late=True)
-    end = plan.times_at(ends, late=False)
+    first, starts = _at_rests(np.append(0.0, ends[:-1]), plan.rests)
+    last, stops = _at_rests(ends, plan.rests)
+    begin, end = plan.times_at(first, late=True), plan.times_at(last, late=False)
     end[-1] = plan.end
     t = begin[:, None] + (end - begin)[:, None] * SHARES
     s, speed = 1e3 * plan.place(t), 6e4 * plan.speed(t)
     p = np.clip((s - s[:, :1]) / (s[:, -1:] - s[:, :1]), 0.0, 1.0)
-    rests = _touches(ends - 1e-3 * length, plan.rests) | _touches(ends, plan.rests)
+    rests = starts | stops
     worst = 0.0
     for i in np.flatnonzero(~rests).tolist():
         feed = cuts[i].block.feed

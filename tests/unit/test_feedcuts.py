@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from fractions import Fraction
 from itertools import pairwise
 
 import msgspec
@@ -47,7 +48,7 @@ def _program(
         start += time
     plan = make_plan(track, moving=True, machine=make_machine(period=PERIOD))
     program = make_program(msgspec.structs.replace(plan, phases=tuple(phases)), track, DIALECT)
-    planned, cuts = Planned(phases), cuts_of(program.text, ("X", "Y"))
+    planned, cuts = Planned(phases), cuts_of(program.text, ("X", "Y"), [Fraction(0), Fraction(0)])
     ends = np.cumsum([1e-3 * length_of(cut.block, ("X", "Y")) for cut in cuts])
     times = [0.0, *planned.times_at(ends, late=False).tolist()]
     return program, follow(cuts, ("X", "Y"), planned), [b - a for a, b in pairwise(times)]
@@ -76,6 +77,30 @@ def test_a_kink_within_a_servo_period_of_a_joint_is_warned_of() -> None:
 
 def test_a_kink_farther_away_ends_a_block() -> None:
     assert _program(3e-5, SHARP, 0.02)[1].worst <= 1e-3
+
+
+@pytest.mark.parametrize(("lowest", "follows"), [(0.0, True), (1e-9, True), (1e-6, False), (1e-4, True)])
+def test_a_dip_that_nearly_stops_ends_a_block_at_its_bottom(lowest: float, follows: bool) -> None:
+    """No feed falls to zero; where it grows 44-fold in a servo period, what no cubic follows is said."""
+    bowl = tuple(FAST * (lowest + (1.0 - lowest) * one) for one in (1.0, -1.0, 1.0))
+    way = [FAST, 0.3 * float(np.mean(bowl)), FAST]
+    track = Track(make_path([Line([[0, 0], [sum(way), 0]])]))
+    phases = (
+        Phase(start=0.0, duration=1.0, s=0.0, speed=frozen([FAST]), window=-1),
+        Phase(start=1.0, duration=0.3, s=way[0], speed=frozen(bowl), window=-1),
+        Phase(start=1.3, duration=1.0, s=way[0] + way[1], speed=frozen([FAST]), window=-1),
+    )
+    plan = make_plan(track, moving=True, machine=make_machine(period=PERIOD))
+    program = make_program(msgspec.structs.replace(plan, phases=phases), track, DIALECT)
+    cuts = cuts_of(program.text, ("X", "Y"), [Fraction(0), Fraction(0)])
+    share = np.linspace(0.0, 1.0, 201)
+    for cut in cuts:
+        assert cut.block.feed is not None
+        assert np.polyval([float(c) for c in reversed(cut.block.feed)], share).min() > 0.0
+    said = [one for one in program.warnings if "off the planned feed" in one]
+    assert bool(said) != follows
+    if lowest != 1e-9:
+        assert (follow(cuts, ("X", "Y"), Planned(phases)).worst <= 1e-3) == follows
 
 
 MOTION = Motion.from_phases([Phase(start=0.0, duration=1.0, s=0.0, speed=frozen(SMOOTH), window=-1)])

@@ -69,7 +69,7 @@ def test_program_is_the_path_and_the_plan(path: Path, machine: Path, strategy: s
     plan = _plan(path, machine, strategy)
     program = make_program(plan, Track(plan.path), DIALECT)
     axes, pieces = exact_pieces(path)
-    cuts = cuts_of(program.text, axes)
+    cuts = cuts_of(program.text, axes, pieces[0].first)
     walk = _walked(cuts, axes, pieces)
     assert walk.worst <= TOLERANCE
     assert _own_reading(program.text, walk) <= TOLERANCE
