@@ -211,8 +211,8 @@ class _Chooser:
         trial = Trial(self.nominal, self.track, place, machine, self.scenarios, self.sized)
         bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
         search = Search(trial, case, bounds, self.as_filed)
-        if self._may_rest(drives) and not self.written:
-            search.add_rest()
+        if self._may_rest(drives):
+            search.add_rest(jogs=self.written)
         for known in self.known:
             if known.likens(place, drives) and self._serves(search, known):
                 return search.candidates()

@@ -45,6 +45,11 @@ def make_jog_stop(x: Array, case: Case) -> Design:
     return make_stop(np.concatenate([x, [0.0, 0.0]]), case)
 
 
+def jogs_last(reversing: Sequence[tuple[Axis, int]]) -> float:
+    """How long axes behind their loops take to jog by their gaps one after the other, dwells included [s]."""
+    return _sequence(reversing, 0.0, 0.0)[1]
+
+
 def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) -> tuple[list[Jog], float]:
     """Jogs of all axes with their dwells, from 0 on, and how long that takes [s]."""
     jogs: list[Jog] = []

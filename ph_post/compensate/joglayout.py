@@ -73,14 +73,14 @@ def lay_out_jogs(job: Job) -> Layout:
     )
 
 
-def without_axes(proposal: Proposal, axes: Sequence[str]) -> Proposal:
+def without_axes(proposal: Proposal, axes: Sequence[str], why: str = NO_OFFSET) -> Proposal:
     """Take the jogs of some axes out of a proposal, and the stops that were made for nothing else."""
 
     def without(wish: Wish) -> Wish:
         kept = tuple(one for one in wish.crossings if one.axis not in axes)
         if kept or not wish.crossings:
             return msgspec.structs.replace(wish, crossings=kept)
-        return Wish(shape=None, note=wish.note or NO_OFFSET)
+        return Wish(shape=None, note=wish.note or why)
 
     shifted = tuple(axis for axis in proposal.shifted if axis not in axes)
     return msgspec.structs.replace(proposal, wishes=tuple(map(without, proposal.wishes)), shifted=shifted)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate import words
 from ph_post.compensate.joglayout import without_axes
 from ph_post.compensate.jogs import approach_time
 from ph_post.compensate.limits import check_command
@@ -30,6 +31,8 @@ TIMED: Final = 1e-4
 
 SAME: Final = 1e-9
 """Errors [m] that differ by less are the same."""
+
+TOO_LONG: Final = "the stops that a lasting offset needs take longer than --max-slowdown allows"
 
 GIVEN_UP: Final = "nothing that was tried is better than the plain motion in every case"
 
@@ -85,9 +88,22 @@ def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Propos
         plan = draft.plan(plan.strategy, proposal)
     if draft.options.carrier == "program" and proposal.shifted and _takes_too_long(plan, draft):
         # What jogs take at stops of the path is no matter of designs.
-        proposal = without_axes(proposal, proposal.shifted)
-        plan = draft.plan(plan.strategy, proposal)
+        return _without_stops(plan, proposal, draft)
     return plan, proposal
+
+
+def _without_stops(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Proposal]:
+    """Leave one axis without a lasting offset, that with the least lost motion that will do, or else all."""
+    end, plain = _ends(plan)
+    play = {name: draft.machine.axes[name].gap.lost_motion for name in proposal.shifted}
+    one_each = [(name,) for name in sorted(play, key=lambda name: (play[name], name))]
+    for left in dict.fromkeys((*one_each, tuple(proposal.shifted))):
+        said = words.stops_cost(left, end - plain, (end - plain) / plain)
+        fewer = replace(without_axes(proposal, left, TOO_LONG), warnings=(*proposal.warnings, said))
+        plan = draft.plan(plan.strategy, fewer)
+        if not _takes_too_long(plan, draft):
+            break
+    return plan, fewer
 
 
 def _takes_too_long(plan: Plan, draft: Draft) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ph_post.compensate import shapes
 from ph_post.compensate.families import BARE, ONE, Case, Family, make_bare
+from ph_post.compensate.jogfamilies import jogs_last
 from ph_post.compensate.scurve import ramp_time
 from ph_post.compensate.trial import Design, Outcome, Trial
 from ph_post.types import Array
@@ -132,8 +133,10 @@ class Search:
                 kept.append(found)
         return kept
 
-    def add_rest(self) -> None:
+    def add_rest(self, *, jogs: bool) -> None:
         """Take into account that the plain motion may rest here while the gaps behind the loop are crossed.
+
+        With `jogs` they are crossed one after the other between dwells, as a part program does it.
 
         It is not simulated: the motion rests within the limits wherever it is planned to, and what is left is
         the part of the gap that is not known. The time is estimated from the limits of the slowest axis.
@@ -146,10 +149,10 @@ class Search:
         unknown = max(0.5 * axis.uncertainty.backlash * axis.gap.lost_motion for axis, _ in case.reversing)
         error = np.full(len(trial.scenarios), unknown)
         error[: self.nominal] = FLOOR
-        outcome = Outcome(
-            error=error, rms=error, use=1.0, longer=ramps + max(case.shortest.values()), slowest=0.0
-        )
-        design = Design(crossings=make_bare(ONE, case).crossings, lead=case.lead, stop=True)
+        crossing = jogs_last(case.reversing) if jogs else max(case.shortest.values())
+        outcome = Outcome(error=error, rms=error, use=1.0, longer=ramps + crossing, slowest=0.0)
+        crossings = () if jogs else make_bare(ONE, case).crossings
+        design = Design(crossings=crossings, lead=case.lead, stop=True)
         rest = Found(
             family=BARE, x=ONE, budget=case.budget, design=design, outcome=outcome, side=0.0,
             score=self._gain(outcome), merit=self.merit(outcome), allowed=self.bounds.slowest == 0.0,

@@ -19,6 +19,9 @@ _MOST = 12
 _NUMBERS = 8
 """Numbers listed in one warning."""
 
+_ROOM = 0.05
+"""Part by which a slowdown that is named is more than what was counted."""
+
 
 def stops(corners: Array, cusps: Array, infinite: Array, rapids: Array) -> list[str]:
     """Where a motion that was to keep its feed stops all the same."""
@@ -69,6 +72,32 @@ def lasting_offsets(machine: Machine, layout: Layout) -> list[str]:
     shifted = {name for name, offset in layout.bias.items() if offset}
     shifted |= {one.axis for one in layout.crossings if machine.axes[one.axis].feedback != "load"}
     return [*friction_words(shifted), *varying_words(machine.axes[name] for name in sorted(shifted))]
+
+
+def stops_cost(axes: Sequence[str], time: float, part: float) -> str:
+    """Say of axes that carry no lasting offset what all stops would cost [s], and as a part of the time.
+
+    Examples
+    --------
+    >>> stops_cost(["X"], 0.605, 0.156)
+    'axis X carries no lasting offset: all stops would cost 0.605 s; --max-slowdown 0.16 would allow them'
+    """
+    who = f"axis {axes[0]} carries" if len(axes) == 1 else f"axes {', '.join(axes)} carry"
+    return (
+        f"{who} no lasting offset: all stops would cost {time:.3g} s; --max-slowdown {upwards(part):g} would"
+        " allow them"
+    )
+
+
+def upwards(fraction: float) -> float:
+    """Round a fraction up to two digits, with some room.
+
+    Examples
+    --------
+    >>> upwards(0.156)
+    0.16
+    """
+    return float(f"{fraction * (1.0 + _ROOM):.1e}")
 
 
 def friction_words(shifted: Iterable[str]) -> list[str]:

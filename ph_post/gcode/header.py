@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
 
+from ph_post.compensate.layout import rest_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.feedpieces import FOLLOWS
@@ -77,7 +78,8 @@ def _window(plan: Plan, number: int, window: Window, profile: FeedProfile | None
     point = plan.turning_points[window.turning_point]
     place = f"segment {point.segment}, s {window.s / MM:.3f} mm, {point.axis} {point.sense}"
     if profile is None:
-        return f"window {number}: {place}, feed kept"
+        what = "feed kept" if rest_at(plan.phases, window.s) is None else "a stop"
+        return f"window {number}: {place}, {what}"
     high = profile.cruise / MM_PER_MIN
     low = profile.ratio * high
     return f"window {number}: {place}, feed {high:.6g} to {low:.6g} mm/min, t* {profile.t_star:.4f} s"

@@ -107,6 +107,32 @@ def test_rests_before_rapids_carry_jogs(mode: str) -> None:
     assert down == [(0.03, 0.0), (30.03, 10.0)]
 
 
+def ring_plan(max_slowdown: float) -> Plan:
+    """Plan a circle that begins and ends 0.8 mm behind the place where X turns back."""
+    at = 8 * np.array([np.cos(0.1), np.sin(0.1)]) * MM
+    ring = Arc(start=at, end=at, center=np.zeros(2), turn="ccw")
+    analysis = analyse(make_path([ring]), read_machine("stepper"), 5e-6)
+    options = PlanOptions(strategy="auto", carrier="program", max_slowdown=max_slowdown, effort=0.05)
+    return plan_motion(analysis, options)
+
+
+def test_the_motion_stops_for_jogs_where_there_is_no_room_for_a_profile() -> None:
+    plan = ring_plan(1.0)
+    assert [jog.axis for jog in plan.crossings if jog.start > 0] == ["Y", "X", "Y", "X"]
+    # Each costs the ramps down and up, a jog and two dwells; a profile took several times that.
+    assert plan.phases[-1].start - plan.nominal[-1].start < 4 * 0.35
+
+
+def test_the_slowdown_that_is_named_allows_the_stops() -> None:
+    """With less only the axis with more play has its stops, or none."""
+    [said] = [one for one in ring_plan(0.2).warnings if "no lasting offset" in one]
+    assert re.match(r"axis X carries no lasting offset: all stops would cost [\d.]+ s; ", said)
+    [named] = re.findall(r"--max-slowdown ([\d.]+) would allow them", said)
+    assert {jog.axis for jog in ring_plan(float(named)).crossings} == {"X", "Y"}
+    [said] = [one for one in ring_plan(0.01).warnings if "no lasting offset" in one]
+    assert said.startswith("axes X, Y carry no lasting offset: all stops")
+
+
 def test_jogs_run_at_the_feed_they_were_simulated_with() -> None:
     plan, track = planned("ring")
     written = [jog for jog in plan.crossings if isinstance(jog, Jog) and jog.start > 0]

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from ph_post.compensate.words import upwards
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.paths.build import line_words
 from ph_post.gcode.reader.record import RAPID, CodeArray, PartProgram
@@ -138,7 +139,7 @@ def affordable(search: Search, options: SpliceOptions) -> tuple[dict[str, Array]
         low, high = (low, middle) if kept else (middle, high)
     found = _changes(search, options, high)
     widest = max(_bands(search, options, high).values())
-    need = _upwards(every / max(float(search.times.sum()), 1e-9))
+    need = upwards(every / max(float(search.times.sum()), 1e-9))
     said = [
         f"excursions of up to {widest / MM:.4g} mm are not followed, to keep within the time allowed:"
         f" --max-slowdown {need:g} would follow all above {options.tolerance / MM:g} mm"
@@ -152,7 +153,7 @@ def _shed(search: Search, options: SpliceOptions, allowed: float) -> None:
     total = search.cost(found)
     if total <= allowed:
         return
-    need = _upwards(total / max(float(search.times.sum()), 1e-9))
+    need = upwards(total / max(float(search.times.sum()), 1e-9))
     pairs = []
     for name, rows in found.items():
         for chain in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
@@ -177,12 +178,6 @@ def _bands(search: Search, options: SpliceOptions, raised: float) -> dict[str, f
         name: options.tolerance + raised * max(half - options.tolerance, 0.0)
         for name, half in search.amplitude.items()
     }
-
-
-def _upwards(fraction: float) -> float:
-    """Round a fraction up to two digits."""
-    text = f"{fraction * 1.05:.1e}"
-    return float(text)
 
 
 def _last_cut(kind: CodeArray, low: int, high: int) -> int:
