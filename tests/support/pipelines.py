@@ -103,13 +103,26 @@ class Watching:
 
 
 @contextlib.contextmanager
+def heeding_interrupts() -> Iterator[None]:
+    """Let processes that begin here heed Ctrl-C, also where a shell runs the tests in its background."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
 def watching(folder: Path, *words: str | Path) -> Iterator[Watching]:
     """Watch a folder while the block runs."""
     options: Sequence[str | Path] = ("-m", "stepper", "--settle", "0.6", "--max-slowdown", "1", *words)
-    process = subprocess.Popen(
-        command("convert", "--watch", folder, *options), env=environment(), stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    with heeding_interrupts():
+        process = subprocess.Popen(
+            command("convert", "--watch", folder, *options), env=environment(), stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
     found = Watching(process)
     try:
         found.wait_for("watching")

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from support.pipelines import PATIENCE, heeding_interrupts
 from support.streams import without_progress
 
 from ph_post.cli.main import main
@@ -422,17 +424,20 @@ class Terminal:
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.master, slave = pty.openpty()
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "ph_post", *NEW, *arguments],
-            stdin=slave, stdout=subprocess.PIPE, stderr=slave, cwd=folder, start_new_session=True,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-        )  # fmt: skip
+        with heeding_interrupts():
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "ph_post", *NEW, *arguments],
+                stdin=slave, stdout=subprocess.PIPE, stderr=slave, cwd=folder, start_new_session=True,
+                env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+            )  # fmt: skip
         os.close(slave)
         self.screen = ""
 
     def wait_for(self, text: str, since: int = 0) -> None:
         """Read until `text` stands on the screen."""
         while text not in self.screen[since:]:
+            ready, _, _ = select.select([self.master], [], [], PATIENCE)
+            assert ready, f"{text!r} did not come: {self.screen!r}"
             try:
                 read = os.read(self.master, 4096)
             except OSError:
