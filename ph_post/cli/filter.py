@@ -61,7 +61,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     from ph_post.report.progress import FilterProgress
 
     ctx.ensure_object(dict)["one_line"] = True
-    how = {**how, "machine": machine or _beside_the_ini(), "dialect": "linuxcnc"}
+    how = {**how, "machine": _in_full(machine) if machine else _beside_the_ini(), "dialect": "linuxcnc"}
     stage = FilterProgress(None if quiet else sys.stderr)
     raw = read_raw(source)
     with hushed():
@@ -71,6 +71,11 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     for line in () if quiet else found.lines:
         click.echo(line, err=True)
     return 0
+
+
+def _in_full(machine: str) -> str:
+    """Name a machine file with its folder, which messages tell then: the INI file's."""
+    return str(pathlib.Path(machine).absolute()) if machine.lower().endswith(".toml") else machine
 
 
 def _beside_the_ini() -> str:
