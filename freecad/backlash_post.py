@@ -439,7 +439,8 @@ def _run(options, arguments, text):
         )
     except OSError as error:
         raise BacklashError(f"{command[0]}: cannot be started; got {error.strerror}") from None
-    lines = done.stderr.decode(errors="replace").splitlines()
+    # it was given the program on standard input: nobody here knows that
+    lines = re.sub(r"\bstdin:", "program:", done.stderr.decode(errors="replace")).splitlines()
     if done.returncode:
         raise BacklashError(_refusal(lines) or f"ph-post ended with status {done.returncode}")
     for line in lines:

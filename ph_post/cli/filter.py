@@ -66,7 +66,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     dialect = how["dialect"] or _DIALECT
     if dialect.partition("+")[0] != _DIALECT:
         raise InputError("--dialect", "LinuxCNC reads what is filtered", expected=_DIALECT, got=dialect)
-    how = {**how, "machine": machine or _beside_the_ini(), "dialect": dialect}
+    how = {**how, "machine": _in_full(machine) if machine else _beside_the_ini(), "dialect": dialect}
     stage = FilterProgress(None if quiet else sys.stderr)
     raw = read_raw(source)
     with hushed():
@@ -76,6 +76,11 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     for line in () if quiet else found.lines:
         click.echo(line, err=True)
     return 0
+
+
+def _in_full(machine: str) -> str:
+    """Name a machine file with its folder, which messages tell then: the INI file's."""
+    return str(pathlib.Path(machine).absolute()) if machine.lower().endswith(".toml") else machine
 
 
 def _beside_the_ini() -> str:

@@ -227,6 +227,8 @@ def _line(where: str) -> str:
         byte = f"byte 0x{error.object[error.start]:02x}"
         raise InputError(where, "not text", expected="UTF-8", got=byte) from None
     if not line:
+        if sys.stdin is not None and sys.stdin.isatty():
+            _tell("")  # what is said stands below the question, not behind it
         raise InputError(
             where, "no answer", expected="a line, or --yes for defaults", got="the end of the input"
         )

@@ -159,6 +159,7 @@ class Watcher:
         if self._is_there(target, raw):
             found, lines = None, [f"{raw.name}: {target} is there already"]
         else:
+            self._require_own(target, name)
             with hushed():
                 found = convert_input(raw, self._how, silent)
             self._require_free(target, raw, found)
@@ -191,19 +192,36 @@ class Watcher:
             return found.done and found.original == raw.data
         return False
 
+    def _require_own(self, target: pathlib.Path, name: str) -> None:
+        """See that no other file has its program in the same place.
+
+        Which of them was there first nobody knows who has just begun to watch: then neither is converted.
+
+        Raises
+        ------
+        InputError
+            Where another has.
+        """
+        where, other = os.path.join(self._folder.name, name), self._written.get(target)  # noqa: PTH118
+        if other not in (None, name) and self._folder.look(str(other)):
+            raise InputError(where, f"its program would overwrite that of {other}", got=str(target))
+        rivals = (one for one in self._folder.names if one != name and self._target(one) == target)
+        if other is None and (rival := next(rivals, None)):
+            raise InputError(
+                where, f"its program and that of {rival} would be one file",
+                expected="one of them under another name", got=str(target),
+            )  # fmt: skip
+
     def _require_free(self, target: pathlib.Path, raw: Raw, found: Converted) -> None:
         """See that nothing is lost that was not made here.
 
         Raises
         ------
         InputError
-            Where the place is taken by the program of another file, or by something that somebody else wrote.
+            Where something is in its place that somebody else wrote.
         """
-        other = self._written.get(target)
-        if other not in (None, os.path.basename(raw.name)) and self._folder.look(str(other)):  # noqa: PTH119
-            raise InputError(raw.name, f"its program would overwrite that of {other}", got=str(target))
         there = _bytes(target)
-        known = other is not None or there in (b"", raw.data, found.data) or _is_ours(there)
+        known = target in self._written or there in (b"", raw.data, found.data) or _is_ours(there)
         if not (known or self._how["force"]):
             raise InputError(
                 str(target), "is there already, and not written by ph-post",

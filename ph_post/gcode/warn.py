@@ -23,7 +23,8 @@ def plan_warnings(plan: Plan, options: ProgramOptions, moves: Moves) -> tuple[st
             "no Z word is written, as neither --safe-z nor --depth is given: the tool keeps its height"
         )
     if moves.rapid.any() and options.depth is None:
-        warnings.append("rapid segments run as the path has them: no lift, and no new approach after them")
+        hint = "" if "Z" in plan.path.axes else ": --safe-z and --depth lift the tool there"
+        warnings.append(f"rapid segments run as the path has them, no lift, and no new approach{hint}")
     if plan.phases and (plan.phases[0].speed[0] != 0.0 or plan.phases[-1].speed[-1] != 0.0):
         warnings.append(
             "the plan begins or ends at speed, which the controller reaches and leaves in its own time"

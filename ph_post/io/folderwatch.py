@@ -82,8 +82,15 @@ class Folder:
         ]
         return sorted(found, key=lambda name: (looks[name].modified, name))
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the files that were there at the last look, wholly written or not."""
+        return sorted(self._seen)
+
     def require(self) -> None:
         """See that the folder is there; raises as :meth:`ready`, and takes no note of its files."""
+        if not os.path.exists(self.name):  # noqa: PTH110 - as it was named
+            raise InputError(self.name, "no such folder", expected="a folder to watch")
         self._looks()
 
     def look(self, name: str) -> Look | None:

@@ -7,6 +7,7 @@ import pathlib
 import re
 from typing import Final, Literal
 
+from ph_post.errors import InputError
 from ph_post.gcode.paths.build import line_words, main_path
 from ph_post.gcode.reading import read_as
 from ph_post.io.pathfile import path_of
@@ -19,6 +20,9 @@ ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h
 
 STORED: Final = frozenset((".mat", ".npz", ".parquet"))
 """Endings of records that are no text."""
+
+DRAWINGS: Final = frozenset((".dxf", ".svg"))
+"""Endings of drawings, which are imported first."""
 
 Kind = Literal["path", "program", "log"]
 
@@ -35,8 +39,13 @@ def is_program(raw: Raw) -> bool:
     --------
     >>> is_program(Raw(name="a.nc", stem="a", data=b"")), is_program(Raw(name="a", stem="a", data=b"{}"))
     (True, False)
+
+    Raises
+    ------
+    InputError
+        Where it is neither, but a drawing.
     """
-    ending = pathlib.PurePath(raw.name).suffix.lower()
+    ending = _ending(raw)
     return ending in ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
 
 
@@ -48,14 +57,28 @@ def kind_of(raw: Raw) -> Kind:
     >>> named = (("a.json", b"{"), ("a.nc", b"G1"), ("run.csv", b"t,X_cmd"), ("run.txt", b"0.5 0.25"))
     >>> [kind_of(Raw(name=name, stem="", data=data)) for name, data in named]
     ['path', 'program', 'log', 'log']
+
+    Raises
+    ------
+    InputError
+        Where it is none of them, but a drawing.
     """
-    ending = pathlib.PurePath(raw.name).suffix.lower()
+    ending = _ending(raw)
     if ending == ".json" or (ending not in STORED and raw.data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"):
         return "path"
     # A text file may be either.
     if ending in ENDINGS and ending != ".txt":
         return "program"
     return "program" if ending not in (".csv", *STORED) and _BLOCK.match(raw.data) is not None else "log"
+
+
+def _ending(raw: Raw) -> str:
+    """Return what a name ends with, in small letters; a drawing is refused."""
+    ending = pathlib.PurePath(raw.name).suffix.lower()
+    if ending in DRAWINGS:
+        wanted = "a path file, such as ph-post import makes of it"
+        raise InputError(raw.name, "this is a drawing", expected=wanted)
+    return ending
 
 
 def read_input(

@@ -80,15 +80,19 @@ class PhPost(Script):
         if self.getSettingValueByKey("machine"):
             words += ["-m", self.getSettingValueByKey("machine")]
         words += shlex.split(self.getSettingValueByKey("options") or "")
-        done = subprocess.run(  # noqa: S603 - the user's own command
-            [*words, place],
-            env={name: value for name, value in os.environ.items() if name not in FOREIGN},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            check=False,
-        )
+        try:
+            done = subprocess.run(  # noqa: S603 - the user's own command
+                [*words, place],
+                env={name: value for name, value in os.environ.items() if name not in FOREIGN},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+                check=False,
+            )
+        except OSError as error:
+            what = f"Executable: {words[0]!r} cannot be run ({error.strerror})"
+            raise ValueError(f"{what}; expected where ph-post-slicer is, written out in full") from None
         said = done.stderr.decode(errors="replace").strip()
         if done.returncode:
             raise ValueError(said or f"{words[0]} ended with exit status {done.returncode}")

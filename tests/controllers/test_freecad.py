@@ -40,7 +40,7 @@ REFUSED = {
     "unknown argument": ("backlash", "--machine=router --frobnicate=3", "No such option '--frobnicate'"),
     "unknown post": ("backlash", "--machine=router --post=none", "--post=none: FreeCAD has no such"),
     "their argument": ("backlash", "--machine=router --post=linuxcnc --precision", "expected one argument"),
-    "their dialect": ("backlash", "--machine=stepper --post=linuxcnc --strict", "ph-post: stdin:"),
+    "their dialect": ("backlash", "--machine=stepper --post=linuxcnc --strict", "ph-post: program:"),
 }  # fmt: skip
 """Arguments that cannot be served, and the line that FreeCAD shows."""
 

@@ -11,13 +11,18 @@ import click
 
 from ph_post.cli.main import cli
 
+HEADS = ("Examples:", "JSON:")
+
 
 class Page(NamedTuple):
-    """One command: its words on the command line, and what its help says."""
+    """One command: its words on the command line, and what its help says.
+
+    A paragraph that the help does not wrap is a tuple of its lines.
+    """
 
     words: str
     command: click.Command
-    paragraphs: tuple[str, ...]
+    paragraphs: tuple[str | tuple[str, ...], ...]
     examples: tuple[str, ...]
     json: tuple[str, ...]
 
@@ -44,13 +49,24 @@ def _pages(words: str, command: click.Command) -> Iterator[Page]:
     yield Page(
         words=words,
         command=command,
-        paragraphs=tuple(" ".join(block.split()) for block in blocks if not block.startswith("\b")),
+        paragraphs=tuple(map(_paragraph, filter(_is_text, blocks))),
         examples=_block(blocks, "Examples:"),
         json=_block(blocks, "JSON:"),
     )
     if isinstance(command, click.Group):
         for name, below in command.commands.items():
             yield from _pages(f"{words} {name}", below)
+
+
+def _is_text(block: str) -> bool:
+    """Tell paragraphs from the blocks that pages show under heads of their own."""
+    return block.strip("\b\n").split("\n")[0].strip() not in HEADS
+
+
+def _paragraph(block: str) -> str | tuple[str, ...]:
+    if not block.startswith("\b"):
+        return " ".join(block.split())
+    return tuple(inspect.cleandoc(block.removeprefix("\b")).splitlines())
 
 
 def _block(blocks: list[str], head: str) -> tuple[str, ...]:

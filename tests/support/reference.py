@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -89,7 +89,7 @@ def _section(page: Page, shared: Shared) -> Iterator[str]:
     yield f"    {_synopsis(page)}"
     for paragraph in page.paragraphs:
         yield ""
-        yield from _filled(_escaped(paragraph))
+        yield from _filled(_escaped(paragraph)) if isinstance(paragraph, str) else _as_it_is(paragraph)
     options = _options(page.command)
     if own := [_row(one, _default(one)) for one in options if _key(one) not in shared]:
         yield ""
@@ -101,6 +101,10 @@ def _section(page: Page, shared: Shared) -> Iterator[str]:
         yield from ("", "```sh", *page.examples, "```")
     if page.json:
         yield from ("", "JSON:", "", "```text", *page.json, "```")
+
+
+def _as_it_is(lines: Sequence[str]) -> Iterator[str]:
+    yield from ("```text", *lines, "```")
 
 
 def _mention(option: click.Option, same: bool) -> str:

@@ -107,9 +107,33 @@ def test_what_is_open_where_closed_is_needed_is_named_with_its_ends(capsys, tmp_
     path = imported(main, file, tmp_path, "--closed", "--join", "0.05")
     assert path.closed
     assert (
-        "1 gaps up to 0.02 mm closed (--join 0.05 mm); no point moved by more than 0.01 mm"
+        "1 gap up to 0.02 mm closed (--join 0.05 mm); no point moved by more than 0.01 mm"
         in capsys.readouterr().err
     )
+
+
+def test_what_is_drawn_twice_and_rapids_are_warned_of(capsys, tmp_path):
+    """Drawn the other way, or a circle begun elsewhere, it is the same cut."""
+    file = tmp_path / "a.dxf"
+    there, back = [(50, 0, 0), (60, 5, 0)], [(60, 5, 0), (50, 0, 0)]
+    round_ = [(30, 0, 1), (20, 0, 1)]
+    circle = entity("CIRCLE", point((25, 0)), (40, 5))
+    file.write_text(dxf(lwpolyline(there, closed=False), lwpolyline(back, closed=False), circle, circle))
+    _, _, err = run(capsys, str(file), "-o", str(tmp_path / "a.json"))
+    assert "warning: 2 curves lie on others and are cut once more\n" in err
+    assert "between the contours: give convert --safe-z and --depth" in err
+    file.write_text(dxf(lwpolyline(round_, closed=True)))
+    _, _, err = run(capsys, str(file), "-o", str(tmp_path / "a.json"))
+    assert "on others" not in err
+    assert "rapid" not in err
+
+
+@pytest.mark.parametrize("command", [["convert", "-m", "mill"], ["inspect"], ["report", "-m", "mill"]])
+def test_a_drawing_in_place_of_a_path_is_told_to_be_imported(command, capsys):
+    assert main([*command, PLATE]) == 2
+    said = without_progress(capsys.readouterr().err)
+    wanted = "a path file, such as ph-post import makes of it"
+    assert said == f"ph-post: {PLATE}: this is a drawing; expected {wanted}\n"
 
 
 def test_a_layer_that_is_not_there_and_strictness_are_told(capsys):

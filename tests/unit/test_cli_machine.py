@@ -489,6 +489,7 @@ def test_the_end_of_a_terminal_writes_nothing(tmp_path):
     terminal.answer("", "[XYZ]")
     os.write(terminal.master, b"\x04")
     terminal.wait_for("got the end of the input")
+    assert "[XYZ] \r\nph-post: standard input, axes: no answer" in terminal.screen
     assert terminal.end() == (2, "")
     assert list(tmp_path.iterdir()) == []
 

@@ -1,6 +1,7 @@
 """`convert --watch` as a process of its own, beside programs that write, rename and delete."""
 
 import itertools
+import os
 import shutil
 import signal
 import time
@@ -167,6 +168,24 @@ def test_the_program_of_a_path_file_has_the_ending_of_its_dialect(dialect, name,
     assert [one.name for one in target.iterdir()] == [name]
 
 
+def test_of_two_for_one_place_neither_takes_that_of_the_other(folders, capsys):
+    """Whichever is looked at first: the program of one is not replaced by that of the other."""
+    source, target = folders
+    (source / "part.ngc").write_text(CIRCLE)
+    assert converted(watcher(source, "-o", target)) == 1
+    before = (target / "part.ngc").read_bytes()
+    shutil.copy(ROOT / "paths" / "circle.json", source / "part.json")
+    os.utime(source / "part.json", (0, 0))
+    assert converted(watcher(source, "-o", target, "--strategy", "suppress")) == 0
+    said = capsys.readouterr().err
+    assert "part.json: its program and that of part.ngc would be one file; expected one of them" in said
+    assert (target / "part.ngc").read_bytes() == before
+    (target / "part.ngc").unlink()
+    assert converted(watcher(source, "-o", target, "--strategy", "suppress")) == 0
+    assert capsys.readouterr().err.count("would be one file") == 2
+    assert not (target / "part.ngc").exists()
+
+
 def test_what_somebody_else_wrote_is_not_overwritten(folders, capsys):
     source, target = folders
     target.mkdir()
@@ -231,7 +250,7 @@ def test_what_cannot_be_watched_is_told_in_a_line(folders, tmp_path, capsys):
     file.write_text("")
     machine = ("-m", "stepper")
     for words, said in [
-        ((tmp_path / "none", *machine, "-o", target), "none: the watched folder is not there any more"),
+        ((tmp_path / "none", *machine, "-o", target), "none: no such folder; expected a folder to watch"),
         ((file, *machine, "-o", target), "a file: is no folder; expected a folder to watch"),
         ((source, "-o", target), "Missing option '-m' / '--machine'"),
         ((source, "-m", file, "-o", target), "a file: the file is empty"),

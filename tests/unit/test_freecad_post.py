@@ -131,7 +131,7 @@ def test_0_20_posts_with_freecads_own_and_compensates(ph_post, tmp_path, monkeyp
     ]
     assert not told["leaked"]
     assert console.warnings == ["backlash: warning: mind the gap\n"]
-    assert "backlash: stdin: 2 stops\n" in console.messages
+    assert "backlash: program: 2 stops\n" in console.messages
 
 
 def test_a_dash_writes_no_file(ph_post, tmp_path, monkeypatch):
@@ -251,7 +251,7 @@ def test_what_ph_post_refuses_is_raised_with_its_line_and_place(ph_post, tmp_pat
     (ph_post / "refusal").write_text("ph-post: stdin:3:1: unknown word\n    Q7\n    ^^\n")
     with pytest.raises(post.BacklashError) as refusal:
         post.export([operation()], str(tmp_path / "part.ngc"), "--machine=mill")
-    assert str(refusal.value) == "ph-post: stdin:3:1: unknown word\n    Q7\n    ^^"
+    assert str(refusal.value) == "ph-post: program:3:1: unknown word\n    Q7\n    ^^"
     assert not (tmp_path / "part.ngc").exists()
 
 

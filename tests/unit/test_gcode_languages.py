@@ -172,7 +172,7 @@ def test_the_programs_of_a_calibration_kit_are_in_the_language_too(dialect: str,
     machine = tmp_path / "mill.toml"
     machine.write_text(re.sub(r'dialect = ".*"', f'dialect = "{dialect}"', shipped.read_text()))
     assert main(["calibrate", "-m", str(machine), "-o", str(tmp_path / "kit")]) == 0
-    programs = sorted((tmp_path / "kit").glob("*.ngc"))
+    programs = sorted((tmp_path / "kit").glob(f"*{find_dialect(dialect).ending}"))
     assert programs
     for file in programs:
         text = file.read_text()

@@ -105,6 +105,12 @@ def test_the_filter_finds_its_machine(part, tmp_path):
     assert "no_option.toml: no such file" in one_line(asked)
 
 
+def test_a_machine_file_that_is_not_beside_the_ini_file_is_named_with_its_folder(part, tmp_path):
+    """Where names count from, the screen knows and its user does not."""
+    found = run("filter", "-m", "mill.toml", part, cwd=tmp_path)
+    assert one_line(found) == f"ph-post: {tmp_path / 'mill.toml'}: no such file"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
@@ -332,7 +338,8 @@ def test_where_the_executable_is_missing_cura_says_so(cura):
     loaded, shown = cura
     data = list(LAYERS)
     assert loaded.PhPost(executable=f"{os.sep}none{os.sep}ph-post-slicer").execute(data) is data
-    assert "/none/ph-post-slicer" in shown[0][1]
+    assert shown[0][1].startswith("Executable: '/none/ph-post-slicer' cannot be run (No such file")
+    assert "expected where ph-post-slicer is, written out in full" in shown[0][1]
 
 
 def test_cura_reads_its_settings(cura):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+from collections import Counter
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Final, Literal
@@ -102,6 +103,7 @@ def import_drawing(drawing: Drawing, file: str, stem: str, wish: Wish) -> Import
     if wish.feed is None:
         notes.append(f"the feed is {DEFAULT_FEED} mm/min, as a drawing has none; --feed sets another")
     notes.extend(_told(joining, wish, mm))
+    notes.extend(_warned(contours, wish, mm))
     text = path_text(contours, unit, feed / UNITS[unit], wish.axes, (stem, pathlib.Path(file).name))
     path = path_of(source_of(text, f"{file}, imported", stem))
     return Imported(
@@ -230,9 +232,42 @@ def _told(joining: Joining, wish: Wish, mm: float) -> list[str]:
     if joining.gaps:
         bridged = f", {joining.bridges} of them by a line" if joining.bridges else ""
         told.append(
-            f"{joining.gaps} gaps up to {joining.largest_gap * mm:.3g} mm closed (--join {wish.join:g} mm)"
-            f"{bridged}; no point moved by more than {joining.moved * mm:.3g} mm"
+            f"{_counted(joining.gaps, 'gap')} up to {joining.largest_gap * mm:.3g} mm closed"
+            f" (--join {wish.join:g} mm){bridged}; no point moved by more than {joining.moved * mm:.3g} mm"
         )
     if joining.forks:
-        told.append(f"at {joining.forks} places more than two ends meet; the straightest way was taken")
+        places = _counted(joining.forks, "place")
+        told.append(f"at {places} more than two ends meet; the straightest way was taken")
     return told
+
+
+def _warned(contours: Sequence[Contour], wish: Wish, mm: float) -> list[str]:
+    """Say what surprises at the machine: curves that are cut again, and rapids that do not lift."""
+    places = Counter(_place(shape, wish.join / mm) for contour in contours for shape in contour.shapes)
+    again, told = places.total() - len(places), []
+    if again:
+        curves = "1 curve lies on another and is" if again == 1 else f"{again} curves lie on others and are"
+        told.append(f"{curves} cut once more")
+    if len(contours) > 1 and wish.axes == "XY":
+        rapids = _counted(len(contours) - 1, "rapid")
+        told.append(
+            f"{rapids} between the contours: give convert --safe-z and --depth, or the tool stays down there"
+        )
+    return told
+
+
+def _place(shape: Shape, grid: float) -> tuple[str, tuple[float, ...]]:
+    """Where a curve lies, whichever way it runs, and wherever a circle begins: points on a grid."""
+    points = shape.points
+    if shape.kind == "arc" and np.array_equal(shape.start, shape.end):
+        radius = float(np.linalg.norm(points[0] - points[2]))
+        points = np.array([points[2], [radius, radius, radius]])
+    elif shape.kind == "arc":
+        ends = points[:2] if shape.turn == "ccw" else points[1::-1]
+        return "arc", tuple(np.round(np.vstack([ends, points[2:]]) / grid).ravel().tolist())
+    rows = np.round(points / grid)
+    return shape.kind, min(tuple(rows.ravel().tolist()), tuple(rows[::-1].ravel().tolist()))
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.amount import examples
 
@@ -146,6 +146,7 @@ def test_contours_of_a_layer_follow_the_nearest_start():
     first=st.floats(-4, 4),
     sweep=st.floats(0.1, 6.2),
 )
+@example(turn=0.0, sx=0.1, sy=-0.1, first=0.0, sweep=1.0)
 def test_maps_and_turning_round_keep_the_curve(turn, sx, sy, first, sweep):
     matrix = np.eye(4)
     c, s = math.cos(turn), math.sin(turn)
@@ -156,10 +157,13 @@ def test_maps_and_turning_round_keep_the_curve(turn, sx, sy, first, sweep):
         shapes.unit_arc(first, -sweep),
         shapes.bulged((0, 0), (5, 1), 5e-6),
     ):
-        mapped = points_of(transformed(shape, matrix))
-        reference = points_of(shapes.as_nurbs(shape) if shape.kind == "arc" else shape)
+        found = transformed(shape, matrix)
+        mapped = points_of(found)
+        # An arc and the rational curve that it is run at different paces.
+        bends = shape.kind == "arc" and found.kind != "arc"
+        reference = points_of(shapes.as_nurbs(shape) if bends else shape)
         assert mapped == pytest.approx(reference @ matrix[:3, :3].T + matrix[:3, 3], abs=1e-9)
-        assert points_of(backwards(transformed(shape, matrix))) == pytest.approx(mapped[::-1], abs=1e-9)
+        assert points_of(backwards(found)) == pytest.approx(mapped[::-1], abs=1e-9)
 
 
 def test_extents_are_where_the_curves_turn():
