@@ -30,6 +30,21 @@ BASELINES: Final = frozenset(("none", "linear", "step"))
 """Strategies that stand for what machines do today, and so do without inverse dynamics."""
 
 
+def in_words_of(machine: Machine, file: str, dialect: str | None) -> Machine:
+    """Return a machine that takes `dialect`, where one is asked for, in place of its own.
+
+    Raises
+    ------
+    InputError
+        Where nobody has registered that name: the option's, or that in the machine's file.
+    """
+    if dialect is not None:
+        find_dialect(dialect, "--dialect")
+        return msgspec.structs.replace(machine, dialect=dialect)
+    find_dialect(machine.dialect, f"{file}: controller.dialect")
+    return machine
+
+
 def load(
     source: str | Raw, machine: str | None, feed: float | None = None, dialect: str | None = None
 ) -> tuple[Path, Machine | None]:
@@ -45,8 +60,8 @@ def load(
     """
     raw = source if isinstance(source, Raw) else read_raw(or_shipped("paths", source))
     drives = None if machine is None else read_machine(machine)
-    if drives is not None and dialect is not None:
-        drives = msgspec.structs.replace(drives, dialect=dialect)
+    if drives is not None:
+        drives = in_words_of(drives, str(machine), dialect)
     path, warnings = read_input(raw, drives, dialect)
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)

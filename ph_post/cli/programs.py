@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-import msgspec
 
 from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.io.source import STDIN
@@ -129,14 +128,12 @@ def deliver_program(
         Where program or machine file are bad, and as :func:`ph_post.audit.deliver.deliver`.
     """
     from ph_post.audit.deliver import Request, deliver
-    from ph_post.cli.job import default_strategy, plan_options
+    from ph_post.cli.job import default_strategy, in_words_of, plan_options
     from ph_post.gcode.reading import read_as
     from ph_post.io.machinefile import read_machine
 
     stage("reading")
-    machine = read_machine(how["machine"])
-    if how["dialect"] is not None:
-        machine = msgspec.structs.replace(machine, dialect=how["dialect"])
+    machine = in_words_of(read_machine(how["machine"]), how["machine"], how["dialect"])
     program = read_as(machine.dialect, data, name, strict=how["strict"])
     plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
     request = Request(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
