@@ -57,9 +57,19 @@ def load(
 
 
 def read_drives(machine: str, dialect: str | None) -> Machine:
-    """Read a machine file; the command line's dialect, where there is one, is taken in place of its own."""
+    """Read a machine file; the command line's dialect, where there is one, is taken in place of its own.
+
+    Raises
+    ------
+    InputError
+        Where the file is bad, or nobody has registered the dialect: the option's, or that of the file.
+    """
     drives = read_machine(machine)
-    return drives if dialect is None else msgspec.structs.replace(drives, dialect=dialect)
+    if dialect is not None:
+        find_dialect(dialect, "--dialect")
+        return msgspec.structs.replace(drives, dialect=dialect)
+    find_dialect(drives.dialect, f"{machine}: controller.dialect")
+    return drives
 
 
 def load_and_analyse(

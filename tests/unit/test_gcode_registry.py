@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
+from ph_post.cli.main import main
 from ph_post.errors import InputError
 from ph_post.gcode import registry
 from ph_post.gcode.dialects import grbl, grblhal, linuxcnc
@@ -65,3 +67,19 @@ def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None
     assert registry.find_dialect("mine") is grbl.DIALECT
     with pytest.raises(InputError, match="expected a Dialect record; got int"):
         registry.find_dialect("wrong")
+
+
+@pytest.mark.parametrize("source", ["samples/programs/pocket.ngc", "paths/circle.json"])
+def test_a_dialect_that_a_machine_file_misspells_is_told_with_the_file(
+    source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = Path(__file__).resolve().parents[2]
+    machine = tmp_path / "mill.toml"
+    text = (root / "samples/machines/stepper.toml").read_text()
+    machine.write_text(text.replace('"grbl"', '"grbll"'))
+    arguments = ["convert", str(root / source), "-o", str(tmp_path / "x.ngc")]
+    assert main([*arguments, "-m", str(machine)]) == 2
+    assert f"ph-post: {machine}: controller.dialect: no such dialect;" in capsys.readouterr().err
+    assert main([*arguments, "-m", "stepper", "--dialect", "nobody"]) == 2
+    assert "ph-post: --dialect: no such dialect;" in capsys.readouterr().err
+    assert not (tmp_path / "x.ngc").exists()
