@@ -157,25 +157,6 @@ def build_caps(track: Track, limits: AxisLimits) -> Caps:
     )  # fmt: skip
 
 
-def find_stops(track: Track) -> tuple[Array, Array, Array]:
-    """Arc lengths [m] inside the path at which the motion has to stop.
-
-    Returns
-    -------
-    corners, cusps, rapids : Array
-        Sharp corners; joints at which the curvature is infinite; ends of rapid segments. Cusps inside pieces
-        are turning points and known from there.
-    """
-    joints = find_joints(track)
-    inside = joints.after != 0 if track.closed else np.ones(joints.s.size, dtype=bool)
-    sharp = joints.angle > SHARP_CORNER_RAD
-    infinite = ~np.all(np.isfinite(joints.curvature_jump), axis=1)
-    rapid = np.array([segment.rapid for segment in track.path.segments])[track.segment]
-    change = track.segment[joints.before] != track.segment[joints.after]
-    ends = change & (rapid[joints.before] | rapid[joints.after])
-    return joints.s[inside & sharp], joints.s[inside & infinite & ~sharp], joints.s[inside & ends & ~sharp]
-
-
 def _feed(track: Track, segment: int) -> float:
     one = track.path.segments[segment]
     if one.rapid:

@@ -11,7 +11,6 @@ import numpy as np
 from ph_post.analysis import Analysis
 from ph_post.compensate import words
 from ph_post.compensate.broken import find_broken
-from ph_post.compensate.caps import find_stops
 from ph_post.compensate.course import Course, Settled
 from ph_post.compensate.feedalong import FeedAlong
 from ph_post.compensate.fit import Fitter
@@ -26,6 +25,7 @@ from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loo
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.surroundings import flanks_before
 from ph_post.errors import InputError
+from ph_post.geometry.joints import find_stops
 from ph_post.types import Array, FeedProfile, Machine, Phase, Plan, frozen
 
 LEAD_SHARE = 0.3

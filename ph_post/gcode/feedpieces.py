@@ -15,7 +15,7 @@ import numpy as np
 
 from ph_post.compensate.motion import Motion
 from ph_post.gcode.format import significant_text
-from ph_post.gcode.record import DWELL, JOG, Blocks
+from ph_post.gcode.record import DWELL, JOG, Blocks, Feed
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM_PER_MIN
 
@@ -34,30 +34,6 @@ _MEETS: Final = 0.1 * FOLLOWS
 
 _NODES: Final = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 65))
 """Shares of a piece's time at which it is looked at; the middle is one of them."""
-
-
-class Feed(msgspec.Struct, frozen=True, kw_only=True):
-    """Feed over the share p of a block's way: start + (end - start - quad - cub) p + quad p² + cub p³ [m/s].
-
-    `error` is the largest difference from the plan, as a part of the planned speed; 0 where there is none.
-    """
-
-    start: float
-    end: float
-    quad: float
-    cub: float
-    error: float = 0.0
-
-    def at(self, p: Array) -> Array:
-        """Feed [m/s] at shares of the way.
-
-        Examples
-        --------
-        >>> Feed(start=2.0, end=4.0, quad=6.0, cub=-4.0).at(np.array([0.0, 0.5, 1.0])).tolist()
-        [2.0, 3.0, 4.0]
-        """
-        linear = self.end - self.start - self.quad - self.cub
-        return self.start + p * (linear + p * (self.quad + p * self.cub))
 
 
 def fit_feed(

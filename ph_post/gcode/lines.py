@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.moves import Moves
-from ph_post.gcode.record import JOG
+from ph_post.gcode.record import JOG, Moves
 from ph_post.gcode.shape import ARC, LINE, POLYNOMIAL, SPLINE
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM_PER_MIN

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
 
 from ph_post.compensate.motion import Motion
 from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.feedpieces import Course, Feed, feed_course
+from ph_post.gcode.feedpieces import Course, feed_course
 from ph_post.gcode.format import to_grid
 from ph_post.gcode.jogs import Carried
 from ph_post.gcode.polynomials import polynomial_words
-from ph_post.gcode.record import DWELL, JOG, Blocks
+from ph_post.gcode.record import DWELL, JOG, Blocks, Moves
 from ph_post.gcode.shape import ARC, POLYNOMIAL, SPLINE, Shape
 from ph_post.gcode.splines import cubic_control
 from ph_post.types import Array, IntArray, Phase
@@ -22,36 +22,6 @@ from ph_post.units import MM
 _SAME_FEED = 1e-4
 """A feed that differs from the planned one by no more than this part is written as that: a tenth of what the
 time may err."""
-
-
-class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Moves, n of them; positions are whole numbers of the dialect's last decimal.
-
-    `points` (n + 1, dim): the start and the end of every move. `center` (n, 2) and `turn` (n,) of arcs, +1
-    from the first axis towards the second; `inner` (n, 2, 2) the middle control points of splines.
-    `duration` (n,) [s], `length` (n,) [m] as the controller will find it, `feed` (n,) [m/s], 0 for rapids and
-    dwells. `plain` (dim,) is the last point without the offset that is carried there. `kind`, `rapid`, `s0`
-    and `s1` are those of the blocks. By move, `polynomials` are the coefficients of what is one (see
-    :func:`ph_post.gcode.polynomials.polynomial_words`), `profiles` the feeds that change within one (`feed`
-    then is the mean), and `off` how far a written feed is off the planned one where that changes, as a part
-    of it; nothing beside a rest.
-    """
-
-    kind: IntArray
-    points: IntArray
-    plain: IntArray
-    center: IntArray
-    turn: IntArray
-    inner: IntArray
-    duration: Array
-    length: Array
-    feed: Array
-    rapid: IntArray
-    s0: Array
-    s1: Array
-    polynomials: Mapping[int, IntArray] = {}
-    profiles: Mapping[int, Feed] = {}
-    off: Mapping[int, float] = {}
 
 
 def round_blocks(

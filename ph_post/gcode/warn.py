@@ -6,8 +6,8 @@ import numpy as np
 
 from ph_post.gcode.dialect import Dialect
 from ph_post.gcode.feedpieces import FOLLOWS
-from ph_post.gcode.moves import Moves
 from ph_post.gcode.options import ProgramOptions
+from ph_post.gcode.record import Moves
 from ph_post.types import Array, IntArray, Plan
 from ph_post.units import MS
 

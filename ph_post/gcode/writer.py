@@ -17,9 +17,9 @@ from ph_post.gcode.format import to_grid
 from ph_post.gcode.header import header_lines
 from ph_post.gcode.jogs import check_jogs, read_jogs, with_jogs
 from ph_post.gcode.lines import make_writer
-from ph_post.gcode.moves import Moves, round_blocks
+from ph_post.gcode.moves import round_blocks
 from ph_post.gcode.options import ProgramOptions, check_options
-from ph_post.gcode.record import DWELL, JOG
+from ph_post.gcode.record import DWELL, JOG, Moves
 from ph_post.gcode.seat import find_seat
 from ph_post.gcode.warn import controller_warnings, plan_warnings
 from ph_post.geometry.track import Track

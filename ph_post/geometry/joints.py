@@ -81,3 +81,22 @@ def _angle(t0: Array, t1: Array) -> Array:
     sine, cosine = (np.sqrt(np.einsum("nk,nk->n", v, v)) for v in (difference, total))
     angle: Array = 2.0 * np.arctan2(sine, cosine)
     return angle
+
+
+def find_stops(track: Track) -> tuple[Array, Array, Array]:
+    """Arc lengths [m] inside the path at which the motion has to stop.
+
+    Returns
+    -------
+    corners, cusps, rapids : Array
+        Sharp corners; joints at which the curvature is infinite; ends of rapid segments. Cusps inside pieces
+        are turning points and known from there.
+    """
+    joints = find_joints(track)
+    inside = joints.after != 0 if track.closed else np.ones(joints.s.size, dtype=bool)
+    sharp = joints.angle > SHARP_CORNER_RAD
+    infinite = ~np.all(np.isfinite(joints.curvature_jump), axis=1)
+    rapid = np.array([segment.rapid for segment in track.path.segments])[track.segment]
+    change = track.segment[joints.before] != track.segment[joints.after]
+    ends = change & (rapid[joints.before] | rapid[joints.after])
+    return joints.s[inside & sharp], joints.s[inside & infinite & ~sharp], joints.s[inside & ends & ~sharp]

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from ph_post.compensate.caps import find_stops
 from ph_post.gcode.paths.build import paths_of
 from ph_post.gcode.paths.record import ProgramPath
 from ph_post.gcode.reader.read import read_program
-from ph_post.geometry.joints import SHARP_CORNER_RAD, find_joints
+from ph_post.geometry.joints import SHARP_CORNER_RAD, find_joints, find_stops
 from ph_post.geometry.track import Track
 
 MM = 1e-3

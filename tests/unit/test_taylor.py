@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from support.motions import circle, look, make_machine, make_path
+from support.taylor import feed_error, taylor_sample
 
 from ph_post.compensate.plan import PlanOptions, make_plan
 from ph_post.compensate.sample import sample
-from ph_post.compensate.taylor import feed_error, taylor_sample
 from ph_post.errors import SolveError
 from ph_post.geometry.curves import Bezier, Line
 

@@ -32,7 +32,7 @@ from ph_post.gcode.dialect import SET_BEFORE, Dialect, Dwell, switched_off
 from ph_post.gcode.format import Comments
 from ph_post.gcode.fronts.fanuc import read_fanuc
 from ph_post.gcode.lines import LineWriter
-from ph_post.gcode.moves import Moves
+from ph_post.gcode.record import Moves
 from ph_post.types import Array, Capabilities
 from ph_post.units import MS
 

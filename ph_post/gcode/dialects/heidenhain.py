@@ -38,7 +38,7 @@ from ph_post.gcode.format import SEMICOLON, decimal_text, to_grid
 from ph_post.gcode.fronts.klartext import read_klartext
 from ph_post.gcode.fronts.tnciso import read_tnc_iso
 from ph_post.gcode.lines import LineWriter
-from ph_post.gcode.moves import Moves
+from ph_post.gcode.record import Moves
 from ph_post.types import Capabilities
 
 _DECIMALS: Final = 4

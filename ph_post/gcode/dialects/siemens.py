@@ -33,12 +33,11 @@ from __future__ import annotations
 from typing import Final
 
 from ph_post.gcode.dialect import Dialect, Dwell, switched_off
-from ph_post.gcode.feedpieces import Feed
 from ph_post.gcode.format import SEMICOLON, decimal_text, significant_text, to_grid
 from ph_post.gcode.fronts.siemens import read_siemens
 from ph_post.gcode.lines import LineWriter
-from ph_post.gcode.moves import Moves
 from ph_post.gcode.polynomials import DENOMINATOR_DECIMALS
+from ph_post.gcode.record import Feed, Moves
 from ph_post.types import Capabilities, IntArray
 from ph_post.units import MM_PER_MIN
 

@@ -11,20 +11,22 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.errors import InputError
-from ph_post.gcode.feedpieces import Feed
 from ph_post.gcode.fronts.siemenstables import Circle, Extras, Polynomial, Profile
 from ph_post.gcode.fronts.translated import motion_rows
-from ph_post.gcode.options import BLOCK_TIME
 from ph_post.gcode.paths.curves import curves_of
 from ph_post.gcode.polynomials import restricted
 from ph_post.gcode.reader.record import ARC, AXES, NURBS, PLANE_AXES, Motions, PartProgram
+from ph_post.gcode.record import Feed
 from ph_post.gcode.splice.parts import place
 from ph_post.geometry.bernstein import from_power
 from ph_post.types import Array, IntArray, sealed
-from ph_post.units import MINUTE
+from ph_post.units import MINUTE, MS
 
 _MOST_PARTS: Final = 64
-"""Parts of a motion whose feed changes; each has one feed and lasts 5 ms where these are enough."""
+"""Most parts of a motion whose feed changes; each part has one feed."""
+
+_LONGEST_PART: Final = 5.0 * MS
+"""Longest part of a motion whose feed changes [s]."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _FLAT: Final = 1e-9
@@ -163,7 +165,7 @@ def _parts(motions: Motions, row: int, before: float, profile: Profile, speed: f
         return _Parts(edges=np.array([0.0, 1.0]), feeds=np.zeros(1))
     length = sum(curve.length for curve in curves_of(motions, row, (0, 1, 2)))
     times = _times(feed, np.linspace(0.0, 1.0, _MOST_PARTS + 1)) * length
-    count = int(np.clip(math.ceil(times.sum() / BLOCK_TIME - 1e-9), 1, _MOST_PARTS))
+    count = int(np.clip(math.ceil(times.sum() / _LONGEST_PART - 1e-9), 1, _MOST_PARTS))
     edges = np.linspace(0.0, 1.0, count + 1)
     return _Parts(edges=edges, feeds=np.diff(edges) / _times(feed, edges))
 

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate.caps import find_stops
 from ph_post.gcode.paths.record import SAME_PLACE, ProgramPath
 from ph_post.geometry.composite import Composite
+from ph_post.geometry.joints import find_stops
 from ph_post.geometry.track import Track
 from ph_post.types import Array, IntArray, Segment
 
