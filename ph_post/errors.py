@@ -1,4 +1,4 @@
-"""What this package raises, and how a refusal reads."""
+"""Exceptions of this package, and the wording of error messages."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ class InputError(PhPostError):
     a.json: feed: feed is not positive; expected > 0; got 0
     """
 
-    def __init__(
-        self, where: str, what: str, *, expected: str = "", got: str = "", excerpt: str = ""
-    ) -> None:
+    def __init__(self, where: str, what: str, *, expected: str = "", got: str = "", excerpt: str = "") -> None:
         parts = [f"{where}: {what}" if where else what]
         if expected:
             parts.append(f"expected {expected}")

@@ -1,4 +1,4 @@
-"""Things found by name: those of this package, and those that others register as entry points."""
+"""Objects found by name: those of this package, and those that others register as entry points."""
 
 from __future__ import annotations
 
@@ -60,9 +60,7 @@ class Registry(msgspec.Struct, Generic[T], frozen=True, kw_only=True):
         elif name in (registered := self._registered()):
             found = registered[name].load()
         else:
-            raise InputError(
-                where, f"no such {self.noun}", expected=" or ".join(self.names()), got=repr(name)
-            )
+            raise InputError(where, f"no such {self.noun}", expected=" or ".join(self.names()), got=repr(name))
         if not self.fits(found):
             what = f"what is registered as {self.noun} {name!r} is not one"
             raise InputError(where, what, expected=self.wanted, got=type(found).__name__)

@@ -1,6 +1,7 @@
-"""The shop's units in SI. Files and the command line use mm, mm/min and degrees; inside, everything is SI.
+"""Units of the shop in SI.
 
-Multiply by a constant to come in (``20 * MM``), divide to go out (``x / MM``).
+Files and the command line use mm, mm/min and degrees; inside, everything is SI. Multiply by a constant on the
+way in (``20 * MM``), divide on the way out (``x / MM``).
 """
 
 from __future__ import annotations

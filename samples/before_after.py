@@ -6,12 +6,12 @@ Run:  python samples/before_after.py [FOLDER]
 import sys
 from pathlib import Path
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import shipped
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped
 from ph_post.report.figures import draw_plan, render
 from ph_post.units import MM
 

@@ -12,22 +12,22 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.diagnose.diagnose import diagnose
-from ph_post.diagnose.record import Diagnosis
-from ph_post.gcode.controller.run import run_program
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.programfile import read_program_file
-from ph_post.io.readlog import read_log
-from ph_post.io.shipped import shipped
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.inputs import read_program_file
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped
+from ph_post.identify.readlog import read_log
 from ph_post.simulate.assess import contour_errors
 from ph_post.simulate.contour import Nominal
+from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.machine import simulate
 from ph_post.types import EffectSetting, Machine, Scenario
+from ph_post.types.diagnosis import Diagnosis
 from ph_post.units import MM
 
 HERE = Path(__file__).parent

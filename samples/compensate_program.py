@@ -5,29 +5,28 @@ Run:  python samples/compensate_program.py
 
 from pathlib import Path
 
-from ph_post.audit.deliver import Delivery, Request, deliver
-from ph_post.audit.outcome import Outcome, weigh
+from ph_post.api.programs import CompensatedProgram, Outcome, ProgramRequest, compensate_program, weigh
 from ph_post.compensate.options import PlanOptions
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.io.machinefile import read_machine
-from ph_post.io.programfile import read_program_file
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.inputs import read_program_file
 from ph_post.units import MM
 
 POCKET = Path(__file__).parent / "programs" / "pocket.ngc"
 
 
-def compensate_program(name: str) -> tuple[Delivery, Outcome]:
+def compensated_pocket(name: str) -> tuple[CompensatedProgram, Outcome]:
     """Return the compensated pocket for a shipped machine, and both programs run on the models."""
     machine = read_machine(name)
-    request = Request(
-        plan=PlanOptions(strategy="auto", carrier="program"), splice=SpliceOptions(max_slowdown=0.25)
+    request = ProgramRequest(
+        plan=PlanOptions(strategy="auto", carrier="program"), splice=EditOptions(max_slowdown=0.25)
     )
-    delivery = deliver(read_program_file(POCKET), machine, request)
+    delivery = compensate_program(read_program_file(POCKET), machine, request)
     return delivery, weigh(delivery, machine, errors=True)
 
 
 if __name__ == "__main__":
-    delivery, outcome = compensate_program("router")
+    delivery, outcome = compensated_pocket("router")
     print(delivery.after.data.decode())
     for what, one in (("before", outcome.before), ("after", outcome.after)):
         error = "-" if one.error is None else f"{one.error.max / MM:.4f} mm"

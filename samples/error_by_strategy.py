@@ -5,20 +5,18 @@ Run:  python samples/error_by_strategy.py
 
 from collections.abc import Sequence
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.comparison import compare_strategies
 from ph_post.compensate.options import PlanOptions
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import shipped
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped
 from ph_post.units import MM
 
 
 def error_by_strategy(names: Sequence[str]) -> dict[str, float]:
     """Return the largest contour error [m] of strategies on the paper's circle, by name."""
-    analysis = analyse(
-        read_path(str(shipped("paths", "circle"))), read_machine("paper"), tolerance=0.005 * MM
-    )
+    analysis = analyse(read_path(str(shipped("paths", "circle"))), read_machine("paper"), tolerance=0.005 * MM)
 
     def options_for(name: str) -> PlanOptions:
         return PlanOptions(strategy=name, start="moving", inverse_dynamics=name == "takeup")

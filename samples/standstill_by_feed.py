@@ -5,8 +5,8 @@ Run:  python samples/standstill_by_feed.py
 
 import math
 
-from ph_post.drive.interval import backlash_interval
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.intervals import backlash_interval
+from ph_post.drive.machinefile import read_machine
 from ph_post.units import MM, MM_PER_MIN
 
 

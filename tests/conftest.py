@@ -26,15 +26,30 @@ SLOW_FOLDERS = ("pages", "diagnose")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
 
 LONG = (
-    "property/test_gcode_reader_laws.py", "property/test_simulate_reference.py",
-    "controllers/test_rehearsals.py", "property/test_limits.py", "paper/test_strategies_win.py",
-    "property/test_auto_random.py", "unit/test_corpus.py", "controllers/test_freecad.py",
-    "unit/test_cli_examples.py", "unit/test_effects_everywhere.py", "pages/test_motion_page.py",
-    "property/test_turning_reference.py", "controllers/test_axis_filter.py", "pages/test_other_pages.py",
-    "unit/test_cli_watch.py", "property/test_verify_random.py", "property/test_splice_laws.py",
-    "property/test_deliver_random.py", "unit/test_identify.py", "unit/test_cli_compare.py",
-    "unit/test_simulate.py", "property/test_turning_laws.py", "unit/test_layout.py",
-)  # fmt: skip
+    "property/test_gcode_reader_laws.py",
+    "property/test_simulate_reference.py",
+    "controllers/test_rehearsals.py",
+    "property/test_limits.py",
+    "paper/test_strategies_win.py",
+    "property/test_auto_random.py",
+    "unit/test_corpus.py",
+    "controllers/test_freecad.py",
+    "unit/test_cli_examples.py",
+    "unit/test_effects_everywhere.py",
+    "pages/test_motion_page.py",
+    "property/test_turning_reference.py",
+    "controllers/test_axis_filter.py",
+    "pages/test_other_pages.py",
+    "unit/test_cli_watch.py",
+    "property/test_verify_random.py",
+    "property/test_splice_laws.py",
+    "property/test_deliver_random.py",
+    "unit/test_identify.py",
+    "unit/test_cli_compare.py",
+    "unit/test_simulate.py",
+    "property/test_turning_laws.py",
+    "unit/test_layout.py",
+)
 """Files that take longest, in the order they begin in: at the end no process is left alone with one.
 
 The first has the reader of programs compiled and the second the simulator, so that two processes that begin

@@ -1,4 +1,4 @@
-"""``ph-post calibrate``: test programs for a machine, and the plan of what to record."""
+"""``ph-post calibrate``: writes test programs for a machine, and the recording plan."""
 
 from __future__ import annotations
 
@@ -30,30 +30,45 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
 @click.command()
 @options.machine
 @click.option(
-    "-o", "--output", default="ph_post_calibration", show_default=True, metavar="FOLDER",
+    "-o",
+    "--output",
+    default="ph_post_calibration",
+    show_default=True,
+    metavar="FOLDER",
     help="Where programs and plan go.",
-)  # fmt: skip
+)
 @click.option(
-    "--axes", metavar="X,Y,...",
+    "--axes",
+    metavar="X,Y,...",
     help="Axes to move. [all but Z, which moves only where it is named]",
-)  # fmt: skip
+)
 @click.option(
-    "--centre", callback=_numbers, metavar="X,Y,...",
+    "--centre",
+    callback=_numbers,
+    metavar="X,Y,...",
     help="Middle of the room in work coordinates, a number an axis [mm]. [0]",
-)  # fmt: skip
+)
 @click.option(
-    "--travel", callback=_numbers, metavar="MM",
+    "--travel",
+    callback=_numbers,
+    metavar="MM",
     help="Room around it from end to end: one number, or one an axis. [100]",
-)  # fmt: skip
+)
 @click.option("--radius", type=float, metavar="MM", help="Of the circles. [0.3 of the smallest travel]")
 @click.option(
-    "--feeds", callback=_numbers, metavar="F,F,...",
+    "--feeds",
+    callback=_numbers,
+    metavar="F,F,...",
     help="Feeds of the circles [mm/min]. [three, up to 0.8 of what the machine can]",
-)  # fmt: skip
+)
 @click.option(
-    "--warm-up", type=float, default=10.0, show_default=True, metavar="MIN",
+    "--warm-up",
+    type=float,
+    default=10.0,
+    show_default=True,
+    metavar="MIN",
     help="How long the run takes that warms the screws.",
-)  # fmt: skip
+)
 @click.option("--force", is_flag=True, help="Replace files of these names that hold something else.")
 @options.common
 def command(
@@ -89,20 +104,23 @@ def command(
       folder, plan  where the programs are, and the file name of the plan
       programs      a list of {name, file, why, record}
     """
-    from ph_post.diagnose.kit import calibration_kit
-    from ph_post.diagnose.kitplan import program_file, recording_plan
-    from ph_post.io.atomic import make_folder, write_atomically
-    from ph_post.io.machinefile import read_machine
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.files.storage import make_folder, write_atomically
     from ph_post.report.tables import print_json
+    from ph_post.testprograms.kit import calibration_kit, program_file, recording_plan
 
     if output in ("", "-"):
         raise click.UsageError(f"-o takes a folder; got {output!r}")
     drives = read_machine(machine)
     kit = calibration_kit(
-        drives, axes=() if axes is None else [word.strip().upper() for word in axes.split(",")],
-        centre=_scaled(centre, MM), travel=_scaled(travel, MM), feeds=_scaled(feeds, MM_PER_MIN),
-        radius=None if radius is None else radius * MM, warm_up=warm_up * MINUTE,
-    )  # fmt: skip
+        drives,
+        axes=() if axes is None else [word.strip().upper() for word in axes.split(",")],
+        centre=_scaled(centre, MM),
+        travel=_scaled(travel, MM),
+        feeds=_scaled(feeds, MM_PER_MIN),
+        radius=None if radius is None else radius * MM,
+        warm_up=warm_up * MINUTE,
+    )
     texts = {program_file(drives, one): one.program for one in kit}
     texts[PLAN] = recording_plan(drives, machine, output, kit)
     if not force:
@@ -111,8 +129,7 @@ def command(
     write_atomically({str(folder / name): text for name, text in texts.items()})
     if as_json:
         programs = [
-            {"name": one.name, "file": program_file(drives, one), "why": one.why, "record": one.record}
-            for one in kit
+            {"name": one.name, "file": program_file(drives, one), "why": one.why, "record": one.record} for one in kit
         ]
         print_json({"folder": output, "plan": PLAN, "programs": programs})
     else:

@@ -1,4 +1,4 @@
-"""``ph-post compare``: all strategies side by side."""
+"""``ph-post compare``: plans and simulates all strategies side by side."""
 
 from __future__ import annotations
 
@@ -41,38 +41,34 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
       warnings           a list of sentences
     """
     from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
-    from ph_post.compensate.comparison import compare_strategies, without_gap
-    from ph_post.io.atomic import write_atomically
-    from ph_post.report import assessments
+    from ph_post.cli.progress import Progress
+    from ph_post.compensate.comparison import compare_strategies, without_backlash
+    from ph_post.files.storage import write_atomically
+    from ph_post.report import simulations
     from ph_post.report.figures import picture_format, render
     from ph_post.report.motion_figures import draw_comparison
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
     with Progress() as stage:
-        analysis = load_and_analyse(
-            source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
-        )
+        analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"])
         contenders = compare_strategies(
             analysis, lambda name: plan_options({**how, "strategy": name}, how["carrier"]), stage
         )
-        floor = without_gap(analysis, contenders[0])
+        floor = without_backlash(analysis, contenders[0])
         if plot is not None:
             stage("drawing")
-            write_atomically(
-                {plot: render(draw_comparison(analysis.path.name, contenders), picture_format(plot))}
-            )
+            write_atomically({plot: render(draw_comparison(analysis.path.name, contenders), picture_format(plot))})
     assert analysis.machine is not None
     warnings = effect_warnings(analysis.machine, analysis.path.axes)
     if as_json:
-        view = {"error_without_gap": assessments.error_view(floor), "warnings": warnings}
-        print_json({**assessments.comparison_view(contenders), **view})
+        view = {"error_without_gap": simulations.error_view(floor), "warnings": warnings}
+        print_json({**simulations.comparison_view(contenders), **view})
         return 0
-    click.echo(assessments.comparison_table(contenders))
-    said = (assessments.floor_words(floor), assessments.EXPLAINED, assessments.refusals(contenders))
-    for line in (*chain(*said), *assessments.choices(contenders)):
+    click.echo(simulations.comparison_table(contenders))
+    said = (simulations.floor_words(floor), simulations.COLUMN_NOTES, simulations.refusals(contenders))
+    for line in (*chain(*said), *simulations.choices(contenders)):
         click.echo(line)
-    for warning in (*warnings, *assessments.warnings_of_choice(contenders)):
+    for warning in (*warnings, *simulations.warnings_of_choice(contenders)):
         click.echo(f"warning: {warning}", err=True)
     if plot is not None:
         click.echo(f"wrote {plot}", err=True)

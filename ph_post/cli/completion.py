@@ -1,12 +1,151 @@
-"""``ph-post completion``: what a shell needs to complete commands, options, names and files."""
+"""``ph-post completion``: the shell scripts, and the completion of options and arguments.
+
+Names and files are completed by the word that stands for them on the help page: where a command says MACHINE,
+shipped machines and machine files are offered, and the command needs no code for it.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final
 
 import click
+from click.shell_completion import CompletionItem
 
 from ph_post.cli import options
+
+Names = Callable[[], Iterable[str]]
+
+
+class Completed(click.types.StringParamType):
+    """A text whose names and files are completed.
+
+    Parameters
+    ----------
+    names : callable, optional
+        ``names() -> iterable of str``: called when a shell asks.
+    files : tuple of str or None
+        Endings of files to offer beside them, none for any file; None where it is no file at all.
+    """
+
+    def __init__(self, names: Names | None = None, files: tuple[str, ...] | None = ()) -> None:
+        self._names, self._files = names, files
+
+    def shell_complete(self, _ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return the names that begin so, with files of the right endings; else whatever files there are."""
+        known = self._names() if self._names is not None else ()
+        found = [CompletionItem(name) for name in known if name.startswith(incomplete)]
+        if self._files is None:
+            return found
+        if not found:
+            return [CompletionItem(incomplete, type="file")]
+        # A shell that is told to look for files forgets the names, so those that fit are named too.
+        return found + [CompletionItem(file) for file in _files(incomplete, self._files)]
+
+
+class CompletedFolder(click.types.StringParamType):
+    """A text that is the name of a folder."""
+
+    def shell_complete(self, _ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Leave it to the shell."""
+        return [CompletionItem(incomplete, type="dir")]
+
+
+def complete_by_metavar(command: click.Command) -> None:
+    """Give the texts of a command, and of those below it, what completes them."""
+    for parameter in command.params:
+        kind = KINDS.get(parameter.opts[0]) or KINDS.get((parameter.metavar or "").strip("[]"))
+        if kind is not None and type(parameter.type) is click.types.StringParamType:
+            parameter.type = kind
+    if isinstance(command, click.Group):
+        for below in command.commands.values():
+            complete_by_metavar(below)
+
+
+def _files(incomplete: str, endings: tuple[str, ...]) -> list[str]:
+    """List files of these endings that begin so."""
+    folder, start = Path(incomplete).parent, Path(incomplete).name if incomplete else ""
+    try:
+        there = sorted(file.name for file in folder.iterdir() if file.is_file())
+    except OSError:
+        return []
+    return [name for name in there if name.startswith(start) and name.endswith(endings) and name[0] != "."]
+
+
+def _paths() -> Iterable[str]:
+    from ph_post.files.storage import shipped_names
+
+    return shipped_names("paths")
+
+
+def _machines() -> Iterable[str]:
+    from ph_post.files.storage import shipped_names
+
+    return shipped_names("machines")
+
+
+def _dialects() -> Iterable[str]:
+    from ph_post.dialects.registry import dialect_names
+
+    return dialect_names()
+
+
+def _loops() -> Iterable[str]:
+    from ph_post.cli.interview import LOOPS
+
+    return LOOPS.known
+
+
+def _strategies() -> Iterable[str]:
+    from ph_post.compensate.strategies.registry import strategy_names
+
+    return strategy_names()
+
+
+_ANY_FILE: Final = Completed()
+_FOLDER: Final = CompletedFolder()
+
+KINDS: Final[dict[str, click.types.StringParamType]] = {
+    # by option
+    "--strategy": Completed(_strategies, files=None),
+    "--dialect": Completed(_dialects, files=None),
+    "--loop": Completed(_loops, files=None),
+    "--axis": Completed(lambda: ("X", "Y", "Z"), files=None),
+    "--copy": Completed(_machines),
+    # by the word on the help page
+    "IN": Completed(
+        _paths,
+        (".json", ".ngc", ".nc", ".tap", ".gcode", ".cnc", ".h", ".i", ".mpf", ".spf", ".csv"),
+    ),
+    "MACHINE": Completed(_machines, (".toml",)),
+    "FOLDER": _FOLDER,
+    **dict.fromkeys(
+        (
+            "FILE",
+            "OUT",
+            "OUT.csv",
+            "T",
+            "LOG",
+            "PATHFILE",
+            "PROGRAM",
+            "ORIGINAL",
+            "COMPENSATED",
+            "A",
+            "B",
+            "MACHINE.toml",
+            "BETTER.toml",
+            "DRAWING",
+            "INPUT",
+            "TABLE",
+            "PATH",
+        ),
+        _ANY_FILE,
+    ),
+}
+"""What completes a text, by the option's name or by its word on the help page."""
+
 
 SHELLS = ("bash", "zsh", "fish")
 

@@ -1,4 +1,4 @@
-"""``ph-post convert``: the main job, a path file in, a compensated program and table out."""
+"""``ph-post convert``: compensates a path file or a part program."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ph_post.cli import options
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ph_post.analysis import Analysis
-    from ph_post.compensate.options import Carrier
+    from ph_post.analysis.path_analysis import Analysis
+    from ph_post.compensate.options import PlanOutput
     from ph_post.types import Plan
 
 
@@ -36,9 +36,7 @@ if TYPE_CHECKING:
 @click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
 @options.force
 @options.strict
-@click.option(
-    "--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output."
-)
+@click.option("--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output.")
 @options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
 @click.option(
@@ -55,17 +53,20 @@ if TYPE_CHECKING:
 )
 @options.writing
 @click.option(
-    "--watch", metavar="FOLDER",
+    "--watch",
+    metavar="FOLDER",
     help="In place of IN: convert what is in a folder and what comes into it, until Ctrl-C, "
     "to the folder of -o or beside it with --suffix.",
-)  # fmt: skip
-@click.option(
-    "--settle", type=options.positive, default=2.0, show_default=True, metavar="S",
-    help="With --watch: a file that has not changed for so long is wholly written.",
-)  # fmt: skip
-@click.option(
-    "--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time."
 )
+@click.option(
+    "--settle",
+    type=options.positive,
+    default=2.0,
+    show_default=True,
+    metavar="S",
+    help="With --watch: a file that has not changed for so long is wholly written.",
+)
+@click.option("--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time.")
 @options.plot("the feed along the path, before and after; of a part program also the predicted error")
 @options.common
 def command(
@@ -125,13 +126,11 @@ def command(
       verified       of a part program: whether the judge, of --undo the hash of the original, has passed it
       unchanged      of a part program: whether nothing had to change
     """
+    from ph_post.cli.conversion import convert_program
     from ph_post.cli.job import default_strategy, load_and_analyse
-    from ph_post.cli.programs import convert_program
-    from ph_post.io.atomic import write_atomically
-    from ph_post.io.inputs import is_program
-    from ph_post.io.shipped import or_shipped
-    from ph_post.io.source import read_raw
-    from ph_post.report.progress import Progress
+    from ph_post.cli.progress import Progress
+    from ph_post.edit.inputs import is_program
+    from ph_post.files.storage import or_shipped, read_raw, write_atomically
     from ph_post.report.tables import print_json, print_plans
 
     everything = {**how, "machine": machine, "output": output, "table": table}
@@ -148,9 +147,14 @@ def command(
     view = None
     with Progress() as stage:
         analysis = load_and_analyse(
-            raw, machine, how["tolerance"], stage,
-            feed=how["feed"], dialect=how["dialect"], intervals=how["interval_table"],
-        )  # fmt: skip
+            raw,
+            machine,
+            how["tolerance"],
+            stage,
+            feed=how["feed"],
+            dialect=how["dialect"],
+            intervals=how["interval_table"],
+        )
         plans = _plans(analysis, how, table is not None or program is None, program is not None, stage)
         products, plans = _products(analysis, plans, {"table": table, "program": program}, how, stage)
         if how["plot"] is not None:
@@ -197,14 +201,14 @@ def _picture(analysis: Analysis, plan: Plan, target: str, stage: Callable[[str],
 
 def _plans(
     analysis: Analysis, how: dict[str, Any], table: bool, program: bool, stage: Callable[[str], None]
-) -> dict[Carrier, Plan]:
+) -> dict[PlanOutput, Plan]:
     """Plan what is asked for, each for what it is written as; where nothing is added they are the same."""
     from ph_post.cli.job import effect_warnings, plan_options, with_warnings
     from ph_post.compensate.plan import make_plan
 
     assert analysis.machine is not None
-    asked: list[Carrier] = [*(("table",) if table else ()), *(("program",) if program else ())]
-    found: dict[Carrier, Plan] = {}
+    asked: list[PlanOutput] = [*(("table",) if table else ()), *(("program",) if program else ())]
+    found: dict[PlanOutput, Plan] = {}
     for carrier in asked:
         if found and how["feed_only"]:
             found[carrier] = found[asked[0]]
@@ -221,9 +225,9 @@ def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], stage: Callab
     """Return the plan, or one of feeds alone where the dialect cannot write what it adds to the path."""
     from ph_post.cli.job import plan_options, with_warnings
     from ph_post.compensate.plan import make_plan
+    from ph_post.dialects.registry import find_dialect
     from ph_post.errors import InputError
-    from ph_post.gcode.jogs import check_jogs, read_jogs
-    from ph_post.gcode.registry import find_dialect
+    from ph_post.post.moves import check_jogs, read_jogs
 
     try:
         check_jogs(read_jogs(plan).jogs, find_dialect(plan.machine.dialect))
@@ -237,15 +241,15 @@ def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], stage: Callab
 
 def _products(
     analysis: Analysis,
-    plans: dict[Carrier, Plan],
-    targets: dict[Carrier, str | None],
+    plans: dict[PlanOutput, Plan],
+    targets: dict[PlanOutput, str | None],
     how: dict[str, Any],
     stage: Callable[[str], None],
-) -> tuple[dict[str, str | bytes], dict[Carrier, Plan]]:
+) -> tuple[dict[str, str | bytes], dict[PlanOutput, Plan]]:
     """Write plans as what they are for, in memory, and add the writers' warnings to them."""
     from ph_post.cli.job import program_of, program_options, with_warnings
     from ph_post.compensate.offsets import command_of
-    from ph_post.io.table import table_content
+    from ph_post.files.table import table_content
 
     products: dict[str, str | bytes] = {}
     if (table := targets["table"]) is not None:
@@ -272,8 +276,8 @@ def _caveats(program: Plan, table: Plan | None) -> list[str]:
 
 
 def _view(
-    analysis: Analysis, plans: dict[Carrier, Plan], how: dict[str, Any], stage: Callable[[str], None]
-) -> tuple[dict[str, Any], dict[Carrier, Plan]]:
+    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], stage: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return the JSON object, and the plans with what the simulation has to say about them."""
     from ph_post.compensate.offsets import command_of
     from ph_post.report.views import plan_view
@@ -293,13 +297,13 @@ def _view(
 
 
 def _simulated(
-    analysis: Analysis, plans: dict[Carrier, Plan], how: dict[str, Any], stage: Callable[[str], None]
-) -> tuple[dict[str, Any], dict[Carrier, Plan]]:
+    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], stage: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return contour errors by carrier [mm], before and after, and `reached` by a table not asked for."""
     from ph_post.cli.job import plan_options, with_warnings
     from ph_post.compensate.comparison import before_and_after
     from ph_post.compensate.plan import make_plan
-    from ph_post.report.assessments import error_view, table_would_reach
+    from ph_post.report.simulations import error_view, table_would_reach
 
     judged = list(plans.values())
     alone = list(plans) == ["program"]
@@ -325,9 +329,5 @@ def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None
     streams += ["--json"] if as_json else []
     if len(streams) > 1:
         raise click.UsageError(f"standard output can take one product; got {' and '.join(streams)}")
-    if (
-        output not in (None, "-")
-        and table is not None
-        and FilePath(str(output)).resolve() == FilePath(table).resolve()
-    ):
+    if output not in (None, "-") and table is not None and FilePath(str(output)).resolve() == FilePath(table).resolve():
         raise click.UsageError(f"-o and --table name the same file; got {output}")

@@ -14,9 +14,7 @@ EFFORT = 0.01
 
 
 @click.command()
-@click.option(
-    "--out", default="ph_post_demo", show_default=True, metavar="FOLDER", help="Where the files go."
-)
+@click.option("--out", default="ph_post_demo", show_default=True, metavar="FOLDER", help="Where the files go.")
 @options.common
 def command(out: str, as_json: bool) -> int:
     """Convert a shipped oval for a shipped mill, and show what was done.
@@ -40,14 +38,13 @@ def command(out: str, as_json: bool) -> int:
     from msgspec.structs import replace
 
     from ph_post.cli.job import load_and_analyse, program_of
+    from ph_post.cli.progress import Progress
     from ph_post.compensate.offsets import command_of
     from ph_post.compensate.options import PlanOptions
     from ph_post.compensate.plan import make_plan
-    from ph_post.io.atomic import make_folder, write_atomically
-    from ph_post.io.shipped import shipped
-    from ph_post.io.table import table_content
+    from ph_post.files.storage import make_folder, shipped, write_atomically
+    from ph_post.files.table import table_content
     from ph_post.report.figures import draw_plan, render
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import dip_table, print_json, print_plans
     from ph_post.report.views import plan_view
 

@@ -1,4 +1,4 @@
-"""``ph-post diagnose``: the effect that a machine file lacks, named, added, and the gap after it."""
+"""``ph-post diagnose``: names the effect that a machine file lacks, and adds it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.cli.recordings import log_options
+from ph_post.cli.log_options import log_options
 
 if TYPE_CHECKING:
-    from ph_post.diagnose.record import Diagnosis
-    from ph_post.io.atomic import Content
-    from ph_post.io.source import Source
+    from ph_post.files.storage import Content, SourceText
     from ph_post.types import Log
+    from ph_post.types.diagnosis import Diagnosis
 
 
 @click.command()
@@ -70,12 +69,12 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
       quality          what the record can show
       notes, warnings  lists of sentences
     """
-    from ph_post.cli.recordings import check_places, read_recording
+    from ph_post.cli.log_options import check_places, read_log_with_options
+    from ph_post.cli.progress import Progress
     from ph_post.diagnose.diagnose import diagnose
-    from ph_post.io.atomic import write_atomically
-    from ph_post.io.machinefile import machine_of, machine_source
+    from ph_post.drive.machinefile import machine_of, machine_source
+    from ph_post.files.storage import write_atomically
     from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view, effort_units
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
     places = {"-o": how["output"], "--html": how["html"], "--plot": how["plot"], "--next": how["following"]}
@@ -84,7 +83,7 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
         stage("reading")
         text = machine_source(machine)
         drives = machine_of(text)
-        log = read_recording(source, how, drives)
+        log = read_log_with_options(source, how, drives)
         found = diagnose(log, drives, stage)
         stage("writing")
         products = _products(found, log, text, how)
@@ -95,23 +94,23 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
         given = [option for option, place in places.items() if place is not None]
         for line in diagnosis_lines(found, effort_units(log), given):
             click.echo(line, err="-" in products)
-    for line in _told(found, log, text, how, products):
+    for line in _messages(found, log, text, how, products):
         click.echo(line, err=True)
     return 0
 
 
-def _products(found: Diagnosis, log: Log, text: Source, how: dict[str, Any]) -> dict[str, Content]:
+def _products(found: Diagnosis, log: Log, text: SourceText, how: dict[str, Any]) -> dict[str, Content]:
     """Return what was asked for, by the name of its file."""
-    from ph_post.io.machinewrite import better_machine
+    from ph_post.identify.machinechange import diagnosed_machine
     from ph_post.report.diagnoses import effort_units
-    from ph_post.report.diagnosisfigures import draw_diagnosis
-    from ph_post.report.diagnosispage import diagnosis_page
+    from ph_post.report.diagnosis_figures import draw_diagnosis
+    from ph_post.report.diagnosis_page import diagnosis_page
     from ph_post.report.figures import picture_format, render
 
     efforts = effort_units(log)
     products: dict[str, Content] = {}
     if how["output"] is not None:
-        products[how["output"]] = better_machine(text, found, log)
+        products[how["output"]] = diagnosed_machine(text, found, log)
     if how["html"] is not None:
         products[how["html"]] = diagnosis_page(found, log.name, efforts)
     if how["plot"] is not None:
@@ -121,8 +120,8 @@ def _products(found: Diagnosis, log: Log, text: Source, how: dict[str, Any]) -> 
     return products
 
 
-def _told(
-    found: Diagnosis, log: Log, text: Source, how: dict[str, Any], products: dict[str, Content]
+def _messages(
+    found: Diagnosis, log: Log, text: SourceText, how: dict[str, Any], products: dict[str, Content]
 ) -> Iterator[str]:
     """Say what the reader had to do, and what was written where."""
     yield from (f"warning: {warning}" for warning in log.warnings)

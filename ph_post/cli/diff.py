@@ -1,4 +1,4 @@
-"""``ph-post diff``: what differs between two programs."""
+"""``ph-post diff``: shows the differences between two programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ph_post.cli import options
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ph_post.audit.diff.record import Comparison
+    from ph_post.diff.records import Comparison
     from ph_post.report.diffs import Programs
 
 
@@ -22,15 +22,21 @@ if TYPE_CHECKING:
 @options.optional_machine
 @options.dialect
 @click.option(
-    "--tolerance", type=options.positive, default=1e-6, show_default=True, metavar="MM",
+    "--tolerance",
+    type=options.positive,
+    default=1e-6,
+    show_default=True,
+    metavar="MM",
     help="Tool paths that are no farther apart are the same.",
-)  # fmt: skip
+)
 @click.option("--html", metavar="FILE", help="A page with path and feed drawn; it needs no network.")
 @options.plot("the tool paths, how far they are apart, and the feeds")
 @click.option(
-    "--color/--no-color", "colour", default=None,
+    "--color/--no-color",
+    "colour",
+    default=None,
     help="Colour, or none. [by default on a terminal, unless NO_COLOR is set]",
-)  # fmt: skip
+)
 @options.common
 def command(
     a: str,
@@ -75,15 +81,14 @@ def command(
       orders, notes    other commands that differ; what was compared as text
       error            with -m: contour error of A and B [mm], else null
     """
-    from ph_post.io.atomic import Content, write_atomically
-    from ph_post.io.source import STDIN
-    from ph_post.report.diffpage import diff_page
-    from ph_post.report.diffs import comparison_view, print_comparison
+    from ph_post.cli.progress import Progress
+    from ph_post.files.storage import STDIO, Content, write_atomically
+    from ph_post.report.diff_page import diff_page
+    from ph_post.report.diffs import diff_view, print_diff
     from ph_post.report.figures import picture_format, render
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
-    if as_json and html == STDIN:
+    if as_json and html == STDIO:
         raise click.UsageError("standard output can take one product; got two for it")
     products: dict[str, Content] = {}
     with Progress() as stage:
@@ -92,17 +97,17 @@ def command(
         if html is not None:
             products[html] = diff_page(found, programs)
         if plot is not None:
-            from ph_post.report.diff_figures import draw_comparison
+            from ph_post.report.diff_page import draw_diff
 
-            products[plot] = render(draw_comparison(found, programs), picture_format(plot))
+            products[plot] = render(draw_diff(found, programs), picture_format(plot))
         write_atomically(products)
     if as_json:
-        print_json(comparison_view(found, programs))
-    elif STDIN not in products:
+        print_json(diff_view(found, programs))
+    elif STDIO not in products:
         # A context knows whether its words are coloured; where nobody says, the terminal does.
         click.get_current_context().color = False if colour is None and "NO_COLOR" in os.environ else colour
-        print_comparison(found, programs)
-    options.tell_written(found.notes, products)
+        print_diff(found, programs)
+    options.report_written(found.notes, products)
     return 0 if found.same else 1
 
 
@@ -115,21 +120,21 @@ def compare_files(
     dialect: str | None = None,
 ) -> tuple[Comparison, Programs]:
     """Read two programs, and compare them within `tolerance` [mm], on a machine where one is given."""
-    from ph_post.audit.diff.compare import compare_programs
-    from ph_post.drive.required import require_drives
-    from ph_post.gcode.controller.moves import moved_axes
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_pair
-    from ph_post.io.source import STDIN
+    from ph_post.diff.compare import compare_programs
+    from ph_post.drive.axes import check_axes
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.edit.inputs import read_program_pair
+    from ph_post.files.storage import STDIO
+    from ph_post.simulate.controllers.run import moved_axes
     from ph_post.units import MM
 
-    if a == b == STDIN:
+    if a == b == STDIO:
         raise click.UsageError("standard input can give one program; got - for both")
     stage("reading")
     drives = None if machine is None else read_machine(machine)
     programs = read_program_pair(a, b, drives, dialect)
     if drives is not None:
         for program in programs:
-            require_drives(moved_axes(program), "program", drives, str(machine))
+            check_axes(moved_axes(program), "program", drives, str(machine))
     stage("comparing")
     return compare_programs(*programs, tolerance * MM, drives), programs

@@ -1,4 +1,4 @@
-"""``ph-post filter``: what the screens of LinuxCNC call to load a file."""
+"""``ph-post filter``: compensates a file for the screens of LinuxCNC, which call it to load the file."""
 
 from __future__ import annotations
 
@@ -57,10 +57,9 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
       ph-post filter -m mill.toml part.ngc > filtered.ngc
       PH_POST_MACHINE=mill.toml ph-post-filter part.json
     """
-    from ph_post.cli.conversion import convert_input, hushed
-    from ph_post.io.atomic import write_atomically
-    from ph_post.io.source import STDIN, read_raw
-    from ph_post.report.progress import FilterProgress
+    from ph_post.cli.conversion import convert_input, silenced
+    from ph_post.cli.progress import FilterProgress
+    from ph_post.files.storage import STDIO, read_raw, write_atomically
 
     ctx.ensure_object(dict)["one_line"] = True
     dialect = how["dialect"] or _DIALECT
@@ -69,9 +68,9 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     how = {**how, "machine": _in_full(machine) if machine else _beside_the_ini(), "dialect": dialect}
     stage = FilterProgress(None if quiet else sys.stderr)
     raw = read_raw(source)
-    with hushed():
+    with silenced():
         found = convert_input(raw, how, stage, noted=True)
-    write_atomically({STDIN: found.data})
+    write_atomically({STDIO: found.data})
     stage("done")
     for line in () if quiet else found.lines:
         click.echo(line, err=True)
@@ -97,6 +96,8 @@ def _beside_the_ini() -> str:
         return str(found)
     got = f"no {found}" if ini else f"no {_INI}, so not called by LinuxCNC"
     raise InputError(
-        "machine", "no machine file is named",
-        expected=f"-m FILE, {options.MACHINE_VARIABLE}, or {BESIDE} beside the INI file", got=got,
-    )  # fmt: skip
+        "machine",
+        "no machine file is named",
+        expected=f"-m FILE, {options.MACHINE_VARIABLE}, or {BESIDE} beside the INI file",
+        got=got,
+    )

@@ -1,4 +1,4 @@
-"""``ph-post freecad``: FreeCAD's post-processor, installed and answered."""
+"""``ph-post freecad``: installs FreeCAD's post-processor, and answers its questions."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from ph_post.cli import options
 
 
 @click.command()
+@click.option("--install", "installs", is_flag=True, help="Copy the post-processor to where FreeCAD finds it.")
 @click.option(
-    "--install", "installs", is_flag=True, help="Copy the post-processor to where FreeCAD finds it."
-)
-@click.option(
-    "--folder", metavar="FOLDER",
+    "--folder",
+    metavar="FOLDER",
     help="With --install: this folder in place of FreeCAD's own for macros, which are looked for.",
-)  # fmt: skip
-@click.option(
-    "--trace", metavar="JOB", hidden=True, help="Answer the post-processor's question; - for stdin."
 )
+@click.option("--trace", metavar="JOB", hidden=True, help="Answer the post-processor's question; - for stdin.")
 @options.optional_machine
 @options.debug
 def command(installs: bool, folder: str | None, trace: str | None, machine: str | None) -> int:
@@ -42,8 +39,8 @@ def command(installs: bool, folder: str | None, trace: str | None, machine: str 
     """
     if trace is not None:
         return _answer(trace, machine)
-    from ph_post.io.freecadinstall import POST, install
-    from ph_post.io.shipped import shipped
+    from ph_post.edit.freecad import POST, install
+    from ph_post.files.storage import shipped
 
     if folder is not None and not installs:
         raise click.UsageError("--folder goes with --install")
@@ -61,9 +58,9 @@ def _answer(trace: str, machine: str | None) -> int:
     """Answer FreeCAD's post-processor."""
     import msgspec
 
-    from ph_post.io.freecadjob import answer, read_job
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.source import read_source
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.edit.freecad import answer, read_job
+    from ph_post.files.storage import read_source
 
     drives = read_machine(options.require_machine(machine))
     told = answer(read_job(read_source(trace)), drives)

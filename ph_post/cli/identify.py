@@ -1,4 +1,4 @@
-"""``ph-post identify``: the drive parameters of a machine, from what it did."""
+"""``ph-post identify``: identifies the drive parameters of a machine from a log."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import click
 
 from ph_post.cli import options
-from ph_post.cli.recordings import log_options
+from ph_post.cli.log_options import log_options
 
 if TYPE_CHECKING:
-    from ph_post.diagnose.draftmachine import Transmission
+    from ph_post.identify.identify import Transmission
     from ph_post.types import Feedback, Machine
 
 LOOPS: Final = ("load", "motor", "none")
@@ -64,9 +64,7 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
 @options.plot("what the machine that was found leaves of the record")
 @log_options
 @options.common
-def command(
-    source: str, machine: str | None, output: str | None, plot: str | None, as_json: bool, **how: Any
-) -> int:
+def command(source: str, machine: str | None, output: str | None, plot: str | None, as_json: bool, **how: Any) -> int:
     """Identify b, c and the gap of every axis from a record, with standard errors.
 
     LOG is what was measured while the machine ran, as `ph-post diagnose --help` says. With -m the machine
@@ -99,14 +97,14 @@ def command(
       identifiability  what the record separates, by axis
       notes, warnings  lists of sentences
     """
-    from ph_post.cli.recordings import check_places, read_recording
-    from ph_post.diagnose.identify import identify
-    from ph_post.io.atomic import Content, write_atomically
-    from ph_post.io.identifiedmachine import identified_machine
-    from ph_post.io.machinefile import machine_of, machine_source
+    from ph_post.cli.log_options import check_places, read_log_with_options
+    from ph_post.cli.progress import Progress
+    from ph_post.drive.machinefile import machine_of, machine_source
+    from ph_post.files.storage import Content, write_atomically
+    from ph_post.identify.identify import identify
+    from ph_post.identify.machinefile import identified_machine
+    from ph_post.report.diagnoses import fit_view, identification_lines, identification_view
     from ph_post.report.figures import picture_format, render
-    from ph_post.report.identifications import fit_view, identification_lines, identification_view
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
     inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
@@ -116,7 +114,7 @@ def command(
         text = None if machine is None else machine_source(machine)
         drives = None if text is None else machine_of(text)
         transmission = _transmission(drives, how["gear_ratio"], how["screw_lead"])
-        log = read_recording(source, how, drives)
+        log = read_log_with_options(source, how, drives)
         loops = {name: cast("Feedback", kind) for name, kind in how["feedback"].items() if name in log.axes}
         found = identify(log, drives, loops, transmission, stage)
         products: dict[str, Content] = {}
@@ -124,7 +122,7 @@ def command(
             stage("writing")
             products[output] = identified_machine(text, found, log)
         if plot is not None:
-            from ph_post.report.identification_figures import draw_identification
+            from ph_post.report.diagnosis_figures import draw_identification
 
             stage("drawing")
             products[plot] = render(draw_identification(found, log), picture_format(plot))
@@ -135,15 +133,13 @@ def command(
     else:
         for line in identification_lines(found.axes, found.sentences):
             click.echo(line, err="-" in products)
-    options.tell_written(log.warnings, products)
+    options.report_written(log.warnings, products)
     return 0
 
 
-def _transmission(
-    drives: Machine | None, ratio: float | None, lead: float | None
-) -> dict[str, Transmission] | None:
+def _transmission(drives: Machine | None, ratio: float | None, lead: float | None) -> dict[str, Transmission] | None:
     """Return N and r of all axes by the options; None where there are none."""
-    from ph_post.diagnose.draftmachine import Transmission
+    from ph_post.identify.identify import Transmission
     from ph_post.units import LEAD
 
     if ratio is None and lead is None:

@@ -1,4 +1,4 @@
-"""``ph-post import``: a drawing becomes a path file."""
+"""``ph-post import``: makes a path file of a drawing."""
 
 from __future__ import annotations
 
@@ -44,32 +44,50 @@ def _origin(_ctx: click.Context, _parameter: click.Parameter, text: str) -> str 
 @click.option("-o", "--output", metavar="PATH.json", help="The path file; - or none for standard output.")
 @click.option("--list", "listing", is_flag=True, help="Show what the drawing holds, and import nothing.")
 @click.option(
-    "--layer", "layers", multiple=True, metavar="NAME",
+    "--layer",
+    "layers",
+    multiple=True,
+    metavar="NAME",
     help="Import this layer alone, hidden or not; again for more, cut in this order.",
-)  # fmt: skip
+)
 @click.option(
-    "--units", type=click.Choice(UNIT_NAMES),
+    "--units",
+    type=click.Choice(UNIT_NAMES),
     help="What one unit of the drawing is, where it does not say or says it wrongly.",
-)  # fmt: skip
+)
 @click.option("--scale", callback=_fraction, default="1", metavar="FACTOR", help="Enlarge by this factor.")
 @click.option("--feed", callback=_fraction, metavar="MM/MIN", help="Feed of the path. [1000]")
 @click.option(
-    "--join", type=options.positive, default=0.01, show_default=True, metavar="MM",
+    "--join",
+    type=options.positive,
+    default=0.01,
+    show_default=True,
+    metavar="MM",
     help="Ends no farther apart belong together and are made to meet.",
-)  # fmt: skip
+)
 @click.option(
-    "--origin", callback=_origin, default="drawing", show_default=True, metavar="WHERE",
+    "--origin",
+    callback=_origin,
+    default="drawing",
+    show_default=True,
+    metavar="WHERE",
     help="Where X0 Y0 lies: drawing (as drawn; of an SVG the page's lower left corner), corner (of "
     "what is imported, lower left), center (its middle), or X,Y of the drawing in mm.",
-)  # fmt: skip
+)
 @click.option(
-    "--axes", type=click.Choice(["XY", "XYZ"]), default="XY", show_default=True,
+    "--axes",
+    type=click.Choice(["XY", "XYZ"]),
+    default="XY",
+    show_default=True,
     help="XY needs a flat drawing; XYZ keeps its heights.",
-)  # fmt: skip
+)
 @click.option(
-    "--order", type=click.Choice(["nearest", "drawn"]), default="nearest", show_default=True,
+    "--order",
+    type=click.Choice(["nearest", "drawn"]),
+    default="nearest",
+    show_default=True,
     help="Order of the contours of a layer.",
-)  # fmt: skip
+)
 @click.option("--closed", is_flag=True, help="Refuse the drawing unless every contour is closed.")
 @click.option("--strict", is_flag=True, help="Refuse the drawing where anything in it has to be left out.")
 @options.common
@@ -93,11 +111,10 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
       ph-post import part.dxf -o outline.json --layer OUTLINE --closed --origin corner
       ph-post import logo.svg --units mm --feed 600 | ph-post convert - -m router --safe-z 5 --depth -1 -o -
     """
-    from ph_post.io.atomic import write_atomically
-    from ph_post.io.drawing.convert import import_drawing, name_of
-    from ph_post.io.drawing.read import read_drawing
+    from ph_post.cli.progress import Progress
+    from ph_post.files.drawing.convert import import_drawing, name_of, read_drawing
+    from ph_post.files.storage import write_atomically
     from ph_post.report.drawings import import_view, list_view, print_import, print_list
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
     if as_json and output == "-":
@@ -112,7 +129,7 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
             shown = list_view(found)
         else:
             stage("joining curves")
-            made = import_drawing(found, *name_of(drawing), _wish(how))
+            made = import_drawing(found, *name_of(drawing), _import_options(how))
             stage("measuring")
             shown = import_view(made, output)
     if listing:
@@ -127,14 +144,14 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
         print_json(shown)
     else:
         print_import(shown)
-    options.tell_written(shown["warnings"], products)
+    options.report_written(shown["warnings"], products)
     return 0
 
 
-def _wish(how: dict[str, Any]) -> Any:
-    from ph_post.io.drawing.convert import Wish
+def _import_options(how: dict[str, Any]) -> Any:
+    from ph_post.files.drawing.convert import ImportOptions
 
-    return Wish(
+    return ImportOptions(
         layers=tuple(dict.fromkeys(how["layers"])),
         unit=how["units"],
         scale=how["scale"],

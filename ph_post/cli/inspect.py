@@ -1,4 +1,4 @@
-"""``ph-post inspect``: what would happen, nothing written."""
+"""``ph-post inspect``: lists turning points, windows and backlash, and writes nothing."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from ph_post.cli import options
 @options.tolerance
 @options.feed
 @options.dialect
-@click.option(
-    "--certify", is_flag=True, help="Count and isolate the turning points in exact rational arithmetic."
-)
+@click.option("--certify", is_flag=True, help="Count and isolate the turning points in exact rational arithmetic.")
 @options.plot("the path with its windows, and of what backlash does there")
 @options.common
 def command(
@@ -48,13 +46,13 @@ def command(
                       backlash {lag [s], duration [s], standstill_travel [mm]}}
       certificate     with --certify: {ok, count, found, roots, words}
     """
+    from ph_post.analysis.turning_points import certify as certify_turning_points
     from ph_post.cli.job import load_and_analyse
-    from ph_post.io.atomic import Content, write_atomically
+    from ph_post.cli.progress import Progress
+    from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_analysis, picture_format, render
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_certificate, print_inspection, print_json
     from ph_post.report.views import certificate_view, turning_point_views
-    from ph_post.turning import certify as certify_turning_points
 
     products: dict[str, Content] = {}
     with Progress() as stage:
@@ -74,5 +72,5 @@ def command(
         print_inspection(analysis)
         if certificate is not None:
             print_certificate(certificate)
-    options.tell_written((), products)
+    options.report_written((), products)
     return 0 if certificate is None or certificate.ok else 1

@@ -1,7 +1,7 @@
-"""Asking the questions of `ph-post machine new`: from options, a file of answers, a terminal or a pipe.
+"""Questions of ``ph-post machine new``, and asking them: by option, answer file, terminal or pipe.
 
-What options and file answer is not asked. At a terminal a bad answer is told and asked again; elsewhere it
-ends the command, and so does the end of the input. Nothing is written here.
+A question that an option or file answers is not asked. At a terminal a bad answer is reported and asked again;
+elsewhere it ends the command, and so does the end of the input. Nothing is written here.
 """
 
 from __future__ import annotations
@@ -9,15 +9,234 @@ from __future__ import annotations
 import sys
 import textwrap
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from ph_post.cli.questions import QUESTIONS, Question, State
+from ph_post.cli.answers import (
+    ACCELERATION_UNITS,
+    LENGTH_UNITS,
+    RATE_UNITS,
+    SPEED_UNITS,
+    TIME_UNITS,
+    AnswerKind,
+    Axes,
+    Quantity,
+    Ratio,
+    ServoLag,
+    TextLine,
+    WordChoice,
+    by_axis,
+)
 from ph_post.errors import InputError
-from ph_post.io.quantity import Choice, by_axis
 
 if TYPE_CHECKING:
-    from ph_post.io.newmachine import Answers
+    from ph_post.identify.newmachine import Answers
+
+
+LOOPS: Final = WordChoice(
+    ("load", "motor", "none"),
+    {
+        "scale": "load",
+        "scales": "load",
+        "glass": "load",
+        "table": "load",
+        "encoder": "motor",
+        "servo": "motor",
+        "neither": "none",
+        "stepper": "none",
+        "steppers": "none",
+    },
+)
+"""Loops, by the names of machine files and by what stands on the machine."""
+
+State = Mapping[str, Any]
+"""What was answered so far, by key; by axis where the question is one for each."""
+
+
+class Question:
+    """One question.
+
+    Parameters
+    ----------
+    key : str
+        In answer files; with strokes the option.
+    metavar : str
+        What stands behind the option.
+    ask : str
+        The question, in one line.
+    hint : str
+        Where the answer is found on the machine.
+    kind : AnswerKind, or callable that makes it
+    default : callable
+        ``default(state, axes)``: the answer that is taken for an empty one, as a person would write it.
+    axes : callable, optional
+        ``axes(state)``: those it is asked for; none at all where it does not apply. Absent: of the machine.
+    """
+
+    def __init__(
+        self,
+        key: str,
+        metavar: str,
+        ask: str,
+        hint: str,
+        kind: AnswerKind | Callable[[], AnswerKind],
+        default: Callable[[State, Sequence[str]], str],
+        axes: Callable[[State], Sequence[str]] | None = None,
+    ) -> None:
+        self.key, self.metavar, self.ask, self.hint = key, metavar, ask, hint
+        self._kind, self.default, self.axes = kind, default, axes
+
+    @property
+    def kind(self) -> AnswerKind:
+        """What reads an answer."""
+        return self._kind if isinstance(self._kind, AnswerKind) else self._kind()
+
+    @property
+    def option(self) -> str:
+        """Its name on the command line."""
+        return "--" + self.key.replace("_", "-")
+
+
+def _dialects() -> AnswerKind:
+    from ph_post.dialects.registry import dialect_names
+
+    return WordChoice(dialect_names())
+
+
+def _every(state: State) -> Sequence[str]:
+    axes: Sequence[str] = state["axes"]
+    return axes
+
+
+def _with(*loops: str) -> Callable[[State], Sequence[str]]:
+    """Return what chooses the axes with one of these loops."""
+    return lambda state: [axis for axis in state["axes"] if state["loop"][axis] in loops]
+
+
+def _dialect_default(state: State, _axes: Sequence[str]) -> str:
+    return "grbl" if set(state["loop"].values()) == {"none"} else "linuxcnc"
+
+
+def _shipped(key: str, unit: str = "") -> Callable[[State, Sequence[str]], str]:
+    """Return what takes the answer from the shipped machine of the same loop."""
+
+    def default(state: State, axes: Sequence[str]) -> str:
+        from ph_post.identify.newmachine import defaults
+
+        values = [f"{defaults(state['loop'][axis], axis)[key]:g}{unit}" for axis in axes]
+        return values[0] if len(set(values)) == 1 else " ".join(values)
+
+    return default
+
+
+def _period_default(state: State, _axes: Sequence[str]) -> str:
+    from ph_post.identify.newmachine import default_period
+
+    return f"{default_period(state['loop'][state['axes'][0]]):g}ms"
+
+
+QUESTIONS: Final = (
+    Question(
+        "name",
+        "TEXT",
+        "What is the machine called?",
+        "It stands in reports.",
+        TextLine(),
+        lambda _state, _axes: "my machine",
+    ),
+    Question(
+        "axes",
+        "XYZ",
+        "Which axes does it have that shall be looked after?",
+        "One to three of X, Y and Z.",
+        Axes(),
+        lambda _state, _axes: "XYZ",
+    ),
+    Question(
+        "loop",
+        "LOOP",
+        "Is there a glass scale on the table (load), an encoder on the motor (motor), or neither (none)?",
+        "What the drive closes its loop over; a stepper without encoder has none.",
+        LOOPS,
+        lambda _state, _axes: "none",
+        _every,
+    ),
+    Question(
+        "dialect",
+        "NAME",
+        "Which controller, that is which words of G-code?",
+        "Grbl boards take grbl; where none is yours, the nearest: linuxcnc has most words.",
+        _dialects,
+        _dialect_default,
+    ),
+    Question(
+        "lost_motion",
+        "MM",
+        "How much does the axis lose when it turns round? [mm]",
+        "Dial indicator on the table: creep to plus until it moves, zero it, step back by 0.01 mm; what you "
+        "command until it moves again is lost. A glass scale hides that: drive off, turn the screw by hand; "
+        "the part of a turn before the table moves, times the lead. 0: none, or not measured yet.",
+        Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.0, 10.0),
+        _shipped("lost_motion"),
+        _every,
+    ),
+    Question(
+        "lead",
+        "MM",
+        "How far does one turn of the screw move the table? [mm; 5tpi for turns per inch]",
+        "Stamped on the screw, or measured over ten turns; of a rack, one turn of the pinion.",
+        Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.1, 1000.0, inverse={"tpi": 25.4}),
+        _shipped("lead"),
+        _with("load"),
+    ),
+    Question(
+        "gear",
+        "RATIO",
+        "How many turns does the motor make for one of the screw?",
+        "1: coupled directly; teeth on the screw over teeth on the motor of a belt: 40:20.",
+        Ratio(),
+        _shipped("gear"),
+        _with("load"),
+    ),
+    Question(
+        "speed",
+        "SPEED",
+        "How fast may it move at most? [with its unit: 100mm/s, 6000mm/min, 200in/min]",
+        "The controller's setting: grbl $110 to $112 in mm/min, LinuxCNC MAX_VELOCITY in units/s.",
+        Quantity("a speed", SPEED_UNITS, None, "mm/s", 0.01, 10_000.0),
+        _shipped("speed", "mm/s"),
+        _every,
+    ),
+    Question(
+        "acceleration",
+        "MM/S2",
+        "How hard may it accelerate? [mm/s2]",
+        "The controller's setting: grbl $120 to $122 in mm/s2, LinuxCNC MAX_ACCELERATION in units/s2.",
+        Quantity("an acceleration", ACCELERATION_UNITS, "mm/s2", "mm/s2", 0.1, 100_000.0),
+        _shipped("acceleration"),
+        _every,
+    ),
+    Question(
+        "following_error",
+        "E@F",
+        "How far does it lag behind its command at a steady feed? [0.4 at 1000: mm, mm/min; or a gain: 40/s]",
+        "The controller's following error while it runs straight; LinuxCNC shows joint.N.f-error. "
+        "?: nobody knows, take that of the shipped machine.",
+        ServoLag(),
+        lambda _state, _axes: "?",
+        _with("load", "motor"),
+    ),
+    Question(
+        "servo_period",
+        "MS",
+        "How often does the controller command its axes? [ms]",
+        "LinuxCNC SERVO_PERIOD; of steppers only tables use it.",
+        Quantity("a time", TIME_UNITS, "ms", "ms", 0.05, 100.0, inverse=RATE_UNITS),
+        _period_default,
+    ),
+)
+"""Every question, in the order in which they are asked."""
+
 
 WELCOME: Final = """\
 Enter takes what stands in [ ]. Of several axes: one value for all, one each (0.03 0.05 0.02), or by name
@@ -28,28 +247,28 @@ _SCREEN: Final = 100
 """Width of what is told, in characters."""
 
 
-Axes = Sequence[str] | None
-"""Axes that a question is asked for, None for one that is about the machine."""
+AskedAxes = Sequence[str] | None
+"""AskedAxes that a question is asked for, None for one that is about the machine."""
 
 Settings = Mapping[str, Mapping[str, str]]
 """What a controller's settings answer, by question and axis ("" for the machine)."""
 
 
-class Given(NamedTuple):
+class GivenAnswer(NamedTuple):
     """An answer that came with the command, and where it stands."""
 
     text: str
     where: str
 
 
-class Outcome(NamedTuple):
+class InterviewResult(NamedTuple):
     """Values by question, and the questions whose default was taken."""
 
     state: State
     taken: frozenset[str]
 
 
-def answers_of(source: str) -> dict[str, Given]:
+def answers_of(source: str) -> dict[str, GivenAnswer]:
     """Read a file of answers (TOML): question = answer, or a table of axes with one each.
 
     Raises
@@ -57,8 +276,8 @@ def answers_of(source: str) -> dict[str, Given]:
     InputError
         Where it is no TOML, or has a question that is none.
     """
-    from ph_post.io.check import one_of
-    from ph_post.io.source import read_source
+    from ph_post.files.check import one_of
+    from ph_post.files.storage import read_source
 
     file = read_source(source)
     try:
@@ -69,9 +288,7 @@ def answers_of(source: str) -> dict[str, Given]:
     for key in raw:
         if key not in known:
             raise InputError(f"{file.name}: {key}", "no such question", expected=one_of(known, key))
-    return {
-        key: Given(_text(value, f"{file.name}: {key}"), f"{file.name}: {key}") for key, value in raw.items()
-    }
+    return {key: GivenAnswer(_text(value, f"{file.name}: {key}"), f"{file.name}: {key}") for key, value in raw.items()}
 
 
 def settings_of(source: str) -> Settings:
@@ -82,8 +299,8 @@ def settings_of(source: str) -> Settings:
     InputError
         Where there are none in the file.
     """
-    from ph_post.io.controllersettings import controller_settings
-    from ph_post.io.source import read_source
+    from ph_post.files.storage import read_source
+    from ph_post.identify.newmachine import controller_settings
 
     found = controller_settings(read_source(source))
     settings = {
@@ -106,12 +323,12 @@ def twice_compensated(name: str, settings: Settings) -> list[str]:
     return [f"{name} has BACKLASH of {', '.join(axes)}: the controller compensates too; set it to 0 there"]
 
 
-def conduct(given: Mapping[str, Given], defaults: bool, settings: Settings | None = None) -> Outcome:
+def conduct(given: Mapping[str, GivenAnswer], defaults: bool, settings: Settings | None = None) -> InterviewResult:
     """Return a value for every question that applies.
 
     Parameters
     ----------
-    given : mapping of str to Given
+    given : mapping of str to GivenAnswer
         What need not be asked, by key.
     defaults : bool
         Take the default of everything else instead of asking.
@@ -141,17 +358,17 @@ def conduct(given: Mapping[str, Given], defaults: bool, settings: Settings | Non
             untouched = answer is None
         else:
             if welcome:
-                _tell(WELCOME)
+                _print(WELCOME)
                 welcome = False
             state[question.key], untouched = _asked(question, axes, default, terminal)
         if untouched and not own:
             taken.add(question.key)
-    return Outcome(state, frozenset(taken))
+    return InterviewResult(state, frozenset(taken))
 
 
-def machine_answers(outcome: Outcome) -> Answers:
+def machine_answers(outcome: InterviewResult) -> Answers:
     """Sort what was answered by axis."""
-    from ph_post.io.newmachine import Answers, AxisAnswers
+    from ph_post.identify.newmachine import Answers, AxisAnswers
 
     state, taken = outcome
     axes = {
@@ -167,12 +384,10 @@ def machine_answers(outcome: Outcome) -> Answers:
         )
         for axis in state["axes"]
     }
-    return Answers(
-        name=state["name"], dialect=state["dialect"], servo_period_ms=state["servo_period"], axes=axes
-    )
+    return Answers(name=state["name"], dialect=state["dialect"], servo_period_ms=state["servo_period"], axes=axes)
 
 
-def _default(question: Question, state: State, axes: Axes, settings: Settings) -> tuple[str, bool]:
+def _default(question: Question, state: State, axes: AskedAxes, settings: Settings) -> tuple[str, bool]:
     """Return what is taken for an empty answer, and whether it is this machine's own."""
     known = settings.get(question.key, {})
     names = [""] if axes is None else axes
@@ -181,33 +396,33 @@ def _default(question: Question, state: State, axes: Axes, settings: Settings) -
     return question.default(state, axes or state.get("axes", ())), False
 
 
-def _asked(question: Question, axes: Axes, default: str, terminal: bool) -> tuple[Any, bool]:
+def _asked(question: Question, axes: AskedAxes, default: str, terminal: bool) -> tuple[Any, bool]:
     """Ask until there is an answer, of a pipe once; also tell whether it was the default."""
     where = f"standard input, {question.key}"
     if terminal:
         _show(question, axes)
     while True:
         if terminal:
-            _tell(f"  [{default}] ", end="")
+            _print(f"  [{default}] ", end="")
         line = _line(where)
         try:
             return _value(question, line or default, axes, question.key if terminal else where), not line
         except InputError as error:
             if not terminal:
                 raise
-            _tell(f"  {error}")
+            _print(f"  {error}")
 
 
-def _show(question: Question, axes: Axes) -> None:
+def _show(question: Question, axes: AskedAxes) -> None:
     """Put a question on the screen."""
     about = f"{', '.join(axes)}: " if axes else ""
     kind = question.kind
-    hint = f"{question.hint} {kind.words.capitalize()}." if isinstance(kind, Choice) else question.hint
+    hint = f"{question.hint} {kind.words.capitalize()}." if isinstance(kind, WordChoice) else question.hint
     indented = textwrap.fill(hint, _SCREEN, initial_indent="  ", subsequent_indent="  ")
-    _tell(f"\n{about}{question.ask}\n{indented}")
+    _print(f"\n{about}{question.ask}\n{indented}")
 
 
-def _tell(text: str, end: str = "\n") -> None:
+def _print(text: str, end: str = "\n") -> None:
     """Talk on standard error: standard output is for the product."""
     sys.stderr.write(text + end)
     sys.stderr.flush()
@@ -228,18 +443,16 @@ def _line(where: str) -> str:
         raise InputError(where, "not text", expected="UTF-8", got=byte) from None
     if not line:
         if sys.stdin is not None and sys.stdin.isatty():
-            _tell("")  # what is said stands below the question, not behind it
-        raise InputError(
-            where, "no answer", expected="a line, or --yes for defaults", got="the end of the input"
-        )
+            _print("")  # what is said stands below the question, not behind it
+        raise InputError(where, "no answer", expected="a line, or --yes for defaults", got="the end of the input")
     return line.strip()
 
 
-def _value(question: Question, text: str, axes: Axes, where: str) -> Any:
+def _value(question: Question, text: str, axes: AskedAxes, where: str) -> Any:
     return question.kind.one(text, where) if axes is None else by_axis(question.kind, text, axes, where)
 
 
-def _refuse_idle(answer: Given | None) -> None:
+def _refuse_idle(answer: GivenAnswer | None) -> None:
     """Refuse the answer to a question that this machine does not have: it was meant for another."""
     if answer is not None:
         what = "answers nothing on a machine without such a loop"
@@ -260,6 +473,4 @@ def _text(value: Any, where: str) -> str:
         return "; ".join(_text(one, where) for one in value)
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
-    raise InputError(
-        where, "wrong type", expected="a text, a number, or one by axis", got=type(value).__name__
-    )
+    raise InputError(where, "wrong type", expected="a text, a number, or one by axis", got=type(value).__name__)

@@ -1,4 +1,4 @@
-"""What several commands share: read and analyse; write a plan as a program."""
+"""Steps that several commands share: reading, analysing, and writing a plan as a program."""
 
 from __future__ import annotations
 
@@ -9,20 +9,18 @@ from typing import Any, Final
 import click
 import msgspec
 
-from ph_post.analysis import Analysis, IntervalSource, analyse
-from ph_post.compensate.options import Carrier, PlanOptions
-from ph_post.drive.effects import not_acting, still
-from ph_post.drive.interval import backlash_interval
-from ph_post.drive.intervaltable import IntervalTable, look_up
-from ph_post.drive.required import require_drives
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.writer import make_program
-from ph_post.io.inputs import read_input
-from ph_post.io.intervalfile import read_intervals
-from ph_post.io.machinefile import read_machine
-from ph_post.io.shipped import or_shipped
-from ph_post.io.source import Raw, read_raw
+from ph_post.analysis.path_analysis import Analysis, IntervalSource, analyse
+from ph_post.compensate.options import PlanOptions, PlanOutput
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.axes import check_axes
+from ph_post.drive.effects import ignored_effects, unmoved_axes
+from ph_post.drive.intervalfile import read_intervals
+from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.inputs import read_input
+from ph_post.files.storage import SourceBytes, or_shipped, read_raw
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import make_program
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -31,7 +29,7 @@ BASELINES: Final = frozenset(("none", "linear", "step"))
 
 
 def load(
-    source: str | Raw, machine: str | None, feed: float | None = None, dialect: str | None = None
+    source: str | SourceBytes, machine: str | None, feed: float | None = None, dialect: str | None = None
 ) -> tuple[Path, Machine | None]:
     """Read a path file or a part program, and a machine file.
 
@@ -43,7 +41,7 @@ def load(
     InputError
         Where a file is bad, or the machine has no drive for an axis of the path.
     """
-    raw = source if isinstance(source, Raw) else read_raw(or_shipped("paths", source))
+    raw = source if isinstance(source, SourceBytes) else read_raw(or_shipped("paths", source))
     drives = None if machine is None else read_drives(machine, dialect)
     path, warnings = read_input(raw, drives, dialect)
     for warning in warnings:
@@ -52,7 +50,7 @@ def load(
         path = msgspec.structs.replace(path, feed=feed * MM_PER_MIN)
     if drives is None:
         return path, None
-    require_drives(path.axes, "path", drives, str(machine))
+    check_axes(path.axes, "path", drives, str(machine))
     return path, drives
 
 
@@ -73,7 +71,7 @@ def read_drives(machine: str, dialect: str | None) -> Machine:
 
 
 def load_and_analyse(
-    source: str | Raw,
+    source: str | SourceBytes,
     machine: str | None,
     tolerance: float,
     stage: Callable[[str], None],
@@ -109,7 +107,7 @@ def default_strategy(how: Mapping[str, Any]) -> str:
     return "suppress" if described else "auto"
 
 
-def plan_options(how: Mapping[str, Any], carrier: Carrier = "table") -> PlanOptions:
+def plan_options(how: Mapping[str, Any], carrier: PlanOutput = "table") -> PlanOptions:
     """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI.
 
     Only a table can lead the path by what the servos lag behind it.
@@ -133,11 +131,11 @@ def effect_warnings(machine: Machine, axes: Sequence[str]) -> list[str]:
     return [
         f"axis {name}: the effect {effect} of the machine file does not act in the simulation"
         for name in axes
-        for effect in dict.fromkeys(not_acting(machine.axes[name]))
+        for effect in dict.fromkeys(ignored_effects(machine.axes[name]))
     ] + [
         f"axis {name}: its squareness to {other} does not show, because nothing moves {other}"
         for name in axes
-        for other in still(machine.axes[name], axes)
+        for other in unmoved_axes(machine.axes[name], axes)
     ]
 
 

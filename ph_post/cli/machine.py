@@ -1,4 +1,4 @@
-"""``ph-post machine new``: a machine file, from the questions that a machinist can answer."""
+"""``ph-post machine new``: writes a machine file from questions that a machinist can answer."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from ph_post.cli import options
-from ph_post.cli.questions import QUESTIONS
+from ph_post.cli.interview import QUESTIONS
 
 if TYPE_CHECKING:
-    from ph_post.cli.interview import Given
-    from ph_post.io.newmachine import NewMachine
+    from ph_post.cli.interview import GivenAnswer
+    from ph_post.identify.newmachine import NewMachine
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -42,16 +42,13 @@ def command() -> None:
 @command.command()
 @click.argument("output", metavar="[FILE]", default="-")
 @_answers
+@click.option("--answers", metavar="FILE", help="Answers (TOML), by the names of the options: lost_motion = 0.03.")
 @click.option(
-    "--answers", metavar="FILE", help="Answers (TOML), by the names of the options: lost_motion = 0.03."
-)
-@click.option(
-    "--settings", metavar="FILE",
+    "--settings",
+    metavar="FILE",
     help="Defaults from the controller's own settings: a listing of Grbl's $$, or LinuxCNC's .ini file.",
-)  # fmt: skip
-@click.option(
-    "--yes", is_flag=True, help="Ask nothing: what no option and no file answers takes its default."
 )
+@click.option("--yes", is_flag=True, help="Ask nothing: what no option and no file answers takes its default.")
 @click.option("--force", is_flag=True, help="Replace FILE where it is there already.")
 @options.common
 def new(
@@ -92,7 +89,7 @@ def new(
       warnings    what is to be put right before the file is used
     """
     from ph_post.cli.interview import conduct, machine_answers, settings_of, twice_compensated
-    from ph_post.io.newmachine import new_machine
+    from ph_post.identify.newmachine import new_machine
 
     _refuse_place(output, force)
     own = {} if settings is None else settings_of(settings)
@@ -109,27 +106,32 @@ def new(
     return 0
 
 
-def _known(answers: str | None, given: Mapping[str, str | None]) -> dict[str, Given]:
+def _known(answers: str | None, given: Mapping[str, str | None]) -> dict[str, GivenAnswer]:
     """Gather what need not be asked: options come before the file of answers."""
-    from ph_post.cli.interview import Given, answers_of
+    from ph_post.cli.interview import GivenAnswer, answers_of
 
     known = {} if answers is None else answers_of(answers)
     for question in QUESTIONS:
         text = given[question.key]
         if text is not None:
-            known[question.key] = Given(text, question.option)
+            known[question.key] = GivenAnswer(text, question.option)
     return known
 
 
 def _print_view(output: str, made: NewMachine, warnings: list[str]) -> None:
-    from ph_post.report.machineviews import machine_view
     from ph_post.report.tables import print_json
+    from ph_post.report.views import machine_view
 
     printed = output == "-"
-    print_json({
-        "file": None if printed else output, "text": made.text if printed else None,
-        "machine": machine_view(made.machine), "assumed": made.assumed, "warnings": warnings,
-    })  # fmt: skip
+    print_json(
+        {
+            "file": None if printed else output,
+            "text": made.text if printed else None,
+            "machine": machine_view(made.machine),
+            "assumed": made.assumed,
+            "warnings": warnings,
+        }
+    )
 
 
 def _refuse_place(output: str, force: bool) -> None:
@@ -145,7 +147,7 @@ def _write(output: str, made: NewMachine, force: bool) -> None:
     """Write the file; what was answered at a terminal is shown where that fails, so that it is not lost."""
     from ph_post.cli.outputs import refuse_existing
     from ph_post.errors import InputError
-    from ph_post.io.atomic import write_atomically
+    from ph_post.files.storage import write_atomically
 
     try:
         refuse_existing(output, force)
@@ -160,9 +162,7 @@ def _warnings(made: NewMachine) -> list[str]:
     """Say what is to be put right before the machine file is of use."""
     warnings = []
     if still := _axes_with(made, "lost_motion_mm"):
-        warnings.append(
-            f"no lost motion of {still}: nothing is compensated until a number stands in the file"
-        )
+        warnings.append(f"no lost motion of {still}: nothing is compensated until a number stands in the file")
     if guessed := _axes_with(made, "c"):
         warnings.append(f"following error of {guessed} as another machine's: a table leads by it, measure it")
     return warnings

@@ -1,4 +1,4 @@
-"""``ph-post machines``: the shipped machine files, a line each, and copies of them."""
+"""``ph-post machines``: lists the shipped machine files, and copies them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from ph_post.cli import options
 
 @click.command()
 @click.option(
-    "--copy", nargs=2, default=None, metavar="NAME FILE",
+    "--copy",
+    nargs=2,
+    default=None,
+    metavar="NAME FILE",
     help="Copy a shipped machine file, comments and all, to FILE (- for standard output).",
-)  # fmt: skip
+)
 @click.option("--force", is_flag=True, help="Replace FILE where it is there already.")
 @options.common
 def command(copy: tuple[str, str] | None, force: bool, as_json: bool) -> int:
@@ -33,32 +36,28 @@ def command(copy: tuple[str, str] | None, force: bool, as_json: bool) -> int:
       machines  a list of {name, file, title, dialect, servo_period [ms], axes}
       copied    with --copy: the file that was written, else null
     """
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.shipped import shipped, shipped_names
-    from ph_post.report.machineviews import machine_cells, machine_view
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.files.storage import shipped, shipped_names
     from ph_post.report.tables import print_json
+    from ph_post.report.views import machine_cells, machine_view
 
     copied = None if copy is None else _copy(*copy, force, as_json)
     names = shipped_names("machines")
     if as_json:
         listed = [
-            {"name": name, "file": str(shipped("machines", name)), **machine_view(read_machine(name))}
-            for name in names
+            {"name": name, "file": str(shipped("machines", name)), **machine_view(read_machine(name))} for name in names
         ]
         print_json({"machines": listed, "copied": copied})
     elif copied is None:
         header = ("name", "loop", "dialect", "lost motion mm", "what it is")
-        click.echo(
-            _left([header, *(machine_cells(name, read_machine(shipped("machines", name))) for name in names)])
-        )
+        click.echo(_left([header, *(machine_cells(name, read_machine(shipped("machines", name))) for name in names)]))
         click.echo(f"they are in {shipped('machines', names[0]).parent}", err=True)
     return 0
 
 
 def _copy(name: str, file: str, force: bool, as_json: bool) -> str:
     from ph_post.cli.outputs import refuse_existing
-    from ph_post.io.atomic import write_atomically
-    from ph_post.io.shipped import shipped
+    from ph_post.files.storage import shipped, write_atomically
 
     source = shipped("machines", name)
     refuse_existing(file, force)

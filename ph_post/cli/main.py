@@ -1,4 +1,4 @@
-"""The console script: one command a file, loaded when it is called, and one line for whatever goes wrong."""
+"""Console script: loads each command when it is called, and reports every failure in one line."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class LazyGroup(click.Group):
         module = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
         command: click.Command = importlib.import_module(f"ph_post.cli.{module}").command
         if COMPLETE_VARIABLE in os.environ:
-            from ph_post.cli.complete import complete_by_metavar
+            from ph_post.cli.completion import complete_by_metavar
 
             complete_by_metavar(command)
         return command

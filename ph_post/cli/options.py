@@ -28,18 +28,23 @@ def _set_debug(ctx: click.Context, _parameter: click.Parameter, value: bool) -> 
 
 
 debug = click.option(
-    "--debug", is_flag=True, expose_value=False, is_eager=True, callback=_set_debug,
+    "--debug",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_set_debug,
     help="Show a traceback when something goes wrong.",
-)  # fmt: skip
-
-json_output = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object on standard output."
 )
 
+json_output = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
+
 machine = click.option(
-    "-m", "--machine", required=True, metavar="MACHINE",
+    "-m",
+    "--machine",
+    required=True,
+    metavar="MACHINE",
     help="Machine file (.toml), or the name of a shipped one.",
-)  # fmt: skip
+)
 
 optional_machine = click.option(
     "-m",
@@ -66,20 +71,29 @@ def require_machine(name: str | None) -> str:
 positive = click.FloatRange(min=0.0, min_open=True)
 
 tolerance = click.option(
-    "--tolerance", type=positive, default=DEFAULT_TOLERANCE_MM, show_default=True, metavar="MM",
+    "--tolerance",
+    type=positive,
+    default=DEFAULT_TOLERANCE_MM,
+    show_default=True,
+    metavar="MM",
     help="How far the osculating circle may leave the path inside a window.",
-)  # fmt: skip
+)
 
 feed = click.option(
-    "--feed", type=positive, default=None, metavar="MM/MIN",
+    "--feed",
+    type=positive,
+    default=None,
+    metavar="MM/MIN",
     help="Feed in place of the path's; segments with a feed of their own keep it.",
-)  # fmt: skip
+)
 
 
 dialect = click.option(
-    "--dialect", default=None, metavar="NAME",
+    "--dialect",
+    default=None,
+    metavar="NAME",
     help="Controller dialect in place of the machine file's; programs are read and written by its words.",
-)  # fmt: skip
+)
 
 
 def common(function: F) -> F:
@@ -87,9 +101,7 @@ def common(function: F) -> F:
     return json_output(debug(function))
 
 
-def _coefficients(
-    _ctx: click.Context, _parameter: click.Parameter, text: str | None
-) -> tuple[float, ...] | None:
+def _coefficients(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
     """Read ``1,1,0.2,1,1``."""
     if text is None:
         return None
@@ -116,15 +128,22 @@ class _StrategyOption(click.Option):
 def strategy(default: str | None, words: str | bool = True) -> Callable[[F], F]:
     """Return the option that names the strategy; `words` say what the default is where it depends."""
     return click.option(
-        "--strategy", cls=_StrategyOption, default=default, show_default=words, metavar="NAME",
+        "--strategy",
+        cls=_StrategyOption,
+        default=default,
+        show_default=words,
+        metavar="NAME",
         help="What is done at each turning point.",
-    )  # fmt: skip
+    )
 
 
 carrier = click.option(
-    "--carrier", type=click.Choice(["table", "program"]), default="table", show_default=True,
+    "--carrier",
+    type=click.Choice(["table", "program"]),
+    default="table",
+    show_default=True,
     help="Plan for an interpolator table, or for a part program, which cannot carry all that a table can.",
-)  # fmt: skip
+)
 
 
 def _picture(_ctx: click.Context, _parameter: click.Parameter, name: str | None) -> str | None:
@@ -139,11 +158,14 @@ def _picture(_ctx: click.Context, _parameter: click.Parameter, name: str | None)
 def plot(what: str) -> Callable[[F], F]:
     """Return the option that asks for a picture of `what`; the ending of the file's name is its format."""
     return click.option(
-        "--plot", metavar="FILE", callback=_picture, help=f"Picture of {what}: .png, .svg or .pdf.",
-    )  # fmt: skip
+        "--plot",
+        metavar="FILE",
+        callback=_picture,
+        help=f"Picture of {what}: .png, .svg or .pdf.",
+    )
 
 
-def tell_written(warnings: Iterable[str], products: Iterable[str]) -> None:
+def report_written(warnings: Iterable[str], products: Iterable[str]) -> None:
     """Say on standard error what is to be known, and which files were written."""
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
@@ -157,35 +179,42 @@ _PLANNING = (
     feed,
     dialect,
     click.option(
-        "--start", type=click.Choice(["rest", "moving"]), default="rest", show_default=True,
+        "--start",
+        type=click.Choice(["rest", "moving"]),
+        default="rest",
+        show_default=True,
         help="Begin and end at rest, or hold the feed from end to end.",
     ),
     click.option(
-        "--ratio", type=float,
+        "--ratio",
+        type=float,
         help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25; retrograde -0.3]",
     ),
     click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),
     click.option("--t-star", type=positive, metavar="S", help="Half duration of the feed profile."),
     click.option(
-        "--coefficients", callback=_coefficients, metavar="V0,V1,...",
+        "--coefficients",
+        callback=_coefficients,
+        metavar="V0,V1,...",
         help="V_k / V_c of Eq. (26), all of them.",
     ),
     click.option(
-        "--allow-retrograde", is_flag=True,
+        "--allow-retrograde",
+        is_flag=True,
         help="Let the feed become negative: the tool moves back for a while.",
     ),
     click.option("--min-feed", type=positive, metavar="MM/MIN", help="No slower than this while cutting."),
     click.option(
-        "--max-slowdown", type=click.FloatRange(min=0.0), default=0.1, show_default=True, metavar="FRACTION",
+        "--max-slowdown",
+        type=click.FloatRange(min=0.0),
+        default=0.1,
+        show_default=True,
+        metavar="FRACTION",
         help="Soften the dips until the cycle time grows by no more than this; not where --ratio is given.",
     ),
-    click.option(
-        "--feed-only", is_flag=True, help="Leave the path as it is: nothing is added to its positions."
-    ),
-    click.option(
-        "--no-inverse-dynamics", is_flag=True, help="Do not lead the path by what the servos lag behind it."
-    ),
-)  # fmt: skip
+    click.option("--feed-only", is_flag=True, help="Leave the path as it is: nothing is added to its positions."),
+    click.option("--no-inverse-dynamics", is_flag=True, help="Do not lead the path by what the servos lag behind it."),
+)
 
 
 def planning_with(effort: float) -> Callable[[F], F]:
@@ -194,9 +223,13 @@ def planning_with(effort: float) -> Callable[[F], F]:
     `effort` is how much is searched where the user does not say.
     """
     searched = click.option(
-        "--effort", type=positive, default=effort, show_default=True, metavar="FACTOR",
+        "--effort",
+        type=positive,
+        default=effort,
+        show_default=True,
+        metavar="FACTOR",
         help="How much `auto` and `takeup` search: 1 for some ten seconds, less where a first look will do.",
-    )  # fmt: skip
+    )
 
     def add(function: F) -> F:
         return _with((*_PLANNING, searched), function)
@@ -208,29 +241,25 @@ planning = planning_with(effort=1.0)
 
 
 _WRITING = (
+    click.option("--chord-tolerance", type=positive, metavar="MM", help="How far a G1 chord may leave the path."),
+    click.option("--block-time", type=positive, metavar="MS", help="Duration of the blocks in ramps and dips."),
     click.option(
-        "--chord-tolerance", type=positive, metavar="MM", help="How far a G1 chord may leave the path."
-    ),
-    click.option(
-        "--block-time", type=positive, metavar="MS", help="Duration of the blocks in ramps and dips."
-    ),
-    click.option(
-        "--safe-z", type=float, metavar="MM",
+        "--safe-z",
+        type=float,
+        metavar="MM",
         help="Height at which the path of a path file is approached and left.",
     ),
     click.option(
-        "--depth", type=float, metavar="MM",
+        "--depth",
+        type=float,
+        metavar="MM",
         help="Z at which a planar path file is cut; needs --safe-z.",
     ),
-)  # fmt: skip
-
-force = click.option(
-    "--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before."
 )
 
-strict = click.option(
-    "--strict", is_flag=True, help="Refuse a program that holds anything which is not understood."
-)
+force = click.option("--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before.")
+
+strict = click.option("--strict", is_flag=True, help="Refuse a program that holds anything which is not understood.")
 
 
 def writing(function: F) -> F:
@@ -240,12 +269,21 @@ def writing(function: F) -> F:
 
 _PIPELINE = (
     click.option(
-        "-m", "--machine", default=None, metavar="MACHINE", envvar=MACHINE_VARIABLE, show_envvar=True,
+        "-m",
+        "--machine",
+        default=None,
+        metavar="MACHINE",
+        envvar=MACHINE_VARIABLE,
+        show_envvar=True,
         help="Machine file (.toml), or the name of a shipped one.",
     ),
     strategy(None, "auto; suppress where a profile is described"),
-    planning, writing, strict, force, debug,
-)  # fmt: skip
+    planning,
+    writing,
+    strict,
+    force,
+    debug,
+)
 
 
 def pipeline(function: F) -> F:

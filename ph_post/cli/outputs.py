@@ -1,4 +1,4 @@
-"""Where a converted program goes: to a file of its own, beside the original, or in its place."""
+"""Output places of a converted program: a file of its own, beside the original, or in its place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 import msgspec
 
 from ph_post.errors import InputError
-from ph_post.io.source import STDIN
+from ph_post.files.storage import STDIO
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,7 +45,7 @@ def choose_target(source: str, how: dict[str, Any]) -> Target | None:
         raise click.UsageError("-o needs the name of a file; got an empty one")
     if not wanted or wanted == ["-o"]:
         return Target(program=how["output"]) if wanted else None
-    if source == STDIN:
+    if source == STDIO:
         raise click.UsageError(f"{wanted[0]} needs a file; got standard input")
     file = Path(source)
     if wanted == ["--suffix"]:
@@ -87,9 +87,10 @@ def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, st
     there = Path(target.backup)
     if there.exists() and there.read_bytes() != replaced:
         raise InputError(
-            target.backup, "the backup is there already and holds something else",
+            target.backup,
+            "the backup is there already and holds something else",
             expected="another ending after --backup, or that file moved away",
-        )  # fmt: skip
+        )
     return {target.backup: replaced, target.program: program}
 
 
@@ -101,7 +102,7 @@ def refuse_existing(name: str, force: bool) -> None:
     InputError
         Where something of that name is there, and `force` is not given.
     """
-    if name != STDIN and not force and os.path.lexists(name):
+    if name != STDIO and not force and os.path.lexists(name):
         raise InputError(name, "is there already", expected="--force, or another name")
 
 
@@ -117,6 +118,4 @@ def refuse_unwritable(name: str) -> None:
     if place.is_dir() or not name:
         raise InputError(name or "''", "is no file to write", expected="the name of a file")
     if not os.access(place.parent, os.W_OK):
-        raise InputError(
-            name, "cannot be written", expected="a folder that can be written", got=str(place.parent)
-        )
+        raise InputError(name, "cannot be written", expected="a folder that can be written", got=str(place.parent))

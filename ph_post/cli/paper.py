@@ -1,4 +1,4 @@
-"""``ph-post paper``: the numbers and figures of the paper, computed and compared."""
+"""``ph-post paper``: computes the numbers and figures of the paper, and compares them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from ph_post.cli import options
 
 
 @click.command()
-@click.option(
-    "--figures", "--plot", "figures", metavar="FOLDER", help="Draw Figures 1, 2 and 5 to 11 into FOLDER."
-)
+@click.option("--figures", "--plot", "figures", metavar="FOLDER", help="Draw Figures 1, 2 and 5 to 11 into FOLDER.")
 @options.common
 def command(figures: str | None, as_json: bool) -> int:
     """Compute the printed numbers of the paper and show the error of each.
@@ -32,10 +30,10 @@ def command(figures: str | None, as_json: bool) -> int:
     JSON:
       numbers  a list of {where, name, value, reference, error, agrees}
     """
-    from ph_post.io.atomic import make_folder, write_atomically
+    from ph_post.cli.progress import Progress
+    from ph_post.files.storage import make_folder, write_atomically
     from ph_post.report.paper import number_view, paper_numbers
     from ph_post.report.paper_figures import paper_pictures
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import format_table, print_json
 
     with Progress() as stage:
@@ -49,8 +47,6 @@ def command(figures: str | None, as_json: bool) -> int:
         print_json({"numbers": [number_view(number) for number in numbers]})
     else:
         header = ("where", "quantity", "computed", "reference", "error", "")
-        rows = [
-            (n.where, n.name, f"{n.value:.10g}", n.reference, f"{n.error:.1e}", n.verdict) for n in numbers
-        ]
+        rows = [(n.where, n.name, f"{n.value:.10g}", n.reference, f"{n.error:.1e}", n.verdict) for n in numbers]
         click.echo(format_table(header, rows))
     return 0 if all(number.agrees for number in numbers) else 1

@@ -1,4 +1,4 @@
-"""``ph-post rehearse``: a program on a real LinuxCNC's planner, its commands through the drive model."""
+"""``ph-post rehearse``: runs a program on LinuxCNC's planner, and its commands through the drive model."""
 
 from __future__ import annotations
 
@@ -12,13 +12,18 @@ from ph_post.cli import options
 @options.machine
 @click.option("--against", metavar="ORIGINAL", help="The program that PROGRAM was made of.")
 @click.option(
-    "--backlash", is_flag=True,
+    "--backlash",
+    is_flag=True,
     help="Also run the original with LinuxCNC's own compensation of the machine's lost motion.",
-)  # fmt: skip
+)
 @click.option(
-    "--limit", type=options.positive, default=600.0, show_default=True, metavar="S",
+    "--limit",
+    type=options.positive,
+    default=600.0,
+    show_default=True,
+    metavar="S",
     help="How long each run on LinuxCNC may take.",
-)  # fmt: skip
+)
 @click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
 @options.plot("contour error and feed")
 @options.common
@@ -56,21 +61,21 @@ def command(
       error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
       lockstep  whether it was run period by period, not as time passes
     """
-    from ph_post.audit.rehearse import original_of, rehearse
-    from ph_post.drive.required import require_drives
+    from ph_post.cli.progress import Progress
+    from ph_post.dialects.registry import find_dialect
+    from ph_post.drive.axes import check_axes
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.edit.inputs import read_program_file
     from ph_post.errors import InputError
-    from ph_post.gcode.controller.moves import moved_axes
-    from ph_post.gcode.header import package_version
-    from ph_post.gcode.reader.language import RS274
-    from ph_post.gcode.registry import find_dialect
-    from ph_post.io.atomic import Content, write_atomically
-    from ph_post.io.logfile import log_content
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_file
+    from ph_post.files.storage import Content, write_atomically
+    from ph_post.files.table import log_content
+    from ph_post.gcode.program import RS274
+    from ph_post.post.remarks import package_version
+    from ph_post.rehearse.rehearse import original_of, rehearse
     from ph_post.report.figures import picture_format, render
-    from ph_post.report.progress import Progress
     from ph_post.report.rehearsals import draw_rehearsal, rehearsal_lines, rehearsal_view
     from ph_post.report.tables import print_json
+    from ph_post.simulate.controllers.run import moved_axes
 
     if sum([log == "-", as_json]) > 1:
         raise click.UsageError("standard output can take one product; got two for it")
@@ -86,7 +91,7 @@ def command(
             raise InputError(machine, what, expected="a machine file for LinuxCNC", got=drives.dialect)
         part = read_program_file(program)
         original = original_of(part) if against is None else read_program_file(against)
-        require_drives(moved_axes(part), "program", drives, machine)
+        check_axes(moved_axes(part), "program", drives, machine)
         found = rehearse(part, drives, original=original, backlash=backlash, limit=limit, stage=stage)
         if log is not None:
             remarks = {
@@ -98,9 +103,7 @@ def command(
             products[log] = log_content(found.real.error.run, remarks)
         if plot is not None:
             stage("drawing")
-            products[plot] = render(
-                draw_rehearsal(found, f"{part.name} on {drives.name}"), picture_format(plot)
-            )
+            products[plot] = render(draw_rehearsal(found, f"{part.name} on {drives.name}"), picture_format(plot))
         write_atomically(products)
     if as_json:
         print_json(rehearsal_view(found))

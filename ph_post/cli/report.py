@@ -1,4 +1,4 @@
-"""``ph-post report``: one page to look at, of a path, a program, two programs or a record."""
+"""``ph-post report``: makes one page of a path, a program, two programs or a log."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import click
 from click.core import ParameterSource
 
 from ph_post.cli import options
-from ph_post.cli.recordings import log_options
+from ph_post.cli.log_options import log_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ph_post.io.source import Raw
-    from ph_post.report.product import Product
+    from ph_post.files.storage import SourceBytes
+    from ph_post.report.product import ReportProduct
 
     Stage = Callable[[str], None]
 
@@ -41,9 +41,14 @@ OF_BOTH: Final = ("machine", "output", "plot", "as_json", "source", "other")
 @log_options
 @options.common
 def command(
-    source: str, other: str | None, machine: str | None, output: str | None, plot: str | None, as_json: bool,
+    source: str,
+    other: str | None,
+    machine: str | None,
+    output: str | None,
+    plot: str | None,
+    as_json: bool,
     **how: Any,
-) -> int:  # fmt: skip
+) -> int:
     """Make one page of a path, a part program, two programs or a record. It needs no network.
 
     IN is a path file (.json), the name of a shipped one, a part program, a record of what a machine did (as
@@ -69,9 +74,9 @@ def command(
       ph-post report run.csv -m router.toml -o run.html
       ph-post report part.json -m mill.toml --strategy suppress --ratio 0.4 -o part.html
     """
-    from ph_post.io.atomic import write_atomically
+    from ph_post.cli.progress import Progress
+    from ph_post.files.storage import write_atomically
     from ph_post.report.figures import picture_format, render
-    from ph_post.report.progress import Progress
     from ph_post.report.tables import print_json
 
     page = output or (None if as_json or plot is not None else "-")
@@ -89,22 +94,21 @@ def command(
         write_atomically(products)
     if as_json:
         print_json(made.view())
-    options.tell_written(made.warnings, products)
+    options.report_written(made.warnings, products)
     return 0
 
 
-def _made(source: str, other: str | None, machine: str | None, how: dict[str, Any], stage: Stage) -> Product:
+def _made(source: str, other: str | None, machine: str | None, how: dict[str, Any], stage: Stage) -> ReportProduct:
     """Find out what IN is, and make what it takes."""
-    from ph_post.io.inputs import kind_of
-    from ph_post.io.shipped import or_shipped
-    from ph_post.io.source import read_raw
+    from ph_post.edit.inputs import input_kind
+    from ph_post.files.storage import or_shipped, read_raw
 
     stage("reading")
     if other is not None:
         _refuse("two programs", keep=())
         return _of_two(source, other, machine, stage)
     raw = read_raw(or_shipped("paths", source))
-    kind = kind_of(raw)
+    kind = input_kind(raw)
     machine = options.require_machine(machine)
     if kind == "log":
         _refuse_table(raw)
@@ -114,15 +118,17 @@ def _made(source: str, other: str | None, machine: str | None, how: dict[str, An
     return (_of_path if kind == "path" else _of_program)(raw, machine, how, stage)
 
 
-def _refuse_table(raw: Raw) -> None:
+def _refuse_table(raw: SourceBytes) -> None:
     """Refuse an interpolator table, which looks like a record and is none."""
     from ph_post.errors import InputError
 
     if b"segment,xi,s" in raw.data[:HEAD]:
         raise InputError(
-            raw.name, "is an interpolator table", expected="the path that it was made of, or a record",
+            raw.name,
+            "is an interpolator table",
+            expected="the path that it was made of, or a record",
             got="what `ph-post simulate` takes",
-        )  # fmt: skip
+        )
 
 
 def _refuse(what: str, *, keep: tuple[str, ...] | None = None, leave: tuple[str, ...] = ()) -> None:
@@ -131,53 +137,47 @@ def _refuse(what: str, *, keep: tuple[str, ...] | None = None, leave: tuple[str,
     for parameter in context.command.params:
         name = str(parameter.name)
         unknown = name in leave if keep is None else name not in (*keep, *OF_BOTH)
-        if (
-            unknown
-            and parameter.expose_value
-            and context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        ):
+        if unknown and parameter.expose_value and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"{parameter.opts[-1]} does not go with {what}")
 
 
-def _of_two(a: str, b: str, machine: str | None, stage: Stage) -> Product:
-    from ph_post.audit.diff.compare import TOLERANCE
+def _of_two(a: str, b: str, machine: str | None, stage: Stage) -> ReportProduct:
     from ph_post.cli.diff import compare_files
+    from ph_post.diff.compare import TOLERANCE
     from ph_post.report.product import diff_product
     from ph_post.units import MM
 
     return diff_product(*compare_files(a, b, machine, TOLERANCE / MM, stage))
 
 
-def _of_log(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
-    from ph_post.cli.recordings import read_recording
+def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -> ReportProduct:
+    from ph_post.cli.log_options import read_log_with_options
     from ph_post.diagnose.diagnose import diagnose
-    from ph_post.io.machinefile import read_machine
+    from ph_post.drive.machinefile import read_machine
     from ph_post.report.product import diagnosis_product
 
     drives = read_machine(machine)
-    log = read_recording(raw, how, drives)
+    log = read_log_with_options(raw, how, drives)
     return diagnosis_product(diagnose(log, drives, stage), log)
 
 
-def _of_path(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
+def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -> ReportProduct:
     from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
     from ph_post.compensate.plan import make_plan
     from ph_post.report.product import motion_product
     from ph_post.report.traces import path_picture
 
-    analysis = load_and_analyse(
-        raw, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"]
-    )
+    analysis = load_and_analyse(raw, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"])
     plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
     stage("simulating before and after")
     return motion_product(path_picture(analysis, plan, effect_warnings(plan.machine, analysis.path.axes)))
 
 
-def _of_program(raw: Raw, machine: str, how: dict[str, Any], stage: Stage) -> Product:
+def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -> ReportProduct:
+    from ph_post.cli.conversion import compensated
     from ph_post.cli.job import read_drives
-    from ph_post.cli.programs import compensated
     from ph_post.report.product import motion_product
-    from ph_post.report.programtraces import program_picture
+    from ph_post.report.traces import program_picture
     from ph_post.units import MM
 
     drives = read_drives(machine, how["dialect"])

@@ -1,4 +1,4 @@
-"""``ph-post simulate``: what the axes make of a command."""
+"""``ph-post simulate``: simulates how the axes execute a command."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ from ph_post.cli import options
 @options.planning
 @options.carrier
 @click.option(
-    "--pickup", type=click.Choice(["standstill", "momentum", "contact"]),
+    "--pickup",
+    type=click.Choice(["standstill", "momentum", "contact"]),
     help="This pick-up rule, whatever the machine file says.",
-)  # fmt: skip
+)
 @click.option(
-    "--flank", type=click.Choice(["+", "-"]),
+    "--flank",
+    type=click.Choice(["+", "-"]),
     help="All axes stand on this flank at first, whatever the machine file says.",
-)  # fmt: skip
+)
 @click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
 @options.plot("the contour error")
 @options.common
@@ -67,11 +69,11 @@ def command(
       warnings            a list of sentences
     """
     from ph_post.cli.motion import is_table, log_of, motion_of, print_run, run_motion
-    from ph_post.io.atomic import Content, write_atomically
-    from ph_post.report.assessments import simulation_view
+    from ph_post.cli.progress import Progress
+    from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import picture_format, render
     from ph_post.report.motion_figures import draw_run
-    from ph_post.report.progress import Progress
+    from ph_post.report.simulations import simulation_view
     from ph_post.report.tables import print_json
 
     streams = [log == "-", as_json]
@@ -88,9 +90,7 @@ def command(
             products[log] = log_of(motion, run)
         if plot is not None:
             stage("drawing")
-            products[plot] = render(
-                draw_run(motion.name, run, motion.analysis, assessment), picture_format(plot)
-            )
+            products[plot] = render(draw_run(motion.name, run, motion.analysis, assessment), picture_format(plot))
         write_atomically(products)
     if as_json:
         view = simulation_view(run, assessment, motion.turning_points)

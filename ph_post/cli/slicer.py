@@ -1,4 +1,4 @@
-"""``ph-post slicer``: what slicers call on the program that they have just written."""
+"""``ph-post slicer``: compensates the program that a slicer has just written."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ _BINARY: Final = b"GCDE"
 @click.argument("source", metavar="PATH")
 @options.pipeline
 @click.option(
-    "--backup", is_flag=True,
+    "--backup",
+    is_flag=True,
     help="Keep the original too, beside the program where a slicer writes a file, else beside PATH: "
     f"part.gcode{options.BACKUP}, or with a number behind it where that holds another program.",
-)  # fmt: skip
+)
 @click.pass_context
 def command(ctx: click.Context, /, source: str, machine: str | None, backup: bool, **how: Any) -> int:
     """Compensate the program at PATH in place, as the post-processing script of a slicer.
@@ -51,20 +52,17 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
       ph-post slicer -m stepper part.gcode
       ph-post-slicer -m router.toml --backup --max-slowdown 0.25 part.gcode
     """
-    from ph_post.cli.conversion import convert_part, hushed
+    from ph_post.cli.conversion import convert_part, silenced
     from ph_post.compensate.strategies.base import silent
-    from ph_post.io.atomic import Content, write_atomically
-    from ph_post.io.source import Raw, read_raw
+    from ph_post.files.storage import Content, SourceBytes, read_raw, write_atomically
 
     ctx.ensure_object(dict)["one_line"] = True
     if machine is None:
-        raise InputError(
-            "machine", "no machine file is named", expected=f"-m FILE, or {options.MACHINE_VARIABLE}"
-        )
+        raise InputError("machine", "no machine file is named", expected=f"-m FILE, or {options.MACHINE_VARIABLE}")
     name = os.environ.get(_NAME) or source
     data = _program(source, name, read_raw(source).data)
-    with hushed():
-        found = convert_part(Raw(name=name, stem="", data=data), {**how, "machine": machine}, silent)
+    with silenced():
+        found = convert_part(SourceBytes(name=name, stem="", data=data), {**how, "machine": machine}, silent)
     products: dict[str, Content] = {}
     if found.data != data:
         if backup:
@@ -73,7 +71,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
         write_atomically(products)
     for line in found.lines:
         click.echo(line, err=True)
-    options.tell_written((), products)
+    options.report_written((), products)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""``ph-post sweep``: the backlash intervals over grids of β and C, worked out off line."""
+"""``ph-post sweep``: computes backlash intervals over grids of β and C, off line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ph_post.cli import options
 from ph_post.units import MM, MM_PER_MIN
 
 if TYPE_CHECKING:
-    from ph_post.drive.intervaltable import IntervalTable
+    from ph_post.drive.intervals import IntervalTable
     from ph_post.types import Array, Machine
 
 MOST = 2_000_000
@@ -28,9 +28,7 @@ def _grid(_ctx: click.Context, parameter: click.Parameter, text: str | None) -> 
     try:
         numbers = sorted(_span(text) if ":" in text else [float(word) for word in text.split(",")])
     except (ValueError, OverflowError):
-        raise click.BadParameter(
-            f"expected low:high:count, low:high:count:log or a,b,c; got {text!r}"
-        ) from None
+        raise click.BadParameter(f"expected low:high:count, low:high:count:log or a,b,c; got {text!r}") from None
     zero = parameter.name == "beta"
     for number in numbers:
         if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
@@ -61,22 +59,33 @@ def _span(text: str) -> list[float]:
 @click.argument("source", metavar="[IN]", required=False)
 @options.machine
 @click.option(
-    "--beta", callback=_grid, required=True, metavar="GRID",
+    "--beta",
+    callback=_grid,
+    required=True,
+    metavar="GRID",
     help="Values of β, the motor's own decay rate 1/τ [1/s].",
-)  # fmt: skip
+)
 @click.option(
-    "--gain", callback=_grid, required=True, metavar="GRID",
+    "--gain",
+    callback=_grid,
+    required=True,
+    metavar="GRID",
     help="Values of C = N/(η r b), the motor's acceleration in the gap by metre of error [rad/(m s²)].",
-)  # fmt: skip
+)
 @click.option(
-    "--axis", "axes", multiple=True, metavar="AXIS",
+    "--axis",
+    "axes",
+    multiple=True,
+    metavar="AXIS",
     help='Axis to tabulate; may be repeated. [every axis with feedback "load"]',
-)  # fmt: skip
+)
 @click.option("--radius", callback=_grid, metavar="GRID", help="Radii of the circles [mm]; needs --feed.")
 @click.option(
-    "--feed", callback=_grid, metavar="GRID",
+    "--feed",
+    callback=_grid,
+    metavar="GRID",
     help="Feeds along the circles [mm/min]; with IN one feed, in place of the path's.",
-)  # fmt: skip
+)
 @click.option("-o", "--output", metavar="OUT", help="Table: .json or .csv; - for CSV on standard output.")
 @options.plot("the durations over β and C, on the first circle")
 @options.common
@@ -122,12 +131,11 @@ def command(
       machine, axes   what it was worked out for
       format, version  of the file
     """
-    from ph_post.io.atomic import Content, write_atomically
-    from ph_post.io.intervalfile import interval_content, interval_view
-    from ph_post.io.machinefile import read_machine
-    from ph_post.report.figures import picture_format, render
-    from ph_post.report.interval_figures import draw_intervals
-    from ph_post.report.progress import Progress
+    from ph_post.cli.progress import Progress
+    from ph_post.drive.intervalfile import interval_content, interval_view
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.files.storage import Content, write_atomically
+    from ph_post.report.figures import draw_intervals, picture_format, render
     from ph_post.report.tables import print_json
 
     with Progress() as stage:
@@ -144,7 +152,7 @@ def command(
         if plot is not None:
             products[plot] = render(draw_intervals(table), picture_format(plot))
         write_atomically(products)
-    options.tell_written((), () if plot is None else (plot,))
+    options.report_written((), () if plot is None else (plot,))
     if as_json:
         print_json(interval_view(table))
     return 0
@@ -160,7 +168,7 @@ def _tabulate(
 ) -> IntervalTable:
     import numpy as np
 
-    from ph_post.drive.intervaltable import tabulate
+    from ph_post.drive.intervals import tabulate
 
     return tabulate(drives, axes, radii, feeds, np.array(beta), np.array(gain))
 
@@ -175,9 +183,11 @@ def _chosen_axes(drives: Machine, wanted: tuple[str, ...], machine: str) -> list
             raise InputError(machine, f"no axis {name}", expected=" or ".join(drives.axes), got=name)
         if name not in closed:
             raise InputError(
-                f"{machine}: axes.{name}", "the interval of this axis depends on neither β nor C",
-                expected='feedback "load"', got=f'"{drives.axes[name].feedback}"',
-            )  # fmt: skip
+                f"{machine}: axes.{name}",
+                "the interval of this axis depends on neither β nor C",
+                expected='feedback "load"',
+                got=f'"{drives.axes[name].feedback}"',
+            )
     if not closed:
         raise InputError(
             machine, "no interval of this machine depends on β or C", expected='an axis with feedback "load"'
@@ -204,16 +214,14 @@ def _circles(
     return _circles_of_path(source, machine, axes, None if feed is None else feed[0])
 
 
-def _circles_of_path(
-    source: str | None, machine: str, axes: list[str], feed: float | None
-) -> tuple[Array, Array]:
+def _circles_of_path(source: str | None, machine: str, axes: list[str], feed: float | None) -> tuple[Array, Array]:
     """Swings at the turning points of a path."""
-    from ph_post.analysis import swings
+    from ph_post.analysis.path_analysis import swings
+    from ph_post.analysis.turning_points import find_turning_points
     from ph_post.cli.job import load
     from ph_post.errors import InputError
+    from ph_post.files.storage import shipped
     from ph_post.geometry.track import Track
-    from ph_post.io.shipped import shipped
-    from ph_post.turning import find_turning_points
 
     path, _ = load(str(shipped("paths", DEFAULT_PATH)) if source is None else source, machine, feed)
     found = swings(path, [p for p in find_turning_points(Track(path)) if p.axis in axes])
@@ -235,6 +243,4 @@ def _check_size(*counts: int) -> None:
     """Refuse a table that nobody would wait for."""
     size = math.prod(counts)
     if size > MOST:
-        raise click.UsageError(
-            f"expected at most {MOST} intervals; got {' x '.join(map(str, counts))} = {size}"
-        )
+        raise click.UsageError(f"expected at most {MOST} intervals; got {' x '.join(map(str, counts))} = {size}")

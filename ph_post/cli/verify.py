@@ -1,4 +1,4 @@
-"""``ph-post verify``: that only what was declared was changed."""
+"""``ph-post verify``: proves that only what was declared was changed."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from ph_post.cli import options
 @click.argument("original", metavar="ORIGINAL")
 @click.argument("compensated", metavar="COMPENSATED")
 @click.option(
-    "--tolerance", type=options.positive, default=options.DEFAULT_TOLERANCE_MM, show_default=True,
+    "--tolerance",
+    type=options.positive,
+    default=options.DEFAULT_TOLERANCE_MM,
+    show_default=True,
     metavar="MM",
     help="How far the way may be off in changed stretches, and the longest excursion of an axis that need"
     " not be followed; give the one of `convert`.",
-)  # fmt: skip
+)
 @options.optional_machine
 @options.dialect
 @options.common
@@ -53,16 +56,16 @@ def command(
       found     how many failures there are
       checked   how much of each kind was looked at
     """
-    from ph_post.audit.verify import verify
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.programfile import read_program_pair
-    from ph_post.io.source import STDIN
-    from ph_post.report.progress import Progress
+    from ph_post.cli.progress import Progress
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.edit.inputs import read_program_pair
+    from ph_post.files.storage import STDIO
+    from ph_post.report.diffs import verdict_lines, verdict_view
     from ph_post.report.tables import print_json
-    from ph_post.report.verdicts import verdict_lines, verdict_view
     from ph_post.units import MM
+    from ph_post.verify.verify import verify
 
-    if original == compensated == STDIN:
+    if original == compensated == STDIO:
         raise click.UsageError("standard input can give one program; got - for both")
     with Progress() as stage:
         stage("reading")

@@ -1,4 +1,4 @@
-"""``ph-post convert --watch``: what comes into a folder is converted, for senders that call nothing."""
+"""``ph-post convert --watch``: converts files as they arrive in a folder, for senders that call nothing."""
 
 from __future__ import annotations
 
@@ -7,42 +7,159 @@ import os
 import pathlib
 import re
 import signal
+import stat
 import time
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
 
 import click
 
 from ph_post.cli import options
-from ph_post.cli.conversion import Converted, convert_input, hushed
+from ph_post.cli.conversion import Converted, convert_input, silenced
 from ph_post.cli.job import read_drives
 from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.compensate.strategies.base import silent
+from ph_post.dialects.registry import find_dialect
+from ph_post.edit.inputs import PROGRAM_ENDINGS
 from ph_post.errors import InputError, PhPostError
-from ph_post.gcode.registry import find_dialect
-from ph_post.io.atomic import make_folder, write_atomically
-from ph_post.io.folderwatch import Folder, Look
-from ph_post.io.inputs import ENDINGS
-from ph_post.io.source import Raw, read_raw
+from ph_post.files.storage import SourceBytes, make_folder, read_raw, write_atomically
+
+HIDDEN: Final = (".", "~", "#")
+"""How names begin that programs use while they write."""
+
+
+class Look(NamedTuple):
+    """What a file looks like from outside; that changes with all that is written to it or put in its place.
+
+    `changed` is the time of the last change of its rights too: it may be readable now.
+    """
+
+    inode: int
+    size: int
+    modified: int
+    changed: int
+
+
+class WatchedFolder:
+    """The files of a folder, and which of them have been taken.
+
+    A file is wholly written when it has looked the same for a while. One that changes after it was taken, or
+    that another was put in the place of, is taken again; one under a new name is a new file.
+
+    Parameters
+    ----------
+    name : str
+        The folder.
+    wanted : callable
+        ``wanted(name)``: whether a file of that name is looked at.
+    settle : float
+        How long a file has to stay as it is [s].
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     _ = pathlib.Path(place, "part.ngc").write_text("M2")
+    ...     folder = WatchedFolder(place, lambda name: name.endswith(".ngc"), settle=2.0)
+    ...     [folder.ready(now) for now in (0.0, 1.0, 2.0)]
+    [[], [], ['part.ngc']]
+    """
+
+    def __init__(self, name: str, wanted: Callable[[str], bool], settle: float) -> None:
+        self.name = name
+        self._wanted, self._settle = wanted, settle
+        self._seen: dict[str, tuple[Look, float]] = {}
+        self._taken: dict[str, Look] = {}
+
+    def ready(self, now: float) -> list[str]:
+        """Look at the folder; names of files that are wholly written and not taken, oldest first.
+
+        `now` [s] is any clock that never goes back.
+
+        Raises
+        ------
+        InputError
+            Where the folder is not there any more, or cannot be read.
+        """
+        looks = self._looks()
+        self._seen = {
+            name: (look, self._since(name, look, now)) for name, look in looks.items()
+        }  # what has gone is forgotten, and is new when it comes back
+        self._taken = {name: look for name, look in self._taken.items() if name in looks}
+        found = [
+            name
+            for name, (look, since) in self._seen.items()
+            if self._taken.get(name) != look and now - since >= self._settle
+        ]
+        return sorted(found, key=lambda name: (looks[name].modified, name))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the files that were there at the last look, wholly written or not."""
+        return sorted(self._seen)
+
+    def require(self) -> None:
+        """See that the folder is there; raises as :meth:`ready`, and takes no note of its files."""
+        if not os.path.exists(self.name):  # noqa: PTH110 - as it was named
+            raise InputError(self.name, "no such folder", expected="a folder to watch")
+        self._looks()
+
+    def look(self, name: str) -> Look | None:
+        """See what a file looks like; None where there is none."""
+        return _stamp_of(os.path.join(self.name, name))  # noqa: PTH118 - names as they are, also strange ones
+
+    def take(self, name: str, look: Look) -> None:
+        """Count a file as taken, as it looked when it was read."""
+        self._taken[name] = look
+
+    def _since(self, name: str, look: Look, now: float) -> float:
+        before, since = self._seen.get(name, (None, now))
+        return since if before == look else now
+
+    def _looks(self) -> dict[str, Look]:
+        try:
+            names = os.listdir(self.name)  # noqa: PTH208 - names alone are wanted
+        except FileNotFoundError:
+            raise InputError(self.name, "the watched folder is not there any more") from None
+        except NotADirectoryError:
+            raise InputError(self.name, "is no folder", expected="a folder to watch") from None
+        except OSError as error:
+            raise InputError(self.name, "the watched folder cannot be read", got=error.strerror or str(error)) from None
+        wanted = [name for name in names if not name.startswith(HIDDEN) and self._wanted(name)]
+        looks = {name: self.look(name) for name in wanted}
+        return {name: look for name, look in looks.items() if look is not None}
+
+
+def _stamp_of(file: str) -> Look | None:
+    """See what a file looks like; None for what is no file, has gone, or may not be looked at."""
+    try:
+        found = os.stat(file)  # noqa: PTH116 - twice a second, for every file
+    except (OSError, ValueError):
+        return None
+    if not stat.S_ISREG(found.st_mode):
+        return None
+    return Look(found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+
 
 POLL: Final = 0.5
 """Time between two looks at the folder [s]."""
 
 _PATH: Final = ".json"
 
-WATCHED: Final = (*sorted(ENDINGS), _PATH)
+WATCHED: Final = (*sorted(PROGRAM_ENDINGS), _PATH)
 """Endings of files that are taken."""
 
-_MARK: Final = re.compile(
-    rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE
-)
+_MARK: Final = re.compile(rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE)
 """How what this package writes says so, within the first lines."""
 
 _HEAD: Final = 1 << 16
 
 _UNFIT: Final = {
-    "table": "--table", "in_place": "--in-place", "backup": "--backup", "undo": "--undo",
-}  # fmt: skip
+    "table": "--table",
+    "in_place": "--in-place",
+    "backup": "--backup",
+    "undo": "--undo",
+}
 
 
 def watch_folder(folder: str, how: Mapping[str, Any]) -> int:
@@ -104,15 +221,13 @@ class Watcher:
         self._how = how
         self._ending = find_dialect(read_drives(how["machine"], how["dialect"]).dialect).ending
         self._suffix: str | None = how["suffix"]
-        self._folder = Folder(folder, self._wanted, how["settle"])
+        self._folder = WatchedFolder(folder, self._wanted, how["settle"])
         self._folder.require()
         self._place = pathlib.Path(folder)
         if self._suffix is None:
             self._place = make_folder(how["output"])
             if self._place.resolve() == pathlib.Path(folder).resolve():
-                raise InputError(
-                    how["output"], "the watched folder itself", expected="another folder, or --suffix END"
-                )
+                raise InputError(how["output"], "the watched folder itself", expected="another folder, or --suffix END")
         self._written: dict[pathlib.Path, str] = {}
         self.converted, self.refused = 0, 0
 
@@ -160,7 +275,7 @@ class Watcher:
             found, lines = None, [f"{raw.name}: {target} is there already"]
         else:
             self._require_own(target, name)
-            with hushed():
+            with silenced():
                 found = convert_input(raw, self._how, silent)
             self._require_free(target, raw, found)
             said = found.said if found.said.startswith(raw.name) else f"{raw.name}: {found.said}"
@@ -181,14 +296,14 @@ class Watcher:
         ending = self._ending if ending.lower() == _PATH else ending
         return self._place / f"{stem}{self._suffix or ''}{ending}"
 
-    def _is_there(self, target: pathlib.Path, raw: Raw) -> bool:
+    def _is_there(self, target: pathlib.Path, raw: SourceBytes) -> bool:
         """Whether the program is there from an earlier run, made of these bytes for this machine."""
         known = raw.name.endswith(_PATH) or target in self._written
         there = b"" if known or self._how["force"] else _bytes(target)
         if not _is_ours(there):
             return False
-        with contextlib.suppress(PhPostError), hushed():
-            found = convert_input(Raw(name=target.name, stem="", data=there), self._how, silent)
+        with contextlib.suppress(PhPostError), silenced():
+            found = convert_input(SourceBytes(name=target.name, stem="", data=there), self._how, silent)
             return found.done and found.original == raw.data
         return False
 
@@ -208,11 +323,13 @@ class Watcher:
         rivals = (one for one in self._folder.names if one != name and self._target(one) == target)
         if other is None and (rival := next(rivals, None)):
             raise InputError(
-                where, f"its program and that of {rival} would be one file",
-                expected="one of them under another name", got=str(target),
-            )  # fmt: skip
+                where,
+                f"its program and that of {rival} would be one file",
+                expected="one of them under another name",
+                got=str(target),
+            )
 
-    def _require_free(self, target: pathlib.Path, raw: Raw, found: Converted) -> None:
+    def _require_free(self, target: pathlib.Path, raw: SourceBytes, found: Converted) -> None:
         """See that nothing is lost that was not made here.
 
         Raises
@@ -224,9 +341,10 @@ class Watcher:
         known = target in self._written or there in (b"", raw.data, found.data) or _is_ours(there)
         if not (known or self._how["force"]):
             raise InputError(
-                str(target), "is there already, and not written by ph-post",
+                str(target),
+                "is there already, and not written by ph-post",
                 expected="that file moved away, or --force",
-            )  # fmt: skip
+            )
 
 
 def _bytes(place: pathlib.Path) -> bytes:

@@ -1,1 +1,1 @@
-"""Feed along the path: the nominal plan, the profiles of section 5, and the strategies that place them."""
+"""Compensation: the nominal plan, the profiles of section 5, and the strategies that place them."""

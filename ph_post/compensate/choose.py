@@ -8,13 +8,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.compensate.families import Case, Family, shortest_crossing, whole_crossing
-from ph_post.compensate.jogs import carries_offset, whole_jog
-from ph_post.compensate.layout import reversing
-from ph_post.compensate.search import FLOOR, Bounds, Found, Search
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
-from ph_post.compensate.surroundings import Surroundings, find_surroundings, heading
-from ph_post.compensate.trial import Trial
+from ph_post.compensate.families import DesignFamily, ReversalCase, shortest_crossing, whole_crossing
+from ph_post.compensate.layout import reversing_axes
+from ph_post.compensate.offsets import carries_offset, whole_jog
+from ph_post.compensate.search import FLOOR, DesignBounds, DesignSearch, TriedDesign
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.compensate.trial import Surroundings, Trial, direction_at, find_surroundings
 from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal
 from ph_post.types import Array, Axis, Crossing, Jog, Machine, Scenario
@@ -46,16 +45,16 @@ STANDS: Final = "the motion begins, ends or rests here"
 Drives = tuple[tuple[Axis, int], ...]
 """Axes that reverse, each with the direction it goes on in."""
 
-Choice = Callable[[Task, Case], Sequence[Family]]
+Choice = Callable[[PlanningTask, ReversalCase], Sequence[DesignFamily]]
 """The families to search at a turning point."""
 
 
-def choose(task: Task, choice: Choice, *, offsets: bool, lead: bool) -> Proposal:
-    """Search every window for its best design.
+def choose(task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> StrategyResult:
+    """DesignSearch every window for its best design.
 
     Parameters
     ----------
-    task : Task
+    task : PlanningTask
     choice : callable
         Families to search there.
     offsets : bool
@@ -65,13 +64,13 @@ def choose(task: Task, choice: Choice, *, offsets: bool, lead: bool) -> Proposal
 
     Returns
     -------
-    Proposal
+    StrategyResult
         To be proven.
     """
     return _Chooser(task, choice, offsets=offsets, lead=lead).propose()
 
 
-def searched(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
+def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
     """Return scenarios to search with, and how many of them are the machine as the file has it."""
     drives = [machine.axes[name] for name in axes]
     inside = [axis for axis in drives if axis.feedback == "load"]
@@ -81,7 +80,7 @@ def searched(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...
     return tuple(Scenario(pickup=rule, gap=gap) for gap in gaps for rule in rules), len(rules)
 
 
-class Known(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ReversalDesigns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What was found at a turning point: designs, or none that is better than the plain motion.
 
     `plain` (scenarios,) are the errors of that [m].
@@ -90,7 +89,7 @@ class Known(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     place: Surroundings
     drives: Drives
     plain: Array
-    found: Sequence[Found]
+    found: Sequence[TriedDesign]
 
     def likens(self, place: Surroundings, drives: Drives) -> bool:
         """Whether another turning point is alike: in feed, in room, and in the drives that reverse."""
@@ -103,18 +102,18 @@ class Known(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class _Chooser:
     """The search over all windows of a job."""
 
-    def __init__(self, task: Task, choice: Choice, *, offsets: bool, lead: bool) -> None:
+    def __init__(self, task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> None:
         self.task, self.choice, self.offsets, self.lead = task, choice, offsets, lead
         self.written = task.options.carrier == "program"
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
         self.sized = task.sized
-        self.scenarios, self.as_filed = searched(task.machine, task.path.axes)
-        self.known: list[Known] = []
+        self.scenarios, self.as_filed = search_scenarios(task.machine, task.path.axes)
+        self.known: list[ReversalDesigns] = []
         self.reached = 0
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
-            reversing(self.sized, [task.turning_points[k] for k in window.members]) for window in task.windows
+            reversing_axes(self.sized, [task.turning_points[k] for k in window.members]) for window in task.windows
         ]
         self.approach = self._approach()
         pairs = zip(self.places, self.reversing, strict=True)
@@ -137,15 +136,15 @@ class _Chooser:
 
     def _lasting(self) -> tuple[str, ...]:
         """Axes that turn back anywhere and that a program can give a lasting offset."""
-        axes = reversing(self.sized, self.task.turning_points)
+        axes = reversing_axes(self.sized, self.task.turning_points)
         return tuple(sorted({axis.name for axis, _ in axes if carries_offset(axis)}))
 
-    def propose(self) -> Proposal:
-        """Search window by window, and share the time out where it does most."""
+    def propose(self) -> StrategyResult:
+        """DesignSearch window by window, and share the time out where it does most."""
         found = list(map(self._candidates, self.places, self.reversing))
         return self._proposal(found, 1.0)
 
-    def _proposal(self, found: Sequence[Sequence[Found]], part: float) -> Proposal:
+    def _proposal(self, found: Sequence[Sequence[TriedDesign]], part: float) -> StrategyResult:
         """Pick candidates for a part of the time allowed."""
         time = SPARE * part * self.task.allowed - self.approach
         picks = iter(allocate([own for own in found if own], time))
@@ -153,10 +152,12 @@ class _Chooser:
             self._wish(next(picks) if own else None, place, drives)
             for own, place, drives in zip(found, self.places, self.reversing, strict=True)
         )
-        return Proposal(
-            wishes=tuple(wishes), proven=True, shorter=lambda less: self._proposal(found, less),
+        return StrategyResult(
+            wishes=tuple(wishes),
+            proven=True,
+            shorter=lambda less: self._proposal(found, less),
             shifted=self._behind(),
-        )  # fmt: skip
+        )
 
     def _behind(self) -> tuple[str, ...]:
         """Axes whose gap is behind their loop, whether they turn back in windows, corners or nowhere."""
@@ -167,39 +168,42 @@ class _Chooser:
         drives = [self.sized.axes[name] for name in self.task.path.axes]
         if self.task.options.start == "moving":
             # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.
-            drives = [axis for number, axis in enumerate(drives) if heading(self.track, 0.0, number)]
+            drives = [axis for number, axis in enumerate(drives) if direction_at(self.track, 0.0, number)]
         return tuple(axis.name for axis in drives if axis.feedback != "load" and axis.gap.lost_motion > 0.0)
 
-    def _wish(self, found: Found | None, place: Surroundings | None, drives: Drives) -> Wish:
+    def _wish(self, found: TriedDesign | None, place: Surroundings | None, drives: Drives) -> ProfileRequest:
         if not drives:
-            return Wish(shape=None, note="no axis with a gap reverses here")
+            return ProfileRequest(shape=None, note="no axis with a gap reverses here")
         bare = self._bare(drives)
         if place is None and self._may_rest(drives):
-            return Wish(shape=None, crossings=bare, stop=True)
+            return ProfileRequest(shape=None, crossings=bare, stop=True)
         if found is None:
             why = STANDS if place is None else "nothing that was tried is better in every case"
-            return Wish(shape=None, crossings=bare, note="" if bare else why)
+            return ProfileRequest(shape=None, crossings=bare, note="" if bare else why)
         design = found.design
-        return Wish(
-            shape=design.shape, t_star=design.t_star, turn=design.turn, may_leave=True,
-            crossings=design.crossings or bare, stop=design.stop, strategy=found.family.name,
-        )  # fmt: skip
+        return ProfileRequest(
+            shape=design.shape,
+            t_star=design.t_star,
+            turn=design.turn,
+            may_leave=True,
+            crossings=design.crossings or bare,
+            stop=design.stop,
+            strategy=found.family.name,
+        )
 
     def _bare(self, drives: Drives) -> tuple[Crossing | Jog, ...]:
         """Crossings of the lasting offsets that are needed in any case."""
         if not self.offsets:
             return ()
         if self.written:
-            return tuple(
-                whole_jog(axis, direction, 0.0) for axis, direction in drives if carries_offset(axis)
-            )
+            return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if carries_offset(axis))
         open_loops = ((axis, direction) for axis, direction in drives if axis.feedback != "load")
         return tuple(
             whole_crossing(axis, direction, 0.0, shortest_crossing(axis, self.lead, self.period))
             for axis, direction in open_loops
         )
 
-    def _candidates(self, place: Surroundings | None, drives: Drives) -> list[Found]:
+    def _candidates(self, place: Surroundings | None, drives: Drives) -> list[TriedDesign]:
         """Return the candidates of a window, by the time they add."""
         if place is None or not drives:
             return []
@@ -209,8 +213,8 @@ class _Chooser:
         families = self.choice(self.task, case)
         options, machine = self.task.options, self.task.machine
         trial = Trial(self.nominal, self.track, place, machine, self.scenarios, self.sized)
-        bounds = Bounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
-        search = Search(trial, case, bounds, self.as_filed)
+        bounds = DesignBounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
+        search = DesignSearch(trial, case, bounds, self.as_filed)
         if self._may_rest(drives):
             search.add_rest(jogs=self.written)
         for known in self.known:
@@ -220,7 +224,7 @@ class _Chooser:
         calls = options.effort * WORK / (self.active * rows * len(trial.axes) * len(self.scenarios))
         seeds = next((known.found for known in self.known if known.found), ())
         found = search.explore(families, int(np.clip(calls, FEWEST, MOST)), seeds)
-        own = Known(place=place, drives=drives, plain=search.plain.error, found=found)
+        own = ReversalDesigns(place=place, drives=drives, plain=search.plain.error, found=found)
         self.known = [own, *self.known][:KEPT]
         return found
 
@@ -229,7 +233,7 @@ class _Chooser:
         return self.offsets and all(axis.feedback != "load" for axis, _ in drives)
 
     @staticmethod
-    def _serves(search: Search, known: Known) -> bool:
+    def _serves(search: DesignSearch, known: ReversalDesigns) -> bool:
         """Whether what was found elsewhere is as good here; or nothing, where there is no more room here."""
         if not known.found:
             errors = [np.log(one + FLOOR) for one in (search.plain.error, known.plain)]
@@ -243,34 +247,38 @@ class _Chooser:
                 return False
         return True
 
-    def _case(self, place: Surroundings, drives: Drives) -> Case:
+    def _case(self, place: Surroundings, drives: Drives) -> ReversalCase:
         """Make the case of a window, with an equal share of the time."""
         budget = (SPARE * self.task.allowed - self.approach) / self.active
         shortest = {axis.name: shortest_crossing(axis, self.lead, self.period) for axis, _ in drives}
-        return Case(
-            place=place, budget=max(budget, self.period), reversing=drives, shortest=shortest,
-            lead=self.lead, crosses=self.offsets and not self.written,
-        )  # fmt: skip
+        return ReversalCase(
+            place=place,
+            budget=max(budget, self.period),
+            reversing=drives,
+            shortest=shortest,
+            lead=self.lead,
+            crosses=self.offsets and not self.written,
+        )
 
 
-def allocate(candidates: Sequence[Sequence[Found]], time: float) -> list[Found]:
+def allocate(candidates: Sequence[Sequence[TriedDesign]], time: float) -> list[TriedDesign]:
     """Pick a candidate for every window so that the worst is as good as the time allows.
 
     Parameters
     ----------
-    candidates : sequence of sequence of Found
+    candidates : sequence of sequence of TriedDesign
         Of every window, by the time they add: each better than those before it.
     time : float
         What may be added in all [s].
 
     Returns
     -------
-    list of Found
+    list of TriedDesign
         The quickest ones that reach the best common merit that the time allows; where a window cannot reach
         it, its best.
     """
 
-    def quickest(bound: float) -> list[Found]:
+    def quickest(bound: float) -> list[TriedDesign]:
         return [next((one for one in own if one.merit <= bound), own[-1]) for own in candidates]
 
     bounds = sorted({one.merit for own in candidates for one in own})

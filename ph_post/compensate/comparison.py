@@ -1,23 +1,115 @@
-"""All strategies on one path and machine: what each of them leaves of the error, and what it costs."""
+"""Compare all strategies on one path and machine: the error that each leaves, and the motion's cost.
+
+The cost is cycle time, slowest feed, standstill, moving back, and peak acceleration.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import msgspec
+import numpy as np
 
-from ph_post.analysis import Analysis
-from ph_post.compensate.limits import Violation, check_command
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.pace import Pace, pace_of
-from ph_post.compensate.plan import make_plan
+from ph_post.compensate.plan import cycle_time, make_plan
 from ph_post.compensate.strategies.registry import strategy_names
+from ph_post.compensate.violations import (
+    Violation,
+    at_rest_before_and_after,
+    check_command,
+    differences,
+    runs,
+)
 from ph_post.errors import PhPostError
+from ph_post.geometry.track import Track
 from ph_post.simulate.assess import Assessment, assess, contour_errors
 from ph_post.simulate.contour import ContourError, Nominal
-from ph_post.types import Command, Plan, Scenario
+from ph_post.types import Array, BoolArray, Command, Phase, Plan, Scenario
 from ph_post.units import MM
+
+STILL: Final = 1e-9
+"""Feeds up to this part of the highest are a standstill."""
+
+POINTS: Final = 33
+"""Instants at which every phase is looked at, an odd number: the middle of a dip is one of them."""
+
+
+class MotionCost(msgspec.Struct, frozen=True, kw_only=True):
+    """How a motion runs along its path.
+
+    `min_feed` [m/s] is the lowest feed while cutting, negative while the tool moves back, None where nothing
+    is cut. Rapid segments do not count, nor do standstills and the ramps from and to them, which pass every
+    feed. `standstill_time` [s] is what is spent at feed zero; `peak_acceleration` [m/s²] the largest of all
+    axes and samples, offsets included.
+    """
+
+    cycle_time: float
+    min_feed: float | None
+    standstill_time: float
+    retrograde: bool
+    peak_acceleration: float
+
+
+def cost_of(plan: Plan, command: Command, track: Track) -> MotionCost:
+    """Measure a plan, and the command that is written for it."""
+    s, feed = _feed_along(plan.phases)
+    still = STILL * float(np.abs(feed).max(initial=0.0))
+    rapid = np.array([segment.rapid for segment in plan.path.segments])
+    segment, _ = track.to_xi(*track.locate(np.clip(s, 0.0, track.length)))
+    return MotionCost(
+        cycle_time=cycle_time(plan.phases),
+        min_feed=slowest_feed(feed, np.asarray(~rapid[segment]), still),
+        standstill_time=sum((phase.duration for phase in plan.phases if np.abs(phase.speed).max() <= still), start=0.0),
+        retrograde=bool((feed < -still).any()),
+        peak_acceleration=peak_acceleration(command),
+    )
+
+
+def peak_acceleration(command: Command) -> float:
+    """Largest second difference of all axes over the period's square [m/s²]."""
+    before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
+    position = at_rest_before_and_after(command.position, before, after)
+    return float(np.abs(differences(position, 2, command.period)).max(initial=0.0))
+
+
+def slowest_feed(feed: Array, cutting: BoolArray, still: float = 0.0) -> float | None:
+    """Lowest feed while cutting, without standstills and the ramps from and to them; None if none is left.
+
+    A ramp lasts as long as the feed goes on rising from a standstill, or falling towards one.
+
+    Examples
+    --------
+    >>> slowest_feed(np.array([0.0, 1.0, 3.0, 2.0, 3.0, 0.0]), np.ones(6, dtype=np.bool_))
+    2.0
+    """
+    lowest: list[float] = []
+    for run in runs(np.flatnonzero(np.abs(feed) > still)):
+        first, last = int(run[0]), int(run[-1])
+        if first > 0:
+            first += _ramp(feed[first : last + 1])
+        if last < feed.size - 1:
+            last -= _ramp(feed[first : last + 1][::-1])
+        counted = feed[first : last + 1][cutting[first : last + 1]]
+        lowest += [float(counted.min())] if counted.size else []
+    return min(lowest, default=None)
+
+
+def _ramp(feed: Array) -> int:
+    """Count the samples over which the feed goes on rising from the first."""
+    falls = np.flatnonzero(np.diff(feed) <= 0.0)
+    return int(falls[0]) if falls.size else feed.size - 1
+
+
+def _feed_along(phases: Sequence[Phase]) -> tuple[Array, Array]:
+    """Arc length [m] and feed [m/s] at points of every phase, both its ends included."""
+    within = np.linspace(0.0, 1.0, POINTS)
+    t = np.concatenate([phase.start + phase.duration * within for phase in phases])
+    return MotionLaw.from_phases(phases).place_and_feed(t)
+
 
 FIRST, LAST = "none", "auto"
 """What the others are measured against, and what chooses among them."""
@@ -35,7 +127,7 @@ class Contender(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     reason: str = ""
     plan: Plan | None = None
     command: Command | None = None
-    pace: Pace | None = None
+    pace: MotionCost | None = None
     assessment: Assessment | None = None
 
 
@@ -86,9 +178,7 @@ def _as_part_of(name: str, stage: Callable[[str], None]) -> Callable[[str], None
     return lambda text: stage(f"{name}: {text}")
 
 
-def _contender(
-    analysis: Analysis, options: PlanOptions, nominal: Nominal, tell: Callable[[str], None]
-) -> Contender:
+def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, tell: Callable[[str], None]) -> Contender:
     try:
         plan = make_plan(analysis, options, tell)
         command = command_of(plan, analysis.track, plan.machine.servo_period)
@@ -97,12 +187,17 @@ def _contender(
         return Contender(name=options.strategy, ok=False, reason=" ".join(str(refusal).split()))
     broken = check_command(command, plan.machine)
     return Contender(
-        name=options.strategy, ok=not broken, reason=limit_words(broken[0]) if broken else "", plan=plan,
-        command=command, pace=pace_of(plan, command, analysis.track), assessment=assessment,
-    )  # fmt: skip
+        name=options.strategy,
+        ok=not broken,
+        reason=describe_violation(broken[0]) if broken else "",
+        plan=plan,
+        command=command,
+        pace=cost_of(plan, command, analysis.track),
+        assessment=assessment,
+    )
 
 
-def without_gap(analysis: Analysis, contender: Contender) -> ContourError | None:
+def without_backlash(analysis: Analysis, contender: Contender) -> ContourError | None:
     """Contour error of a command on the machine without any backlash; None where there is none."""
     if contender.command is None or contender.plan is None:
         return None
@@ -113,9 +208,15 @@ def without_gap(analysis: Analysis, contender: Contender) -> ContourError | None
 def plain(plan: Plan) -> Plan:
     """Return the plan as it would be without any strategy."""
     return msgspec.structs.replace(
-        plan, strategy=FIRST, profiles=(None,) * len(plan.profiles), phases=plan.nominal, crossings=(),
-        bias={}, inverse_dynamics=False, warnings=(),
-    )  # fmt: skip
+        plan,
+        strategy=FIRST,
+        profiles=(None,) * len(plan.profiles),
+        phases=plan.nominal,
+        crossings=(),
+        bias={},
+        inverse_dynamics=False,
+        warnings=(),
+    )
 
 
 def before_and_after(analysis: Analysis, *plans: Plan) -> tuple[Assessment, ...]:
@@ -128,7 +229,7 @@ def before_and_after(analysis: Analysis, *plans: Plan) -> tuple[Assessment, ...]
     )
 
 
-def limit_words(broken: Violation) -> str:
+def describe_violation(broken: Violation) -> str:
     """Say which limit a command breaks, and where."""
     words = {"velocity": "mm/s", "acceleration": "mm/s²", "jerk": "mm/s³", "motor acceleration": "rad/s²"}
     scale = 1.0 if broken.quantity == "motor acceleration" else MM

@@ -1,11 +1,13 @@
-"""Families of designs: what can be done at a turning point, as functions of a few numbers of order one.
+"""Families of designs for a turning point, as functions of a few numbers of order one.
 
-Times are told in units of the time that the design may add, travels in units of the gap, so that a point that
-is good at one turning point is a good start at another.
+Times are in units of the time that the design may add, travels in units of the gap, so that a point that is
+good at one turning point is a good start at another. Interpolator tables take crossings at any feed; part
+programs take full stops, with jogs between dwells.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Final
@@ -14,10 +16,10 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.offsets import peaks
-from ph_post.compensate.surroundings import Surroundings
-from ph_post.compensate.trial import Design
-from ph_post.types import Array, Axis, Crossing
+from ph_post.compensate.offsets import DWELL, LEAST, carries_offset, make_jog, peaks, whole_jog
+from ph_post.compensate.profile import stop
+from ph_post.compensate.trial import Design, Surroundings
+from ph_post.types import Array, Axis, Crossing, Jog
 
 ORDER: Final = 3
 """Derivatives of the feed that vanish at junctions."""
@@ -34,7 +36,7 @@ SHORTEST: Final = 16
 """Samples that a crossing lasts at least."""
 
 
-class Case(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A turning point as the families see it.
 
     `budget` [s] is the time that a design may add, `reversing` the axes that turn back here and have a gap,
@@ -50,7 +52,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crosses: bool = True
 
 
-class Family(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class DesignFamily(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One family: `make` builds a design from `low` <= x <= `high`.
 
     `seeds` are good starts, tried for each of the `budgets`, parts of an equal share of the time.
@@ -60,7 +62,7 @@ class Family(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     low: Array
     high: Array
     seeds: tuple[Array, ...]
-    make: Callable[[Array, Case], Design]
+    make: Callable[[Array, ReversalCase], Design]
     budgets: tuple[float, ...] = (1.0,)
 
 
@@ -100,28 +102,28 @@ def _stop(down: float, hold: float, up: float, floor: float, lead: bool) -> Desi
     return Design(shape=shape, t_star=0.5 * total, turn=turn, lead=lead)
 
 
-def _ramps(share: float, skew: float, case: Case, floor: float) -> tuple[float, float, float]:
+def _ramps(share: float, skew: float, case: ReversalCase, floor: float) -> tuple[float, float, float]:
     """Durations of ramp down, hold and ramp up that add the budget, of which the ramps have a share."""
     slow = 1.0 - floor
     ramps = 2.0 * share * case.budget / slow
     return ramps * (1.0 - 0.5 * skew), (1.0 - share) * case.budget / slow, ramps * 0.5 * skew
 
 
-def make_plateau(x: Array, case: Case) -> Design:
+def make_plateau(x: Array, case: ReversalCase) -> Design:
     """Slow down, hold a feed, speed up: x = (share of the ramps, skew, floor, part of the budget)."""
     part = msgspec.structs.replace(case, budget=case.budget * float(x[3]))
     down, hold, up = _ramps(float(x[0]), float(x[1]), part, float(x[2]))
     return _with_offsets(_stop(down, hold, up, float(x[2]), case.lead), case)
 
 
-def _with_offsets(design: Design, case: Case) -> Design:
+def _with_offsets(design: Design, case: ReversalCase) -> Design:
     """Add the crossings that lasting offsets need in any case."""
     if not case.crosses:
         return design
     return msgspec.structs.replace(design, crossings=make_bare(ONE, case).crossings)
 
 
-def make_crossing(x: Array, case: Case) -> Design:
+def make_crossing(x: Array, case: ReversalCase) -> Design:
     """Stop and cross: x = (share of the ramps, skew, start, T_1, a_1, T_2, a_2, push, push's duration).
 
     The motor crosses a_1 of the gap in T_1, a_2 in T_2 which overlaps it, and is then pushed on. With nothing
@@ -146,9 +148,14 @@ def make_crossing(x: Array, case: Case) -> Design:
             order=ORDER,
         )
         second = Crossing(
-            axis=axis.name, start=first.start + OVERLAP * first.duration, duration=t2 * case.budget,
-            travel=a2 * gap, order=TRAVEL, push=push * unit, push_duration=pd * case.budget,
-        )  # fmt: skip
+            axis=axis.name,
+            start=first.start + OVERLAP * first.duration,
+            duration=t2 * case.budget,
+            travel=a2 * gap,
+            order=TRAVEL,
+            push=push * unit,
+            push_duration=pd * case.budget,
+        )
         crossings += [first, second]
     return msgspec.structs.replace(design, crossings=tuple(crossings))
 
@@ -166,12 +173,15 @@ def _push_unit(axis: Axis, budget: float) -> float:
 def whole_crossing(axis: Axis, direction: int, middle: float, duration: float) -> Crossing:
     """Cross the whole gap once around an instant [s]."""
     return Crossing(
-        axis=axis.name, start=middle - 0.5 * duration, duration=duration,
-        travel=axis.gap.lost_motion * direction, order=TRAVEL,
-    )  # fmt: skip
+        axis=axis.name,
+        start=middle - 0.5 * duration,
+        duration=duration,
+        travel=axis.gap.lost_motion * direction,
+        order=TRAVEL,
+    )
 
 
-def make_offset(x: Array, case: Case) -> Design:
+def make_offset(x: Array, case: ReversalCase) -> Design:
     """Slow down and shift the offset: x = (share of the ramps, floor, part of the budget, T, shift)."""
     part = msgspec.structs.replace(case, budget=case.budget * float(x[2]))
     down, hold, up = _ramps(float(x[0]), 1.0, part, float(x[1]))
@@ -183,7 +193,7 @@ def make_offset(x: Array, case: Case) -> Design:
     return msgspec.structs.replace(design, crossings=tuple(crossings))
 
 
-def make_dip(x: Array, case: Case) -> Design:
+def make_dip(x: Array, case: ReversalCase) -> Design:
     """Eq. (26) of the paper: x = (t* in budgets, V_2 ... V_{n-2})."""
     coefficients = np.ones(x.size + 3)
     coefficients[2:-2] = x[1:]
@@ -191,7 +201,7 @@ def make_dip(x: Array, case: Case) -> Design:
     return _with_offsets(Design(shape=shape, t_star=float(x[0]) * case.budget, lead=case.lead), case)
 
 
-def make_bare(x: Array, case: Case) -> Design:
+def make_bare(x: Array, case: ReversalCase) -> Design:
     """Leave the feed alone and cross the gaps behind the loop: x = (T,)."""
     crossings = tuple(
         whole_crossing(axis, direction, 0.0, float(x[0]) * case.shortest[axis.name])
@@ -201,7 +211,7 @@ def make_bare(x: Array, case: Case) -> Design:
     return Design(crossings=crossings, lead=case.lead)
 
 
-Maker = Callable[[Array, Case], Design]
+Maker = Callable[[Array, ReversalCase], Design]
 
 
 def _family(
@@ -210,19 +220,31 @@ def _family(
     bounds: Sequence[Sequence[float]],
     *seeds: Sequence[float],
     budgets: tuple[float, ...] = (1.0,),
-) -> Family:
+) -> DesignFamily:
     low, high = np.array(bounds, dtype=np.float64).T
-    return Family(
-        name=name, make=make, low=low, high=high, seeds=tuple(np.array(seed) for seed in seeds),
+    return DesignFamily(
+        name=name,
+        make=make,
+        low=low,
+        high=high,
+        seeds=tuple(np.array(seed) for seed in seeds),
         budgets=budgets,
-    )  # fmt: skip
+    )
 
 
 CROSSING: Final = _family(
-    "takeup", make_crossing,
+    "takeup",
+    make_crossing,
     [
-        (0.1, 0.9), (0.4, 1.6), (-0.6, 1.0),
-        (0.05, 1.5), (0.0, 1.2), (0.05, 1.5), (0.0, 0.8), (0.0, 8.0), (0.05, 1.2),
+        (0.1, 0.9),
+        (0.4, 1.6),
+        (-0.6, 1.0),
+        (0.05, 1.5),
+        (0.0, 1.2),
+        (0.05, 1.5),
+        (0.0, 0.8),
+        (0.0, 8.0),
+        (0.05, 1.2),
     ],
     [0.5, 1.5, -0.1, 0.16, 0.73, 0.16, 0.09, 1.0, 0.26],
     [0.5, 1.0, -0.05, 0.5, 0.8, 0.7, 0.2, 0.3, 0.5],
@@ -230,31 +252,33 @@ CROSSING: Final = _family(
     [0.3, 1.0, 0.0, 0.3, 0.5, 0.3, 0.3, 2.0, 0.5],
     [0.4, 1.0, -0.2, 0.05, 0.0, 0.05, 0.0, 1.9, 0.35],
     [0.45, 1.2, -0.3, 0.05, 0.0, 0.05, 0.0, 2.5, 0.3],
-)  # fmt: skip
+)
 
 OFFSET: Final = _family(
-    "takeup", make_offset,
+    "takeup",
+    make_offset,
     [(0.1, 0.98), (0.0, 0.95), (0.02, 1.0), (1.0, 3.0), (-0.5, 0.5)],
     [0.4, 0.0, 1.0, 1.0, 0.0],
     [0.6, 0.0, 1.0, 1.0, 0.0],
     [0.9, 0.05, 1.0, 1.0, 0.0],
     [0.8, 0.3, 1.0, 1.0, 0.0],
     budgets=(0.15, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0),
-)  # fmt: skip
+)
 
 BARE: Final = _family("takeup", make_bare, [(1.0, 3.0)], [1.0])
 
 PLATEAU: Final = _family(
-    "dwell", make_plateau,
+    "dwell",
+    make_plateau,
     [(0.1, 0.98), (0.4, 1.6), (0.0, 0.95), (0.05, 1.0)],
     [0.5, 1.0, 0.0, 1.0],
     [0.6, 1.0, 0.25, 1.0],
     [0.8, 1.2, 0.5, 0.5],
-)  # fmt: skip
+)
 
 
 @lru_cache(maxsize=8)
-def dips(degree: int, lowest: float) -> Family:
+def dips(degree: int, lowest: float) -> DesignFamily:
     """Return Eq. (26) of a degree with V_2 ... V_{n-2} free; V(½)/V_c of the seeds is at least `lowest`."""
     free = degree - 3
     seeds = []
@@ -266,3 +290,79 @@ def dips(degree: int, lowest: float) -> Family:
             seeds.append([t_star, *middle])
     bounds = [(0.1, 8.0)] + [(-8.0, 4.0)] * free
     return _family("suppress" if lowest >= 0.0 else "retrograde", make_dip, bounds, *seeds)
+
+
+SHORTEST_RAMP: Final = 1e-3
+"""Least part of the budget that a ramp takes; the limits forbid ramps as short as that anyway."""
+
+
+def make_stop(x: Array, case: ReversalCase) -> Design:
+    """Stop and jog: x = (share of ramps, part of the budget, share of the pause before, travel, time out).
+
+    What the jogs and their least dwells leave of the budget goes to the ramps and to pauses before and behind
+    them. Axes jog one after the other. Behind its loop an axis jogs by the gap, once; inside it, by `travel`
+    gaps out and back, and stays out for part of the time in which the motor crosses the gap meanwhile.
+    """
+    share, part, before, travel, out = (float(value) for value in x)
+    jogs, least = _sequence(case.reversing, travel, out)
+    spare = max(part * case.budget - least, 0.0)
+    ramp = max(share * spare, SHORTEST_RAMP * case.budget)
+    pause = (1.0 - share) * spare
+    hold = least + pause
+    begin = -0.5 * hold + before * pause
+    placed = tuple(msgspec.structs.replace(jog, start=jog.start + begin) for jog in jogs)
+    return Design(shape=stop(ramp, hold, ORDER), t_star=ramp + 0.5 * hold, crossings=placed)
+
+
+def make_jog_stop(x: Array, case: ReversalCase) -> Design:
+    """Stop and jog axes behind their loops: the first three of `make_stop`."""
+    return make_stop(np.concatenate([x, [0.0, 0.0]]), case)
+
+
+def jogs_last(reversing: Sequence[tuple[Axis, int]]) -> float:
+    """How long axes behind their loops take to jog by their gaps one after the other, dwells included [s]."""
+    return _sequence(reversing, 0.0, 0.0)[1]
+
+
+def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) -> tuple[list[Jog], float]:
+    """Jogs of all axes with their dwells, from 0 on, and how long that takes [s]."""
+    jogs: list[Jog] = []
+    t = DWELL
+    for axis, direction in reversing:
+        if axis.feedback == "load":
+            way = max(travel * axis.gap.lost_motion, LEAST)
+            there = make_jog(axis, way * direction, t)
+            turn = there.end + max(DWELL, out * _time_to_cross(axis, way) - there.duration)
+            jogs += [there, msgspec.structs.replace(there, start=turn, travel=-there.travel)]
+        elif carries_offset(axis):
+            jogs.append(whole_jog(axis, direction, t))
+        t = jogs[-1].end + DWELL if jogs else t
+    return jogs, t
+
+
+def _time_to_cross(axis: Axis, error: float) -> float:
+    """How long a motor without losses takes through its gap under a position error [m], in seconds."""
+    inertia = (axis.gap.inertia_fraction or 0.0) * axis.servo.b
+    return math.sqrt(2.0 * inertia * axis.gap.lost_motion / error)
+
+
+JOG: Final = DesignFamily(
+    name="takeup",
+    make=make_jog_stop,
+    low=np.array([0.1, 0.2, 0.0]),
+    high=np.array([1.0, 1.0, 1.0]),
+    seeds=(np.array([1.0, 1.0, 0.0]), np.array([0.7, 1.0, 0.2]), np.array([0.4, 1.0, 0.1])),
+)
+
+PULSE: Final = DesignFamily(
+    name="takeup",
+    make=make_stop,
+    low=np.array([0.1, 0.2, 0.0, 0.002, 0.0]),
+    high=np.array([1.0, 1.0, 1.0, 2.0, 1.5]),
+    seeds=tuple(
+        np.array([share, 1.0, 0.2, travel, out])
+        for share in (0.5, 0.8)
+        for out in (0.8, 1.0)
+        for travel in (0.01, 0.02, 0.05, 0.1, 0.3, 1.0)
+    ),
+)

@@ -1,4 +1,7 @@
-"""Phases as one function of time, evaluated at many instants at once."""
+"""The motion law s(t) of a plan: phases as one function of time, the feed along the path, and exact samples.
+
+Sampling is the exact interpolator: positions on the path at the servo period, from the plan's polynomials.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ph_post.geometry.bernstein import integrate
-from ph_post.types import Array, IntArray, Phase, frozen
+from ph_post.geometry.track import Track
+from ph_post.types import Array, Command, IntArray, Phase, Plan, frozen
 
 _CHUNK = 1 << 14
 """Instants evaluated at a time: what is at work stays in the processor's cache."""
@@ -17,7 +21,7 @@ _WHOLE = 1e-9
 """A duration this part of a period short of a whole number of periods counts as whole."""
 
 
-class Motion:
+class MotionLaw:
     """Arc length and speed as functions of time.
 
     Parameters
@@ -51,7 +55,7 @@ class Motion:
         self._way = [np.ascontiguousarray(integrate(one).T) for one in speeds]
 
     @classmethod
-    def from_phases(cls, phases: Sequence[Phase]) -> Motion:
+    def from_phases(cls, phases: Sequence[Phase]) -> MotionLaw:
         """Gather phases by degree."""
         sizes = np.array([phase.speed.size for phase in phases])
         kinds, group = np.unique(sizes, return_inverse=True)
@@ -123,7 +127,7 @@ class Motion:
         s += self.s[phase]
 
 
-def row_times(motion: Motion, period: float) -> Array:
+def row_times(motion: MotionLaw, period: float) -> Array:
     """Instants of samples [s]: multiples of the period up to the end, or just beyond an end at rest."""
     periods = motion.end / period
     rows = math.ceil(periods - _WHOLE) if motion.ends_at_rest else math.floor(periods + _WHOLE)
@@ -146,3 +150,99 @@ def _powers(x: Array, most: int) -> list[Array]:
     for _ in range(most):
         powers.append(powers[-1] * x)
     return powers
+
+
+class FeedAlong:
+    """Feed of the plain plan as function of arc length, read off samples of its motion.
+
+    Parameters
+    ----------
+    motion : MotionLaw
+    period : float
+        Sampling period [s].
+    length : float
+        Length of the path [m].
+    looped : bool
+        Whether the motion runs through the seam of a closed path, so that the feed repeats.
+    """
+
+    def __init__(self, motion: MotionLaw, period: float, length: float, looped: bool) -> None:
+        edges = np.concatenate([motion.start, [motion.end]])
+        t = np.unique(np.concatenate([np.arange(0.0, motion.end, period), edges]))
+        s, feed = motion.place_and_feed(t)
+        if looped:
+            s, feed = np.concatenate([s - length, s, s + length]), np.tile(feed, 3)
+        self.s, self.feed = np.maximum.accumulate(s), feed
+        self.first, self.last = float(self.s[0]), float(self.s[-1])
+
+    def at(self, s: float) -> float:
+        """Feed at `s` [m/s]."""
+        return float(np.interp(s, self.s, self.feed))
+
+    def lowest(self, s: float, half: float) -> float:
+        """Lowest feed on [s - half, s + half] [m/s]."""
+        i, j = np.searchsorted(self.s, [s - half, s + half])
+        inside = self.feed[i:j]
+        ends = min(self.at(s - half), self.at(s + half))
+        return min(ends, float(inside.min())) if inside.size else ends
+
+    def steady_sides(self, s: float, reach: float, least: float) -> tuple[float, float]:
+        """How far before and behind `s`, up to `reach`, the feed is at least `least` [m]."""
+        i, centre, j = np.searchsorted(self.s, [s - reach, s, s + reach])
+        before = np.flatnonzero(self.feed[i:centre] < least)
+        after = np.flatnonzero(self.feed[centre:j] < least)
+        ahead = s - float(self.s[i + before[-1] + 1]) if before.size else reach
+        behind = float(self.s[centre + after[0] - 1]) - s if after.size else reach
+        return max(min(ahead, s - self.first), 0.0), max(min(behind, self.last - s), 0.0)
+
+    def steady_half(self, s: float, half: float, least: float) -> float:
+        """Largest part of `half` for which the feed is at least `least` on [s - half, s + half]."""
+        return min(self.steady_sides(s, half, least))
+
+
+def sample(plan: Plan, track: Track, period: float) -> Command:
+    """Sample a plan, one row a servo period from t = 0.
+
+    Arc length and feed come from the plan's polynomials and the position from the path at that arc length, so
+    that no error adds up from row to row. A plan that ends at rest gets as many rows as bring it to its end:
+    what is left of the last period is spent at rest there. One that ends moving ends with its last whole
+    period, so that every row is a place the tool runs through at its feed.
+
+    Parameters
+    ----------
+    plan : Plan
+    track : Track
+        Of the plan's path.
+    period : float
+        Servo period [s].
+
+    Returns
+    -------
+    Command
+    """
+    motion = MotionLaw.from_phases(plan.phases)
+    t = row_times(motion, period)
+    s, feed = motion.place_and_feed(t)
+    window = motion.window[motion.phase_at(t)]
+    if motion.ends_at_rest:
+        s[-1] = track.length
+        window[-1] = -1
+    piece, u = track.locate(s)
+    segment, xi = track.to_xi(piece, u)
+    return Command(
+        axes=plan.path.axes,
+        period=period,
+        t=t,
+        segment=segment,
+        xi=xi,
+        s=s,
+        position=track.derivatives(piece, u, 0)[0],
+        feed=feed,
+        window=window,
+        flanks=plan.flanks,
+    )
+
+
+def place_and_feed(phases: Sequence[Phase], t: Array) -> tuple[Array, Array]:
+    """Arc length [m] and feed [m/s] of a plan's phases at any instants `t` [s]."""
+    return MotionLaw.from_phases(phases).place_and_feed(t)

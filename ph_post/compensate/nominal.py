@@ -1,4 +1,4 @@
-"""The feed along the path: jerk-limited ramps between speeds that fit.
+"""The nominal feed along the path: jerk-limited ramps between speeds that fit.
 
 A plan is a chain of nodes: places at which the speed is known and the acceleration zero. Between neighbours
 the speed ramps up, stays and ramps down. It begins with the ends, the stops and the plateaus asked for;
@@ -13,9 +13,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from ph_post.compensate import scurve
-from ph_post.compensate.caps import Caps
-from ph_post.compensate.columns import largest
+from ph_post.compensate import speed_ramps
+from ph_post.compensate.limit_curve import LimitCurve, largest
 from ph_post.errors import SolveError
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -102,12 +101,12 @@ def add_plateaus(nodes: Nodes, s0: Array, s1: Array, level: Array, window: IntAr
     return Nodes(s0=merged[0][order], s1=merged[1][order], level=merged[2][order], window=merged[3][order])
 
 
-def plan_feed(caps: Caps, nodes: Nodes) -> Schedule:
+def plan_feed(caps: LimitCurve, nodes: Nodes) -> Schedule:
     """Plan the feed through `nodes` as fast as ramps between nodes allow, inside the caps.
 
     Parameters
     ----------
-    caps : Caps
+    caps : LimitCurve
     nodes : Nodes
         Ends, stops and plateaus; levels are lowered where the caps or the distance to a neighbour ask for it.
 
@@ -126,7 +125,7 @@ def plan_feed(caps: Caps, nodes: Nodes) -> Schedule:
         spans = _measure(caps, nodes)
         level = _lower(nodes.level, spans)
         v0, v1 = level[:-1], level[1:]
-        peak = scurve.peak_speed(v0, v1, spans.ceiling, spans.distance, spans.a, spans.j)
+        peak = speed_ramps.peak_speed(v0, v1, spans.ceiling, spans.distance, spans.a, spans.j)
         curves = _Curves(v0, peak, v1)
         # What was found good with these speeds at its ends need not be looked at again.
         changed = (v0 != found_good[0, :-1]) | (v1 != found_good[1, :-1])
@@ -138,7 +137,7 @@ def plan_feed(caps: Caps, nodes: Nodes) -> Schedule:
     raise SolveError(f"the feed plan breaks limits at {worst.size} places after {_ROUNDS} rounds")
 
 
-def _on_nodes(caps: Caps, nodes: Nodes) -> Array:
+def _on_nodes(caps: LimitCurve, nodes: Nodes) -> Array:
     """Lowest cap on every node."""
     above = np.searchsorted(caps.s, nodes.s0, side="right") - 1
     below = np.searchsorted(caps.s, nodes.s1, side="left")
@@ -146,7 +145,7 @@ def _on_nodes(caps: Caps, nodes: Nodes) -> Array:
     return _over(np.minimum, caps.soft, first, last)
 
 
-def _inside(caps: Caps, first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
+def _inside(caps: LimitCurve, first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
     return np.maximum(first, 0), np.minimum(last, caps.s.size - 1)
 
 
@@ -157,12 +156,10 @@ def _over(function: np.ufunc, values: Array, first: IntArray, last: IntArray) ->
     return reduced
 
 
-def _measure(caps: Caps, nodes: Nodes) -> _Spans:
+def _measure(caps: LimitCurve, nodes: Nodes) -> _Spans:
     """Look up what the caps say between neighbouring nodes."""
     s, end = nodes.s1[:-1], nodes.s0[1:]
-    first, last = _inside(
-        caps, np.searchsorted(caps.s, s, side="right") - 1, np.searchsorted(caps.s, end, side="left")
-    )
+    first, last = _inside(caps, np.searchsorted(caps.s, s, side="right") - 1, np.searchsorted(caps.s, end, side="left"))
     # Two plateaus that touch at a joint leave nothing between them.
     first, last = np.minimum(first, last), np.maximum(first, last)
     cross = _over(np.minimum, caps.cross, first, last)
@@ -170,9 +167,16 @@ def _measure(caps: Caps, nodes: Nodes) -> _Spans:
     # bend's own neighbourhood has to go by its worst.
     a = np.where(last - first > _SHORT, _over(np.minimum, caps.acceleration, first, last), cross)
     return _Spans(
-        s, np.maximum(end - s, 0.0), first, last, _over(np.maximum, caps.soft, first, last),
-        _over(np.minimum, caps.hard, first, last), a, cross, _over(np.minimum, caps.jerk, first, last),
-    )  # fmt: skip
+        s,
+        np.maximum(end - s, 0.0),
+        first,
+        last,
+        _over(np.maximum, caps.soft, first, last),
+        _over(np.minimum, caps.hard, first, last),
+        a,
+        cross,
+        _over(np.minimum, caps.jerk, first, last),
+    )
 
 
 def _lower(level: Array, spans: _Spans) -> Array:
@@ -185,18 +189,18 @@ def _lower(level: Array, spans: _Spans) -> Array:
 
 def _forward(level: Array, distance: Array, a: Array, j: Array) -> None:
     finite = np.where(np.isinf(level), 0.0, level)
-    far = scurve.ramp_distance(finite[:-1], finite[1:], a, j) > distance
+    far = speed_ramps.ramp_distance(finite[:-1], finite[1:], a, j) > distance
     for start in np.flatnonzero(far & (level[1:] > level[:-1])).tolist():
         k = start
         while k < distance.size and level[k + 1] > level[k]:
-            most = scurve.reachable(float(level[k]), float(distance[k]), float(a[k]), float(j[k]))
+            most = speed_ramps.reachable(float(level[k]), float(distance[k]), float(a[k]), float(j[k]))
             if most >= level[k + 1]:
                 break
             level[k + 1] = most
             k += 1
 
 
-def _find_worst(caps: Caps, spans: _Spans, curves: _Curves, changed: BoolArray) -> IntArray:
+def _find_worst(caps: LimitCurve, spans: _Spans, curves: _Curves, changed: BoolArray) -> IntArray:
     """Grid indices at which nodes are needed: the worst points of every stretch that breaks a limit."""
     ramps = (curves.peak > curves.v0) | (curves.peak > curves.v1)
     suspect = (curves.peak > spans.floor * (1.0 + _ROUNDING)) | (ramps & (spans.a > spans.cross))
@@ -209,22 +213,20 @@ def _find_worst(caps: Caps, spans: _Spans, curves: _Curves, changed: BoolArray) 
     x = caps.s[index] - spans.s[row]
     inside = (x > 0.0) & (x < spans.distance[row])
     row, index, x = row[inside], index[inside], x[inside]
-    excess = _excess(
-        caps, index, _Spans(*(part[row] for part in spans)), _Curves(*(p[row] for p in curves)), x
-    )
+    excess = _excess(caps, index, _Spans(*(part[row] for part in spans)), _Curves(*(p[row] for p in curves)), x)
     broken = excess > 1.0 + _ROUNDING
     return _worst_of_stretches(row[broken], index[broken], excess[broken])
 
 
-def _excess(caps: Caps, index: IntArray, spans: _Spans, curves: _Curves, x: Array) -> Array:
+def _excess(caps: LimitCurve, index: IntArray, spans: _Spans, curves: _Curves, x: Array) -> Array:
     """Largest ratio of what is used to what is allowed at the distance `x` into spans, all arrays (n,)."""
     v0, peak, v1 = curves
-    up = x < scurve.ramp_distance(v0, peak, spans.a, spans.j)
+    up = x < speed_ramps.ramp_distance(v0, peak, spans.a, spans.j)
     back = spans.distance - x
-    down = ~up & (back < scurve.ramp_distance(v1, peak, spans.a, spans.j))
+    down = ~up & (back < speed_ramps.ramp_distance(v1, peak, spans.a, spans.j))
     speed, acceleration = peak.copy(), np.zeros(x.size)
     for on, low, along in ((up, v0, x), (down, v1, back)):
-        state = scurve.state_on_ramp(low[on], peak[on], along[on], spans.a[on], spans.j[on])
+        state = speed_ramps.state_on_ramp(low[on], peak[on], along[on], spans.a[on], spans.j[on])
         speed[on], acceleration[on] = state
     v, a = speed[:, None], acceleration[:, None]
     j = np.where(up | down, spans.j, 0.0)[:, None]
@@ -248,22 +250,24 @@ def _worst_of_stretches(row: IntArray, index: IntArray, excess: Array) -> IntArr
     return np.unique(np.concatenate([index[tied[first]], index[tied[::-1][last]]]))
 
 
-def _insert(caps: Caps, nodes: Nodes, index: IntArray, found_good: Array) -> tuple[Nodes, Array]:
+def _insert(caps: LimitCurve, nodes: Nodes, index: IntArray, found_good: Array) -> tuple[Nodes, Array]:
     """Add point nodes at grid points; the two sides of a joint are one place."""
     index = index[np.diff(caps.s[index], prepend=-1.0) > 0.0]
     s = caps.s[index]
     at = np.searchsorted(nodes.s1, s)
     found_good[:, at - 1] = np.nan
     more = Nodes(
-        s0=np.insert(nodes.s0, at, s), s1=np.insert(nodes.s1, at, s),
-        level=np.insert(nodes.level, at, caps.soft[index]), window=np.insert(nodes.window, at, -1),
-    )  # fmt: skip
+        s0=np.insert(nodes.s0, at, s),
+        s1=np.insert(nodes.s1, at, s),
+        level=np.insert(nodes.level, at, caps.soft[index]),
+        window=np.insert(nodes.window, at, -1),
+    )
     return more, np.insert(found_good, at, np.nan, axis=1)
 
 
 def _schedule(nodes: Nodes, spans: _Spans, curves: _Curves) -> Schedule:
     """Lay plateaus and ramps one after the other; each begins where its node is, so that nothing adds up."""
-    times, speeds = scurve.curve_phases(curves.v0, curves.peak, curves.v1, spans.distance, spans.a, spans.j)
+    times, speeds = speed_ramps.curve_phases(curves.v0, curves.peak, curves.v1, spans.distance, spans.a, spans.j)
     m = nodes.level.size
     duration, speed, s = np.zeros((m, 8)), np.zeros((m, 8, 3)), np.zeros((m, 8))
     length = nodes.s1 - nodes.s0

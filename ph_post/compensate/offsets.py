@@ -1,9 +1,13 @@
-"""What is added to the points of the path: inverse dynamics, crossings of the gap, and lasting offsets.
+"""Offsets added to the points of the path: inverse dynamics, crossings of the gap, jogs, and lasting offsets.
 
-The command is worked out backwards. The table is to be on the path; that and the crossings tell how the
-motor has to move, which tells the controller's output; and that tells the position error it takes, which is
-added to the position. For a P controller it is X = x + c ẋ + b ẍ while a flank drives the table (Eq. 8 of
+The command is worked out backwards. The table is to be on the path; this and the crossings give the motion of
+the motor, the motor's motion gives the controller's output, and the output gives the position error that is
+added to the position. For a P controller it is X = x + c ẋ + b ẍ while a side drives the table (Eq. 8 of
 [1]_), and X = x_i + η b (m̈ + β ṁ) while the motor crosses the gap (Eq. 16, in units of the table).
+
+A jog is a crossing that a part program can carry: between two dwells, while the path stands still, one axis
+makes a short move of its own. Controllers without a limit of jerk run such a move with straight ramps, which
+is what is written here.
 
 References
 ----------
@@ -12,21 +16,139 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 
-from ph_post.compensate.caps import axis_limits
-from ph_post.compensate.jogs import jogged
-from ph_post.compensate.limits import at_rest_before_and_after, rounding, usage
-from ph_post.compensate.motion import Motion
-from ph_post.compensate.sample import sample
+from ph_post.compensate.limit_curve import axis_limits
+from ph_post.compensate.motion import MotionLaw, sample
+from ph_post.compensate.violations import at_rest_before_and_after, rounding, usage
 from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Jog, Machine, Plan, Servo, frozen
+from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Gap, Jog, Machine, Plan, Servo, frozen
+from ph_post.units import MM, MM_PER_MIN, MS
+
+DWELL: Final = 10.0 * MS
+"""Least dwell [s] before and after a jog: LinuxCNC, with a period of 1 ms, has been seen to stand still at
+both ends of jogs so separated, and to keep the time between them within 1 ms."""
+
+SETTLED: Final = 3.0
+"""After so many of its time constants c an axis has made 95 % of a crossing that was commanded."""
+
+LEAST: Final = 2.5e-3 * MM
+"""Shortest jog [m]: shorter ones drown in the decimals of serial controllers and in the steps of motors. A
+smaller gap behind its loop is left alone."""
+
+PART: Final = 0.5
+"""Part of an axis' acceleration that a jog takes. LinuxCNC under G64 keeps the other half for blends, whether
+there are any or not (seen: 126 of 250 mm/s²); who runs a jog quicker does no harm, as the path rests."""
+
+LEAST_APPROACH: Final = 0.1 * MM
+"""An axis is approached over at least this far [m]: the play of a worn router, so that a machine file that
+knows of no lost motion does not leave the flank to chance."""
+
+LOST_MOTIONS: Final = 2.0
+"""The approach covers the lost motion so many times: the gap is taken up wherever in it the axis stood, with
+as much again for what the machine file does not know."""
+
+APPROACH_FEED: Final = 300.0 * MM_PER_MIN
+"""Feed of the approach [m/s], or the path's where that is less: the shortest offset then lasts 20 ms, several
+times a servo's response, and no drive lags by more than a part of it."""
+
+
+def make_jog(axis: Axis, travel: float, start: float, feed: float = math.inf) -> Jog:
+    """Return the jog of an axis by `travel` [m] at `start` [s], no faster than `feed` [m/s].
+
+    It is given no more velocity than its ramps reach, so that a controller with a higher acceleration does
+    not run it much faster.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> jog = make_jog(read_machine("stepper").axes["X"], 20e-6, 0.0)
+    >>> jog.velocity == (jog.acceleration * 20e-6) ** 0.5
+    True
+    """
+    acceleration = PART * axis.limits.acceleration
+    reached = math.sqrt(abs(travel) * acceleration)
+    return Jog(
+        axis=axis.name,
+        start=start,
+        travel=travel,
+        velocity=min(reached, axis.limits.velocity, feed),
+        acceleration=acceleration,
+    )
+
+
+def whole_jog(axis: Axis, direction: int, start: float) -> Jog:
+    """Cross the whole gap once, beginning at `start` [s]."""
+    return make_jog(axis, axis.gap.lost_motion * direction, start)
+
+
+def corner_pause(axis: Axis) -> float:
+    """Return how long the path rests before and behind a jog in a corner, of an axis with its gap behind [s].
+
+    An earlier jog would call the motor back before the table has come to the corner, and going on earlier
+    would begin with the motor still in the gap. Where an axis turns smoothly neither shows, as it hardly
+    moves there.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> [round(corner_pause(read_machine(name).axes["X"]), 6) for name in ("stepper", "router")]
+    [0.01, 0.0501]
+    """
+    return max(DWELL, SETTLED * axis.servo.c)
+
+
+def carries_offset(axis: Axis) -> bool:
+    """Whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
+    return axis.feedback != "load" and axis.gap.lost_motion >= LEAST
+
+
+def approach_distance(gap: Gap) -> float:
+    """How far before the start of a cut an axis is approached from [m]."""
+    return max(LOST_MOTIONS * gap.lost_motion, LEAST_APPROACH)
+
+
+def jog_travel(jog: Jog, t: Array) -> Array:
+    """Way [m] that a jog has covered at `t` [s], shape (n,), signed.
+
+    Examples
+    --------
+    >>> jog = Jog(axis="X", start=1.0, travel=-3.0, velocity=1.0, acceleration=1.0)
+    >>> jog_travel(jog, np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])).tolist()
+    [0.0, 0.0, -0.5, -1.5, -2.5, -3.0, -3.0]
+    """
+    duration, way = jog.duration, abs(jog.travel)
+    since = np.clip(t - jog.start, 0.0, duration)
+    ramp = min(jog.velocity / jog.acceleration, 0.5 * duration)
+    peak = jog.acceleration * ramp
+    rising = 0.5 * jog.acceleration * np.minimum(since, ramp) ** 2
+    left = np.minimum(duration - since, ramp)
+    level = peak * np.clip(since - ramp, 0.0, duration - 2.0 * ramp)
+    falling = np.where(since > duration - ramp, 0.5 * peak * ramp - 0.5 * jog.acceleration * left**2, 0.0)
+    covered = np.where(since >= duration, way, rising + level + falling)
+    return np.asarray(covered if jog.travel > 0.0 else 0.0 - covered)
+
+
+def jogged(jogs: Sequence[Jog], axes: Sequence[str], t: Array) -> Array:
+    """Sum of jogs at `t` [s] by axis [m], shape (n, dim)."""
+    moved = np.zeros((t.size, len(axes)))
+    for jog in jogs:
+        moved[:, axes.index(jog.axis)] += jog_travel(jog, t)
+    return frozen(moved)
+
+
+def approach_time(plan: Plan) -> float:
+    """Time [s] at the beginning of a plan that belongs to the program's approach, which any program has."""
+    seats = any(isinstance(one, Jog) and one.start == 0.0 for one in plan.crossings)
+    return plan.phases[0].duration if seats else 0.0
+
 
 EDGE = 0.3
 """Part of a push that it takes to rise, and to fall."""
@@ -70,7 +192,7 @@ def command_of(plan: Plan, track: Track, period: float) -> Command:
     plain = sample(plan, track, period)
     if not (plan.inverse_dynamics or plan.crossings or any(plan.bias.values())):
         return plain
-    rate = Motion.from_phases(plan.phases).acceleration(plain.t)
+    rate = MotionLaw.from_phases(plan.phases).acceleration(plain.t)
     speed, acceleration = path_derivatives(plain, track, rate)
     offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics)
     return add_offsets(plain, speed, acceleration, plan.machine, offsets)
@@ -88,9 +210,7 @@ def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array
     return tangent * feed, bend * feed**2 + tangent * rate[:, np.newaxis]
 
 
-def add_offsets(
-    command: Command, speed: Array, acceleration: Array, machine: Machine, offsets: Offsets
-) -> Command:
+def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Machine, offsets: Offsets) -> Command:
     """Add lasting offsets, crossings and inverse dynamics to a command on the path.
 
     Parameters
@@ -118,9 +238,7 @@ def add_offsets(
     )
 
 
-def _one_axis(
-    command: Command, speed: Array, acceleration: Array, axis: Axis, offsets: Offsets
-) -> tuple[Array, Array]:
+def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, offsets: Offsets) -> tuple[Array, Array]:
     """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each."""
     t, servo, gap = command.t, axis.servo, axis.gap
     mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]

@@ -1,4 +1,4 @@
-"""What the user may ask of a plan."""
+"""Options of a plan."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-Carrier = Literal["table", "program"]
+PlanOutput = Literal["table", "program"]
 """What a plan can be written as."""
 
 
@@ -54,7 +54,7 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     max_slowdown: float = 0.1
     inverse_dynamics: bool = False
     feed_only: bool = False
-    carrier: Carrier = "table"
+    carrier: PlanOutput = "table"
     effort: float = 1.0
 
     @property

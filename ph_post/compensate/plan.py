@@ -1,4 +1,4 @@
-"""From what was found about a path to the feed along it: the nominal plan, and the profiles on it."""
+"""Plan the feed along a path: the nominal plan, and the strategy's profiles fitted to path, limits and options."""
 
 from __future__ import annotations
 
@@ -8,25 +8,210 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from ph_post.analysis import Analysis
-from ph_post.compensate import words
-from ph_post.compensate.broken import find_broken
-from ph_post.compensate.course import Course, Settled
-from ph_post.compensate.feedalong import FeedAlong
-from ph_post.compensate.fit import Fitter
-from ph_post.compensate.joglayout import lay_out_jogs, without_axes
-from ph_post.compensate.layout import Job, lay_out
-from ph_post.compensate.motion import Motion
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate import plan_warnings
+from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
+from ph_post.compensate.layout import Job, lay_out, lay_out_jogs, without_axes
+from ph_post.compensate.motion import FeedAlong, MotionLaw
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
-from ph_post.compensate.ramps import reduced, smooth_ramps
-from ph_post.compensate.shapes import told_ratio
-from ph_post.compensate.strategies.base import Proposal, Task, Wish, require_loop, silent
+from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, reported_ratio, soften
+from ph_post.compensate.speed_ramps import reduced, smooth_ramps
+from ph_post.compensate.strategies.base import (
+    PlanningTask,
+    ProfileRequest,
+    StrategyResult,
+    require_loop,
+    silent,
+)
 from ph_post.compensate.strategies.registry import find_strategy
-from ph_post.compensate.surroundings import flanks_before
+from ph_post.compensate.trial import flanks_before, half_distances
+from ph_post.compensate.violations import find_violations
 from ph_post.errors import InputError
 from ph_post.geometry.joints import find_stops
-from ph_post.types import Array, FeedProfile, Machine, Phase, Plan, frozen
+from ph_post.types import Array, BoolArray, FeedProfile, Machine, Phase, Plan, Window, frozen
+from ph_post.units import MM_PER_MIN, MS
+
+_ROUNDS = 8
+"""Times that the profiles are fitted again after limits or options changed them; one or two are usual."""
+
+_SAME = 1e-9
+"""Relative differences below this are none."""
+
+_BISECTIONS = 60
+
+
+class FittedProfiles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The settled motion, one profile or None a window, and what there is to say."""
+
+    settled: ValidMotion
+    profiles: tuple[FeedProfile | None, ...]
+    warnings: tuple[str, ...]
+
+
+class Fitter:
+    """Fits profiles to one course.
+
+    Parameters
+    ----------
+    course : FeedPlanner
+    before : ValidMotion
+        The plain plan.
+    windows : tuple of Window
+    wishes : tuple of ProfileRequest
+        One a window.
+    options : PlanOptions
+    feed : FeedAlong
+        Of the plain plan.
+    """
+
+    def __init__(
+        self,
+        course: FeedPlanner,
+        before: ValidMotion,
+        windows: tuple[Window, ...],
+        wishes: tuple[ProfileRequest, ...],
+        options: PlanOptions,
+        feed: FeedAlong,
+    ) -> None:
+        self.course, self.before, self.windows, self.wishes = course, before, windows, wishes
+        self.options, self.feed = options, feed
+        self._said: list[tuple[tuple[int, ...], str]] = []
+        self._causes: dict[int, set[str]] = {}
+
+    def fit(self) -> FittedProfiles:
+        """Place the profiles, then soften and shorten them until everything holds at once."""
+        sites = self._find_sites()
+        settled = self.before
+        depth = self._above_least_feed(sites, np.ones(len(sites)))
+        for _ in range(_ROUNDS if sites else 0):
+            settled = self.course.settle(sites, depth)
+            self._blame(settled.depth < depth, "the limits of the axes")
+            sites = tuple(map(self._resize, settled.sites, settled.depth.tolist()))
+            depth = self._above_least_feed(sites, settled.depth * self._affordable(settled))
+            if np.all(depth == settled.depth) and sites == settled.sites:
+                break
+        if not np.any(settled.depth):
+            # Whatever was tried, without any profile the plain plan is the one to run.
+            plain = self.before
+            settled = msgspec.structs.replace(settled, motion=plain.motion, factor=plain.factor)
+        profiles = self._profiles(settled)
+        return FittedProfiles(
+            settled=settled, profiles=profiles, warnings=tuple(plan_warnings.about_points(self._said))
+        )
+
+    def _find_sites(self) -> tuple[Site, ...]:
+        """Place every profile that is wanted, and say why others are not."""
+        track, looped = self.course.track, self.course.looped
+        wanted = [k for k, wish in enumerate(self.wishes) if wish.shape is not None]
+        for k, wish in enumerate(self.wishes):
+            if wish.shape is None and wish.note:
+                self._say(k, f"left alone: {wish.note}")
+        rooms = half_distances([self.windows[k].s for k in wanted], track.length, looped)
+        sites = []
+        for k, room in zip(wanted, rooms, strict=True):
+            found = find_site(k, self.windows[k], self.wishes[k], self.feed, room)
+            if isinstance(found, str):
+                self._say(k, f"left alone: {found}")
+            else:
+                sites.append(found)
+        return tuple(sites)
+
+    def _resize(self, site: Site, depth: float) -> Site:
+        """Shorten a site where the user's own duration asks for it."""
+        if self.options.t_star is None:
+            return site
+        wanted = half_length(soften(site.shape, 1.0 - depth), site.cruise, self.options.t_star)
+        return msgspec.structs.replace(site, half=wanted) if wanted < site.half * (1.0 - _SAME) else site
+
+    def _above_least_feed(self, sites: tuple[Site, ...], depth: Array) -> Array:
+        """Depths at which no profile falls below the least feed."""
+        if self.options.min_feed is None or not sites:
+            return depth
+        dip = np.array([1.0 - lowest(site.shape) for site in sites])
+        room = np.array([1.0 - self.options.min_feed / site.cruise for site in sites])
+        most = np.where(dip > 0.0, np.clip(room, 0.0, None) / np.where(dip > 0.0, dip, 1.0), np.inf)
+        # Rounding must not take the feed below the one asked for.
+        limited = np.minimum(depth, np.where(most < FLAT, 0.0, most * (1.0 - _SAME)))
+        self._blame(limited < depth, "the least feed")
+        return np.asarray(np.where(limited < depth * (1.0 - 2.0 * _SAME), limited, depth))
+
+    def _affordable(self, settled: ValidMotion) -> float:
+        """Part of their depth that all profiles may keep without the cycle time growing too much."""
+        budget = self.before.motion.end * (1.0 + self.options.max_slowdown)
+        if self.options.chosen_by_user or settled.motion.end <= budget * (1.0 + _SAME):
+            return 1.0
+        flat = np.array([2.0 * site.half / site.cruise for site in settled.sites])
+        loss = settled.depth * np.array([1.0 - mean(site.shape) for site in settled.sites])
+
+        def extra(part: float) -> float:
+            return float(np.sum(flat * (1.0 / (1.0 - part * loss) - 1.0)))
+
+        allowed = budget - (settled.motion.end - extra(1.0))
+        low, high = 0.0, 1.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if extra(middle) <= allowed else (low, middle)
+        cause = f"a cycle time at most {100.0 * self.options.max_slowdown:g} % longer"
+        self._blame(settled.depth > 0.0, cause)
+        return low if low * float(settled.depth.max()) >= FLAT else 0.0
+
+    def _profiles(self, settled: ValidMotion) -> tuple[FeedProfile | None, ...]:
+        profiles: list[FeedProfile | None] = [None] * len(self.windows)
+        for number, (site, depth) in enumerate(zip(settled.sites, settled.depth.tolist(), strict=True)):
+            if depth == 0.0:
+                why = settled.refused.get(number) or f"nothing worth having is left by {self._why(number)}"
+                self._say(site.window, f"left alone: {why}")
+                continue
+            notes = [*site.notes, *self._softened(number, site, depth)]
+            for note in notes:
+                self._say(site.window, note)
+            profiles[site.window] = _profile(site, depth, notes)
+        return tuple(profiles)
+
+    def _softened(self, number: int, site: Site, depth: float) -> list[str]:
+        """Say what of a profile was not to be had."""
+        notes = []
+        shape = soften(site.shape, 1.0 - depth)
+        if depth < 1.0:
+            what = "V(1/2)/V_c" if len(shape.pieces) == 1 else "lowest V/V_c"
+            notes.append(
+                f"softened for {self._why(number)}: {what} = {reported_ratio(shape):.3g} "
+                f"in place of {reported_ratio(site.shape):.3g}"
+            )
+        t_star = half_duration(shape, site.cruise, site.half)
+        wanted = self.options.t_star
+        if wanted is not None and abs(t_star - wanted) > 1e-6 * wanted:
+            notes.append(f"t* = {t_star / MS:.4g} ms in place of {wanted / MS:.4g} ms")
+        if self.options.min_feed is not None and site.cruise < self.options.min_feed:
+            notes.append(f"the feed around it, {site.cruise / MM_PER_MIN:.4g} mm/min, is below the least feed")
+        return notes
+
+    def _blame(self, which: BoolArray, cause: str) -> None:
+        for number in np.flatnonzero(which).tolist():
+            self._causes.setdefault(number, set()).add(cause)
+
+    def _why(self, number: int) -> str:
+        return " and ".join(sorted(self._causes.get(number, {"the limits of the axes"})))
+
+    def _say(self, window: int, text: str) -> None:
+        self._said.append((self.windows[window].members, text))
+
+
+def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
+    shape = soften(site.shape, 1.0 - depth)
+    return FeedProfile(
+        window=site.window,
+        shape=shape,
+        cruise=site.cruise,
+        turn=site.wish.turn,
+        t_star=half_duration(shape, site.cruise, site.half),
+        s_star=site.half,
+        ratio=reported_ratio(shape),
+        strategy=site.wish.strategy,
+        notes=tuple(notes),
+    )
+
 
 LEAD_SHARE = 0.3
 """Part of the time allowed that ramps which can be led may take."""
@@ -71,7 +256,7 @@ def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], No
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
     require_loop(strategy, analysis.path.axes, machine)
-    draft = Draft(analysis, machine, options, tell)
+    draft = Planner(analysis, machine, options, tell)
     proposal = strategy.profiles(draft.task)
     plan = draft.plan(strategy.name, proposal)
     if not proposal.proven:
@@ -86,15 +271,15 @@ AS_DEEP = 0.02
 NO_STOPS = frozen([])
 
 
-class Ground(NamedTuple):
+class BaselinePlan(NamedTuple):
     """What profiles are built on: the course, the plain motion on it, and its feed along the path."""
 
-    course: Course
-    settled: Settled
+    course: FeedPlanner
+    settled: ValidMotion
     feed: FeedAlong
 
 
-class Draft:
+class Planner:
     """What all plans of one job have in common: the plain plan along the path, and the ground to build on.
 
     Where the command is to lead the path, the ground has ramps that can be led, if that costs little time.
@@ -122,25 +307,31 @@ class Draft:
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
         none = np.zeros(0)
         told = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
-        self.stops = words.stops(*told)
+        self.stops = plan_warnings.stops(*told)
         end = self.ground.settled.motion.end
-        self.task = Task(
-            analysis=analysis, machine=machine, options=options, feed=self.ground.feed,
-            looped=course.looped, duration=end, allowed=self.longest - end, tell=tell,
-        )  # fmt: skip
+        self.task = PlanningTask(
+            analysis=analysis,
+            machine=machine,
+            options=options,
+            feed=self.ground.feed,
+            looped=course.looped,
+            duration=end,
+            allowed=self.longest - end,
+            tell=tell,
+        )
 
     @property
     def longest(self) -> float:
         """Longest cycle time allowed [s]."""
         return (1.0 + self.options.max_slowdown) * self.before.motion.end
 
-    def _course(self, planned: Machine | None, stops: Array) -> Course:
+    def _course(self, planned: Machine | None, stops: Array) -> FeedPlanner:
         every = np.concatenate([self._stops, stops])
-        return Course(self.analysis.track, self.machine, every, self.moving, planned)
+        return FeedPlanner(self.analysis.track, self.machine, every, self.moving, planned)
 
-    def _on(self, course: Course, settled: Settled) -> Ground:
+    def _on(self, course: FeedPlanner, settled: ValidMotion) -> BaselinePlan:
         period, length = course.limits.period, self.analysis.track.length
-        return Ground(course, settled, FeedAlong(settled.motion, period, length, course.looped))
+        return BaselinePlan(course, settled, FeedAlong(settled.motion, period, length, course.looped))
 
     def _lead_ramps(self) -> None:
         """Plan with the part of the limits with which ramps can be led, if that does not take too long."""
@@ -155,7 +346,7 @@ class Draft:
         if spent <= LEAD_SHARE * (self.longest - self.before.motion.end):
             self._planned, self.ground = slower, self._on(course, settled)
 
-    def _ground_for(self, wishes: Sequence[Wish]) -> Ground:
+    def _ground_for(self, wishes: Sequence[ProfileRequest]) -> BaselinePlan:
         """Return the ground to build on, at rest where wishes want the motion to stop."""
         pairs = zip(self.analysis.windows, wishes, strict=True)
         length = self.analysis.track.length
@@ -167,11 +358,11 @@ class Draft:
 
     def _breaks_limits(self, phases: tuple[Phase, ...]) -> tuple[float, ...]:
         """Return the instants at which samples of a motion on the path break a limit."""
-        motion = Motion.from_phases(phases)
-        broken = find_broken(self.analysis.track, self.ground.course.limits, motion)
+        motion = MotionLaw.from_phases(phases)
+        broken = find_violations(self.analysis.track, self.ground.course.limits, motion)
         return tuple(broken.t0.tolist()) + tuple(broken.t1.tolist())
 
-    def _missed(self, wishes: Sequence[Wish], profiles: Sequence[FeedProfile | None]) -> set[int]:
+    def _missed(self, wishes: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
         """Return the windows that did not get the profile that a crossing behind the loop counts on."""
         if self.options.min_feed is not None:
             return set()
@@ -181,16 +372,16 @@ class Draft:
             if wish.shape is not None
             and wish.crossings
             and all(self.machine.axes[one.axis].feedback != "load" for one in wish.crossings)
-            and (found is None or found.ratio > told_ratio(wish.shape) + AS_DEEP)
+            and (found is None or found.ratio > reported_ratio(wish.shape) + AS_DEEP)
         }
 
     def plain(self, why: str = "") -> Plan:
         """Return the plain program, nothing added, and say why."""
-        wishes = tuple(Wish(shape=None, note=why) for _ in self.analysis.windows)
-        plan = self.plan("none", Proposal(wishes=wishes))
+        wishes = tuple(ProfileRequest(shape=None, note=why) for _ in self.analysis.windows)
+        plan = self.plan("none", StrategyResult(wishes=wishes))
         return msgspec.structs.replace(plan, phases=plan.nominal, inverse_dynamics=False)
 
-    def plan(self, name: str, proposal: Proposal) -> Plan:
+    def plan(self, name: str, proposal: StrategyResult) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
         course, settled, feed = self._ground_for(proposal.wishes)
@@ -200,8 +391,8 @@ class Draft:
             return self.plan(name, with_rests(proposal, missed))
         warnings = [
             *self.stops,
-            *words.slow_stretches(course.caps),
-            *words.slowed(course.caps, fitted.settled.factor),
+            *plan_warnings.slow_stretches(course.caps),
+            *plan_warnings.slowed(course.caps, fitted.settled.factor),
             *proposal.warnings,
             *fitted.warnings,
         ]
@@ -210,24 +401,40 @@ class Draft:
         if self._planned is not None:
             phases = smooth_ramps(phases, self._breaks_limits)
         job = Job(
-            track=analysis.track, machine=self.task.sized, turning_points=analysis.turning_points,
-            windows=analysis.windows, wishes=proposal.wishes, profiles=fitted.profiles,
-            phases=phases, moving=self.moving, lead=self.lead, shifted=proposal.shifted,
-        )  # fmt: skip
+            track=analysis.track,
+            machine=self.task.sized,
+            turning_points=analysis.turning_points,
+            windows=analysis.windows,
+            wishes=proposal.wishes,
+            profiles=fitted.profiles,
+            phases=phases,
+            moving=self.moving,
+            lead=self.lead,
+            shifted=proposal.shifted,
+        )
         layout = lay_out_jogs(job) if written else lay_out(job)
         if layout.dropped:
             return self.plan(name, without_axes(proposal, layout.dropped))
-        warnings += words.lasting_offsets(self.machine, layout)
+        warnings += plan_warnings.lasting_offsets(self.machine, layout)
         return Plan(
-            path=analysis.path, machine=self.machine, strategy=name, turning_points=analysis.turning_points,
-            windows=analysis.windows, intervals=analysis.intervals, profiles=fitted.profiles,
-            nominal=self.before.motion.phases(), phases=layout.phases, crossings=layout.crossings,
-            bias=layout.bias, inverse_dynamics=self.lead,
-            flanks=flanks_before(analysis) if course.looped else {}, warnings=tuple(warnings),
-        )  # fmt: skip
+            path=analysis.path,
+            machine=self.machine,
+            strategy=name,
+            turning_points=analysis.turning_points,
+            windows=analysis.windows,
+            intervals=analysis.intervals,
+            profiles=fitted.profiles,
+            nominal=self.before.motion.phases(),
+            phases=layout.phases,
+            crossings=layout.crossings,
+            bias=layout.bias,
+            inverse_dynamics=self.lead,
+            flanks=flanks_before(analysis) if course.looped else {},
+            warnings=tuple(warnings),
+        )
 
 
-def with_rests(proposal: Proposal, windows: Collection[int]) -> Proposal:
+def with_rests(proposal: StrategyResult, windows: Collection[int]) -> StrategyResult:
     """Let the plain motion rest in some windows, where their profiles could not be had."""
     wishes = tuple(
         msgspec.structs.replace(wish, shape=None, stop=True) if number in windows else wish

@@ -1,7 +1,7 @@
 """The modulated feedrate of section 5: polynomials in Bernstein form on the interval [-t_star, t_star].
 
 A shape is V / V_c, the feed relative to the one around the profile: one polynomial as in Eq. (26), or several
-pieces one after the other. Here shapes are made, and what a profile commands follows from them.
+pieces one after the other. This module makes shapes, and derives what a profile commands from them.
 
 References
 ----------
@@ -18,7 +18,7 @@ import numpy as np
 
 from ph_post.compensate import shapes
 from ph_post.errors import InputError
-from ph_post.types import Array, FeedProfile, Piece, Shape, frozen
+from ph_post.types import Array, FeedProfile, ProfilePiece, ProfileShape, frozen
 
 LEAST_DEGREE = 4
 """V_0 = V_1 = V_{n-1} = V_n = V_c leave a free coefficient from this degree on."""
@@ -102,13 +102,15 @@ def explicit_coefficients(values: Sequence[float]) -> Array:
     ends = coefficients[[0, 1, -2, -1]]
     if np.any(ends != 1.0):
         raise InputError(
-            "--coefficients", "feed or acceleration would jump at the ends of the profile",
-            expected="the first two and the last two equal to 1", got=", ".join(f"{end:g}" for end in ends),
-        )  # fmt: skip
+            "--coefficients",
+            "feed or acceleration would jump at the ends of the profile",
+            expected="the first two and the last two equal to 1",
+            got=", ".join(f"{end:g}" for end in ends),
+        )
     return coefficients
 
 
-def dip(ratio: float, degree: int) -> Shape:
+def dip(ratio: float, degree: int) -> ProfileShape:
     """Eq. (26) of [1]_ with a given V(½) / V_c, all coefficients but the middle one being V_c.
 
     Examples
@@ -119,7 +121,7 @@ def dip(ratio: float, degree: int) -> Shape:
     return shapes.single(coefficients_from_ratio(ratio, degree))
 
 
-def plateau(ramp_down: float, hold: float, ramp_up: float, floor: float, order: int) -> Shape:
+def plateau(ramp_down: float, hold: float, ramp_up: float, floor: float, order: int) -> ProfileShape:
     """Deceleration, constant feed and acceleration: the composite that section 7 of [1]_ proposes.
 
     At the four junctions all derivatives of V up to the `order` vanish. For 0 the ramps are straight.
@@ -141,14 +143,14 @@ def plateau(ramp_down: float, hold: float, ramp_up: float, floor: float, order: 
     down = [1.0] * (order + 1) + [floor] * (order + 1)
     parts = [(ramp_down, down), (hold, [floor]), (ramp_up, down[::-1])]
     total = math.fsum((ramp_down, hold, ramp_up))
-    return Shape(
+    return ProfileShape(
         pieces=tuple(
-            Piece(share=part / total, coefficients=frozen(values)) for part, values in parts if part > 0.0
+            ProfilePiece(share=part / total, coefficients=frozen(values)) for part, values in parts if part > 0.0
         )
     )
 
 
-def stop(ramp: float, hold: float, order: int) -> Shape:
+def stop(ramp: float, hold: float, order: int) -> ProfileShape:
     """Deceleration to a standstill, `hold` as long in the unit of `ramp`, and acceleration; see `plateau`."""
     return plateau(ramp, hold, ramp, 0.0, order)
 

@@ -1,4 +1,4 @@
-"""Prove a plan against the plain program, by simulation of everything the machine file leaves possible."""
+"""Prove a plan against the plain program, by simulation of every machine that the machine file leaves possible."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate import words
-from ph_post.compensate.joglayout import without_axes
-from ph_post.compensate.jogs import approach_time
-from ph_post.compensate.limits import check_command
-from ph_post.compensate.offsets import command_of
-from ph_post.compensate.strategies.base import Proposal, Wish
-from ph_post.simulate.assess import in_each, scenarios
+from ph_post.compensate import plan_warnings
+from ph_post.compensate.layout import without_axes
+from ph_post.compensate.offsets import approach_time, command_of
+from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
+from ph_post.compensate.violations import check_command
+from ph_post.simulate.assess import for_each_scenario, scenarios
 from ph_post.simulate.contour import Nominal, first_counted
 from ph_post.types import Array, Command, Machine, Plan, Scenario
 
 if TYPE_CHECKING:
-    from ph_post.compensate.plan import Draft
+    from ph_post.compensate.plan import Planner
 
 ROUNDS: Final = 12
 """Times that something is given up before everything is."""
@@ -37,7 +36,7 @@ TOO_LONG: Final = "the stops that a lasting offset needs take longer than --max-
 GIVEN_UP: Final = "nothing that was tried is better than the plain motion in every case"
 
 
-def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
+def prove(plan: Plan, proposal: StrategyResult, draft: Planner) -> Plan:
     """Give up whatever makes an error larger than the plain program's, in any scenario, or breaks a limit.
 
     What still takes too long when it was asked to be quicker is given up as a whole.
@@ -49,8 +48,8 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     ----------
     plan : Plan
         Of `proposal`.
-    proposal : Proposal
-    draft : Draft
+    proposal : StrategyResult
+    draft : Planner
 
     Returns
     -------
@@ -58,7 +57,7 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
         Proven, and perhaps poorer.
     """
     plan, proposal = _in_time(plan, proposal, draft)
-    judge = _Judge(draft)
+    judge = _Checker(draft)
     for _ in range(ROUNDS):
         if _takes_too_long(plan, draft):
             break
@@ -66,8 +65,7 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
         if blamed is None:
             return plan
         wishes = tuple(
-            _without(wish, draft.machine) if number in blamed else wish
-            for number, wish in enumerate(proposal.wishes)
+            _without(wish, draft.machine) if number in blamed else wish for number, wish in enumerate(proposal.wishes)
         )
         if all(one is other for one, other in zip(wishes, proposal.wishes, strict=True)):
             break
@@ -76,7 +74,7 @@ def prove(plan: Plan, proposal: Proposal, draft: Draft) -> Plan:
     return replace(draft.plain(GIVEN_UP), strategy=plan.strategy)
 
 
-def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Proposal]:
+def _in_time(plan: Plan, proposal: StrategyResult, draft: Planner) -> tuple[Plan, StrategyResult]:
     """Ask for quicker designs while the plan takes longer than it may."""
     part = 1.0
     for _ in range(SHORTENINGS):
@@ -92,13 +90,13 @@ def _in_time(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Propos
     return plan, proposal
 
 
-def _without_stops(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, Proposal]:
+def _without_stops(plan: Plan, proposal: StrategyResult, draft: Planner) -> tuple[Plan, StrategyResult]:
     """Leave one axis without a lasting offset, that with the least lost motion that will do, or else all."""
     end, plain = _ends(plan)
     play = {name: draft.machine.axes[name].gap.lost_motion for name in proposal.shifted}
     one_each = [(name,) for name in sorted(play, key=lambda name: (play[name], name))]
     for left in dict.fromkeys((*one_each, tuple(proposal.shifted))):
-        said = words.stops_cost(left, end - plain, (end - plain) / plain)
+        said = plan_warnings.stops_cost(left, end - plain, (end - plain) / plain)
         fewer = replace(without_axes(proposal, left, TOO_LONG), warnings=(*proposal.warnings, said))
         plan = draft.plan(plan.strategy, fewer)
         if not _takes_too_long(plan, draft):
@@ -106,7 +104,7 @@ def _without_stops(plan: Plan, proposal: Proposal, draft: Draft) -> tuple[Plan, 
     return plan, fewer
 
 
-def _takes_too_long(plan: Plan, draft: Draft) -> bool:
+def _takes_too_long(plan: Plan, draft: Planner) -> bool:
     return _ends(plan)[0] > draft.longest * (1.0 + TIMED)
 
 
@@ -116,12 +114,12 @@ def _ends(plan: Plan) -> tuple[float, float]:
     return end - approach_time(plan), plain
 
 
-def _without(wish: Wish, machine: Machine) -> Wish:
+def _without(wish: ProfileRequest, machine: Machine) -> ProfileRequest:
     """Leave the feed alone; a lasting offset still has to be changed."""
     lasting = tuple(one for one in wish.crossings if machine.axes[one.axis].feedback != "load")
     if wish.shape is None and not wish.stop and lasting == wish.crossings:
         return wish
-    return Wish(shape=None, crossings=lasting, note=GIVEN_UP)
+    return ProfileRequest(shape=None, crossings=lasting, note=GIVEN_UP)
 
 
 def _case(scenario: Scenario) -> object:
@@ -137,10 +135,10 @@ def _largest(error: Array) -> tuple[float, int]:
     return abs(float(error[row])), row
 
 
-class _Judge:
+class _Checker:
     """The plain program in every scenario, and how others compare."""
 
-    def __init__(self, draft: Draft) -> None:
+    def __init__(self, draft: Planner) -> None:
         self.draft = draft
         self.track = draft.analysis.track
         self.period = draft.machine.servo_period
@@ -154,7 +152,7 @@ class _Judge:
 
     def _largest(self, command: Command) -> tuple[tuple[float, int], ...]:
         """Largest error in every scenario [m], and the row that has it, of those that count."""
-        return in_each(command, self.draft.machine, self.nominal, self.scenarios, _largest)
+        return for_each_scenario(command, self.draft.machine, self.nominal, self.scenarios, _largest)
 
     def blame(self, plan: Plan) -> set[int] | None:
         """Return the windows to give up; None where the plan is never worse and keeps the limits."""

@@ -2,8 +2,8 @@
 
 The score of a design weighs two things: how much it shrinks the error on the machine as the file has it, up
 to a hundredfold, and how much in the worst of all cases. A design that is worse than the plain motion in any
-case, breaks a limit or takes longer than it may is no candidate. Of the candidates those remain than which
-none is both better and quicker.
+case, breaks a limit or takes longer than it may is no candidate. Kept are the candidates than which no other
+is both better and quicker.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import shapes
-from ph_post.compensate.families import BARE, ONE, Case, Family, make_bare
-from ph_post.compensate.jogfamilies import jogs_last
-from ph_post.compensate.scurve import ramp_time
-from ph_post.compensate.trial import Design, Outcome, Trial
+from ph_post.compensate.families import BARE, ONE, DesignFamily, ReversalCase, jogs_last, make_bare
+from ph_post.compensate.speed_ramps import ramp_time
+from ph_post.compensate.trial import Design, Trial, TrialResult
 from ph_post.types import Array
 
 ENOUGH: Final = 0.01
@@ -47,18 +46,18 @@ ROOM: Final = 1.0 + 1e-9
 """Rounding allowed where a bound is met exactly."""
 
 
-class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class TriedDesign(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A design that was tried: its family and place there, for what budget [s], and what it does.
 
     `side` [m] is the way that the profile takes on its longer side; `merit` [m] the error on the machine as
     the file has it, and a part of that in the worst case.
     """
 
-    family: Family
+    family: DesignFamily
     x: Array
     budget: float
     design: Design
-    outcome: Outcome
+    outcome: TrialResult
     side: float
     score: float
     merit: float
@@ -70,45 +69,47 @@ class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.outcome.longer
 
 
-class Bounds(msgspec.Struct, frozen=True, kw_only=True):
+class DesignBounds(msgspec.Struct, frozen=True, kw_only=True):
     """What a design may do: the slowest speed [m/s], and whether the tool may move back."""
 
     slowest: float
     retrograde: bool = False
 
 
-class Search:
+class DesignSearch:
     """The search at one turning point.
 
     Parameters
     ----------
     trial : Trial
-    case : Case
-    bounds : Bounds
+    case : ReversalCase
+    bounds : DesignBounds
     nominal : int
         How many of the trial's scenarios, the first ones, are the machine as the file has it.
     """
 
-    def __init__(self, trial: Trial, case: Case, bounds: Bounds, nominal: int) -> None:
+    def __init__(self, trial: Trial, case: ReversalCase, bounds: DesignBounds, nominal: int) -> None:
         self.trial, self.case, self.bounds, self.nominal = trial, case, bounds, nominal
         self.plain = trial.run(Design())
         self.calls = 0
-        self.tried: list[Found] = []
+        self.tried: list[TriedDesign] = []
 
-    def explore(self, families: Sequence[Family], calls: int, known: Sequence[Found] = ()) -> list[Found]:
+    def explore(
+        self, families: Sequence[DesignFamily], calls: int, known: Sequence[TriedDesign] = ()
+    ) -> list[TriedDesign]:
         """Try all seeds of the families for several budgets, and refine the best ones.
 
         Parameters
         ----------
-        families : sequence of Family
+        families : sequence of DesignFamily
         calls : int
             Designs that may be tried, seeds included.
-        known : sequence of Found, optional
+        known : sequence of TriedDesign, optional
             What was good at another turning point.
 
         Returns
         -------
-        list of Found
+        list of TriedDesign
             The candidates, by the time they add.
         """
         starts = [
@@ -125,9 +126,9 @@ class Search:
             self._refine(start, share)
         return self.candidates()
 
-    def candidates(self) -> list[Found]:
+    def candidates(self) -> list[TriedDesign]:
         """Return the designs allowed than which none is both better and quicker, by the time they add."""
-        kept: list[Found] = []
+        kept: list[TriedDesign] = []
         for found in sorted(self.tried, key=lambda one: (one.longer, one.merit)):
             if found.allowed and (not kept or found.merit < BETTER * kept[-1].merit):
                 kept.append(found)
@@ -150,16 +151,23 @@ class Search:
         error = np.full(len(trial.scenarios), unknown)
         error[: self.nominal] = FLOOR
         crossing = jogs_last(case.reversing) if jogs else max(case.shortest.values())
-        outcome = Outcome(error=error, rms=error, use=1.0, longer=ramps + crossing, slowest=0.0)
+        outcome = TrialResult(error=error, rms=error, use=1.0, longer=ramps + crossing, slowest=0.0)
         crossings = () if jogs else make_bare(ONE, case).crossings
         design = Design(crossings=crossings, lead=case.lead, stop=True)
-        rest = Found(
-            family=BARE, x=ONE, budget=case.budget, design=design, outcome=outcome, side=0.0,
-            score=self._gain(outcome), merit=self.merit(outcome), allowed=self.bounds.slowest == 0.0,
-        )  # fmt: skip
+        rest = TriedDesign(
+            family=BARE,
+            x=ONE,
+            budget=case.budget,
+            design=design,
+            outcome=outcome,
+            side=0.0,
+            score=self._gain(outcome),
+            merit=self.merit(outcome),
+            allowed=self.bounds.slowest == 0.0,
+        )
         self.tried.append(rest)
 
-    def look(self, family: Family, x: Array, budget: float) -> Found:
+    def look(self, family: DesignFamily, x: Array, budget: float) -> TriedDesign:
         """Try one design."""
         self.calls += 1
         x = np.clip(x, family.low, family.high)
@@ -167,27 +175,34 @@ class Search:
         design = family.make(x, case)
         outcome = self.trial.run(design)
         excess, gain = self._excess(design, outcome, budget), self._gain(outcome)
-        found = Found(
-            family=family, x=x, budget=budget, design=design, outcome=outcome, side=self._side(design),
-            score=gain + FINE * excess, merit=self.merit(outcome), allowed=excess == 0.0 and gain < 0.0,
-        )  # fmt: skip
+        found = TriedDesign(
+            family=family,
+            x=x,
+            budget=budget,
+            design=design,
+            outcome=outcome,
+            side=self._side(design),
+            score=gain + FINE * excess,
+            merit=self.merit(outcome),
+            allowed=excess == 0.0 and gain < 0.0,
+        )
         self.tried.append(found)
         return found
 
-    def merit(self, outcome: Outcome) -> float:
+    def merit(self, outcome: TrialResult) -> float:
         """Error on the machine as the file has it, and a part of the worst [m]."""
         return float(outcome.error[: self.nominal].max() + WORST * outcome.error.max())
 
-    def _ratios(self, outcome: Outcome) -> Array:
+    def _ratios(self, outcome: TrialResult) -> Array:
         return np.asarray((outcome.error + FLOOR) / (self.plain.error + FLOOR))
 
-    def _gain(self, outcome: Outcome) -> float:
+    def _gain(self, outcome: TrialResult) -> float:
         """Logarithm of what is left of the error; the smaller the better."""
         ratios = self._ratios(outcome)
         as_filed = float(ratios[: self.nominal].max())
         return WEIGHT * math.log(max(as_filed, ENOUGH)) + math.log(float(ratios.max()))
 
-    def _excess(self, design: Design, outcome: Outcome, budget: float) -> float:
+    def _excess(self, design: Design, outcome: TrialResult, budget: float) -> float:
         """By how much a design is not allowed; 0 where it is."""
         ratios = self._ratios(outcome)
         sides = self._side(design) / self.case.place.room
@@ -214,7 +229,7 @@ class Search:
         way = 2.0 * shapes.mean(design.shape) * self.case.place.cruise * design.t_star
         return max(way * max(design.turn, 1.0 - design.turn), 0.0)
 
-    def _refine(self, start: Found, calls: int) -> None:
+    def _refine(self, start: TriedDesign, calls: int) -> None:
         """Improve a design by the simplex method of Nelder and Mead."""
         from scipy.optimize import minimize
 
@@ -233,9 +248,9 @@ class Search:
         minimize(score, start.x, method="Nelder-Mead", bounds=bounds, options=options)  # type: ignore[call-overload]
 
 
-def _spread(starts: Sequence[Found], most: int = 3) -> list[Found]:
+def _spread(starts: Sequence[TriedDesign], most: int = 3) -> list[TriedDesign]:
     """Return the best start of every family, and the second best of the best family."""
-    chosen: list[Found] = []
+    chosen: list[TriedDesign] = []
     for start in starts:
         taken = sum(start.family is other.family for other in chosen)
         if taken < 1 or (len(chosen) < most and taken < 2):

@@ -1,7 +1,7 @@
-"""What shapes are: their mean, their way, their extremes, softened and cut in two.
+"""Shapes of feed profiles: mean, length, extremes, softening and cutting in two.
 
-A shape is V / V_c, the feed relative to the one around the profile, over τ in [0, 1]. How shapes are made
-stands in :mod:`ph_post.compensate.profile`.
+A shape is V / V_c, the feed relative to the one around the profile, over τ in [0, 1], in Bernstein form.
+:mod:`ph_post.compensate.profile` makes shapes.
 
 References
 ----------
@@ -19,39 +19,68 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ph_post.compensate.extremes import lowest_value, value_rounding
 from ph_post.geometry.bernstein import evaluate, integrate, subdivide
-from ph_post.types import Array, IntArray, Piece, Shape, frozen
+from ph_post.types import Array, IntArray, ProfilePiece, ProfileShape, frozen
+
+_HALVINGS = 64
+"""More than enough: the distance between control polygon and graph falls fourfold each time."""
 
 
-def single(coefficients: ArrayLike) -> Shape:
+def lowest_value(coefficients: Array) -> float:
+    """Smallest value on [0, 1], to rounding.
+
+    The control polygon bounds the graph; pieces that cannot hold the minimum are dropped, the others halved.
+
+    Examples
+    --------
+    >>> lowest_value(np.array([1.0, -1.0, 1.0]))
+    0.0
+    """
+    pieces = np.atleast_2d(np.asarray(coefficients, dtype=np.float64))
+    slack = value_rounding(coefficients)
+    best = float(pieces[:, [0, -1]].min())
+    for _ in range(_HALVINGS):
+        pieces = pieces[pieces.min(axis=-1) < best - slack]
+        if not pieces.size:
+            break
+        pieces = np.concatenate(subdivide(pieces))
+        best = min(best, float(pieces[:, [0, -1]].min()))
+    return best
+
+
+def value_rounding(coefficients: Array) -> float:
+    """How far rounding may move a value: n + 1 products of no more than the largest coefficient."""
+    return float(np.finfo(np.float64).eps * coefficients.size * np.abs(coefficients).max())
+
+
+def single(coefficients: ArrayLike) -> ProfileShape:
     """Eq. (26) of [1]_ with these V_k / V_c, as a shape of one piece."""
-    return Shape(pieces=(Piece(share=1.0, coefficients=frozen(coefficients)),))
+    return ProfileShape(pieces=(ProfilePiece(share=1.0, coefficients=frozen(coefficients)),))
 
 
-def soften(shape: Shape, amount: float) -> Shape:
+def soften(shape: ProfileShape, amount: float) -> ProfileShape:
     """Move a shape towards constant feed: 0 leaves it, 1 gives V = V_c."""
     if amount == 0.0:
         return shape
 
-    def softened(piece: Piece) -> Piece:
+    def softened(piece: ProfilePiece) -> ProfilePiece:
         values = 1.0 - (1.0 - amount) * (1.0 - piece.coefficients)
         return msgspec.structs.replace(piece, coefficients=frozen(values))
 
-    return Shape(pieces=tuple(map(softened, shape.pieces)))
+    return ProfileShape(pieces=tuple(map(softened, shape.pieces)))
 
 
-def mean(shape: Shape) -> float:
+def mean(shape: ProfileShape) -> float:
     """Mean of V / V_c over the profile; of one piece the sum of the coefficients over n + 1."""
     return math.fsum(_ways(shape))
 
 
-def _ways(shape: Shape) -> list[float]:
+def _ways(shape: ProfileShape) -> list[float]:
     """Way of every piece, in units of V_c times the whole duration."""
     return [piece.share * (math.fsum(piece.coefficients) / piece.coefficients.size) for piece in shape.pieces]
 
 
-def value(shape: Shape, tau: Array) -> Array:
+def value(shape: ProfileShape, tau: Array) -> Array:
     """V / V_c at `tau` (n,) in [0, 1]; at a junction that of the later piece."""
     number, local = _located(shape, tau)
     values = np.empty(local.size)
@@ -61,7 +90,7 @@ def value(shape: Shape, tau: Array) -> Array:
     return values
 
 
-def slope(shape: Shape, tau: Array) -> Array:
+def slope(shape: ProfileShape, tau: Array) -> Array:
     """Return the derivative of V / V_c with respect to τ, by Eq. (25) of [1]_."""
     number, local = _located(shape, tau)
     values = np.zeros(local.size)
@@ -72,7 +101,7 @@ def slope(shape: Shape, tau: Array) -> Array:
     return values
 
 
-def way(shape: Shape, tau: Array) -> Array:
+def way(shape: ProfileShape, tau: Array) -> Array:
     """∫ V / V_c from 0 to `tau` (n,)."""
     number, local = _located(shape, tau)
     begins = [0.0, *accumulate(_ways(shape))]
@@ -84,7 +113,7 @@ def way(shape: Shape, tau: Array) -> Array:
     return values
 
 
-def share_of_way(shape: Shape, tau: float) -> float:
+def share_of_way(shape: ProfileShape, tau: float) -> float:
     """Share of a shape's way that lies before the instant τ.
 
     Examples
@@ -95,25 +124,25 @@ def share_of_way(shape: Shape, tau: float) -> float:
     return float(way(shape, np.array([tau]))[0]) / mean(shape)
 
 
-def _located(shape: Shape, tau: Array) -> tuple[IntArray, Array]:
-    """Piece at every instant, and the instant on its own [0, 1]."""
+def _located(shape: ProfileShape, tau: Array) -> tuple[IntArray, Array]:
+    """ProfilePiece at every instant, and the instant on its own [0, 1]."""
     shares = np.array([piece.share for piece in shape.pieces])
     begins = np.concatenate([[0.0], np.cumsum(shares)[:-1]])
     number = np.clip(np.searchsorted(begins, tau, side="right") - 1, 0, shares.size - 1)
     return number, np.clip((tau - begins[number]) / shares[number], 0.0, 1.0)
 
 
-def middle_ratio(shape: Shape) -> float:
+def middle_ratio(shape: ProfileShape) -> float:
     """V(½) / V_c."""
     return float(value(shape, np.array([0.5]))[0])
 
 
-def told_ratio(shape: Shape) -> float:
+def reported_ratio(shape: ProfileShape) -> float:
     """Say how deep a shape is: V(½) / V_c of one piece, the lowest V / V_c of several."""
     return middle_ratio(shape) if len(shape.pieces) == 1 else lowest(shape)
 
 
-def half_length(shape: Shape, cruise: float, t_star: float) -> float:
+def half_length(shape: ProfileShape, cruise: float, t_star: float) -> float:
     """s_star [m], half the length of path that a profile takes.
 
     Implements Eq. (27) of [1]_.
@@ -126,7 +155,7 @@ def half_length(shape: Shape, cruise: float, t_star: float) -> float:
     return mean(shape) * cruise * t_star
 
 
-def half_duration(shape: Shape, cruise: float, s_star: float) -> float:
+def half_duration(shape: ProfileShape, cruise: float, s_star: float) -> float:
     """t_star [s] for a given s_star [m]: Eq. (27) of [1]_ the other way round."""
     return s_star / (mean(shape) * cruise)
 
@@ -140,7 +169,7 @@ def distance_coefficients(coefficients: Array) -> Array:
     return integrate(coefficients)
 
 
-def split(shape: Shape, share: float, slack: float) -> tuple[Shape, Shape]:
+def split(shape: ProfileShape, share: float, slack: float) -> tuple[ProfileShape, ProfileShape]:
     """Cut a shape where it has covered that `share` of its way, in (0, 1).
 
     A hold that begins within `slack` of there stays whole, in the second part. Only for V >= 0 there is one
@@ -159,20 +188,23 @@ def split(shape: Shape, share: float, slack: float) -> tuple[Shape, Shape]:
     return _cut(shape, number, _time_of_way(shape.pieces[number].coefficients, way_left))
 
 
-def _cut(shape: Shape, number: int, tau: float) -> tuple[Shape, Shape]:
+def _cut(shape: ProfileShape, number: int, tau: float) -> tuple[ProfileShape, ProfileShape]:
     """Cut piece `number` at `tau` of its own; what has no duration is left out."""
     piece = shape.pieces[number]
     left, right = subdivide(piece.coefficients, tau)
-    first = [*shape.pieces[:number], Piece(share=tau * piece.share, coefficients=frozen(left))]
-    rest = [Piece(share=(1.0 - tau) * piece.share, coefficients=frozen(right)), *shape.pieces[number + 1 :]]
+    first = [*shape.pieces[:number], ProfilePiece(share=tau * piece.share, coefficients=frozen(left))]
+    rest = [
+        ProfilePiece(share=(1.0 - tau) * piece.share, coefficients=frozen(right)),
+        *shape.pieces[number + 1 :],
+    ]
     return _whole(first), _whole(rest)
 
 
-def _whole(pieces: Sequence[Piece]) -> Shape:
+def _whole(pieces: Sequence[ProfilePiece]) -> ProfileShape:
     """Make a shape of pieces whose shares do not add up to 1."""
     total = math.fsum(piece.share for piece in pieces)
     kept = (piece for piece in pieces if piece.share > 0.0)
-    return Shape(pieces=tuple(msgspec.structs.replace(piece, share=piece.share / total) for piece in kept))
+    return ProfileShape(pieces=tuple(msgspec.structs.replace(piece, share=piece.share / total) for piece in kept))
 
 
 def _time_of_way(coefficients: Array, covered: float) -> float:
@@ -189,7 +221,7 @@ def _time_of_way(coefficients: Array, covered: float) -> float:
             high = middle
 
 
-def lowest(shape: Shape) -> float:
+def lowest(shape: ProfileShape) -> float:
     """Smallest value of V / V_c, to rounding.
 
     Examples
@@ -200,7 +232,7 @@ def lowest(shape: Shape) -> float:
     return min(lowest_value(piece.coefficients) for piece in shape.pieces)
 
 
-def extremes(shape: Shape) -> tuple[float, float]:
+def extremes(shape: ProfileShape) -> tuple[float, float]:
     """Smallest and largest value of V / V_c, to rounding.
 
     Examples
@@ -211,7 +243,7 @@ def extremes(shape: Shape) -> tuple[float, float]:
     return lowest(shape), -min(lowest_value(-piece.coefficients) for piece in shape.pieces)
 
 
-def is_non_negative(shape: Shape) -> bool:
+def is_non_negative(shape: ProfileShape) -> bool:
     """Whether V >= 0 on the whole profile, but for rounding in the last digits.
 
     A look at the coefficients alone would be too strict: V_{n/2} may be far below 0 while V is not.
@@ -219,6 +251,6 @@ def is_non_negative(shape: Shape) -> bool:
     return lowest(shape) >= -rounding(shape)
 
 
-def rounding(shape: Shape) -> float:
+def rounding(shape: ProfileShape) -> float:
     """How far rounding may move a value of V / V_c."""
     return max(value_rounding(piece.coefficients) for piece in shape.pieces)

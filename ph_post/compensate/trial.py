@@ -1,7 +1,9 @@
 """Try a design at one turning point: the motion around it, on every machine that the file leaves possible.
 
 A design is tried alone, at the feed it would be laid into, from steady motion before it to steady motion
-behind it. What a whole program makes of many designs is looked at afterwards.
+behind it. The whole program with all its designs is simulated afterwards, by :mod:`ph_post.compensate.prove`.
+The surroundings of a window are the feed there, the path that may be used, and the direction every axis comes
+from.
 """
 
 from __future__ import annotations
@@ -12,20 +14,128 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import profile as profiles
 from ph_post.compensate import shapes
-from ph_post.compensate.caps import axis_limits
-from ph_post.compensate.limits import asked_of_motor, usage
+from ph_post.compensate.limit_curve import axis_limits
+from ph_post.compensate.motion import FeedAlong
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
-from ph_post.compensate.surroundings import Surroundings
+from ph_post.compensate.violations import asked_of_motor, usage
 from ph_post.drive.effects import plant_of
-from ph_post.drive.plant import Plant
-from ph_post.drive.reading import TRUE, read_table
+from ph_post.drive.plant import TRUE_READING, Plant, read_table
 from ph_post.geometry.track import Track
 from ph_post.simulate.contour import Nominal
-from ph_post.simulate.cutting import cutting_force, path_velocity
-from ph_post.simulate.machine import Trace, run_plant
-from ph_post.types import Array, Command, Crossing, FeedProfile, Jog, Machine, Scenario, Shape
+from ph_post.simulate.machine import AxisCommand, cutting_force, path_velocity, run_plant
+from ph_post.types import (
+    Array,
+    Command,
+    Crossing,
+    FeedProfile,
+    Jog,
+    Machine,
+    ProfileShape,
+    Scenario,
+    TurningPoint,
+    Window,
+    frozen,
+)
+
+STEADY = 0.95
+"""Part of the feed at the turning point that counts as the same feed."""
+
+REACH = 5.0
+"""How far one looks on either side, in seconds at the feed of the place."""
+
+SAME_PLACE = 1e-9
+"""Places along the path less than this [m] apart are one."""
+
+SIDEWAYS = 1e-9
+"""An axis whose part of the tangent is less than this does not move at a place."""
+
+
+class Surroundings(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The surroundings of a window.
+
+    `s` [m] is the turning point's, `cruise` [m/s] the feed of the plain plan there. `room` [m] is half the
+    way to the next window, as far as the feed is steady: what a profile may take on either side. `before`
+    and `behind` [m] are the path that is run at about that feed. `flanks` has the direction (1, -1) in which
+    each axis moved before.
+    """
+
+    s: float
+    cruise: float
+    room: float
+    before: float
+    behind: float
+    flanks: Mapping[str, int]
+
+
+def find_surroundings(analysis: Analysis, feed: FeedAlong, looped: bool) -> tuple[Surroundings | None, ...]:
+    """Look around every window; None where the motion begins, ends or rests."""
+    windows = analysis.windows
+    length = analysis.track.length
+    rooms = half_distances([window.s for window in windows], length, looped)
+    found: list[Surroundings | None] = []
+    for window, half in zip(windows, rooms, strict=True):
+        cruise = feed.at(window.s)
+        sides = feed.steady_sides(window.s, REACH * cruise, STEADY * cruise) if cruise > 0.0 else (0.0, 0.0)
+        if min(*sides, half) <= 0.0:
+            found.append(None)
+            continue
+        flanks = {name: _flank(analysis, window, k) for k, name in enumerate(analysis.path.axes)}
+        room = min(*sides, half)
+        cruise = feed.lowest(window.s, room)
+        around = Surroundings(
+            s=window.s,
+            cruise=cruise,
+            room=room,
+            before=sides[0],
+            behind=sides[1],
+            flanks=flanks,
+        )
+        found.append(around)
+    return tuple(found)
+
+
+def half_distances(places: Sequence[float], length: float, looped: bool) -> list[float]:
+    """Half the distance from every place to the nearest other one [m]; the places ascend."""
+    s = frozen(places)
+    if s.size == 0 or (s.size == 1 and not looped):
+        return [np.inf] * s.size
+    gap = np.diff(np.concatenate([[s[-1] - length], s, [s[0] + length]]))
+    if not looped:
+        gap[[0, -1]] = np.inf
+    rooms: list[float] = (0.5 * np.minimum(gap[:-1], gap[1:])).tolist()
+    return rooms
+
+
+def flanks_before(analysis: Analysis) -> dict[str, int]:
+    """Side on which each axis was pushed before the beginning of a path that is run as a loop."""
+    names = analysis.path.axes
+    seam = {point.axis: point for point in analysis.turning_points if point.s <= SAME_PLACE}
+    return {
+        name: came_from(seam[name]) if name in seam else direction_at(analysis.track, 0.0, number)
+        for number, name in enumerate(names)
+    }
+
+
+def _flank(analysis: Analysis, window: Window, number: int) -> int:
+    """Direction in which an axis moved before a window's turning point."""
+    name = analysis.path.axes[number]
+    own = [point for index in window.members if (point := analysis.turning_points[index]).axis == name]
+    return came_from(own[0]) if own else direction_at(analysis.track, window.s, number)
+
+
+def came_from(point: TurningPoint) -> int:
+    """Direction in which the axis of a turning point moved before it: up to a maximum, down to a minimum."""
+    return 1 if point.sense == "max" else -1
+
+
+def direction_at(track: Track, s: float, number: int) -> int:
+    """Direction (1, -1) in which an axis moves at a place; 0 where it does not."""
+    tangent = track.arc_derivatives(*track.locate(np.array([s])), 1)[1, 0, number]
+    return 0 if abs(tangent) < SIDEWAYS else int(np.sign(tangent))
+
 
 LEAD: Final = 4.0
 """Servo time constants 2b/c of steady motion before a profile, the first half of which does not count."""
@@ -50,7 +160,7 @@ class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `stop` the plain motion itself is to rest there.
     """
 
-    shape: Shape | None = None
+    shape: ProfileShape | None = None
     t_star: float = 0.0
     turn: float = 0.5
     crossings: tuple[Crossing | Jog, ...] = ()
@@ -58,7 +168,7 @@ class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     stop: bool = False
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class TrialResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a design does: `error` (scenarios,) is the largest contour error [m], `rms` likewise.
 
     `use` is the largest part of a limit that the command takes, `longer` the time it adds [s], and `slowest`
@@ -108,19 +218,19 @@ class Trial:
         """Samples of a plain motion: a measure of the work."""
         return int((LEAD + TAIL) * self.constant / self.period) + 2 * LEAST
 
-    def run(self, design: Design) -> Outcome:
+    def run(self, design: Design) -> TrialResult:
         """Simulate a design in every scenario."""
         lead, command, speed = self._command(design)
         counted = int(0.5 * lead / self.period)
         path = command.position[0] if command.offset is None else command.position[0] - command.offset[0]
         traces = [
-            Trace(np.ascontiguousarray(column), float(place), float(pace))
+            AxisCommand(np.ascontiguousarray(column), float(place), float(pace))
             for column, place, pace in zip(command.position.T, path, speed[0], strict=True)
         ]
         velocity = path_velocity(command)
         errors = [self._error(traces, velocity, command.s, plants)[counted:] for plants in self._plants]
         shape = design.shape
-        return Outcome(
+        return TrialResult(
             error=np.array([np.abs(error).max() for error in errors]),
             rms=np.array([np.sqrt(np.mean(error * error)) for error in errors]),
             use=self._use(command),
@@ -141,10 +251,16 @@ class Trial:
         s = np.mod(s, self.track.length) if self.track.closed else np.clip(s, 0.0, self.track.length)
         zero = np.zeros(rows, dtype=np.int64)
         plain = Command(
-            axes=self.axes, period=self.period, t=t, segment=zero, xi=s, s=s,
-            position=self.track.derivatives(*self.track.locate(s))[0], feed=profiles.feed(profile, since),
+            axes=self.axes,
+            period=self.period,
+            t=t,
+            segment=zero,
+            xi=s,
+            s=s,
+            position=self.track.derivatives(*self.track.locate(s))[0],
+            feed=profiles.feed(profile, since),
             window=zero,
-        )  # fmt: skip
+        )
         speed, acceleration = path_derivatives(plain, self.track, profiles.acceleration(profile, since))
         middle = lead + profile.t_star
         crossings = [msgspec.structs.replace(one, start=one.start + middle) for one in design.crossings]
@@ -160,9 +276,14 @@ class Trial:
         t_star = design.t_star or LEAST * self.period
         way = shapes.half_length(shape, self.place.cruise, t_star)
         return FeedProfile(
-            window=0, shape=shape, cruise=self.place.cruise, t_star=t_star, s_star=way, ratio=0.0,
+            window=0,
+            shape=shape,
+            cruise=self.place.cruise,
+            t_star=t_star,
+            s_star=way,
+            ratio=0.0,
             turn=design.turn,
-        )  # fmt: skip
+        )
 
     def _cut(self, constants: float, room: float) -> float:
         """Duration of lead or tail [s], as long as wanted where the path has room for it."""
@@ -174,7 +295,7 @@ class Trial:
         axis = self.sized.axes[name]
         return 0.0 if axis.feedback == "load" else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
 
-    def _error(self, traces: Sequence[Trace], velocity: Array, s: Array, plants: Sequence[Plant]) -> Array:
+    def _error(self, traces: Sequence[AxisCommand], velocity: Array, s: Array, plants: Sequence[Plant]) -> Array:
         """Signed contour error with the plants of one scenario, shape (n,) [m]."""
         tables: dict[str, Array] = {}
         for number, (name, plant) in enumerate(zip(self.axes, plants, strict=True)):
@@ -186,7 +307,7 @@ class Trial:
 
     def _read(self, plants: Sequence[Plant], tables: Mapping[str, Array]) -> Array:
         """Return what is read of the tables, shape (n, dim) [m], as cold as when the motion begins."""
-        if all(plant.reading == TRUE for plant in plants):
+        if all(plant.reading == TRUE_READING for plant in plants):
             return np.stack(list(tables.values()), axis=1)
         cold = np.zeros(len(next(iter(tables.values()))))
         pairs = zip(plants, tables.items(), strict=True)

@@ -1,1 +1,1 @@
-"""Where model and measurement disagree: the missing effect, named, added, and the gap after it."""
+"""Diagnosis of a machine from a log: find, name and size the effects that its machine file lacks."""

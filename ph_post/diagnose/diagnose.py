@@ -1,7 +1,7 @@
-"""From a record and a machine file to what is missing from that machine.
+"""Find the effects that a machine file lacks, from a log.
 
-Axis by axis: the free run of the file's model, hypotheses added one after the other as long as they explain
-what they were not fitted to, and a verdict over all of them.
+For each axis: the free run of the file's model, effects added one after the other as long as they explain
+held-out samples, and one verdict over all axes.
 """
 
 from __future__ import annotations
@@ -14,15 +14,23 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.findings import Outcome, better_axis, findings_of, settle_outcome
-from ph_post.diagnose.fit import base_model, left_of
-from ph_post.diagnose.model import Problem, problem_of
-from ph_post.diagnose.quality import examine
-from ph_post.diagnose.record import Channel, Diagnosis, Finding, GapStep, Quality, Trail, Verdict
-from ph_post.diagnose.score import has_structure
-from ph_post.diagnose.select import choose
-from ph_post.diagnose.telling import locate_left, next_of, notes_of, tell
+from ph_post.diagnose.explanations import diagnosis_notes, explain, locate_residuals, propose_experiment
+from ph_post.diagnose.findings import AxisDiagnosis, findings_of, fit_chosen_model, improved_axis
+from ph_post.diagnose.fit import base_model, residuals_of
+from ph_post.diagnose.search import has_structure
+from ph_post.diagnose.selection import choose
+from ph_post.identify.free_run import AxisProblem, problem_of
+from ph_post.identify.log_quality import examine
 from ph_post.types import Array, BoolArray, Log, Machine
+from ph_post.types.diagnosis import (
+    Channel,
+    Diagnosis,
+    Finding,
+    LogQuality,
+    ResidualStep,
+    ResidualTrace,
+    Verdict,
+)
 
 FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
 """What no record of a position of unknown side can tell apart from backlash."""
@@ -56,46 +64,51 @@ def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -
     stage("looking at the record")
     quality = examine(log, machine)
     problems = [
-        problem
-        for name in log.axes
-        if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
+        problem for name in log.axes if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
     ]
     if quality.faults or not problems:
-        return _blind(log, machine, quality)
+        return _not_identifiable(log, machine, quality)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        outcomes = list(pool.map(lambda one: settle_outcome(choose(one, stage)), problems))
+        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, stage)), problems))
     stage("telling")
-    return _tell(log, machine, quality, outcomes)
+    return _assemble(log, machine, quality, outcomes)
 
 
-def _blind(log: Log, machine: Machine, quality: Quality) -> Diagnosis:
+def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagnosis:
     """Tell that a record can show nothing."""
     if not quality.faults:
         quality = replace(quality, faults=("no axis that has a reading moves in this record",))
     floor = _pooled([one.noise for one in quality.channels if one.channel != "force"])
     return Diagnosis(
-        verdict="not-identifiable", findings=(), noise_floor=floor, steps=(), quality=quality, places=(),
-        remaining=(), trails=(), machine=machine,
-        next_experiment=next_of(log, machine, "not-identifiable", ()),
-    )  # fmt: skip
+        verdict="not-identifiable",
+        findings=(),
+        noise_floor=floor,
+        steps=(),
+        quality=quality,
+        places=(),
+        remaining=(),
+        trails=(),
+        machine=machine,
+        next_experiment=propose_experiment(log, machine, "not-identifiable", ()),
+    )
 
 
 def _pooled(noise: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
 
 
-def _floor(outcomes: Sequence[Outcome]) -> float:
+def _floor(outcomes: Sequence[AxisDiagnosis]) -> float:
     """Noise of all position channels together."""
     seen = [one for outcome in outcomes for one in outcome.choice.problem.observed]
     return _pooled([one.noise for one in seen if one.channel != "force"])
 
 
-def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outcome]) -> Diagnosis:
+def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequence[AxisDiagnosis]) -> Diagnosis:
     findings: list[Finding] = []
-    for outcome, told in zip(outcomes, tell(log, machine, quality, outcomes), strict=True):
+    for outcome, told in zip(outcomes, explain(log, machine, quality, outcomes), strict=True):
         findings += findings_of(outcome, told.where, told.evidence)
     findings = [_unknown_side(log, one) for one in findings]
-    before = [_as_it_is(outcome) for outcome in outcomes]
+    before = [_file_residuals(outcome) for outcome in outcomes]
     steps = _steps(outcomes, before)
     floor = _floor(outcomes)
     verdict = _verdict(outcomes, findings, floor, steps)
@@ -103,16 +116,23 @@ def _tell(log: Log, machine: Machine, quality: Quality, outcomes: Sequence[Outco
         findings, steps = [], steps[:1]
     axes = dict(machine.axes)
     for name in log.axes:
-        axes[name] = better_axis(axes[name], tuple(one for one in findings if one.axis == name))
+        axes[name] = improved_axis(axes[name], tuple(one for one in findings if one.axis == name))
     better = replace(machine, axes=axes) if findings else machine
-    places = locate_left(log, machine, outcomes, before)
-    remaining = locate_left(log, machine, outcomes, [one.fitted.left for one in outcomes]) if findings else ()
+    places = locate_residuals(log, machine, outcomes, before)
+    remaining = locate_residuals(log, machine, outcomes, [one.fitted.left for one in outcomes]) if findings else ()
     return Diagnosis(
-        verdict=verdict, findings=tuple(findings), noise_floor=floor, steps=steps,
-        quality=quality, places=places, remaining=remaining, trails=_trails(outcomes, before, verdict),
-        machine=better, next_experiment=next_of(log, machine, verdict, findings, places),
-        notes=notes_of(log, outcomes, remaining, verdict),
-    )  # fmt: skip
+        verdict=verdict,
+        findings=tuple(findings),
+        noise_floor=floor,
+        steps=steps,
+        quality=quality,
+        places=places,
+        remaining=remaining,
+        trails=_trails(outcomes, before, verdict),
+        machine=better,
+        next_experiment=propose_experiment(log, machine, verdict, findings, places),
+        notes=diagnosis_notes(log, outcomes, remaining, verdict),
+    )
 
 
 def _unknown_side(log: Log, finding: Finding) -> Finding:
@@ -129,7 +149,7 @@ def _unknown_side(log: Log, finding: Finding) -> Finding:
     return replace(finding, ambiguous_with=(*finding.ambiguous_with, rival), confidence=0.5)
 
 
-def _position_squares(outcome: Outcome, left: Mapping[Channel, Array], use: BoolArray) -> tuple[float, int]:
+def _position_squares(outcome: AxisDiagnosis, left: Mapping[Channel, Array], use: BoolArray) -> tuple[float, int]:
     """Sum of squares and count of the position channels of an axis."""
     total, count = 0.0, 0
     for one in outcome.choice.problem.observed:
@@ -140,7 +160,7 @@ def _position_squares(outcome: Outcome, left: Mapping[Channel, Array], use: Bool
     return total, count
 
 
-def _steps(outcomes: Sequence[Outcome], before: Sequence[Mapping[Channel, Array]]) -> tuple[GapStep, ...]:
+def _steps(outcomes: Sequence[AxisDiagnosis], before: Sequence[Mapping[Channel, Array]]) -> tuple[ResidualStep, ...]:
     """Pool the gap over the axes: the file as it is, then one effect after the other."""
     steps = [_step(None, outcomes, before)]
     # With the first effect every axis is told with its base values refitted within their priors.
@@ -153,13 +173,13 @@ def _steps(outcomes: Sequence[Outcome], before: Sequence[Mapping[Channel, Array]
     return tuple(steps)
 
 
-def _as_it_is(outcome: Outcome) -> dict[Channel, Array]:
+def _file_residuals(outcome: AxisDiagnosis) -> dict[Channel, Array]:
     """Residuals of the file as it is; its origin is held where the final model's is."""
     problem, final = outcome.choice.problem, outcome.fitted.model
-    return left_of(problem, replace(base_model(problem), origin_free=final.origin_free))
+    return residuals_of(problem, replace(base_model(problem), origin_free=final.origin_free))
 
 
-def _step(added: str | None, outcomes: Sequence[Outcome], at: Sequence[Mapping[Channel, Array]]) -> GapStep:
+def _step(added: str | None, outcomes: Sequence[AxisDiagnosis], at: Sequence[Mapping[Channel, Array]]) -> ResidualStep:
     rms = []
     for kind in ("fit", "held"):
         sums = [
@@ -167,11 +187,14 @@ def _step(added: str | None, outcomes: Sequence[Outcome], at: Sequence[Mapping[C
             for outcome, left in zip(outcomes, at, strict=True)
         ]
         rms.append(float(np.sqrt(sum(one for one, _ in sums) / max(sum(n for _, n in sums), 1))))
-    return GapStep(added=added, fit_rms=rms[0], holdout_rms=rms[1])
+    return ResidualStep(added=added, fit_rms=rms[0], holdout_rms=rms[1])
 
 
 def _verdict(
-    outcomes: Sequence[Outcome], findings: Sequence[Finding], noise: float, steps: Sequence[GapStep]
+    outcomes: Sequence[AxisDiagnosis],
+    findings: Sequence[Finding],
+    noise: float,
+    steps: Sequence[ResidualStep],
 ) -> Verdict:
     excess = steps[0].holdout_rms ** 2 - noise**2
     left = steps[-1].holdout_rms ** 2 - noise**2
@@ -185,14 +208,14 @@ def _verdict(
 
 
 def _trails(
-    outcomes: Sequence[Outcome], at_first: Sequence[Mapping[Channel, Array]], verdict: Verdict
-) -> tuple[Trail, ...]:
+    outcomes: Sequence[AxisDiagnosis], at_first: Sequence[Mapping[Channel, Array]], verdict: Verdict
+) -> tuple[ResidualTrace, ...]:
     trails = []
     for outcome, before in zip(outcomes, at_first, strict=True):
-        problem: Problem = outcome.choice.problem
+        problem: AxisProblem = outcome.choice.problem
         after = before if verdict == "unknown" else outcome.fitted.left
         trails += [
-            Trail(
+            ResidualTrace(
                 axis=problem.axis.name,
                 channel=one.channel,
                 t=problem.t,

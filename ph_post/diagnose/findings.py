@@ -1,4 +1,4 @@
-"""From a fitted model to what a person and a machine file get: findings, and the better axis."""
+"""Findings of a fitted model: parameters in shop units, machine-file settings, and the improved axis."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.fit import Fitted, Part, covariance, fit_model, plant_at
+from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, plant_at
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
-from ph_post.diagnose.model import Problem, predict
-from ph_post.diagnose.record import Estimate, Finding
-from ph_post.diagnose.score import with_noise
-from ph_post.diagnose.select import Choice
+from ph_post.diagnose.search import with_noise
+from ph_post.diagnose.selection import ModelChoice
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
+from ph_post.identify.free_run import AxisProblem, predict
 from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty
+from ph_post.types.diagnosis import Estimate, Finding
 from ph_post.units import MM
 
 MOVED: Final = 0.1
@@ -36,25 +36,25 @@ LEAST_UNCERTAINTY: Final = 0.005
 """No number of a machine is known better than that from one record."""
 
 
-class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class FittedEffect(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part of the final model: values [SI] by name, leading first, and their standard errors."""
 
-    part: Part
+    part: ModelPart
     values: Mapping[str, float]
     errors: Mapping[str, float]
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The final model of one axis, fitted to all samples that count, and what was found in it."""
 
-    choice: Choice
-    fitted: Fitted
-    found: tuple[Found, ...]
+    choice: ModelChoice
+    fitted: FittedModel
+    found: tuple[FittedEffect, ...]
     gain: float | None
     """K as the file has it, or as the effort tells it, in the effort's unit over metres."""
 
 
-def settle_outcome(choice: Choice) -> Outcome:
+def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
     """Fit the chosen model to every sample that counts, and work out what its numbers are worth."""
     fitted = fit_model(choice.problem, choice.fitted.model, choice.problem.counted, rounds=2)
     problem = with_noise(choice.problem, fitted)
@@ -65,10 +65,10 @@ def settle_outcome(choice: Choice) -> Outcome:
         count = len(part.numbers)
         found.append(_found(problem, part, spread[at : at + count, at : at + count]))
         at += count
-    return Outcome(choice=choice, fitted=fitted, found=tuple(found), gain=_gain(problem, fitted))
+    return AxisDiagnosis(choice=choice, fitted=fitted, found=tuple(found), gain=_gain(problem, fitted))
 
 
-def _found(problem: Problem, part: Part, spread: Array) -> Found:
+def _found(problem: AxisProblem, part: ModelPart, spread: Array) -> FittedEffect:
     """Carry the covariance of a part's numbers over to its values, by differences."""
     hypothesis = part.hypothesis
     values = hypothesis.values(problem, part.numbers)
@@ -80,10 +80,10 @@ def _found(problem: Problem, part: Part, spread: Array) -> Found:
         there = np.array(list(hypothesis.values(problem, tuple(moved)).values()))
         slopes[:, k] = (there - here) / step
     errors = np.sqrt(np.maximum(np.diag(slopes @ spread @ slopes.T), 0.0))
-    return Found(part=part, values=values, errors=dict(zip(values, map(float, errors), strict=True)))
+    return FittedEffect(part=part, values=values, errors=dict(zip(values, map(float, errors), strict=True)))
 
 
-def _gain(problem: Problem, fitted: Fitted) -> float | None:
+def _gain(problem: AxisProblem, fitted: FittedModel) -> float | None:
     if not problem.has_effort:
         return None
     if problem.axis.servo.stiffness is not None and problem.effort_unit == "N":
@@ -95,7 +95,7 @@ def _gain(problem: Problem, fitted: Fitted) -> float | None:
 
 
 def findings_of(
-    outcome: Outcome, where: Mapping[str, str], evidence: Mapping[str, tuple[str, ...]]
+    outcome: AxisDiagnosis, where: Mapping[str, str], evidence: Mapping[str, tuple[str, ...]]
 ) -> tuple[Finding, ...]:
     """Put what was found on one axis into findings; `where` and `evidence` are by label."""
     problem = outcome.choice.problem
@@ -135,7 +135,7 @@ def _is_force(effect: Effect, gives: str) -> bool:
     return any(one.unit is not None and one.unit.symbol == "N" for one in ways)
 
 
-def _estimates(outcome: Outcome, found: Found) -> dict[str, Estimate]:
+def _estimates(outcome: AxisDiagnosis, found: FittedEffect) -> dict[str, Estimate]:
     """Tell values in the units of the shop; a force in that of the effort where one was recorded."""
     name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
     estimates: dict[str, Estimate] = {}
@@ -164,7 +164,7 @@ def _leading_first(name: str, estimates: dict[str, Estimate]) -> dict[str, Estim
     return dict(sorted(estimates.items(), key=lambda one: (one[1].stderr or 0.0) / abs(one[1].value)))
 
 
-def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
+def _setting(outcome: AxisDiagnosis, found: FittedEffect) -> EffectSetting | None:
     """Return the effect as the machine file has it."""
     name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
     if name in OF_THE_AXIS:
@@ -182,13 +182,13 @@ def _setting(outcome: Outcome, found: Found) -> EffectSetting | None:
     return EffectSetting(name=name, parameters=parameters)
 
 
-def _own_keys(found: Found) -> dict[str, float]:
+def _own_keys(found: FittedEffect) -> dict[str, float]:
     if found.part.hypothesis.name not in OF_THE_AXIS:
         return {}
     return {_KEYS[gives]: float(f"{value / _SHOP[gives][1]:.7g}") for gives, value in found.values.items()}
 
 
-def _prior_keys(outcome: Outcome) -> dict[str, float]:
+def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
     """Return the base values that moved within their priors: the effect was sized with them."""
     model, axis = outcome.fitted.model, outcome.choice.problem.axis
     keys: dict[str, float] = {}
@@ -208,7 +208,7 @@ def _prior_keys(outcome: Outcome) -> dict[str, float]:
     return keys
 
 
-def better_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
+def improved_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
     """Return an axis with what was found in it."""
     for one in findings:
         axis = _with_keys(axis, one.keys)

@@ -1,7 +1,7 @@
-"""Fitting a model of one axis to its record: least squares of the free run, with the file's values as priors.
+"""Fit a model of one axis to its log: least squares of the free run, with the file's values as priors.
 
-Every channel counts by what it still leaves unexplained, so that the likelihood is that of residuals whose
-size is not known beforehand: nats = -n/2 log(mean square), channel by channel.
+Each channel is weighted by the residual it still leaves, so that the likelihood is that of residuals of
+unknown size: nats = -n/2 log(mean square), summed over channels.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.optimize import least_squares
 
-from ph_post.diagnose.hypotheses.base import Hypothesis, Number, Numbers
-from ph_post.diagnose.model import Problem, residuals
-from ph_post.diagnose.record import Channel
+from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
 from ph_post.drive.plant import Plant
+from ph_post.identify.free_run import AxisProblem, residuals
 from ph_post.types import Array, BoolArray
+from ph_post.types.diagnosis import Channel
 
 PRIOR: Final = 0.02
 """Relative standard error of a base value where nothing else is said."""
@@ -53,7 +53,7 @@ class Prior(msgspec.Struct, frozen=True, kw_only=True):
     error: float = PRIOR
 
 
-class Part(msgspec.Struct, frozen=True, kw_only=True):
+class ModelPart(msgspec.Struct, frozen=True, kw_only=True):
     """A hypothesis in a model, and its numbers."""
 
     hypothesis: Hypothesis
@@ -65,7 +65,7 @@ class Model(msgspec.Struct, frozen=True, kw_only=True):
 
     priors: tuple[Prior, ...]
     off: Numbers
-    parts: tuple[Part, ...] = ()
+    parts: tuple[ModelPart, ...] = ()
     origin_free: bool = True
 
     @property
@@ -75,7 +75,7 @@ class Model(msgspec.Struct, frozen=True, kw_only=True):
         return tuple(k for k, prior in enumerate(self.priors) if prior.field not in gone)
 
 
-class Fitted(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class FittedModel(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A model at its best, and what it leaves.
 
     `left` (n,) by channel [m or the effort's unit]; `jacobian` (rows, unknowns) of the weighted residuals,
@@ -88,7 +88,7 @@ class Fitted(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     unknowns: Array
 
 
-def plant_at(problem: Problem, model: Model) -> Plant:
+def plant_at(problem: AxisProblem, model: Model) -> Plant:
     """Return the plant that a model describes."""
     plant = problem.plant
     held = set(model.free)
@@ -103,7 +103,7 @@ def plant_at(problem: Problem, model: Model) -> Plant:
     return plant
 
 
-def base_model(problem: Problem) -> Model:
+def base_model(problem: AxisProblem) -> Model:
     """Return the model of the file as it is; what does not show on this loop has no prior."""
     plant = problem.plant
     fields = ["b", "c"]
@@ -118,7 +118,7 @@ def mean_square(values: Array, use: BoolArray) -> float:
     return max(float(np.mean(values[use] ** 2)), 1e-300)
 
 
-def nats(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> float:
+def log_likelihood(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
     """Log likelihood of what is left on the samples in use."""
     total = 0.0
     for one in problem.observed:
@@ -127,7 +127,7 @@ def nats(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> flo
     return float(total)
 
 
-def inflation(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> float:
+def correlation_inflation(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
     """By how much fewer independent samples there are than samples: the residual's variance over windows."""
     worst = 1.0
     for one in problem.observed:
@@ -139,12 +139,12 @@ def inflation(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -
     return worst
 
 
-def left_of(problem: Problem, model: Model) -> dict[Channel, Array]:
+def residuals_of(problem: AxisProblem, model: Model) -> dict[Channel, Array]:
     """Residuals of a model by channel."""
     return residuals(problem, plant_at(problem, model), model.origin_free)
 
 
-def weights_of(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) -> dict[Channel, float]:
+def weights_of(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> dict[Channel, float]:
     """One over what each channel leaves, but no more than one over its noise."""
     return {
         one.channel: 1.0 / max(np.sqrt(mean_square(left[one.channel], use & one.ok)), one.noise, 1e-12)
@@ -152,8 +152,8 @@ def weights_of(problem: Problem, left: Mapping[Channel, Array], use: BoolArray) 
     }
 
 
-def _numbers(model: Model) -> list[Number]:
-    z = Number(name="off", low=-REACH, high=REACH, scale=0.3)
+def _numbers(model: Model) -> list[HypothesisNumber]:
+    z = HypothesisNumber(name="off", low=-REACH, high=REACH, scale=0.3)
     return [z] * len(model.free) + [one for part in model.parts for one in part.hypothesis.numbers]
 
 
@@ -177,16 +177,16 @@ def unpack(model: Model, unknowns: Array) -> Model:
 
 
 def weighted_rows(
-    problem: Problem, model: Model, weights: Mapping[Channel, float], use: BoolArray, unknowns: Array
+    problem: AxisProblem, model: Model, weights: Mapping[Channel, float], use: BoolArray, unknowns: Array
 ) -> Array:
     """Weighted residuals of the samples in use, and a row a prior."""
     there = unpack(model, unknowns)
-    left = left_of(problem, there)
+    left = residuals_of(problem, there)
     rows = [left[one.channel][use & one.ok] * weights[one.channel] for one in problem.observed]
     return np.concatenate([*rows, unknowns[: len(model.free)]])
 
 
-class _Rows:
+class _CachedRows:
     """Rows as a function of the unknowns, which keeps the last ones: slopes begin where a step ended."""
 
     def __init__(self, rows: partial[Array]) -> None:
@@ -200,7 +200,7 @@ class _Rows:
         return self._last
 
 
-def _slopes(rows: _Rows, numbers: list[Number], known: Mapping[int, Array], unknowns: Array) -> Array:
+def _slopes(rows: _CachedRows, numbers: list[HypothesisNumber], known: Mapping[int, Array], unknowns: Array) -> Array:
     """Forward differences, away from the bounds; of some unknowns the columns may be known."""
     here = rows(unknowns)
     columns = np.empty((here.size, unknowns.size))
@@ -219,26 +219,37 @@ def _slopes(rows: _Rows, numbers: list[Number], known: Mapping[int, Array], unkn
 
 
 def _descend(
-    rows: _Rows, numbers: list[Number], known: Mapping[int, Array], start: Array, steps: int, close: float
+    rows: _CachedRows,
+    numbers: list[HypothesisNumber],
+    known: Mapping[int, Array],
+    start: Array,
+    steps: int,
+    close: float,
 ) -> tuple[Array, Array]:
     """Go down from a start by Gauss-Newton steps in a trust region: unknowns and slopes where that ends."""
     low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
     scale = np.array([one.scale for one in numbers])
     found = least_squares(
-        rows, np.clip(start, low + 1e-9 * scale, high - 1e-9 * scale), bounds=(low, high),
-        jac=partial(_slopes, rows, numbers, known), x_scale=scale, max_nfev=steps, ftol=close, xtol=close,
-    )  # fmt: skip
+        rows,
+        np.clip(start, low + 1e-9 * scale, high - 1e-9 * scale),
+        bounds=(low, high),
+        jac=partial(_slopes, rows, numbers, known),
+        x_scale=scale,
+        max_nfev=steps,
+        ftol=close,
+        xtol=close,
+    )
     return found.x, np.asarray(found.jac)
 
 
 def fit_model(
-    problem: Problem, model: Model, use: BoolArray, rounds: int = 2, evaluations: int = 12
-) -> Fitted:
+    problem: AxisProblem, model: Model, use: BoolArray, rounds: int = 2, evaluations: int = 12
+) -> FittedModel:
     """Fit the unknowns of a model on the samples in use, by Gauss-Newton steps in a trust region.
 
     Parameters
     ----------
-    problem : Problem
+    problem : AxisProblem
     model : Model
         With the numbers to start from.
     use : BoolArray, shape (n,)
@@ -249,27 +260,31 @@ def fit_model(
     """
     numbers = _numbers(model)
     unknowns = np.clip(pack(model), [one.low for one in numbers], [one.high for one in numbers])
-    left = left_of(problem, unpack(model, unknowns))
+    left = residuals_of(problem, unpack(model, unknowns))
     jacobian = np.zeros((0, unknowns.size))
     weights = weights_of(problem, left, use)
     for _ in range(rounds if unknowns.size else 0):
-        rows = _Rows(partial(weighted_rows, problem, model, weights, use))
+        rows = _CachedRows(partial(weighted_rows, problem, model, weights, use))
         unknowns, jacobian = _descend(rows, numbers, {}, unknowns, evaluations, CLOSE)
-        left = left_of(problem, unpack(model, unknowns))
+        left = residuals_of(problem, unpack(model, unknowns))
         before, weights = weights, weights_of(problem, left, use)
         if all(abs(weights[one] / before[one] - 1.0) < SAME for one in weights):
             break
-    return Fitted(model=unpack(model, unknowns), left=left, jacobian=jacobian, unknowns=unknowns)
+    return FittedModel(model=unpack(model, unknowns), left=left, jacobian=jacobian, unknowns=unknowns)
 
 
-def look_at(
-    problem: Problem, model: Model, weights: Mapping[Channel, float], known: Mapping[int, Array], steps: int
-) -> Fitted:
+def fit_briefly(
+    problem: AxisProblem,
+    model: Model,
+    weights: Mapping[Channel, float],
+    known: Mapping[int, Array],
+    steps: int,
+) -> FittedModel:
     """Fit a model for a few steps only, most of whose slopes are taken from the model that it grew from.
 
     Parameters
     ----------
-    problem : Problem
+    problem : AxisProblem
     model : Model
         With the numbers to start from.
     weights : mapping
@@ -278,15 +293,15 @@ def look_at(
         Slopes by unknown.
     steps : int
     """
-    rows = _Rows(partial(weighted_rows, problem, model, weights, problem.fit))
+    rows = _CachedRows(partial(weighted_rows, problem, model, weights, problem.fit))
     unknowns, jacobian = _descend(rows, _numbers(model), known, pack(model), steps, FIRST)
     there = unpack(model, unknowns)
-    return Fitted(model=there, left=left_of(problem, there), jacobian=jacobian, unknowns=unknowns)
+    return FittedModel(model=there, left=residuals_of(problem, there), jacobian=jacobian, unknowns=unknowns)
 
 
-def covariance(problem: Problem, fitted: Fitted, use: BoolArray) -> Array:
+def covariance(problem: AxisProblem, fitted: FittedModel, use: BoolArray) -> Array:
     """Covariance of the unknowns: that of the weighted residuals, fewer where these are not white."""
-    worth = inflation(problem, fitted.left, use)
+    worth = correlation_inflation(problem, fitted.left, use)
     jacobian = fitted.jacobian.copy()
     jacobian[: jacobian.shape[0] - len(fitted.model.free)] /= np.sqrt(worth)
     return np.asarray(np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14))

@@ -1,19 +1,278 @@
-"""Trying hypotheses on top of a fitted model: a race in which most drop out after a few steps."""
+"""Search for the hypothesis that best extends a fitted model: starting models, a race of fits, and scores.
+
+Most hypotheses drop out after a few steps. A fit is scored by its gain on held-out samples.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from ph_post.diagnose.fit import Fitted, Model, fit_model, look_at, nats
+from ph_post.diagnose.fit import (
+    REACH,
+    FittedModel,
+    Model,
+    ModelPart,
+    correlation_inflation,
+    fit_briefly,
+    fit_model,
+    log_likelihood,
+    mean_square,
+    pack,
+    residuals_of,
+    weighted_rows,
+    weights_of,
+)
 from ph_post.diagnose.hypotheses import hypotheses
-from ph_post.diagnose.hypotheses.base import Hypothesis
-from ph_post.diagnose.model import Problem
-from ph_post.diagnose.score import Scored, has_structure, rank
-from ph_post.diagnose.seeds import Ground, Seed, ground_of, is_linear, seed
-from ph_post.types import Array
+from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
+from ph_post.diagnose.residual_features import is_structured
+from ph_post.identify.free_run import AxisProblem
+from ph_post.types import Array, BoolArray
+from ph_post.types.diagnosis import Channel
+
+PRICE: Final = 3.0
+"""Nats that a number must earn on samples that it was not fitted to."""
+
+SHARE: Final = 0.25
+"""Part of the excess over the noise, of one channel, that an effect has to explain."""
+
+MOST_SHARE: Final = 0.5
+"""The same where there is a name already, and more than noise is left behind the next one too."""
+
+VISIBLE: Final = 0.02
+"""Part of a channel's held-out root mean square by which it must fall."""
+
+MORE_VISIBLE: Final = 0.04
+"""The same where there is a name already."""
+
+OWN: Final = 1.5
+"""Times the noise that an effect by itself must do to some reading: less than the noise is worth no name."""
+
+FLOOR: Final = 1.5
+"""Times the noise up to which what is left counts as noise."""
+
+OUT: Final = 0.75
+"""Root mean square of what is more than noise, in parts of the noise, from which it needs a name."""
+
+
+class ScoredHypothesis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A hypothesis added to a model, fitted, and its score over that model [nats]."""
+
+    hypothesis: Hypothesis
+    fitted: FittedModel
+    score: float
+
+
+def gain_over(problem: AxisProblem, ground: FittedModel, fitted: FittedModel) -> float:
+    """Return what a fit gains over another on the samples held out [nats], as if they were independent."""
+    return log_likelihood(problem, fitted.left, problem.held) - log_likelihood(problem, ground.left, problem.held)
+
+
+def samples_per_independent(problem: AxisProblem, fitted: FittedModel) -> float:
+    """How many samples it takes to know as much as from one that is independent of the others."""
+    return correlation_inflation(problem, fitted.left, problem.held)
+
+
+def score_over(problem: AxisProblem, ground: FittedModel, fitted: FittedModel, worth: float | None = None) -> float:
+    """Score of a fit over another with fewer parts; `worth` where several are compared."""
+    more = len(fitted.unknowns) - len(ground.unknowns)
+    worth = samples_per_independent(problem, fitted) if worth is None else worth
+    return gain_over(problem, ground, fitted) / worth - PRICE * max(more, 1)
+
+
+def rank(
+    problem: AxisProblem, ground: FittedModel, fits: Sequence[tuple[Hypothesis, FittedModel]]
+) -> list[ScoredHypothesis]:
+    """Score fits of one number of samples, that of the fit that gains most, best first."""
+    if not fits:
+        return []
+    _, most = max(fits, key=lambda one: gain_over(problem, ground, one[1]))
+    worth = samples_per_independent(problem, most)
+    scored = [
+        ScoredHypothesis(hypothesis=hypothesis, fitted=fitted, score=score_over(problem, ground, fitted, worth))
+        for hypothesis, fitted in fits
+    ]
+    return sorted(scored, key=lambda one: -one.score)
+
+
+def has_structure(problem: AxisProblem, fitted: FittedModel, size: float = OUT) -> bool:
+    """Whether what a model leaves of any channel is more than noise, by at least that part of the noise."""
+    return any(
+        _stands_out(fitted.left[one.channel], problem.counted & one.ok, one.noise, size) for one in problem.observed
+    )
+
+
+def _stands_out(values: Array, use: BoolArray, noise: float, least: float) -> bool:
+    structured, size = is_structured(values, use, noise)
+    return structured and size > least
+
+
+def with_noise(problem: AxisProblem, fitted: FittedModel) -> AxisProblem:
+    """Lower the noise of a channel to what a model leaves of it: nothing leaves less than the noise."""
+    observed = tuple(
+        one._replace(
+            noise=min(one.noise, float(np.sqrt(mean_square(fitted.left[one.channel], problem.counted & one.ok))))
+        )
+        for one in problem.observed
+    )
+    return replace(problem, observed=observed)
+
+
+def explains(problem: AxisProblem, before: FittedModel, after: FittedModel) -> bool:
+    """Whether a fit lowers what is left of some channel, held out, by enough to be worth a name."""
+    visible = MORE_VISIBLE if before.model.parts else VISIBLE
+    share = MOST_SHARE if before.model.parts and not at_floor(problem, after) else SHARE
+    for one in problem.observed:
+        here = problem.held & one.ok
+        was, now = (mean_square(fit.left[one.channel], here) for fit in (before, after))
+        excess = was - one.noise**2
+        if was - now > share * excess > 0.0 and np.sqrt(now) < (1.0 - visible) * np.sqrt(was):
+            return True
+    return False
+
+
+def does_enough(problem: AxisProblem, fitted: FittedModel) -> bool:
+    """Whether the last part of a model, base values as they are, does more than noise to some reading."""
+    without = residuals_of(problem, replace(fitted.model, parts=fitted.model.parts[:-1]))
+    return any(
+        mean_square(fitted.left[one.channel] - without[one.channel], problem.counted & one.ok) > (OWN * one.noise) ** 2
+        for one in problem.observed
+    )
+
+
+def at_floor(problem: AxisProblem, fitted: FittedModel) -> bool:
+    """Whether a model leaves no more than noise of the positions, held out."""
+    return all(
+        mean_square(fitted.left[one.channel], problem.held & one.ok) < (FLOOR * one.noise) ** 2
+        for one in problem.observed
+        if one.channel != "force"
+    )
+
+
+BENT: Final = 2.0
+"""Standard errors from which a base value is taken to be bent by what is missing."""
+
+AT_END: Final = 0.999
+"""ModelPart of its reach at which a base value has come to the end of it."""
+
+
+def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
+    """Return a model with a part more."""
+    return replace(model, parts=(*model.parts, ModelPart(hypothesis=hypothesis, numbers=numbers)))
+
+
+def without_part(model: Model, number: int) -> Model:
+    """Return a model with a part less."""
+    return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
+
+
+class StartingModel(msgspec.Struct, frozen=True, kw_only=True):
+    """A model to start a fit from, and the squares that it promises to explain."""
+
+    promise: float
+    model: Model
+
+
+class Linearization(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A fitted model as something to add to: weighted rows, and a basis (rows, k) of what it can absorb."""
+
+    problem: AxisProblem
+    fitted: FittedModel
+    weights: Mapping[Channel, float]
+    rows: Array
+    basis: Array
+
+    def beyond(self, rows: Array) -> Array:
+        """Return what of the rows the model cannot absorb."""
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows))
+
+
+def linearize(problem: AxisProblem, fitted: FittedModel) -> Linearization:
+    """Make a ground of a fitted model."""
+    weights = weights_of(problem, fitted.left, problem.fit)
+    rows = weighted_rows(problem, fitted.model, weights, problem.fit, fitted.unknowns)
+    basis = np.zeros((rows.size, 0))
+    if fitted.jacobian.shape[0] == rows.size and fitted.unknowns.size:
+        # A base value at the end of its reach has nothing left to give.
+        gives = np.ones(fitted.unknowns.size, dtype=bool)
+        gives[: len(fitted.model.free)] = np.abs(fitted.unknowns[: len(fitted.model.free)]) < AT_END * REACH
+        u, s, _ = np.linalg.svd(fitted.jacobian[:, gives], full_matrices=False)
+        basis = u[:, s > 1e-10 * s.max(initial=0.0)]
+    return Linearization(problem=problem, fitted=fitted, weights=weights, rows=rows, basis=basis)
+
+
+def _rows(ground: Linearization, model: Model) -> Array:
+    """Return the rows of a model on the samples; those of the priors stay as the ground has them."""
+    rows = weighted_rows(ground.problem, model, ground.weights, ground.problem.fit, pack(model))
+    data = ground.rows.size - len(ground.fitted.model.free)
+    return np.concatenate([rows[:data], ground.rows[data:]])
+
+
+def at_file(model: Model) -> Model:
+    """Return a model with its base values as the file has them."""
+    return replace(model, off=(0.0,) * len(model.off))
+
+
+def is_linear(hypothesis: Hypothesis) -> bool:
+    """Whether a straight fit finds its sizes."""
+    return any(number.linear for number in hypothesis.numbers)
+
+
+def starting_models(ground: Linearization, hypothesis: Hypothesis) -> list[StartingModel]:
+    """Return models to start from, one or two a start of the hypothesis, best first.
+
+    Where a straight fit does not find the size, each start is tried with the base values as they were fitted
+    and as the file has them: what these were bent to without the effect may hide it.
+    """
+    linear = [k for k, number in enumerate(hypothesis.numbers) if number.linear]
+    before = ground.beyond(ground.rows)
+    fitted = ground.fitted.model
+    bases = [(fitted, ground.rows)]
+    if linear and max(map(abs, fitted.off), default=0.0) > BENT:
+        bases.append((at_file(fitted), _rows(ground, at_file(fitted))))
+    found: list[StartingModel] = []
+    for start in hypothesis.starts(ground.problem, ground.fitted.left):
+        if linear:
+            made = [_scaled(ground, with_part(base, hypothesis, start), linear, rows) for base, rows in bases]
+        else:
+            made = [_better_based(ground, hypothesis, start)]
+        found += [StartingModel(promise=float(before @ before - left @ left), model=model) for left, model in made]
+    return sorted(found, key=lambda one: -one.promise)
+
+
+def _better_based(ground: Linearization, hypothesis: Hypothesis, numbers: Numbers) -> tuple[Array, Model]:
+    """Start from the fitted base values or the file's, whichever leave less that the model cannot absorb."""
+    fitted = ground.fitted.model
+    tried = [with_part(model, hypothesis, numbers) for model in (fitted, at_file(fitted))]
+    left = [(ground.beyond(_rows(ground, model)), model) for model in tried]
+    return min(left, key=lambda one: float(one[0] @ one[0]))
+
+
+def _scaled(ground: Linearization, model: Model, linear: Sequence[int], here: Array) -> tuple[Array, Model]:
+    """Give the linear numbers of a model's last part the sizes of a straight fit; `here` are rows without."""
+    part = model.parts[-1]
+    columns = []
+    for k in linear:
+        alone = tuple(0.0 if j in linear and j != k else x for j, x in enumerate(part.numbers))
+        columns.append(ground.beyond(_rows(ground, _with_numbers(model, alone)) - here))
+    matrix, before = np.stack(columns, axis=1), ground.beyond(here)
+    factors = np.linalg.lstsq(matrix, -before, rcond=1e-10)[0]
+    numbers = list(part.numbers)
+    for k, factor in zip(linear, factors, strict=True):
+        number = part.hypothesis.numbers[k]
+        size = float(np.clip(factor * numbers[k], number.low, number.high))
+        numbers[k] = size if size else number.scale
+    return before + matrix @ factors, _with_numbers(model, tuple(numbers))
+
+
+def _with_numbers(model: Model, numbers: Numbers) -> Model:
+    """Return a model with other numbers of its last part."""
+    return replace(model, parts=(*model.parts[:-1], replace(model.parts[-1], numbers=numbers)))
+
 
 ABREAST: Final = 0.6
 """Part of the best one's gain from which a hypothesis is fitted to the end."""
@@ -28,22 +287,22 @@ NEARLY: Final = 0.3
 """What that is, of the squares that the best one promises to explain."""
 
 
-class Search:
+class HypothesisSearch:
     """The hypotheses that were tried on top of fitted models of one axis, each once."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: AxisProblem) -> None:
         self.problem = problem
-        self.known: dict[int, tuple[Fitted, list[tuple[Hypothesis, Fitted]]]] = {}
+        self.known: dict[int, tuple[FittedModel, list[tuple[Hypothesis, FittedModel]]]] = {}
         self.plausible: set[str] = set()
 
-    def tried(self, ground: Fitted, every: bool = True) -> list[tuple[Hypothesis, Fitted]]:
+    def tried(self, ground: FittedModel, every: bool = True) -> list[tuple[Hypothesis, FittedModel]]:
         """Fit every hypothesis that promises something on top of a model, or only the plausible ones."""
         if id(ground) not in self.known:
             only = None if every else self.plausible
             self.known[id(ground)] = (ground, _try_all(self.problem, ground, only))
         return self.known[id(ground)][1]
 
-    def ranked(self, ground: Fitted) -> list[Scored]:
+    def ranked(self, ground: FittedModel) -> list[ScoredHypothesis]:
         """Return those, best first; what comes near the best is plausible from then on."""
         found = rank(self.problem, ground, self.tried(ground))
         most = found[0].score if found else 0.0
@@ -51,14 +310,14 @@ class Search:
         return found
 
 
-def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tuple[Hypothesis, Fitted]]:
-    base = ground_of(problem, ground)
+def _try_all(problem: AxisProblem, ground: FittedModel, only: set[str] | None) -> list[tuple[Hypothesis, FittedModel]]:
+    base = linearize(problem, ground)
     squares = float(base.rows @ base.rows)
     seeds = []
     for hypothesis in hypotheses(problem):
         if not _joins(ground.model, hypothesis) or (only is not None and hypothesis.label not in only):
             continue
-        found = seed(base, hypothesis)
+        found = starting_models(base, hypothesis)
         # A start that makes things much worse is on the wrong side of what can be reached from it.
         if found and (found[0].promise > 0.0 or (not is_linear(hypothesis) and found[0].promise > -squares)):
             seeds.append((found[0].promise, hypothesis, found))
@@ -76,13 +335,13 @@ def _try_all(problem: Problem, ground: Fitted, only: set[str] | None) -> list[tu
 
 
 def _race(
-    base: Ground, close: Sequence[tuple[Hypothesis, Sequence[Seed]]]
-) -> list[tuple[Hypothesis, Fitted]]:
+    base: Linearization, close: Sequence[tuple[Hypothesis, Sequence[StartingModel]]]
+) -> list[tuple[Hypothesis, FittedModel]]:
     """Look at every hypothesis, and fit those to the end that gain nearly as much as the best."""
     problem = base.problem
     looked = [(hypothesis, _look(base, hypothesis, seeds)) for hypothesis, seeds in close]
-    start = nats(problem, base.fitted.left, problem.fit)
-    gains = [nats(problem, fitted.left, problem.fit) - start for _, fitted in looked]
+    start = log_likelihood(problem, base.fitted.left, problem.fit)
+    gains = [log_likelihood(problem, fitted.left, problem.fit) - start for _, fitted in looked]
     most = max(gains, default=0.0)
     return [
         (hypothesis, fit_model(problem, fitted.model, problem.fit) if gain > ABREAST * most else fitted)
@@ -90,17 +349,17 @@ def _race(
     ]
 
 
-def _look(base: Ground, hypothesis: Hypothesis, seeds: Sequence[Seed]) -> Fitted:
+def _look(base: Linearization, hypothesis: Hypothesis, seeds: Sequence[StartingModel]) -> FittedModel:
     """Fit one hypothesis for a few steps from its best starts."""
     problem, ground = base.problem, base.fitted
     fits = [
-        look_at(problem, one.model, base.weights, _known_slopes(ground, one.model), FIRST_LOOK)
+        fit_briefly(problem, one.model, base.weights, _known_slopes(ground, one.model), FIRST_LOOK)
         for one in (seeds[:1] if hypothesis.within else seeds[:2])
     ]
-    return max(fits, key=lambda one: nats(problem, one.left, problem.fit))
+    return max(fits, key=lambda one: log_likelihood(problem, one.left, problem.fit))
 
 
-def _known_slopes(ground: Fitted, more: Model) -> dict[int, Array]:
+def _known_slopes(ground: FittedModel, more: Model) -> dict[int, Array]:
     """Slopes of a fitted model by the unknowns of one that has a part more."""
     if not ground.jacobian.shape[0]:
         return {}

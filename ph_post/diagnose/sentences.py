@@ -1,18 +1,153 @@
-"""Places in plain words, with their numbers in the units of the shop."""
+"""Sentences and phrases that say where a residual lies, with numbers in shop units."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
-from ph_post.diagnose.motion import Motion
-from ph_post.diagnose.signature import Drift, Periodic, by_direction, by_speed, reversal_sizes
-from ph_post.diagnose.splits import Window
+from ph_post.diagnose.residual_features import (
+    Drift,
+    ExcessWindow,
+    Periodic,
+    by_direction,
+    by_speed,
+    reversal_sizes,
+)
+from ph_post.identify.linear_drive import AxisMotion
 from ph_post.types import Array, Axis
+from ph_post.types.diagnosis import ResidualPlace
 from ph_post.units import MM, MS
+
+_LIES: Final = re.compile(r"lies (.+?)(?:, [^,]*% of the samples|$)")
+"""A stretch in the sentence of a place."""
+
+RULES: Final = {
+    "offset": "everywhere, by the same amount",
+    "direction": "wherever {axis} moves, by its direction",
+    "acceleration": "everywhere in proportion to the acceleration of {axis}",
+    "position": "everywhere in proportion to the position of {axis}",
+    "period": "all along {axis}, again and again every {period:.3g} mm",
+    "time": "slowly, all along the record",
+}
+"""Phrases of the rules that a place may stand for."""
+
+USUAL: Final = {
+    "backlash": "after reversals of {axis}",
+    "position_dependent_backlash": "after reversals of {axis}, by where they are",
+    "coulomb_friction": "after reversals of {axis}",
+    "stribeck_friction": "after reversals of {axis} and at slow speeds",
+    "viscous_friction": "everywhere in proportion to the speed of {axis}",
+    "friction_asymmetry": "everywhere in proportion to the speed of {axis}, by its direction",
+    "load_offset": "everywhere, by the same amount",
+    "elastic_windup": "where {axis} accelerates",
+    "engagement_impact": "after reversals of {axis}",
+    "cyclic_error": "all along {axis}, again and again",
+    "scale_error": "everywhere in proportion to the position of {axis}",
+    "thermal_growth": "slowly, all along the record",
+    "squareness": "everywhere in proportion to the position of the other axis",
+    "servo_mismatch": "wherever {axis} moves",
+    "transport_delay": "wherever {axis} moves",
+    "torque_saturation": "where {axis} accelerates most",
+    "cogging": "all along {axis}, again and again",
+    "cutting_force": "along the path, by its direction",
+}
+"""Where physics puts an effect, for what the splits find no place of."""
+
+
+KINDS: Final = {
+    "backlash": ("reversal", "travel", "direction"),
+    "position_dependent_backlash": ("reversal", "travel", "position", "direction"),
+    "coulomb_friction": ("reversal", "direction"),
+    "stribeck_friction": ("reversal", "direction", "speed"),
+    "viscous_friction": ("speed",),
+    "friction_asymmetry": ("speed", "direction"),
+    "load_offset": ("offset",),
+    "elastic_windup": ("acceleration", "reversal"),
+    "engagement_impact": ("reversal", "travel"),
+    "cyclic_error": ("period",),
+    "scale_error": ("position",),
+    "thermal_growth": ("time",),
+    "squareness": ("position of X", "position of Y", "position of Z"),
+    "servo_mismatch": ("speed", "acceleration"),
+    "transport_delay": ("speed",),
+    "torque_saturation": ("acceleration", "speed", "reversal"),
+    "cogging": ("period", "speed"),
+    "cutting_force": ("direction", "speed"),
+}
+"""Splits that speak of what an effect does, rather than of where the record happened to go."""
+
+WORTH: Final = 0.25
+"""Least share of what an effect adds that a place must hold to stand for it."""
+
+
+def best_phrase(name: str, axis: str, places: Sequence[ResidualPlace], values: Mapping[str, float]) -> str:
+    """Say where an effect shows.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    axis : str
+    places : sequence of ResidualPlace
+        Of what it alone adds, that first which says most.
+    values : mapping
+        Of the effect's parameters by name [SI].
+    """
+    # A rule says more than a stretch.
+    ordered = sorted(places, key=lambda place: _LIES.search(place.sentence) is not None)
+    for kind in KINDS.get(name, ()):
+        for place in ordered:
+            if place.by == kind and place.share >= WORTH and (words := phrase(place, values)):
+                return words
+    # When it happened says little about an effect that does not drift.
+    if name not in KINDS and places and places[0].by != "time":
+        return phrase(places[0], values)
+    return usual_phrase(name, axis)
+
+
+def phrase(place: ResidualPlace, values: Mapping[str, float] | None = None) -> str:
+    """Shorten a place to a phrase; empty where it has none.
+
+    Parameters
+    ----------
+    place : ResidualPlace
+    values : mapping, optional
+        Those of the effect by name [SI]: its period is better known than that of the place.
+
+    Examples
+    --------
+    >>> phrase(ResidualPlace(axis="X", by="reversal", share=0.8, value=0.04,
+    ...              sentence="82 % of the excess lies within 40 ms after X reversals, 12 % of the samples"))
+    'within 40 ms after X reversals'
+    """
+    stretch = _LIES.search(place.sentence)
+    if stretch is not None:
+        return _about(stretch.group(1), place)
+    by, _, other = place.by.partition(" of ")
+    if by == "speed":
+        each_way = ", differently each way" if "each way" in place.sentence else ""
+        return f"everywhere in proportion to the speed of {place.axis}{each_way}"
+    period = (values or {}).get("period", place.value)
+    usual = RULES.get(by, "")
+    return usual.format(axis=other or place.axis, period=period / MM)
+
+
+def _about(stretch: str, place: ResidualPlace) -> str:
+    """Name the middle of a stretch of position, the others as they are told."""
+    if place.by == "position":
+        ends = re.findall(r"-?[\d.e+-]+(?= mm)", stretch)
+        return f"at {place.axis} {ends[0]} to {ends[1]} mm" if len(ends) == 2 else stretch
+    return stretch
+
+
+def usual_phrase(name: str, axis: str) -> str:
+    """Say where physics puts an effect."""
+    return USUAL.get(name, "in {axis}").format(axis=axis)
+
 
 UM: Final = 1e-3 * MM
 """One micrometre in metres."""
@@ -52,9 +187,7 @@ def instant(value: float) -> str:
     return f"{value:.4g} s"
 
 
-def after_reversals(
-    by: str, name: str, window: Window, residual: Array, motion: Motion, noise: float
-) -> str:  # fmt: skip
+def after_reversals(by: str, name: str, window: ExcessWindow, residual: Array, motion: AxisMotion, noise: float) -> str:
     """Say how much lies behind reversals, and whether direction, place and feed matter."""
     within = f"{window.high / MS:.3g} ms" if by == "reversal" else f"{window.high / MM:.3g} mm of travel"
     said = [
@@ -87,7 +220,7 @@ def proportion(name: str, slope: float) -> str:
     return f"is in proportion to the position of {name}: {slope * MM / UM:.3g} µm per mm"
 
 
-def stretch(window: Window, word: str, unit: Callable[[float], str]) -> str:
+def stretch(window: ExcessWindow, word: str, unit: Callable[[float], str]) -> str:
     """Say how much lies in a stretch, against the samples in it."""
     slow = unit is velocity and window.low < 0.01 * window.high
     low = "up to" if slow else f"{unit(window.low)} to"
@@ -134,13 +267,13 @@ def _turns(period: float, drive: Axis | None) -> Iterator[str]:
         yield f"{times} a turn of the screw (lead {place(lead)})"
 
 
-def _time_within(motion: Motion, travel: float) -> float:
+def _time_within(motion: AxisMotion, travel: float) -> float:
     """Time by which most strokes have gone so far [s]."""
     inside = motion.since[motion.travel < travel]
     return float(np.quantile(inside, 0.9)) if inside.size else 0.0
 
 
-def _reversal_details(span: float, residual: Array, motion: Motion, noise: float) -> Iterator[str]:
+def _reversal_details(span: float, residual: Array, motion: AxisMotion, noise: float) -> Iterator[str]:
     """Yield whether the size behind reversals goes with direction, position and feed."""
     counted = np.ones(residual.size, dtype=np.bool_)
     ways = by_direction(residual, motion, span, counted)

@@ -1,1 +1,1 @@
-"""Axis drives with backlash: the servo loop, the gap and the closed forms on a circle (sections 3 and 4)."""
+"""Axis drives with backlash: servo loops, closed forms on a circle, backlash intervals (sections 3 and 4)."""

@@ -181,13 +181,20 @@ def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton
     for array in (counts, targets, directions, contacts):
         array.setflags(write=False)
     return Automaton(
-        keys=keys, rates=frozen([rates for rates, _ in modes.values()]), counts=counts,
-        guards=frozen(rows), noise=frozen(noise), targets=targets, resets=frozen(resets),
-        moving=NAMES.index(moving), directions=directions, contacts=contacts,
-    )  # fmt: skip
+        keys=keys,
+        rates=frozen([rates for rates, _ in modes.values()]),
+        counts=counts,
+        guards=frozen(rows),
+        noise=frozen(noise),
+        targets=targets,
+        resets=frozen(resets),
+        moving=NAMES.index(moving),
+        directions=directions,
+        contacts=contacts,
+    )
 
 
-class Drive(ABC):
+class DriveModel(ABC):
     """What all drives share: the controller, friction, and where the gap's flanks are.
 
     Parameters
@@ -256,10 +263,9 @@ def by_direction(contact: int, side: int) -> tuple[Key, Key, Key]:
     return (contact, 1, side), (contact, -1, side), (contact, 0, side)
 
 
-def drive_of(plant: Plant) -> Drive:
+def drive_of(plant: Plant) -> DriveModel:
     """Return the equations that fit a plant."""
-    from ph_post.drive.loaded import ElasticLoop, RigidLoop
-    from ph_post.drive.play import PlayBehindServo
+    from ph_post.drive.loops import ElasticLoop, PlayBehindServo, RigidLoop
 
     if plant.feedback != "load":
         return PlayBehindServo(plant)

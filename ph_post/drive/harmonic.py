@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ph_post.drive.forced import ANGLE, SPEED, free_motor_response
+from ph_post.drive.free_motor import ANGLE, SPEED, free_motor_response
 from ph_post.drive.roots import close_bracket
 from ph_post.drive.servo import effective_damping, free_response, harmonic_response
 from ph_post.types import Array, Servo
@@ -59,9 +59,7 @@ def steady_motion(servo: Servo, amplitude: float, omega: float, t: ArrayLike) ->
     return np.stack([along, omega * across, -(omega**2) * along])
 
 
-def motion_after_pickup(
-    servo: Servo, amplitude: float, omega: float, t_s: float, x_i: float, t: ArrayLike
-) -> Array:
+def motion_after_pickup(servo: Servo, amplitude: float, omega: float, t_s: float, x_i: float, t: ArrayLike) -> Array:
     """Axis motion once the gap has closed at t_s, the axis standing at x_i (Eq. 14).
 
     Implements Eq. (19) of [1]_ and the two lines after it, for Δ > 0, Δ = 0, Δ < 0 and anything between; P

@@ -2,7 +2,7 @@
 
 Amplitude and angular frequency of the command are 1, X = cos τ with the command's reversal at τ = 0. The
 axis follows the loop's steady harmonic motion plus a free deviation (position, speed and, for PI and PID,
-the integral of the error). Small quantities are formed as such, never as the difference of place and
+the integral of the error). Small quantities are formed directly, never as the difference of place and
 command: in the paper's example X - x is 1e-4 of either when the gap opens.
 
 References
@@ -20,7 +20,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.drive.forced import SPEED, free_motor_response
+from ph_post.drive.free_motor import SPEED, free_motor_response, free_motor_responses
 from ph_post.drive.harmonic import OpenGap
 from ph_post.drive.roots import close_bracket
 from ph_post.drive.servo import (
@@ -50,7 +50,7 @@ SAMPLE_CONDITION: Final = 1e9
 """Condition number of the loop's modes with which samples are good enough: they need signs, not digits."""
 
 
-class Problem(msgspec.Struct, frozen=True, kw_only=True):
+class OrbitProblem(msgspec.Struct, frozen=True, kw_only=True):
     """Loop, motor and gap in units of the amplitude a and of 1/Ω.
 
     `gap` is Δθ_m Ω²/(C a); `response` and `error` are x/X and (X - x)/X of the steady motion.
@@ -68,7 +68,7 @@ class Problem(msgspec.Struct, frozen=True, kw_only=True):
         return -cmath.phase(self.response)
 
 
-class Reversal(msgspec.Struct, frozen=True, kw_only=True):
+class OrbitReversal(msgspec.Struct, frozen=True, kw_only=True):
     """A reversal at the axis' maximum.
 
     `phase` behind the command's reversal, `place` where the axis stands, the `gap` it opens, and, on a
@@ -81,13 +81,13 @@ class Reversal(msgspec.Struct, frozen=True, kw_only=True):
     at_pickup: tuple[float, ...]
 
 
-def state_problem(servo: Servo, beta: float, gap: float) -> Problem:
+def state_problem(servo: Servo, beta: float, gap: float) -> OrbitProblem:
     """Return the problem of a loop that is already in the command's units."""
     response, error = harmonic_response(servo, 1.0)
-    return Problem(servo=servo, beta=beta, gap=gap, response=response, error=error)
+    return OrbitProblem(servo=servo, beta=beta, gap=gap, response=response, error=error)
 
 
-def settled_reversal(problem: Problem, standstill: float) -> Reversal:
+def steady_reversal(problem: OrbitProblem, standstill: float) -> OrbitReversal:
     """Return the reversal of the orbit x(τ + π) = -x(τ) on which the axis stands for `standstill`.
 
     With E the free propagation over the rest of the half period and d what standing adds to the deviation,
@@ -144,13 +144,11 @@ def _close_third_order(servo: Servo, standstill: float, added: Columns) -> tuple
     try:
         at_pickup = np.linalg.solve(system, np.array(added))
     except np.linalg.LinAlgError as error:
-        raise SolveError(
-            "the loop resonates with the command: there is no orbit at this standstill"
-        ) from error
+        raise SolveError("the loop resonates with the command: there is no orbit at this standstill") from error
     return at_pickup.tolist(), (-over @ at_pickup).tolist()
 
 
-def first_reversal_state(problem: Problem) -> Reversal | None:
+def first_reversal_state(problem: OrbitProblem) -> OrbitReversal | None:
     """Return the first reversal from x = 0, ẋ = aΩ at τ = -π/2, where X = 0; None if none comes in time."""
     start = np.array([-problem.response.imag, *(problem.error.real,) * 2])
     if not problem.servo.ki_over_kp:
@@ -172,8 +170,8 @@ def first_reversal_state(problem: Problem) -> Reversal | None:
 
 
 def _reversal(
-    problem: Problem, chi: float, deviation: tuple[float, ...], at_pickup: tuple[float, ...]
-) -> Reversal:
+    problem: OrbitProblem, chi: float, deviation: tuple[float, ...], at_pickup: tuple[float, ...]
+) -> OrbitReversal:
     """Assemble a reversal from the steady motion's phase `chi` and the deviation there."""
     servo, swing = problem.servo, abs(problem.response)
     place, speed = deviation[:2]
@@ -181,16 +179,21 @@ def _reversal(
     phase = chi + problem.delay
     braking = servo.b * swing * math.cos(chi) + place + effective_damping(servo) * speed
     gap = OpenGap(
-        gain=1.0, beta=problem.beta, amplitude=1.0, omega=1.0,
-        sine=math.cos(phase), cosine=-math.sin(phase),
+        gain=1.0,
+        beta=problem.beta,
+        amplitude=1.0,
+        omega=1.0,
+        sine=math.cos(phase),
+        cosine=-math.sin(phase),
         error=(problem.error * cmath.exp(1j * phase)).real - place,
         drive=servo.ki_over_kp * integral - braking,
-        ki_over_kp=servo.ki_over_kp, kd_over_kp=servo.kd_over_kp,
-    )  # fmt: skip
-    return Reversal(phase=phase, place=swing * math.cos(chi) + place, gap=gap, at_pickup=at_pickup)
+        ki_over_kp=servo.ki_over_kp,
+        kd_over_kp=servo.kd_over_kp,
+    )
+    return OrbitReversal(phase=phase, place=swing * math.cos(chi) + place, gap=gap, at_pickup=at_pickup)
 
 
-def count_ringing(problem: Problem, reversal: Reversal, standstill: float) -> int:
+def count_ringing(problem: OrbitProblem, reversal: OrbitReversal, standstill: float) -> int:
     """Reversals of the axis between pick-up and the end of the half period, seen on samples of its speed."""
     times = _sampling(problem.servo, math.pi - standstill)
     chi = reversal.phase - problem.delay
@@ -210,3 +213,81 @@ def _sampling(servo: Servo, span: float) -> Array:
     count = min(FADED / decay, span) / step
     fine = step * np.arange(1, min(int(count), MOST_SAMPLES) + 1)
     return np.union1d(coarse, fine[fine < span])
+
+
+class OrbitReversals(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The reversals at the axis' maximum of the orbits that stand for given times.
+
+    `phase`, `place` as in :class:`ph_post.drive.orbit.OrbitReversal`; the others as in
+    :class:`ph_post.drive.harmonic.OpenGap`, all of one shape, in units of a and 1/Ω.
+    """
+
+    servo: Servo
+    phase: Array
+    place: Array
+    sine: Array
+    cosine: Array
+    error: Array
+    drive: Array
+
+
+def steady_reversals(problem: OrbitProblem, standstill: Array) -> OrbitReversals:
+    """Return the reversals of the orbits x(τ + π) = -x(τ) on which the axis stands for `standstill`.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        Its β and gap are not looked at.
+    standstill : ndarray, shape (n,)
+        ΩΔt.
+
+    Raises
+    ------
+    SolveError
+        Where a loop with an integrator has no orbit at one of them.
+    """
+    servo = problem.servo
+    columns = _at_reversal(servo, standstill)  # (n, state, 2)
+    chi = np.arctan2(columns[:, 1, 1], 1.0 - columns[:, 1, 0])
+    swing = abs(problem.response)
+    sine, cosine = swing * np.sin(chi), swing * np.cos(chi)
+    deviation = columns[:, :, 0] * sine[:, np.newaxis] + columns[:, :, 1] * cosine[:, np.newaxis]
+    place, speed = deviation[:, 0], deviation[:, 1]
+    integral = deviation[:, 2] if servo.ki_over_kp else np.zeros_like(place)
+    phase = chi + problem.delay
+    braking = servo.b * cosine + place + effective_damping(servo) * speed
+    length, angle = cmath.polar(problem.error)
+    return OrbitReversals(
+        servo=servo,
+        phase=phase,
+        place=cosine + place,
+        sine=np.cos(phase),
+        cosine=-np.sin(phase),
+        error=length * np.cos(angle + phase) - place,
+        drive=servo.ki_over_kp * integral - braking,
+    )
+
+
+def _at_reversal(servo: Servo, standstill: Array) -> Array:
+    """Deviation from the steady motion at the reversal, for its sine and its cosine, shape (n, state, 2)."""
+    over = propagate(servo, math.pi - standstill)
+    system = np.eye(over.shape[-1]) + over
+    if servo.ki_over_kp:  # the integrator sums the deviation in place while the axis stands
+        system[:, 2] -= standstill[:, np.newaxis] * over[:, 0]
+    try:
+        at_pickup = np.linalg.solve(system, _added_by_standing_grid(servo, standstill))
+    except np.linalg.LinAlgError as error:
+        raise SolveError(
+            "the loop resonates with the command: there is no orbit at one of these standstills"
+        ) from error
+    return np.asarray(-over @ at_pickup)
+
+
+def _added_by_standing_grid(servo: Servo, standstill: Array) -> Array:
+    """Change of the deviation while the axis stands and the steady motion goes on, shape (n, state, 2)."""
+    sine, versine = np.sin(standstill), 2.0 * np.sin(0.5 * standstill) ** 2
+    rows = [np.stack([sine, versine], axis=-1), np.stack([-versine, sine], axis=-1)]
+    if servo.ki_over_kp:
+        lagging = free_motor_responses(SPEED, np.zeros(1), standstill).versine  # s - sin s
+        rows.append(np.stack([-versine, -lagging], axis=-1))
+    return np.stack(rows, axis=1)

@@ -1,23 +1,29 @@
-"""The physical constants of one axis in the units of its table: what the simulator runs and effects change.
+"""The physical constants of one axis in the units of its table, its gap profile, reading and following error.
 
 Everything on the motor's side is scaled to the table, m = r θ_m / N, and every force to the position error
 that would hold it in a P loop, F/K. With that N, r and the gains drop out of section 3 of [1]_: engaged, the
 axis obeys b ẍ + c ẋ = u with the controller's output u = e + (k_i/k_p) ∫e + (k_d/k_p) ė; in the gap, the
 motor η b (m̈ + β ṁ) = u (Eq. 16) and the table (1 - η) b ẍ + (c - η β b) ẋ = 0 (section 3.3).
 
+Screw, scale and growth lie outside of the loop: the parts of an independent gauge's reading add up, each of
+the true position, so that their order in the machine file makes no difference.
+
 References
 ----------
-.. [1] doi:10.1007/s00170-021-08515-z.
+.. [1] doi:10.1007/s00170-021-08515-z, section 3.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Final
 
 import msgspec
+import numpy as np
+from msgspec.structs import replace
 
-from ph_post.types import Axis, Feedback, Pickup, Scenario
+from ph_post.types import Array, Axis, Feedback, Pickup, Scenario
 
 Force = Callable[[float, float, float, float], float]
 """A force that resists motion, F/K [m].
@@ -28,7 +34,7 @@ it moves in.
 """
 
 
-class Reading(msgspec.Struct, frozen=True, kw_only=True):
+class TableReading(msgspec.Struct, frozen=True, kw_only=True):
     """What stands between the table and its reading, outside of the loop.
 
     Parameters
@@ -36,7 +42,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     cycles : tuple of (amplitude, period, phase)
         A sin(2π x/p + φ) of screw or scale [m, m, rad].
     scale : float
-        Reading for each metre too much.
+        TableReading for each metre too much.
     growths : tuple of (growth, time constant)
         Thermal growth, from the beginning of the motion on [m, s].
     others : tuple of (axis, angle)
@@ -49,7 +55,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     others: tuple[tuple[str, float], ...] = ()
 
 
-class Widening(msgspec.Struct, frozen=True, kw_only=True):
+class GapProfile(msgspec.Struct, frozen=True, kw_only=True):
     """By how much the gap at x is wider than elsewhere: slope (x - reference) and a bump, all in metres.
 
     The bump is bump exp(-((x - centre)/width)²/2).
@@ -76,8 +82,8 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         The motor's part of the inertia, and its own decay rate [1/s]; used with feedback `load` only.
     gap : float
         Lost motion [m].
-    widening : Widening, optional
-        What the gap has beyond that from place to place; see :func:`ph_post.drive.widening.gap_at`.
+    widening : GapProfile, optional
+        What the gap has beyond that from place to place; see :func:`ph_post.drive.plant.gap_at`.
     pickup : {"standstill", "momentum", "contact"}
     kept : float
         Part of the plastic impact's momentum that survives a pick-up under `momentum` and `contact`.
@@ -99,11 +105,11 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         Forces A sin(2π m/p + φ) that resist the motor by its place m, F/K [m, m, rad].
     cutting : tuple of (force, feed, exponent)
         Forces that resist the motion along the path, F/K [m], at a feed [m/s]; see
-        :func:`ph_post.simulate.cutting.cutting_force`.
+        :func:`ph_post.simulate.machine.cutting_force`.
     command_delay, reading_delay : float
         [s].
-    reading : Reading
-        What the table's reading has beyond its position; see :func:`ph_post.drive.reading.read_table`.
+    reading : TableReading
+        What the table's reading has beyond its position; see :func:`ph_post.drive.plant.read_table`.
     forces : tuple of callables
         Further forces; an axis that has any runs in the slow engine.
     """
@@ -116,7 +122,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     eta: float = 0.5
     beta: float = 0.0
     gap: float = 0.0
-    widening: Widening | None = None
+    widening: GapProfile | None = None
     pickup: Pickup = "standstill"
     kept: float = 1.0
     coulomb_plus: float = 0.0
@@ -133,7 +139,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     cutting: tuple[tuple[float, float, float], ...] = ()
     command_delay: float = 0.0
     reading_delay: float = 0.0
-    reading: Reading = Reading()
+    reading: TableReading = TableReading()
     forces: tuple[Force, ...] = ()
 
 
@@ -161,3 +167,137 @@ def base_plant(axis: Axis, scenario: Scenario) -> Plant:
         gap=gap.lost_motion * scenario.gap,
         pickup=gap.pickup or scenario.pickup or "standstill",
     )
+
+
+def delayed(values: Array, samples: float) -> Array:
+    """Values as they were so many samples before, linear in between; before the first there is the first.
+
+    A negative number of samples looks ahead: behind the last there is the last.
+
+    Examples
+    --------
+    >>> delayed(np.array([0.0, 1.0, 2.0]), 0.5)
+    array([0. , 0.5, 1.5])
+    """
+    if samples == 0.0:
+        return values
+    rows = np.arange(values.size, dtype=np.float64)
+    return np.interp(rows - samples, rows, values)
+
+
+def following_error(plant: Plant, command: Array, table: Array, motor: Array, period: float) -> Array:
+    """Return the following error e at the side over which the loop closes [m], shape (n,).
+
+    That is the table of a `load` loop and the motor of the others, less the command as it arrives. The force
+    that the motor gives, as a recorded channel has it, is then F/K = e - c_e v with v the speed of that side
+    and c_e the part of c that is electronic (the rest is friction, which the motor overcomes); with an
+    integrator or a derivative e + (k_i/k_p) ∫e + (k_d/k_p) ė stands for e, and no torque is beyond the
+    saturation. K is the stiffness of the servo.
+
+    Parameters
+    ----------
+    plant : Plant
+    command : Array, shape (n,)
+        As it was sent [m]; `command_delay` is added here.
+    table, motor : Array, shape (n,)
+        Of :func:`ph_post.simulate.machine.run_plant` [m]. Its table is told late by `reading_delay`, which
+        the loop itself does not see: that is taken back here, and over the last samples, whose reading is not
+        yet there, the table is taken to stand.
+    period : float
+        [s].
+
+    Examples
+    --------
+    >>> plant = Plant(feedback="motor", b=5e-4, c=5e-3, command_delay=1e-3)
+    >>> following_error(plant, np.array([1.0, 2.0, 4.0]), np.zeros(3), np.array([1.0, 1.0, 1.5]), 1e-3)
+    array([0. , 0. , 0.5])
+    """
+    arrives = delayed(command, plant.command_delay / period)
+    side = delayed(table, -plant.reading_delay / period) if plant.feedback == "load" else motor
+    return arrives - side
+
+
+TRUE_READING = TableReading()
+"""The reading of a table that is read as it stands."""
+
+
+def read_table(plant: Plant, t: Array, table: Array, others: Mapping[str, Array]) -> Array:
+    """Return what is read of a table, x (1 + ε) + Σ A sin(2π x/p + φ) + Σ G (1 - exp(-t/τ)) + Σ α y.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of which only `reading` counts; its delay is that of :func:`ph_post.simulate.machine.run_plant`.
+    t : Array, shape (n,)
+        Time since the beginning of the motion [s].
+    table : Array, shape (n,)
+        x, where the table is [m].
+    others : mapping of str to Array, shape (n,)
+        y, where the tables of other axes are [m]. An axis that is not among them counts as 0.
+
+    Returns
+    -------
+    Array, shape (n,)
+        [m]; `table` itself where nothing is set.
+
+    Examples
+    --------
+    >>> from ph_post.drive.plant import Plant, TableReading
+    >>> plant = Plant(feedback="load", b=5e-4, c=5e-3, reading=TableReading(scale=1e-3, others=(("Y", 2e-3),)))
+    >>> read_table(plant, np.zeros(1), np.array([0.5]), {"Y": np.array([0.25])})
+    array([0.501])
+    """
+    reading = plant.reading
+    if reading == TRUE_READING:
+        return table
+    wrong = reading.scale * table
+    for amplitude, period, phase in reading.cycles:
+        wrong = wrong + amplitude * np.sin(2.0 * np.pi * table / period + phase)
+    for growth, time_constant in reading.growths:
+        wrong = wrong - growth * np.expm1(-t / time_constant)
+    for name, angle in reading.others:
+        if name in others:
+            wrong = wrong + angle * others[name]
+    return table + wrong
+
+
+TABLE_ROUNDS: Final = 60
+"""Most rounds in which the table is found behind a gap: each brings it nearer by half at least."""
+
+
+def gap_at(plant: Plant, table: Array) -> Array:
+    """Return the gap [m] at places of the table [m], gap + slope (x - reference) + the bump, never below 0.
+
+    Examples
+    --------
+    >>> from ph_post.drive.plant import Plant, GapProfile
+    >>> worn = GapProfile(bump=2e-5, centre=0.1, width=0.05)
+    >>> plant = Plant(feedback="motor", b=5e-4, c=5e-3, gap=3e-5, widening=worn)
+    >>> [round(float(gap), 9) for gap in gap_at(plant, np.array([0.1, 0.15, 9.0]))]
+    [5e-05, 4.2131e-05, 3e-05]
+    """
+    worn = plant.widening
+    if worn is None:
+        return np.full(np.shape(table), plant.gap)
+    off = (table - worn.centre) / worn.width
+    wider = worn.slope * (table - worn.reference) + worn.bump * np.exp(-0.5 * off * off)
+    return np.asarray(np.maximum(plant.gap + wider, 0.0))
+
+
+def scale_profile(worn: GapProfile, factor: float) -> GapProfile | None:
+    """Multiply what a gap has from place to place; None where nothing is left of it."""
+    if factor == 0.0:
+        return None
+    return replace(worn, slope=worn.slope * factor, bump=worn.bump * factor)
+
+
+def table_behind(plant: Plant, motor: Array, flank: int) -> Array:
+    """Return where the table is [m] that a motor at m [m] touches on flank f (1, -1): x = m - f gap(x)/2."""
+    table = np.asarray(motor, dtype=np.float64)
+    if plant.widening is None:
+        return np.asarray(table - 0.5 * flank * plant.gap)
+    for _ in range(TABLE_ROUNDS):
+        before, table = table, motor - 0.5 * flank * gap_at(plant, table)
+        if np.array_equal(before, table):
+            break
+    return table

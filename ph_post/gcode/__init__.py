@@ -1,1 +1,1 @@
-"""Part programs: dialects and the writer."""
+"""Read part programs: text, words, modal state, motions, paths; knows no machine."""

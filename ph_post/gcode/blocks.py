@@ -1,217 +1,223 @@
-"""The motion cut into blocks: each one move of one kind with its share of the planned time."""
+"""Blocks of a program before they are written, and the pieces of a path sorted by the blocks they become."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import msgspec
 import numpy as np
 
-from ph_post.compensate.motion import Motion
-from ph_post.gcode.chords import Gauge, shares
-from ph_post.gcode.dialect import Dialect, plane_of
-from ph_post.gcode.feedcuts import cut_stretches, feed_blocks
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.record import DWELL, Blocks
-from ph_post.gcode.shape import ARC, CURVE, LINE, POLYNOMIAL, SNAP, SPLINE, Shape, read_shape
-from ph_post.gcode.slivers import without_slivers
-from ph_post.gcode.splines import cut_cubics
-from ph_post.gcode.stretches import Runs, Stretch, find_runs, find_stretches
+from ph_post.geometry.joints import find_joints
+from ph_post.geometry.piecewise import Piece
 from ph_post.geometry.track import Track
-from ph_post.types import Array, IntArray, Plan
-from ph_post.units import MM
+from ph_post.types import Array, IntArray
+
+DWELL = -1
+"""Kind of a block that moves nothing. The others are JOG, LINE (also for chords), ARC and SPLINE."""
+
+JOG = -2
+"""Kind of a block in which the path stands still, and an axis moves to another offset from it."""
 
 
-def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions) -> tuple[Blocks, Shape]:
-    """Cut a plan into blocks.
+class Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Blocks in the order of the motion, all arrays of shape (n,).
 
-    Where the speed is constant a block is as long as the geometry allows: a line or an arc is one move (arcs
-    up to half a turn), a cubic one G5 where the dialect's own rendering of it holds the chord tolerance, what
-    the dialect has polynomials for is one of them, and the rest is chords within that tolerance. In ramps and
-    dips a block lasts at most `options.block_time`, or as long as its feed can be a polynomial of the way.
-
-    Returns
-    -------
-    Blocks, Shape
+    `kind`; `start`, `end` [s]; `s0`, `s1` places along the motion [m]; `rapid` 1 for G0; `stretch` the number
+    of the stretch a block belongs to; `timed` 1 where a block's ends follow from the time, in ramps and
+    dips, 0 where they follow from the geometry.
     """
-    inverse = options.feed_mode == "inverse-time"
-    abilities, plane = dialect.capabilities, plane_of(plan.path.axes)[0]
-    in_xy = plane == "G17"
-    shape = read_shape(
-        track,
-        arcs=abilities.arcs and plane in dialect.arc_planes and (dialect.inverse_time_arcs or not inverse),
-        splines=abilities.cubic_splines and in_xy and (dialect.inverse_time_splines or not inverse),
-        degree=abilities.polynomial_degree,
-    )
-    motion = Motion.from_phases(plan.phases)
-    period = plan.machine.servo_period
-    stretches = find_stretches(plan.phases, shape)
-    if abilities.feed_degree:
-        cuts = cut_stretches(stretches, shape, motion, period)
-        stretches, timed = [one.stretch for one in cuts], feed_blocks(cuts)
-    else:
-        timed = _by_time(stretches, options.block_time)
-    runs = _with_splines(
-        find_runs(stretches, shape), stretches, shape, dialect, period, options.chord_tolerance
-    )
-    blocks = _in_order(_by_geometry(runs, stretches, shape, options.chord_tolerance), timed)
-    blocks = _with_curves(_with_places(blocks, motion, shape), shape, dialect)
-    blocks = without_slivers(blocks, shape, period, options.block_time)
-    return _within_tolerance(blocks, motion, shape, options.chord_tolerance), shape
+
+    kind: IntArray
+    start: Array
+    end: Array
+    s0: Array
+    s1: Array
+    rapid: IntArray
+    stretch: IntArray
+    timed: IntArray
 
 
-def _with_splines(
-    runs: Runs, stretches: list[Stretch], shape: Shape, dialect: Dialect, period: float, tolerance: float
-) -> Runs:
-    """Decide what becomes G5; what cannot becomes curves."""
-    rapid = np.array([stretch.rapid for stretch in stretches], dtype=bool)[runs.stretch]
-    kind = np.where(rapid & (runs.kind != LINE), CURVE, runs.kind)
-    cubic = np.flatnonzero(kind == SPLINE)
-    if not cubic.size or dialect.spline_deviation is None:
-        return msgspec.structs.replace(runs, kind=kind)
-    speed = np.array([abs(one.s1 - one.s0) / (one.end - one.start) for one in stretches])[runs.stretch]
-    parts = cut_cubics(
-        shape,
-        dialect.spline_deviation,
-        runs.piece[cubic],
-        (runs.s0 - runs.base)[cubic],
-        (runs.s1 - runs.base)[cubic],
-        least=dialect.spline_pieces * period * speed[cubic],
-        tolerance=tolerance,
-    )
-    rest = np.flatnonzero(kind != SPLINE)
-    source = np.concatenate([rest, cubic[parts.run]])
-    order = np.argsort(source, kind="stable")
-    source = source[order]
-    base = runs.base[source]
-    return Runs(
-        stretch=runs.stretch[source],
-        s0=np.concatenate([runs.s0[rest], parts.s0 + runs.base[cubic[parts.run]]])[order],
-        s1=np.concatenate([runs.s1[rest], parts.s1 + runs.base[cubic[parts.run]]])[order],
-        kind=np.concatenate([kind[rest], np.where(parts.smooth, SPLINE, CURVE)])[order],
-        piece=runs.piece[source],
-        base=base,
-    )
+class Feed(msgspec.Struct, frozen=True, kw_only=True):
+    """Feed over the share p of a block's way: start + (end - start - quad - cub) p + quad p² + cub p³ [m/s].
 
-
-def _by_geometry(runs: Runs, stretches: list[Stretch], shape: Shape, tolerance: float) -> Blocks:
-    """Blocks as long as the geometry allows, in time as in place."""
-    gauge = Gauge(shape.track, tolerance)
-    c0, c1 = gauge.count(runs.s0 - runs.base), gauge.count(runs.s1 - runs.base)
-    # arcs of at most half a turn: the end of a longer one could be taken for its start
-    halves = np.abs(runs.s1 - runs.s0) / shape.radius[runs.piece] / np.pi
-    chords = np.where(runs.kind == CURVE, np.abs(c1 - c0), np.where(runs.kind == ARC, halves, 1.0))
-    run, low, high = _shared(_ceil(chords))
-    s0, s1, curved = runs.s0[run], runs.s1[run], runs.kind[run] == CURVE
-
-    def places(share: Array) -> Array:
-        s = s0 + share * (s1 - s0)
-        inner = curved & (share > 0.0) & (share < 1.0)
-        count = c0[run] + share * (c1 - c0)[run]
-        s[inner] = gauge.place(count[inner]) + runs.base[run[inner]]
-        return np.where(share < 1.0, s, s1)
-
-    table = np.array([(one.start, one.end, one.s0, one.s1, one.rapid) for one in stretches])
-    start, end, first, last, rapid = table[runs.stretch[run]].T
-    a, b = places(low), places(high)
-    extent = np.where(last != first, last - first, 1.0)  # where nothing moves any share of the time will do
-    rate = (end - start) / extent
-    return Blocks(
-        kind=np.where(curved, LINE, runs.kind[run]),
-        start=start + (a - first) * rate,
-        end=start + (b - first) * rate,
-        s0=a,
-        s1=b,
-        rapid=rapid.astype(np.int64),
-        stretch=runs.stretch[run],
-        timed=np.zeros(run.size, dtype=np.int64),
-    )
-
-
-def _by_time(stretches: list[Stretch], block_time: float) -> Blocks:
-    """Blocks of equal time in ramps and dips, an even number in windows so that the middle ends a block."""
-    timed = [(number, one) for number, one in enumerate(stretches) if not one.by_geometry]
-    number = np.array([row[0] for row in timed], dtype=np.int64)
-    start, end = (np.array([getattr(one, name) for _, one in timed]) for name in ("start", "end"))
-    dwells = np.array([one.span.kind == "dwell" for _, one in timed], dtype=bool)
-    count = np.where(dwells, 1, _ceil((end - start) / block_time))
-    count += count % 2 * np.array([one.span.window >= 0 for _, one in timed], dtype=np.int64) * ~dwells
-    row, low, high = _shared(count)
-    extent = (end - start)[row]
-    return Blocks(
-        kind=np.where(dwells, DWELL, LINE)[row],
-        start=start[row] + low * extent,
-        end=start[row] + high * extent,
-        s0=np.zeros(row.size),
-        s1=np.zeros(row.size),
-        rapid=np.zeros(row.size, dtype=np.int64),
-        stretch=number[row],
-        timed=np.ones(row.size, dtype=np.int64),
-    )
-
-
-def _ceil(count: Array) -> IntArray:
-    """Next whole number, at least 1, unless rounding alone has made it one more."""
-    return np.maximum(1, np.ceil(count * (1.0 - 1e-9))).astype(np.int64)
-
-
-def _shared(parts: IntArray) -> tuple[IntArray, Array, Array]:
-    """Rows each repeated so many times, and between which shares of its row each repetition lies."""
-    row = np.repeat(np.arange(parts.size), parts)
-    number = np.arange(row.size) - np.repeat(np.cumsum(parts) - parts, parts)
-    return row, number / parts[row], (number + 1) / parts[row]
-
-
-def _in_order(*groups: Blocks) -> Blocks:
-    names = Blocks.__struct_fields__
-    joined = {name: np.concatenate([getattr(group, name) for group in groups]) for name in names}
-    order = np.argsort(joined["stretch"], kind="stable")
-    return Blocks(**{name: values[order] for name, values in joined.items()})
-
-
-def _with_places(blocks: Blocks, motion: Motion, shape: Shape) -> Blocks:
-    """Find the ends of the blocks in ramps from the times there; elsewhere they are given. Joints are met."""
-    timed = np.flatnonzero(blocks.timed)
-    s0, s1 = blocks.s0.copy(), blocks.s1.copy()
-    s0[timed] = motion.place_and_feed(blocks.start[timed])[0]
-    s1[timed] = motion.place_and_feed(blocks.end[timed])[0]
-    return msgspec.structs.replace(blocks, s0=shape.snapped(s0), s1=shape.snapped(s1))
-
-
-def _with_curves(blocks: Blocks, shape: Shape, dialect: Dialect) -> Blocks:
-    """Make ramp blocks on one arc or polynomial that too, and lines of what decimals cannot tell from lines.
-
-    In ramps chords would hold the tolerance as well, but LinuxCNC slows down where a chord meets an arc
-    (measured: from 40 to 20 mm/s at the ends of a dip on R 20 mm), while arcs run into arcs at full speed.
+    `error` is the largest difference from the plan, as a part of the planned speed; 0 where there is none.
     """
-    piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
-    inwards = np.clip(0.5 * (blocks.s1 - blocks.s0), -SNAP, SNAP)  # so that a joint counts as either side
-    same = (shape.piece_at(blocks.s0 + inwards) == piece) & (shape.piece_at(blocks.s1 - inwards) == piece)
-    timed = (blocks.timed == 1) & (blocks.kind == LINE) & same
-    quantum = MM * 10.0**-dialect.capabilities.decimals
-    bent = (blocks.s1 - blocks.s0) ** 2 >= 8.0 * quantum * shape.radius[piece]
-    round_ = (blocks.kind == ARC) | (timed & (shape.kind[piece] == ARC))
-    kind = np.where(round_, np.where(bent, ARC, LINE), blocks.kind)
-    kind = np.where(timed & (shape.kind[piece] == POLYNOMIAL), POLYNOMIAL, kind)
-    return msgspec.structs.replace(blocks, kind=kind)
+
+    start: float
+    end: float
+    quad: float
+    cub: float
+    error: float = 0.0
+
+    def at(self, p: Array) -> Array:
+        """Feed [m/s] at shares of the way.
+
+        Examples
+        --------
+        >>> Feed(start=2.0, end=4.0, quad=6.0, cub=-4.0).at(np.array([0.0, 0.5, 1.0])).tolist()
+        [2.0, 3.0, 4.0]
+        """
+        linear = self.end - self.start - self.quad - self.cub
+        return self.start + p * (linear + p * (self.quad + p * self.cub))
 
 
-def _within_tolerance(blocks: Blocks, motion: Motion, shape: Shape, tolerance: float) -> Blocks:
-    """Cut chords that leave the path by more than the tolerance, in time, until none does."""
-    first, last = shape.piece_at(blocks.s0), shape.piece_at(blocks.s1)
-    straight = (first == last) & (shape.kind[first] == LINE)
-    doubtful = (blocks.kind == LINE) & ~straight
-    while doubtful.any():
-        parts = np.ones(doubtful.size, dtype=np.int64)
-        parts[doubtful] = shares(shape, blocks.s0[doubtful], blocks.s1[doubtful], tolerance)
-        blocks = _with_places(_split(blocks, parts), motion, shape)
-        doubtful = np.repeat(parts > 1, parts)
-    return blocks
+class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Moves, n of them; positions are whole numbers of the dialect's last decimal.
+
+    `points` (n + 1, dim): the start and the end of every move. `center` (n, 2) and `turn` (n,) of arcs, +1
+    from the first axis towards the second; `inner` (n, 2, 2) the middle control points of splines.
+    `duration` (n,) [s], `length` (n,) [m] as the controller will find it, `feed` (n,) [m/s], 0 for rapids and
+    dwells. `plain` (dim,) is the last point without the offset that is carried there. `kind`, `rapid`, `s0`
+    and `s1` are those of the blocks. By move, `polynomials` are the coefficients of what is one (see
+    :func:`ph_post.gcode.polynomials.polynomial_words`), `profiles` the feeds that change within one (`feed`
+    then is the mean), and `off` how far a written feed is off the planned one where that changes, as a part
+    of it; nothing beside a rest.
+    """
+
+    kind: IntArray
+    points: IntArray
+    plain: IntArray
+    center: IntArray
+    turn: IntArray
+    inner: IntArray
+    duration: Array
+    length: Array
+    feed: Array
+    rapid: IntArray
+    s0: Array
+    s1: Array
+    polynomials: Mapping[int, IntArray] = {}
+    profiles: Mapping[int, Feed] = {}
+    off: Mapping[int, float] = {}
 
 
-def _split(blocks: Blocks, parts: IntArray) -> Blocks:
-    """Cut each block into so many parts, equal in time and, where the geometry decides, in length."""
-    row, low, high = _shared(parts)
-    cut = {name: getattr(blocks, name)[row] for name in Blocks.__struct_fields__}
-    for first, last in (("start", "end"), ("s0", "s1")):
-        begin, extent = cut[first], cut[last] - cut[first]
-        cut[first], cut[last] = begin + low * extent, begin + high * extent
-    return Blocks(**cut)
+LINE, ARC, SPLINE, CURVE, POLYNOMIAL = range(5)
+"""What a piece is to the writer: one G1, G2 or G3, one or more G5, many chords, or polynomials of it."""
+
+SNAP = 1e-9
+"""Places closer than this [m] are one: 1 nm, the last decimal any dialect writes."""
+
+
+class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The pieces of a track, grouped for the writer.
+
+    `kind` and `rapid` per piece. `marks` [m]: where a block has to end while the speed is constant, because
+    the kind changes there; `walls` [m]: where a block has to end in any case (sharp corners, beginnings and
+    ends of rapid segments). `center` (m, 2) [m], `radius` (m,) [m] and `turn` (m,) of arcs: +1 from the first
+    axis towards the second, -1 the other way, 0 where the piece is no arc.
+    """
+
+    track: Track
+    kind: IntArray
+    rapid: IntArray
+    marks: Array
+    walls: Array
+    center: Array
+    radius: Array
+    turn: IntArray
+
+    def wrapped(self, s: Array) -> Array:
+        """Bring places along the motion onto the track: another round on a closed path, else its end."""
+        length = self.track.length
+        if not self.track.closed:
+            return np.clip(s, 0.0, length)
+        return np.where((s < 0.0) | (s > length), np.mod(s, length), s)
+
+    def snapped(self, s: Array) -> Array:
+        """Move places that are as good as at a joint, or an end, onto it: sums of a motion's phases are off.
+
+        Of a block that is a polynomial the end lay beside its own piece else.
+        """
+        length = self.track.length
+        base = np.floor(s / length) * length if self.track.closed else np.zeros(s.size)
+        joints = np.concatenate([[0.0], self.marks, [length]])
+        place = s - base
+        after = np.clip(np.searchsorted(joints, place), 1, joints.size - 1)
+        nearer = place - joints[after - 1] < joints[after] - place
+        joint = np.where(nearer, joints[after - 1], joints[after])
+        return np.where(np.abs(place - joint) <= SNAP, base + joint, s)
+
+    def piece_at(self, s: Array) -> IntArray:
+        """Return the number of the piece at each place."""
+        number = np.searchsorted(self.track.starts, self.wrapped(s), side="right") - 1
+        return np.asarray(np.clip(number, 0, self.kind.size - 1), dtype=np.int64)
+
+    def positions(self, s: Array) -> Array:
+        """Return points of the path [m], shape (n, dimension)."""
+        piece, u = self.track.locate(self.wrapped(s))
+        return np.asarray(self.track.derivatives(piece, u, 0)[0])
+
+    def local(self, piece: IntArray, s: Array) -> Array:
+        """Parameter u of places on those pieces, their ends included."""
+        starts = self.track.starts
+        wrapped = self.wrapped(s)
+        found, u = self.track.locate(np.clip(wrapped, starts[piece], starts[piece + 1]))
+        return np.where(found == piece, u, (found > piece).astype(np.float64))
+
+
+def read_shape(track: Track, *, arcs: bool, splines: bool, degree: int = 1) -> TrackShape:
+    """Sort the pieces of a track by what they become.
+
+    Arcs and cubics become chords where not wanted, and so does what is of a higher `degree` than polynomials
+    may have; pieces of degree 1 are lines whatever it is.
+    """
+    splines = splines and track.dimension == 2
+    kind = np.array([_kind(piece, arcs, splines, degree) for piece in track.pieces], dtype=np.int64)
+    rapid = _rapid(track)
+    joints = find_joints(track)
+    sharp = joints.s[joints.sharp]
+    before, after = kind[:-1], kind[1:]
+    changes = track.starts[1:-1][(before != after) | (before != CURVE)]
+    switches = track.starts[1:-1][np.diff(rapid) != 0]
+    walls = np.unique(np.concatenate([sharp, switches]))
+    center, radius, turn = _circles(track)
+    return TrackShape(
+        track=track,
+        kind=kind,
+        rapid=rapid,
+        marks=np.unique(np.concatenate([changes, walls])),
+        walls=walls,
+        center=center,
+        radius=radius,
+        turn=turn,
+    )
+
+
+def between(shape: TrackShape, marks: Array, s0: float, s1: float) -> Array:
+    """Select the marks between two places of the motion, in the order of travel, on any round of a loop."""
+    low, high = min(s0, s1), max(s0, s1)
+    if shape.track.closed:
+        length = shape.track.length
+        marks = np.append(marks, length) if high > length + SNAP or low < -SNAP else marks
+        rounds = np.arange(np.floor(low / length), np.ceil(high / length) + 1)
+        marks = (marks[None, :] + length * rounds[:, None]).ravel()
+    inside = np.sort(marks[(marks > low + SNAP) & (marks < high - SNAP)])
+    return inside if s1 > s0 else inside[::-1]
+
+
+def _kind(piece: Piece, arcs: bool, splines: bool, highest: int) -> int:
+    if piece.kind == "arc":
+        return ARC if arcs else CURVE
+    degree = piece.control.shape[0] - 1
+    if degree == 1:
+        return LINE
+    if degree <= highest:
+        return POLYNOMIAL
+    return SPLINE if splines and piece.kind == "polynomial" and degree <= 3 else CURVE
+
+
+def _rapid(track: Track) -> IntArray:
+    segments = np.array([segment.rapid for segment in track.path.segments], dtype=np.int64)
+    return segments[track.segment]
+
+
+def _circles(track: Track) -> tuple[Array, Array, IntArray]:
+    """Centres, radii and senses of the arcs; zeros, infinity and 0 elsewhere."""
+    m = len(track.pieces)
+    center, radius, turn = np.zeros((m, 2)), np.full(m, np.inf), np.zeros(m, dtype=np.int64)
+    for group in track.groups:
+        if group.kind == "arc":
+            center[group.index] = group.control[:, 0, :2]
+            radius[group.index] = group.control[:, 1, 0]
+            turn[group.index] = np.sign(group.control[:, 2, 0])
+    return center, radius, turn

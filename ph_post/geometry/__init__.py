@@ -1,1 +1,1 @@
-"""Curves and paths: values, derivatives, curvature and arc length (section 2 of the paper)."""
+"""Curves and paths: values, derivatives, curvature, arc length and reversals (section 2 of the paper)."""

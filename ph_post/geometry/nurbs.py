@@ -15,10 +15,20 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ph_post.geometry import fractional
-from ph_post.geometry.base import MEETS, PiecewiseCurve, extent, polynomial_piece, require, require_length
-from ph_post.geometry.fractional import FractionRows, Fractions
-from ph_post.geometry.piece import ExactPiece, Piece, PieceKind, places
+from ph_post.geometry import exact_polynomials
+from ph_post.geometry.exact_polynomials import FractionRows, Fractions
+from ph_post.geometry.piecewise import (
+    MEETS,
+    ExactPiece,
+    Piece,
+    PieceKind,
+    PiecewiseCurve,
+    extent,
+    places,
+    polynomial_piece,
+    require,
+    require_length,
+)
 from ph_post.types import Array, frozen
 from ph_post.units import MM
 
@@ -104,16 +114,16 @@ class Nurbs(PiecewiseCurve):
 
     def _piece(self, ends: Fractions, control: FractionRows) -> Piece:
         t0, t1 = map(float, ends)
-        rounded = fractional.floats(control)
+        rounded = exact_polynomials.floats(control)
         if self._piece_kind == "polynomial":
             return polynomial_piece(rounded, t0, t1)
         return Piece(kind="rational", control=rounded, xi0=t0, xi1=t1)
 
     def _spans(self, knots: Any, points: Any, weights: Any) -> list[Span]:
         """Bézier pieces in exact numbers."""
-        exact_knots, exact_points = fractional.rows([knots])[0], fractional.rows(points)
+        exact_knots, exact_points = exact_polynomials.rows([knots])[0], exact_polynomials.rows(points)
         if self._piece_kind == "rational":
-            factors = fractional.rows([weights])[0]
+            factors = exact_polynomials.rows([weights])[0]
             homogeneous = zip(factors, exact_points, strict=True)
             exact_points = tuple((*(w * x for x in point), w) for w, point in homogeneous)
         return bezier_spans(self.degree, exact_knots, exact_points)
@@ -124,7 +134,7 @@ def bezier_spans(degree: int, knots: Fractions, points: FractionRows) -> list[Sp
 
     Examples
     --------
-    >>> from ph_post.geometry.fractional import rows
+    >>> from ph_post.geometry.exact_polynomials import rows
     >>> spans = bezier_spans(2, rows([[0, 0, 0, 1, 2, 2, 2]])[0], rows([[0], [2], [4], [6]]))
     >>> [[int(x) for (x,) in control] for _, control in spans]
     [[0, 2, 3], [3, 4, 6]]

@@ -17,10 +17,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ph_post.geometry import bernstein, fractional
-from ph_post.geometry.base import PiecewiseCurve, polynomial_piece, require, require_length
-from ph_post.geometry.fractional import FractionRows, Fractions
-from ph_post.geometry.piece import ExactPiece
+from ph_post.geometry import bernstein, exact_polynomials
+from ph_post.geometry.exact_polynomials import FractionRows, Fractions
+from ph_post.geometry.piecewise import ExactPiece, PiecewiseCurve, polynomial_piece, require, require_length
 from ph_post.types import Array, frozen
 
 Form = tuple[tuple[int, int, int], ...]
@@ -81,9 +80,7 @@ class PH(PiecewiseCurve):
         self._exact = exact
         parts = self.preimage.T
         squares = [bernstein.product(part, part) for part in parts]
-        control = [
-            _integrated(first, form, parts) for first, form in zip(self.start, self._forms, strict=True)
-        ]
+        control = [_integrated(first, form, parts) for first, form in zip(self.start, self._forms, strict=True)]
         speed = frozen(np.sum(squares, axis=0))
         require_length(float(speed.mean()))
         super().__init__((polynomial_piece(frozen(np.stack(control, axis=1)), 0.0, 1.0, speed),))
@@ -94,13 +91,16 @@ class PH(PiecewiseCurve):
 
     def exact_pieces(self) -> tuple[ExactPiece]:
         """Return the control points that follow exactly from the preimage."""
-        given = self._exact or (fractional.rows([self.start])[0], fractional.rows(self.preimage))
-        start, parts = given[0], fractional.columns(given[1])
+        given = self._exact or (
+            exact_polynomials.rows([self.start])[0],
+            exact_polynomials.rows(self.preimage),
+        )
+        start, parts = given[0], exact_polynomials.columns(given[1])
         axes = []
         for first, form in zip(start, self._forms, strict=True):
-            terms = [(factor, fractional.product(parts[i], parts[j])) for factor, i, j in form]
-            axes.append(fractional.integrate(fractional.combine(*terms), first))
-        return (ExactPiece(kind="polynomial", control=fractional.columns(axes)),)
+            terms = [(factor, exact_polynomials.product(parts[i], parts[j])) for factor, i, j in form]
+            axes.append(exact_polynomials.integrate(exact_polynomials.combine(*terms), first))
+        return (ExactPiece(kind="polynomial", control=exact_polynomials.columns(axes)),)
 
 
 def _integrated(first: float, form: Form, parts: Array) -> Array:
@@ -132,9 +132,7 @@ def ph_hermite(points: ArrayLike, derivatives: ArrayLike) -> PH:
     """
     p, d = np.asarray(points, dtype=np.float64), np.asarray(derivatives, dtype=np.float64)
     require(bool(np.any(p[0] != p[1])), "zero length", expected="points that differ")
-    require(
-        bool(np.all(np.any(d != 0.0, axis=1))), "a derivative is zero", expected="a direction at each end"
-    )
+    require(bool(np.all(np.any(d != 0.0, axis=1))), "a derivative is zero", expected="a direction at each end")
     chord = complex(*(p[1] - p[0]))
     d0, d1 = complex(*d[0]), complex(*d[1])
     w0 = cmath.sqrt(d0)

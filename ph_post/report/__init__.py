@@ -1,1 +1,1 @@
-"""What a person looks at: tables and figures."""
+"""Text, JSON objects, figures and pages of results."""

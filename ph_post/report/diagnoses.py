@@ -1,23 +1,12 @@
-"""What ``diagnose`` found, as text and as JSON."""
+"""Text and JSON of the results of ``diagnose`` and ``identify``."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from ph_post.diagnose.record import (
-    Channel,
-    ChannelQuality,
-    Diagnosis,
-    Estimate,
-    Experiment,
-    Finding,
-    GapStep,
-    Place,
-    Quality,
-)
-from ph_post.report.findingwords import (
+from ph_post.report.effect_words import (
     finding_name,
     label_words,
     micrometres,
@@ -28,6 +17,19 @@ from ph_post.report.findingwords import (
 )
 from ph_post.report.tables import NOTHING, format_table
 from ph_post.types import Log
+from ph_post.types.diagnosis import (
+    Channel,
+    ChannelQuality,
+    Diagnosis,
+    Estimate,
+    Experiment,
+    Finding,
+    Identification,
+    LogQuality,
+    ResidualPlace,
+    ResidualStep,
+    Sensitivity,
+)
 from ph_post.units import MICROMETRE, MM, MS
 
 PLACES_SHOWN: Final = 4
@@ -99,7 +101,7 @@ def estimate_view(one: Estimate) -> dict[str, Any]:
     return {"value": _finite(one.value), "stderr": stderr, "unit": one.unit}
 
 
-def _step_view(step: GapStep) -> dict[str, Any]:
+def _step_view(step: ResidualStep) -> dict[str, Any]:
     return {
         "added": step.added,
         "fit_rms": _finite(step.fit_rms, MM),
@@ -111,7 +113,7 @@ def _experiment_view(one: Experiment) -> dict[str, Any]:
     return {"name": one.name, "why": one.why, "record": list(one.record), "program": one.program}
 
 
-def _place_view(place: Place) -> dict[str, Any]:
+def _place_view(place: ResidualPlace) -> dict[str, Any]:
     """Tell a place; what its value is depends on the split, and the sentence tells it in the shop's units."""
     return {
         "axis": place.axis,
@@ -122,7 +124,7 @@ def _place_view(place: Place) -> dict[str, Any]:
     }
 
 
-def _quality_view(quality: Quality, efforts: Mapping[str, str]) -> dict[str, Any]:
+def _quality_view(quality: LogQuality, efforts: Mapping[str, str]) -> dict[str, Any]:
     return {
         "period": _finite(quality.period),
         "jitter": _finite(quality.jitter),
@@ -177,7 +179,7 @@ def diagnosis_lines(
     ]
 
 
-def _quality_lines(quality: Quality, efforts: Mapping[str, str]) -> Iterator[str]:
+def _quality_lines(quality: LogQuality, efforts: Mapping[str, str]) -> Iterator[str]:
     period = f"The record: a sample every {quality.period / MS:.4g} ms"
     jitter = f" (up to {quality.jitter / MS:.2g} ms off)" if quality.jitter > JITTER * quality.period else ""
     start = f"; the first {quality.first * quality.period:.3g} s are left out" if quality.first else ""
@@ -200,7 +202,7 @@ def _channel_words(one: ChannelQuality, efforts: Mapping[str, str]) -> str:
     return f"{one.axis}_{one.channel}: {', '.join(words)}"
 
 
-def _place_lines(title: str, places: tuple[Place, ...]) -> list[str]:
+def _place_lines(title: str, places: tuple[ResidualPlace, ...]) -> list[str]:
     axes = list(dict.fromkeys(one.axis for one in places))
     lines = []
     for axis in axes:
@@ -254,3 +256,63 @@ def _next_lines(diagnosis: Diagnosis, given: Collection[str]) -> Iterator[str]:
         yield "The better machine assumes the first name of each doubtful set."
     if len(diagnosis.steps) > 1 and "-o" not in given:
         yield "The better machine is written with -o; convert and simulate take it at once."
+
+
+Parameters = Mapping[str, Mapping[str, Estimate]]
+"""Parameters of every axis, by name."""
+
+
+def identification_view(axes: Parameters, notes: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the parameters as a JSON object; what is not known is None.
+
+    Parameters
+    ----------
+    axes : mapping
+        By axis and name.
+    notes : sequence of str
+        What the record could not separate, and what else a person should know.
+    """
+    return {
+        "axes": {
+            axis: {name: estimate_view(one) for name, one in parameters.items()} for axis, parameters in axes.items()
+        },
+        "notes": list(notes),
+    }
+
+
+def identification_lines(axes: Parameters, notes: Sequence[str] = ()) -> list[str]:
+    """Say in lines what the parameters are, and how well the record shows them.
+
+    Parameters are those of :func:`identification_view`.
+    """
+    rows = [(axis, name, *_cells(one)) for axis, parameters in axes.items() for name, one in parameters.items()]
+    header = ("axis", "parameter", "value", "standard error", "unit")
+    table = format_table(header, rows).splitlines() if rows else ["This record shows no parameter."]
+    return [*table, *(f"note: {note}" for note in notes)]
+
+
+def _cells(one: Estimate) -> tuple[str, str, str]:
+    value, error = number_words(one)
+    return value, "not known" if error is None else f"± {error}", one.unit or NOTHING
+
+
+def fit_view(found: Identification) -> dict[str, Any]:
+    """Return by axis what the free run misses, and which numbers the record tells apart, as JSON."""
+    return {
+        "fit": {
+            name: {"unit": "mm", "rms": drive.rms / MM, "noise_floor": drive.noise / MM}
+            for name, drive in found.drives.items()
+        },
+        "identifiability": {name: _sensitivity_view(drive.sensitivity) for name, drive in found.drives.items()},
+    }
+
+
+def _sensitivity_view(sensitivity: Sensitivity) -> dict[str, Any]:
+    condition = sensitivity.condition
+    return {
+        "parameters": list(sensitivity.names),
+        "singular_values": list(sensitivity.singular_values),
+        "rank": sensitivity.rank,
+        "condition": condition if math.isfinite(condition) else None,
+        "not_separated": [dict(direction) for direction in sensitivity.weak],
+    }

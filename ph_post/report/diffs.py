@@ -1,4 +1,4 @@
-"""What a comparison of two programs found: as plain objects for JSON, and as text with colour."""
+"""Text and JSON of the comparison of two programs, and of the verdict of ``verify``."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import click
+import msgspec
 
-from ph_post.audit.diff.record import BlockChange, Comparison, Deviation, FeedChange, Order, Span, Timing
-from ph_post.audit.diff.text import lines_of
-from ph_post.gcode.reader.record import PartProgram
-from ph_post.report.assessments import error_view
+from ph_post.diff.blocks import lines_of
+from ph_post.diff.records import BlockChange, Comparison, Deviation, FeedChange, Order, Span, Timing
+from ph_post.gcode.program import PartProgram
+from ph_post.report.simulations import error_view
 from ph_post.report.tables import NOTHING, counted, format_table
 from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError
 from ph_post.units import MM, MM_PER_MIN
+from ph_post.verify.verdict import Verdict
 
 SHOWN: Final = 12
 """Rows of a table, and lines of a group of blocks, that are shown; JSON and HTML have all."""
@@ -22,7 +24,7 @@ SHOWN: Final = 12
 Programs = tuple[PartProgram, PartProgram]
 
 
-def comparison_view(found: Comparison, programs: Programs) -> View:
+def diff_view(found: Comparison, programs: Programs) -> View:
     """Return what ``diff --json`` prints; lines count from 1, lengths in mm, feeds in mm/min, times in s."""
     a, b = found.timing
     return {
@@ -46,9 +48,7 @@ def comparison_view(found: Comparison, programs: Programs) -> View:
             ],
         },
         "orders": [{"what": one.what, "a": _line(one.a), "b": _line(one.b)} for one in found.orders],
-        "error": None
-        if found.errors is None
-        else {"a": error_view(found.errors[0]), "b": error_view(found.errors[1])},
+        "error": None if found.errors is None else {"a": error_view(found.errors[0]), "b": error_view(found.errors[1])},
         "notes": list(found.notes),
     }
 
@@ -56,10 +56,13 @@ def comparison_view(found: Comparison, programs: Programs) -> View:
 def _file_view(found: Comparison, programs: Programs, k: int) -> View:
     program = programs[k]
     return {
-        "name": program.name, "sha256": program.digest, "lines": program.blocks,
-        "motions": int(program.motions.block.size), "length": found.travel.outlines[k].length / MM,
+        "name": program.name,
+        "sha256": program.digest,
+        "lines": program.blocks,
+        "motions": int(program.motions.block.size),
+        "length": found.travel.outlines[k].length / MM,
         "declares": list(found.declared[k]),
-    }  # fmt: skip
+    }
 
 
 def _line(block: int | None) -> int | None:
@@ -73,26 +76,35 @@ def _span(span: Span) -> list[int] | None:
 
 def _block_view(one: BlockChange, programs: Programs) -> View:
     return {
-        "kind": one.kind, "a": _span(one.a), "b": _span(one.b),
-        "text_a": lines_of(programs[0], one.a), "text_b": lines_of(programs[1], one.b),
-    }  # fmt: skip
+        "kind": one.kind,
+        "a": _span(one.a),
+        "b": _span(one.b),
+        "text_a": lines_of(programs[0], one.a),
+        "text_b": lines_of(programs[1], one.b),
+    }
 
 
 def _deviation_view(one: Deviation) -> View:
     return {
-        "a": _span(one.a), "b": _span(one.b),
-        "s_a": [s / MM for s in one.s_a], "s_b": [s / MM for s in one.s_b],
-        "deviation": one.amount / MM, "where": {"on": "ab"[one.worst], "line": one.block + 1},
+        "a": _span(one.a),
+        "b": _span(one.b),
+        "s_a": [s / MM for s in one.s_a],
+        "s_b": [s / MM for s in one.s_b],
+        "deviation": one.amount / MM,
+        "where": {"on": "ab"[one.worst], "line": one.block + 1},
         "position": [x / MM for x in one.where],
-    }  # fmt: skip
+    }
 
 
 def _feed_view(one: FeedChange) -> View:
     return {
-        "a": _span(one.a), "b": _span(one.b), "s_a": [s / MM for s in one.s_a],
-        "feed_a": _feeds(one.feed_a), "feed_b": _feeds(one.feed_b),
+        "a": _span(one.a),
+        "b": _span(one.b),
+        "s_a": [s / MM for s in one.s_a],
+        "feed_a": _feeds(one.feed_a),
+        "feed_b": _feeds(one.feed_b),
         "ratio": None if one.ratio is None else list(one.ratio),
-    }  # fmt: skip
+    }
 
 
 def _feeds(feeds: tuple[float, float] | None) -> list[float] | None:
@@ -101,14 +113,17 @@ def _feeds(feeds: tuple[float, float] | None) -> list[float] | None:
 
 def _timing_view(one: Timing) -> View:
     return {
-        "total": one.total, "cutting": one.cutting, "rapids": one.rapids, "dwells": one.dwells,
+        "total": one.total,
+        "cutting": one.cutting,
+        "rapids": one.rapids,
+        "dwells": one.dwells,
         "model": one.model,
-    }  # fmt: skip
+    }
 
 
-def print_comparison(found: Comparison, programs: Programs) -> None:
+def print_diff(found: Comparison, programs: Programs) -> None:
     """Print what differs: first in short, then blocks, path, feed, time and the rest."""
-    for line in summary(found, programs):
+    for line in diff_summary(found, programs):
         click.secho(line, bold=True)
     for name, declared in zip("AB", found.declared, strict=True):
         for words in declared:
@@ -121,7 +136,7 @@ def print_comparison(found: Comparison, programs: Programs) -> None:
     _print_errors(found.errors)
 
 
-def summary(found: Comparison, programs: Programs) -> list[str]:
+def diff_summary(found: Comparison, programs: Programs) -> list[str]:
     """Say in a line what a user of ``diff`` wants to know first."""
     a, b = programs
     if found.identical:
@@ -136,7 +151,7 @@ def summary(found: Comparison, programs: Programs) -> list[str]:
         _path_words(found),
         _some(len(found.feeds), "stretch with another feed", "stretches with another feed"),
         _some(len(found.orders), "other order", "other orders"),
-    ]  # fmt: skip
+    ]
     return [f"{a.name} and {b.name} differ: " + ", ".join(part for part in parts if part)]
 
 
@@ -193,12 +208,16 @@ def _print_path(found: Comparison) -> None:
     worst = sorted(found.deviations, key=lambda one: -one.amount)[:SHOWN]
     rows = [
         (
-            _where(one.a), _where(one.b), f"{one.s_a[0] / MM:.3f}", f"{one.s_a[1] / MM:.3f}",
-            f"{one.amount / MM:.6f}", f"{'AB'[one.worst]}:{one.block + 1}",
+            _where(one.a),
+            _where(one.b),
+            f"{one.s_a[0] / MM:.3f}",
+            f"{one.s_a[1] / MM:.3f}",
+            f"{one.amount / MM:.6f}",
+            f"{'AB'[one.worst]}:{one.block + 1}",
             *(f"{x / MM:.4f}" for x in one.where),
         )
         for one in sorted(worst, key=lambda one: one.s_a)
-    ]  # fmt: skip
+    ]
     _print_table(("lines of A", "lines of B", "from s", "to s", "deviation", "at line", "X", "Y", "Z"), rows)
     _say_rest(len(found.deviations) - SHOWN, "stretches, all nearer")
 
@@ -212,11 +231,17 @@ def _print_feeds(feeds: Sequence[FeedChange]) -> None:
         return
     click.secho("feed, where it differs (mm/min):", bold=True)
     rows = [
-        (_where(one.a), _where(one.b), f"{one.s_a[0] / MM:.3f}", f"{one.s_a[1] / MM:.3f}",
-         _between(_feeds(one.feed_a)), _between(_feeds(one.feed_b)),
-         _between(None if one.ratio is None else list(one.ratio)))
+        (
+            _where(one.a),
+            _where(one.b),
+            f"{one.s_a[0] / MM:.3f}",
+            f"{one.s_a[1] / MM:.3f}",
+            _between(_feeds(one.feed_a)),
+            _between(_feeds(one.feed_b)),
+            _between(None if one.ratio is None else list(one.ratio)),
+        )
         for one in feeds[:SHOWN]
-    ]  # fmt: skip
+    ]
     _print_table(("lines of A", "lines of B", "from s", "to s", "A", "B", "ratio"), rows)
     _say_rest(len(feeds) - SHOWN, "stretches")
 
@@ -235,10 +260,15 @@ def _print_times(found: Comparison) -> None:
     click.secho(f"time: {a.total:.3f} s in A, {b.total:.3f} s in B ({time_words(a)})", bold=True)
     worst = sorted(found.times, key=lambda one: -abs(one.time_b - one.time_a))[:SHOWN]
     rows = [
-        (_where(one.a), _where(one.b), f"{one.time_a:.4f}", f"{one.time_b:.4f}",
-         click.style(f"{one.time_b - one.time_a:+.4f}"))
+        (
+            _where(one.a),
+            _where(one.b),
+            f"{one.time_a:.4f}",
+            f"{one.time_b:.4f}",
+            click.style(f"{one.time_b - one.time_a:+.4f}"),
+        )
         for one in sorted(worst, key=lambda one: (one.a, one.b))
-    ]  # fmt: skip
+    ]
     _print_table(("lines of A", "lines of B", "A s", "B s", "B - A s"), rows)
     _say_rest(len(found.times) - SHOWN, "stretches, with smaller changes")
 
@@ -278,4 +308,30 @@ def _print_errors(errors: tuple[ContourError | None, ContourError | None] | None
 
 def page_view(found: Comparison, programs: Programs) -> dict[str, Any]:
     """Return what the page shows beside its pictures."""
-    return {**comparison_view(found, programs), "summary": summary(found, programs)}
+    return {**diff_view(found, programs), "summary": diff_summary(found, programs)}
+
+
+FAILURES_SHOWN = 20
+"""So many failures are listed as text."""
+
+
+def verdict_lines(verdict: Verdict) -> list[str]:
+    """Say in lines what is wrong, and what was looked at."""
+    looked = ", ".join(f"{number} {name}" for name, number in verdict.checked.items() if number)
+    seen = f"checked: {looked or 'the header'}"
+    if verdict.ok:
+        return ["ok: only what is declared was changed", seen]
+    lines = [failure.sentence() for failure in verdict.failures[:FAILURES_SHOWN]]
+    if verdict.found > len(lines):
+        lines.append(f"and {verdict.found - len(lines)} more")
+    return [*lines, f"failed: {counted(verdict.found, 'failure')}", seen]
+
+
+def verdict_view(verdict: Verdict) -> dict[str, Any]:
+    """Return the verdict as a JSON object."""
+    return {
+        "ok": verdict.ok,
+        "failures": [msgspec.to_builtins(failure) for failure in verdict.failures],
+        "found": verdict.found,
+        "checked": dict(verdict.checked),
+    }

@@ -1,4 +1,4 @@
-"""What a drawing holds and what became of it, for people and as JSON."""
+"""Text and JSON of an imported drawing."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from ph_post.files.drawing.chains import SAME, without_points
+from ph_post.files.drawing.convert import ImportedDrawing, extents_of
+from ph_post.files.drawing.shapes import UNITS, Drawing
 from ph_post.geometry.track import Track
-from ph_post.io.drawing.chains import without_points
-from ph_post.io.drawing.convert import Imported
-from ph_post.io.drawing.extents import extents_of
-from ph_post.io.drawing.joints import SAME
-from ph_post.io.drawing.record import UNITS, Drawing
 from ph_post.report.tables import NOTHING, counted, format_table
 from ph_post.types import Array
 from ph_post.units import MM
@@ -31,9 +29,12 @@ def list_view(drawing: Drawing) -> dict[str, Any]:
         box = extents_of(shape for run in runs if run.layer == layer for shape in run.shapes)
         layers.append({"name": layer, "entities": dict(sorted(kinds.items())), "extents": _box(box)})
     return {
-        "format": drawing.kind, "units": drawing.unit, "layers": layers,
-        "left_out": drawing.left_out, "warnings": list(drawing.notes),
-    }  # fmt: skip
+        "format": drawing.kind,
+        "units": drawing.unit,
+        "layers": layers,
+        "left_out": drawing.left_out,
+        "warnings": list(drawing.notes),
+    }
 
 
 def print_list(view: dict[str, Any], stream: TextIO | None = None) -> None:
@@ -55,7 +56,7 @@ def print_list(view: dict[str, Any], stream: TextIO | None = None) -> None:
         stream.write(f"{note}\n")
 
 
-def import_view(made: Imported, output: str | None) -> dict[str, Any]:
+def import_view(made: ImportedDrawing, output: str | None) -> dict[str, Any]:
     """Return what was imported; lengths in mm."""
     mm = float(UNITS[made.unit])
     track = Track(made.path)
@@ -64,24 +65,38 @@ def import_view(made: Imported, output: str | None) -> dict[str, Any]:
     contours, cutting = [], iter(lengths[~rapid].tolist())
     for contour in made.contours:
         ends = (contour.shapes[0].start, contour.shapes[-1].end)
-        contours.append({
-            "layer": contour.layer, "closed": contour.closed, "segments": len(contour.shapes),
-            "length": sum(next(cutting) for _ in contour.shapes),
-            "start": _point(ends[0] * mm), "end": _point(ends[1] * mm),
-        })  # fmt: skip
+        contours.append(
+            {
+                "layer": contour.layer,
+                "closed": contour.closed,
+                "segments": len(contour.shapes),
+                "length": sum(next(cutting) for _ in contour.shapes),
+                "start": _point(ends[0] * mm),
+                "end": _point(ends[1] * mm),
+            }
+        )
     box = extents_of(shape for contour in made.contours for shape in contour.shapes)
     joining = made.joining
     return {
-        "name": made.path.name, "output": output, "units": made.unit, "closed": made.path.closed,
-        "contours": contours, "segments": int((~rapid).sum()),
-        "length": float(lengths[~rapid].sum()), "rapid_length": float(lengths[rapid].sum()),
+        "name": made.path.name,
+        "output": output,
+        "units": made.unit,
+        "closed": made.path.closed,
+        "contours": contours,
+        "segments": int((~rapid).sum()),
+        "length": float(lengths[~rapid].sum()),
+        "rapid_length": float(lengths[rapid].sum()),
         "extents": _box(None if box is None else box * mm),
         "gaps": {
-            "closed": joining.gaps, "largest": joining.largest_gap * mm, "moved": joining.moved * mm,
-            "bridged": joining.bridges, "forks": joining.forks,
+            "closed": joining.gaps,
+            "largest": joining.largest_gap * mm,
+            "moved": joining.moved * mm,
+            "bridged": joining.bridges,
+            "forks": joining.forks,
         },
-        "left_out": made.drawing.left_out, "warnings": _warnings(made),
-    }  # fmt: skip
+        "left_out": made.drawing.left_out,
+        "warnings": _warnings(made),
+    }
 
 
 def print_import(view: dict[str, Any], stream: TextIO | None = None) -> None:
@@ -96,7 +111,7 @@ def print_import(view: dict[str, Any], stream: TextIO | None = None) -> None:
     )
 
 
-def _warnings(made: Imported) -> list[str]:
+def _warnings(made: ImportedDrawing) -> list[str]:
     left_out = [f"left out: {count} {what}" for what, count in made.drawing.left_out.items()]
     return left_out + list(made.notes)
 

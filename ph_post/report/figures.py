@@ -1,16 +1,20 @@
-"""Pictures, drawn with matplotlib and returned as bytes so that they are written like every other product."""
+"""Figures of paths, plans and backlash intervals, and the helpers that all figures share.
+
+Figures are drawn with matplotlib and returned as bytes, so that they are written like every other product.
+"""
 
 from __future__ import annotations
 
 import io
 import math
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ph_post.analysis import Analysis
-from ph_post.compensate.sample import place_and_feed
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate.motion import place_and_feed
+from ph_post.drive.intervals import AxisTable, IntervalTable
 from ph_post.errors import InputError
 from ph_post.types import Array, BoolArray, Phase, Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
@@ -18,6 +22,7 @@ from ph_post.units import MM, MM_PER_MIN, MS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 FORMATS = (".png", ".svg", ".pdf")
 """Picture formats that can be asked for, by the file's name."""
@@ -30,10 +35,10 @@ BEFORE, AFTER, WINDOW, MARK = "#8c96a0", "#0b62a4", "#f2a33a", "#c0392b"
 TWO = ("#c2570c", AFTER)
 """Of two that are compared, in the colours that the pages have for them."""
 
-SHOWN = 0.05
+ERROR_SHARE = 0.05
 """The largest error is drawn as large as this part of the path's extent."""
 
-MOST = 1e4
+LARGEST_MAGNIFICATION = 1e4
 """Errors are magnified by no more than this: what is smaller is rounding."""
 
 
@@ -54,9 +59,7 @@ def picture_format(target: str) -> str:
     """
     suffix = FilePath(target).suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(
-            target, "pictures come in other formats", expected=", ".join(FORMATS), got=repr(suffix)
-        )
+        raise InputError(target, "pictures come in other formats", expected=", ".join(FORMATS), got=repr(suffix))
     return suffix[1:]
 
 
@@ -77,9 +80,14 @@ def legend_above(axes: Axes, columns: int = 3) -> None:
     once = dict(zip(names, handles, strict=True))
     if once:
         axes.legend(
-            once.values(), once.keys(), frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0),
-            ncols=columns, fontsize="small",
-        )  # fmt: skip
+            once.values(),
+            once.keys(),
+            frameon=False,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            ncols=columns,
+            fontsize="small",
+        )
 
 
 def steps_of(points: Array, steps: BoolArray) -> Array:
@@ -131,10 +139,10 @@ def magnification(extent: float, error: float) -> float:
     """
     if error <= 0.0:
         return 1.0
-    wanted = SHOWN * extent / error
+    wanted = ERROR_SHARE * extent / error
     power = 10.0 ** math.floor(math.log10(wanted))
     rounded = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted)
-    return min(max(rounded, 1.0), MOST)
+    return min(max(rounded, 1.0), LARGEST_MAGNIFICATION)
 
 
 def draw_plan(analysis: Analysis, plan: Plan) -> Figure:
@@ -219,3 +227,32 @@ def _draw_feed(axes: Axes, plan: Plan) -> None:
 def _feed_along(phases: tuple[Phase, ...]) -> tuple[Array, Array]:
     within = np.linspace(0.0, 1.0, POINTS_A_PIECE)
     return place_and_feed(phases, np.concatenate([phase.start + phase.duration * within for phase in phases]))
+
+
+LINES: Final = 6
+"""Values of the coarser grid that get a line."""
+
+
+def draw_intervals(table: IntervalTable) -> Figure:
+    """Draw Δt of every axis on the first circle: along the finer grid, a line a value of the other."""
+    figure = new_figure(4.0 + 4.0 * len(table.axes), 4.2)
+    panels = figure.subplots(1, len(table.axes), squeeze=False, sharey=True)[0]
+    for axes, one in zip(panels, table.axes, strict=True):
+        _draw_axis(axes, table, one)
+    panels[0].set(ylabel="held in its gap [ms]")
+    circle = f"radius {table.radius[0] / MM:g} mm at {table.feed[0] / MM_PER_MIN:g} mm/min"
+    figure.suptitle(f"{table.machine}: {circle}")
+    return figure
+
+
+def _draw_axis(axes: Axes, table: IntervalTable, one: AxisTable) -> None:
+    duration = one.duration[0, 0] / MS
+    names, grids = ("β [1/s]", "C [rad/(m s²)]"), (table.beta, table.gain)
+    fine = int(table.gain.size >= table.beta.size)
+    rows = duration if fine else duration.T
+    kept = np.unique(np.linspace(0, len(rows) - 1, min(LINES, len(rows))).astype(np.int64))
+    for k in kept.tolist():
+        label = f"{names[1 - fine].split()[0]} = {grids[1 - fine][k]:g}"
+        axes.plot(grids[fine], rows[k], marker=".", linewidth=1.2, label=label)
+    axes.set(xlabel=names[fine], title=one.axis)
+    axes.legend(frameon=False, fontsize="small")

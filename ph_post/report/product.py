@@ -1,4 +1,4 @@
-"""What `report` makes of its input: a page, a picture and an object, each when it is asked for."""
+"""Page, figure and JSON object of the ``report`` command, each made when it is asked for."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from ph_post.report.assessments import error_view
+from ph_post.report.simulations import error_view
 from ph_post.report.traces import Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ph_post.audit.diff.record import Comparison
-    from ph_post.diagnose.record import Diagnosis
+    from ph_post.diff.records import Comparison
     from ph_post.report.diffs import Programs
     from ph_post.types import Log
+    from ph_post.types.diagnosis import Diagnosis
 
 
-class Product(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ReportProduct(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """How page, picture and JSON object of one input are made, and what there is to warn of."""
 
     page: Callable[[], str]
@@ -28,19 +28,21 @@ class Product(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...] = ()
 
 
-def motion_product(picture: Picture) -> Product:
+def motion_product(picture: Picture) -> ReportProduct:
     """Make a path or a program to be looked at."""
-    from ph_post.report.motionpage import motion_page
+    from ph_post.report.motion_page import motion_page
 
     def figure() -> Figure:
-        from ph_post.report.picture_figures import draw_picture
+        from ph_post.report.motion_figures import draw_picture
 
         return draw_picture(picture)
 
-    return Product(
-        page=lambda: motion_page(picture), figure=figure, view=lambda: picture_view(picture),
+    return ReportProduct(
+        page=lambda: motion_page(picture),
+        figure=figure,
+        view=lambda: picture_view(picture),
         warnings=picture.warnings,
-    )  # fmt: skip
+    )
 
 
 def picture_view(picture: Picture) -> dict[str, Any]:
@@ -52,7 +54,8 @@ def picture_view(picture: Picture) -> dict[str, Any]:
             {
                 **mark.view,
                 "error": {
-                    "before": error_view(before.turning[number]), "after": error_view(after.turning[number]),
+                    "before": error_view(before.turning[number]),
+                    "after": error_view(after.turning[number]),
                 },
             }
             for number, mark in enumerate(picture.marks)
@@ -62,38 +65,42 @@ def picture_view(picture: Picture) -> dict[str, Any]:
         "error_worst": {"before": error_view(before.worst), "after": error_view(after.worst)},
         "unchanged": len(picture.traces) == 1,
         "warnings": list(picture.warnings),
-    }  # fmt: skip
+    }
 
 
-def diff_product(found: Comparison, programs: Programs) -> Product:
+def diff_product(found: Comparison, programs: Programs) -> ReportProduct:
     """Make two programs to be looked at."""
-    from ph_post.report.diffpage import diff_page
-    from ph_post.report.diffs import comparison_view
+    from ph_post.report.diff_page import diff_page
+    from ph_post.report.diffs import diff_view
 
     def figure() -> Figure:
-        from ph_post.report.diff_figures import draw_comparison
+        from ph_post.report.diff_page import draw_diff
 
-        return draw_comparison(found, programs)
+        return draw_diff(found, programs)
 
-    return Product(
-        page=lambda: diff_page(found, programs), figure=figure,
-        view=lambda: {"kind": "comparison", **comparison_view(found, programs)}, warnings=found.notes,
-    )  # fmt: skip
+    return ReportProduct(
+        page=lambda: diff_page(found, programs),
+        figure=figure,
+        view=lambda: {"kind": "comparison", **diff_view(found, programs)},
+        warnings=found.notes,
+    )
 
 
-def diagnosis_product(found: Diagnosis, log: Log) -> Product:
+def diagnosis_product(found: Diagnosis, log: Log) -> ReportProduct:
     """Make a diagnosis to be looked at."""
     from ph_post.report.diagnoses import diagnosis_view, effort_units
-    from ph_post.report.diagnosispage import diagnosis_page
+    from ph_post.report.diagnosis_page import diagnosis_page
 
     efforts = effort_units(log)
 
     def figure() -> Figure:
-        from ph_post.report.diagnosisfigures import draw_diagnosis
+        from ph_post.report.diagnosis_figures import draw_diagnosis
 
         return draw_diagnosis(found, efforts)
 
-    return Product(
-        page=lambda: diagnosis_page(found, log.name, efforts), figure=figure,
-        view=lambda: {"kind": "diagnosis", **diagnosis_view(found, efforts)}, warnings=log.warnings,
-    )  # fmt: skip
+    return ReportProduct(
+        page=lambda: diagnosis_page(found, log.name, efforts),
+        figure=figure,
+        view=lambda: {"kind": "diagnosis", **diagnosis_view(found, efforts)},
+        warnings=log.warnings,
+    )

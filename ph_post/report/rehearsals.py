@@ -1,4 +1,4 @@
-"""What a rehearsal showed, as text, as JSON and as a picture."""
+"""Text, JSON and figure of a rehearsal on LinuxCNC."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ph_post.audit.rehearse import Execution, Rehearsal
-from ph_post.report.assessments import error_view
+from ph_post.rehearse.rehearse import Execution, Rehearsal
 from ph_post.report.figures import AFTER, BEFORE, MARK, legend_above, new_figure
+from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.units import MM, MM_PER_MIN
 
@@ -48,9 +48,7 @@ def rehearsal_lines(found: Rehearsal, name: str) -> list[str]:
         _error_table(found),
     ]
     if not found.lockstep:
-        lines.append(
-            "run as time passes on the wall: how long dwells take depends on how busy this computer is"
-        )
+        lines.append("run as time passes on the wall: how long dwells take depends on how busy this computer is")
     return lines
 
 

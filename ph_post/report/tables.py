@@ -8,10 +8,10 @@ from typing import Any, TextIO
 
 import msgspec
 
-from ph_post.analysis import Analysis, feed_at
+from ph_post.analysis.path_analysis import Analysis, feed_at
+from ph_post.analysis.turning_points import Certificate
 from ph_post.compensate.plan import cycle_time
 from ph_post.report.views import crossings_at, radius, strategy_at, windows_by_point
-from ph_post.turning import Certificate
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -59,9 +59,7 @@ def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:
     rows = []
     for point in analysis.turning_points:
         window = windows.get(point.index)
-        half, bound = (
-            (NOTHING, NOTHING) if window is None else _window_cells(window.half_length, window.limited_by)
-        )
+        half, bound = (NOTHING, NOTHING) if window is None else _window_cells(window.half_length, window.limited_by)
         rows.append((*_place_cells(point), half, bound, *(_gap_cells(analysis, point) if gap else ())))
     stream.write(_heading(analysis))
     if rows:
@@ -81,9 +79,16 @@ def _place_cells(point: TurningPoint) -> tuple[str, ...]:
     circle = radius(point)
     size = NOTHING if circle is None else f"{circle / MM:.4g}"
     return (
-        str(point.index), point.kind, point.axis, point.sense, str(point.segment), f"{point.xi:.6f}",
-        f"{point.position / MM:.4f}", f"{point.s / MM:.3f}", size,
-    )  # fmt: skip
+        str(point.index),
+        point.kind,
+        point.axis,
+        point.sense,
+        str(point.segment),
+        f"{point.xi:.6f}",
+        f"{point.position / MM:.4f}",
+        f"{point.s / MM:.3f}",
+        size,
+    )
 
 
 def _window_cells(half_length: float, limited_by: str | None) -> tuple[str, str]:
@@ -174,8 +179,7 @@ def chosen_words(plan: Plan) -> str:
     Such as ``takeup at #0, #2; nothing at #1, #3``.
     """
     return "; ".join(
-        f"{'nothing' if name == 'none' else name} at {_numbers(indices)}"
-        for name, indices in chosen_at(plan).items()
+        f"{'nothing' if name == 'none' else name} at {_numbers(indices)}" for name, indices in chosen_at(plan).items()
     )
 
 

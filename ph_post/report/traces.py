@@ -1,24 +1,30 @@
-"""A motion as it is drawn: where the table is, how far off the path, at what feed; and what turns where.
-
-There is one form of it, whether it was planned along a path or read from a program.
-"""
+"""Motions to be drawn: executed path, error and feed, of planned paths and of part programs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import PurePath
 from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
-from ph_post.analysis import Analysis
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.programs import CompensatedProgram
 from ph_post.compensate.comparison import plain
 from ph_post.compensate.offsets import command_of
+from ph_post.compensate.strategies.base import silent
+from ph_post.gcode.program import PartProgram
 from ph_post.geometry.track import Track
+from ph_post.report.programs import TurningPlace, turning_places, warnings_of
 from ph_post.report.views import View, strategy_at, turning_point_views, window_number, windows_by_point
 from ph_post.simulate.assess import assess
-from ph_post.simulate.contour import ContourError, Nominal, TurningError
-from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario
+from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
+from ph_post.simulate.controllers.deviation import CutPath, program_error
+from ph_post.simulate.controllers.run import run_program
+from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario, TurningPoint
+from ph_post.units import MM
 
 Points = Callable[[Array], Array]
 """Points of a path (n, dimension) [m] at places along it (n,) [m]."""
@@ -30,7 +36,7 @@ CHORDS: Final = 64
 """Points that a piece of a path, or a full turn of a program, is drawn with at least."""
 
 
-class Trace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class DrawnMotion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One motion along the path, a row a servo period, SI units.
 
     `s` (n,) is the place along the path that is commanded, `foot` (n, dimension) the point of the path next
@@ -86,7 +92,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     points: Points
     joints: Array
     marks: tuple[Mark, ...]
-    traces: tuple[Trace, ...]
+    traces: tuple[DrawnMotion, ...]
     machine: Machine
     strategy: str
     warnings: tuple[str, ...]
@@ -115,11 +121,20 @@ def path_picture(analysis: Analysis, plan: Plan, warnings: Sequence[str] = ()) -
     named = [("as it is", before), *([] if _alike(before, after) else [("compensated", after)])]
     traces = [_path_trace(name, command, analysis, plan.machine, nominal) for name, command in named]
     return Picture(
-        name=analysis.path.name, kind="path", axes=analysis.path.axes, length=track.length,
-        closed=track.closed, points=nominal.places, joints=_path_joints(track),
-        marks=_path_marks(analysis, plan, nominal), traces=tuple(traces), machine=plan.machine,
-        strategy=plan.strategy, warnings=(*plan.warnings, *warnings), rapids=_rapid_segments(analysis),
-    )  # fmt: skip
+        name=analysis.path.name,
+        kind="path",
+        axes=analysis.path.axes,
+        length=track.length,
+        closed=track.closed,
+        points=nominal.places,
+        joints=_path_joints(track),
+        marks=_path_marks(analysis, plan, nominal),
+        traces=tuple(traces),
+        machine=plan.machine,
+        strategy=plan.strategy,
+        warnings=(*plan.warnings, *warnings),
+        rapids=_rapid_segments(analysis),
+    )
 
 
 def _alike(one: Command, other: Command) -> bool:
@@ -128,14 +143,24 @@ def _alike(one: Command, other: Command) -> bool:
     return a.shape == b.shape and bool((np.abs(a - b) < SAME).all())
 
 
-def _path_trace(name: str, command: Command, analysis: Analysis, machine: Machine, nominal: Nominal) -> Trace:
+def _path_trace(name: str, command: Command, analysis: Analysis, machine: Machine, nominal: Nominal) -> DrawnMotion:
     found = assess(command, machine, nominal, analysis.turning_points)
     foot = nominal.places(found.nearest.s)
-    return Trace(
-        name=name, t=command.t, s=command.s, feed=command.feed, foot=foot, away=found.run.executed - foot,
-        error=found.nearest.error, counted=np.arange(command.t.size) >= found.first, size=found.error,
-        worst=found.error_worst, worst_scenario=found.worst, run=found.run, turning=found.turning,
-    )  # fmt: skip
+    return DrawnMotion(
+        name=name,
+        t=command.t,
+        s=command.s,
+        feed=command.feed,
+        foot=foot,
+        away=found.run.executed - foot,
+        error=found.nearest.error,
+        counted=np.arange(command.t.size) >= found.first,
+        size=found.error,
+        worst=found.error_worst,
+        worst_scenario=found.worst,
+        run=found.run,
+        turning=found.turning,
+    )
 
 
 def _path_marks(analysis: Analysis, plan: Plan, nominal: Nominal) -> tuple[Mark, ...]:
@@ -147,10 +172,11 @@ def _path_marks(analysis: Analysis, plan: Plan, nominal: Nominal) -> tuple[Mark,
         window, number = windows.get(point.index), window_number(plan, point)
         profile = None if number is None else plan.profiles[number]
         told = {
-            **view, "strategy": strategy_at(plan, point),
+            **view,
+            "strategy": strategy_at(plan, point),
             "ratio": None if profile is None else profile.ratio,
             "notes": () if profile is None else profile.notes,
-        }  # fmt: skip
+        }
         span = None if window is None else (window.s - window.half_length, window.s + window.half_length)
         marks.append(Mark(s=point.s, window=span, view=told, point=tuple(place)))
     return tuple(marks)
@@ -171,3 +197,108 @@ def _rapid_segments(analysis: Analysis) -> tuple[tuple[float, float], ...]:
         for k, number in enumerate(track.segment.tolist())
         if analysis.path.segments[number].rapid
     )
+
+
+def program_picture(
+    delivery: CompensatedProgram,
+    machine: Machine,
+    tolerance: float,
+    strategy: str,
+    tell: Callable[[str], None] = silent,
+) -> Picture:
+    """Run a program as it was and as compensated on the models of controller and drives."""
+    original = delivery.before
+    path = CutPath(original, machine)
+    tell("locating turning points, windows and backlash intervals")
+    turns = turning_places(delivery, machine, tolerance)
+    places = [_places_of(one, path) for one in turns]
+    points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
+    both = [("as it is", original)]
+    both += [("compensated", delivery.after)] if delivery.after.data != original.data else []
+    traces = []
+    for name, program in both:
+        tell(f"running the program {name} on the models of controller and drives")
+        traces.append(_program_trace(name, program, original, machine, path, points))
+    axes = traces[0].run.axes
+    at = path.points(np.array([point.s for point in points]), axes).tolist()
+    marks = tuple(_program_mark(*one, delivery.done) for one in zip(turns, places, map(tuple, at), strict=True))
+    rapid = np.flatnonzero(path.legs.rapid == 1.0)
+    return Picture(
+        name=PurePath(original.name).name,
+        kind="program",
+        axes=axes,
+        closed=False,
+        length=float(path.starts[-1]),
+        points=lambda s: path.points(s, axes),
+        joints=_joints(path),
+        marks=marks,
+        traces=tuple(traces),
+        machine=machine,
+        strategy=strategy,
+        warnings=warnings_of(delivery),
+        rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
+    )
+
+
+def _places_of(turn: TurningPlace, path: CutPath) -> tuple[float, float, float]:
+    """Place a turning point on the program, and the ends of its window, if it has one [m]."""
+    window = turn.window
+    reach = 0.0 if window is None else window.half_length
+    middle = turn.point.s if window is None else window.s
+    wanted = np.array([turn.point.s, middle - reach, middle + reach])
+    s, low, high = path.place_of(*turn.path.to_motions(wanted)).tolist()
+    return s, low, high
+
+
+def _program_mark(turn: TurningPlace, places: tuple[float, float, float], point: tuple[float, ...], done: bool) -> Mark:
+    """Tell of a turning point; of a program compensated before nobody knows what was done where."""
+    s, low, high = places
+    profile = turn.view["profile"]
+    told = {
+        **turn.view,
+        "s": s / MM,
+        "ratio": None if profile is None else profile["ratio"],
+        "notes": () if profile is None else profile["notes"],
+        **({"strategy": "compensated before"} if done else {}),
+    }
+    return Mark(s=s, window=None if turn.window is None else (low, high), view=told, point=point)
+
+
+def _program_trace(
+    name: str,
+    program: PartProgram,
+    original: PartProgram,
+    machine: Machine,
+    path: CutPath,
+    points: Sequence[TurningPoint],
+) -> DrawnMotion:
+    command = run_program(program, machine)
+    found = program_error(command, machine, original)
+    _, feet = path.feet(found.run, found.place)
+    foot = path.points(feet, found.run.axes)
+    rows = found.counted
+    return DrawnMotion(
+        name=name,
+        t=command.t,
+        s=found.place,
+        feed=command.feed,
+        foot=foot,
+        away=found.run.executed - foot,
+        error=found.distance,
+        counted=rows,
+        size=found.error,
+        worst=found.error_worst,
+        worst_scenario=found.worst,
+        run=found.run,
+        turning=turning_errors(found.distance[rows], found.place[rows], points),
+        line=original.motions.block[found.motion].astype(np.int64) + 1,
+    )
+
+
+def _joints(path: CutPath) -> Array:
+    """Places between which a program is drawn with straight lines: ends of legs, and points on arcs."""
+    turns = np.abs(path.legs.sweep) / (2.0 * np.pi)
+    parts = np.where(path.legs.radius > 0.0, np.ceil(CHORDS * turns), 1.0).astype(np.int64)
+    leg = np.repeat(np.arange(parts.size), parts)
+    share = (np.arange(leg.size) - (np.cumsum(parts) - parts)[leg]) / parts[leg]
+    return np.append(path.starts[leg] + share * path.legs.length[leg], path.starts[-1])

@@ -1,1 +1,1 @@
-"""The whole machine in simulation: commanded motion in, executed motion and contour error out."""
+"""Simulation of the whole machine: commanded motion in, executed motion and contour error out."""

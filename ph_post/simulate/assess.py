@@ -1,4 +1,4 @@
-"""How far a command leaves the path, on all the machines that a machine file leaves possible."""
+"""Contour error of a command on every machine that a machine file leaves possible."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ph_post.simulate.contour import (
     first_counted,
     turning_errors,
 )
-from ph_post.simulate.machine import first_flank, simulate, trace_of
+from ph_post.simulate.machine import axis_command, first_flank, simulate
 from ph_post.types import Array, Axis, Command, Machine, Pickup, Run, Scenario, TurningPoint
 
 T = TypeVar("T")
@@ -76,7 +76,7 @@ def assess(
     tried : sequence of Scenario, optional
         In place of those of :func:`scenarios`.
     """
-    tried = tuple(tried) or scenarios(machine, command.axes, at_rest(command))
+    tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
     first = first_counted(command, machine)
     errors = contour_errors(command, machine, nominal, tried)
     decides = _largest(errors, [k for k, one in enumerate(tried) if _is_nominal(one)] or range(1))
@@ -87,21 +87,28 @@ def assess(
     signed, s = nearest.error[first:], command.s[first:]
     loop = nominal.length if nominal.closed and command.feed[0] != 0.0 else None
     return Assessment(
-        scenarios=tried, errors=errors, error=errors[decides], error_worst=errors[worst], worst=tried[worst],
-        error_gap=contour_error(added), run=run, nearest=nearest, first=first,
+        scenarios=tried,
+        errors=errors,
+        error=errors[decides],
+        error_worst=errors[worst],
+        worst=tried[worst],
+        error_gap=contour_error(added),
+        run=run,
+        nearest=nearest,
+        first=first,
         turning=turning_errors(signed, s, turning_points, loop),
         turning_gap=turning_errors(added, s, turning_points, loop),
-    )  # fmt: skip
+    )
 
 
 def contour_errors(
     command: Command, machine: Machine, nominal: Nominal, tried: Iterable[Scenario]
 ) -> tuple[ContourError | None, ...]:
     """Contour error in each scenario, side by side; no run is kept."""
-    return in_each(command, machine, nominal, tried, contour_error)
+    return for_each_scenario(command, machine, nominal, tried, contour_error)
 
 
-def in_each(
+def for_each_scenario(
     command: Command,
     machine: Machine,
     nominal: Nominal,
@@ -123,18 +130,16 @@ def in_each(
         return (measure(first_of_all), *pool.map(measure, others))
 
 
-def at_rest(command: Command) -> tuple[str, ...]:
+def resting_axes(command: Command) -> tuple[str, ...]:
     """Name the axes that rest at the first row, where only the file can tell the flank."""
     return tuple(
         name
         for number, name in enumerate(command.axes)
-        if name not in command.flanks and trace_of(command, number).speed == 0.0
+        if name not in command.flanks and axis_command(command, number).speed == 0.0
     )
 
 
-def scenarios(
-    machine: Machine, axes: Sequence[str], resting: Collection[str] | None = None
-) -> tuple[Scenario, ...]:
+def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | None = None) -> tuple[Scenario, ...]:
     """List the machines that a file leaves possible, those at the file's values first.
 
     Tried are, all axes alike: both initial flanks where an axis that rests at the beginning does not say its
@@ -154,7 +159,7 @@ def scenarios(
 
     Examples
     --------
-    >>> from ph_post.io.machinefile import read_machine
+    >>> from ph_post.drive.machinefile import read_machine
     >>> [len(scenarios(read_machine(name), ("X", "Y"))) for name in ("mill", "paper", "router")]
     [30, 10, 6]
     """
@@ -174,9 +179,7 @@ def scenarios(
     return _distinct(found, drives, resting)
 
 
-def _distinct(
-    found: Iterable[Scenario], drives: Sequence[Axis], resting: Collection[str]
-) -> tuple[Scenario, ...]:
+def _distinct(found: Iterable[Scenario], drives: Sequence[Axis], resting: Collection[str]) -> tuple[Scenario, ...]:
     kept: list[Scenario] = []
     seen: list[object] = []
     for scenario in found:
@@ -209,9 +212,7 @@ def _largest(errors: Sequence[ContourError | None], among: Iterable[int]) -> int
     return max(among, key=size)
 
 
-def _measured(
-    command: Command, machine: Machine, nominal: Nominal, scenario: Scenario
-) -> tuple[Run, Nearest]:
+def _measured(command: Command, machine: Machine, nominal: Nominal, scenario: Scenario) -> tuple[Run, Nearest]:
     run = simulate(command, machine, scenario)
     nearest = nominal.nearest(run.executed, command.s)
     if nominal.dimension > 2:

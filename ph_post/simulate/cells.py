@@ -75,8 +75,8 @@ class Cells(NamedTuple):
     tie: float
 
 
-class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Stretches of pieces between two arc lengths [m], with one-sided ends.
+class CellSpans(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """CellSpans of pieces between two arc lengths [m], with one-sided ends.
 
     `piece`, `s0`, `s1` (m,); `first`, `last` (2, m, 3) are position [m] and unit tangent.
     """
@@ -88,18 +88,18 @@ class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     last: Array
 
 
-def cut_path(track: Track, tolerance: float) -> tuple[Stretches, float]:
+def cut_path(track: Track, tolerance: float) -> tuple[CellSpans, float]:
     """Cut a path so finely that the cubics in arc length follow it.
 
     Returns
     -------
-    stretches : Stretches
+    stretches : CellSpans
     deviation : float
         The largest distance of a cubic from the path at the points compared [m].
     """
     tangents = track.tangents()
     piece, s0, s1 = _first_cut(track)
-    done: list[Stretches] = []
+    done: list[CellSpans] = []
     deviation, count = 0.0, 0
     while piece.size:
         cells = _measure_ends(track, tangents, piece, s0, s1)
@@ -134,15 +134,13 @@ def _subdivide(piece: IntArray, s0: Array, s1: Array, parts: IntArray) -> tuple[
     return piece[row], low, high
 
 
-def _measure_ends(
-    track: Track, tangents: tuple[Array, Array], piece: IntArray, s0: Array, s1: Array
-) -> Stretches:
+def _measure_ends(track: Track, tangents: tuple[Array, Array], piece: IntArray, s0: Array, s1: Array) -> CellSpans:
     first, last = _points(track, piece, s0), _points(track, piece, s1)
     begins, ends = s0 <= track.starts[piece], s1 >= track.starts[piece + 1]
     dim = track.dimension
     first[1, begins, :dim] = tangents[0][piece[begins]]
     last[1, ends, :dim] = tangents[1][piece[ends]]
-    return Stretches(piece=piece, s0=s0, s1=s1, first=first, last=last)
+    return CellSpans(piece=piece, s0=s0, s1=s1, first=first, last=last)
 
 
 def _points(track: Track, piece: IntArray, s: Array) -> Array:
@@ -156,7 +154,7 @@ def _points(track: Track, piece: IntArray, s: Array) -> Array:
     return values
 
 
-def _deviations(track: Track, cells: Stretches) -> Array:
+def _deviations(track: Track, cells: CellSpans) -> Array:
     power = powers(cells)
     off = np.zeros(cells.s0.size)
     for w in CHECKS:
@@ -166,7 +164,7 @@ def _deviations(track: Track, cells: Stretches) -> Array:
     return off
 
 
-def powers(cells: Stretches) -> Array:
+def powers(cells: CellSpans) -> Array:
     """Coefficients of the cubic Hermite interpolants, shape (m, 4, 3) [m]."""
     length = (cells.s1 - cells.s0)[:, None]
     p, a, b = cells.first[0], length * cells.first[1], length * cells.last[1]
@@ -174,8 +172,8 @@ def powers(cells: Stretches) -> Array:
     return np.stack([p, a, 3.0 * chord - 2.0 * a - b, a + b - 2.0 * chord], axis=1)
 
 
-def _take(cells: Stretches, rows: BoolArray) -> Stretches:
-    return Stretches(
+def _take(cells: CellSpans, rows: BoolArray) -> CellSpans:
+    return CellSpans(
         piece=cells.piece[rows],
         s0=cells.s0[rows],
         s1=cells.s1[rows],
@@ -184,11 +182,11 @@ def _take(cells: Stretches, rows: BoolArray) -> Stretches:
     )
 
 
-def _in_order(parts: list[Stretches]) -> Stretches:
+def _in_order(parts: list[CellSpans]) -> CellSpans:
     piece = np.concatenate([part.piece for part in parts])
     s0 = np.concatenate([part.s0 for part in parts])
     order = np.lexsort((s0, piece))
-    return Stretches(
+    return CellSpans(
         piece=piece[order],
         s0=s0[order],
         s1=np.concatenate([part.s1 for part in parts])[order],
@@ -197,7 +195,7 @@ def _in_order(parts: list[Stretches]) -> Stretches:
     )
 
 
-def make_cells(stretches: Stretches, loop: float, tie: float) -> Cells:
+def make_cells(stretches: CellSpans, loop: float, tie: float) -> Cells:
     """Gather what the search needs."""
     power = powers(stretches)
     a, b, c = (np.linalg.norm(power[:, k], axis=1) for k in (1, 2, 3))
@@ -215,7 +213,7 @@ def make_cells(stretches: Stretches, loop: float, tie: float) -> Cells:
     return Cells(np.concatenate(parts, axis=1), window, capsule, nodes, loop, tie)
 
 
-def _windows(cells: Stretches, bend: Array, reach: Array) -> tuple[IntArray, Array, Array]:
+def _windows(cells: CellSpans, bend: Array, reach: Array) -> tuple[IntArray, Array, Array]:
     """Neighbours that join each cell smoothly and turn by little: first, last, and bounds over them all."""
     joined = np.linalg.norm(cells.first[1, 1:] - cells.last[1, :-1], axis=1) <= SMOOTH
     above, widest_above, total_above = _extend(joined, bend, reach)
@@ -238,7 +236,7 @@ def _extend(joined: BoolArray, bend: Array, reach: Array) -> tuple[Array, Array,
     return count, widest, total
 
 
-def _leaf_radii(cells: Stretches) -> Array:
+def _leaf_radii(cells: CellSpans) -> Array:
     """Distance of the inner Bézier points from the chord: the cubic lies in the hull of the four."""
     p, q = cells.first[0], cells.last[0]
     third = (cells.s1 - cells.s0)[:, None] / 3.0

@@ -1,4 +1,4 @@
-"""Contour error: how far the executed motion is from the nominal path."""
+"""Contour error: the distance of the executed motion from the nominal path."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.compiling import read_only
 from ph_post.errors import InputError
 from ph_post.geometry.track import Track
 from ph_post.simulate.cells import EPS, cut_path, make_cells
-from ph_post.simulate.compiling import read_only
 from ph_post.simulate.nearest import find_nearest
 from ph_post.types import Array, Command, IntArray, Machine, TurningPoint
 

@@ -1,8 +1,8 @@
-"""The compiled engine: exact steps of linear modes, and the instants at which one gives way to another.
+"""The compiled engine: exact steps of linear modes, and the instants at which one mode gives way to another.
 
 A step of any length is a sum of steps of h/2^k, whose matrices are made beforehand; so the instant at which a
 guard changes sign is found by bisection with exact states, without exponentials and without an iteration
-that could fail. What is stepped is D = exp(A t) - 1, so that short steps lose nothing.
+that could fail. The stepped matrix is D = exp(A t) - 1, so that short steps lose nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ph_post.simulate.compiling import compiled, inner
+from ph_post.compiling import compiled, inner
 from ph_post.types import Array, IntArray
 
 LEVELS: Final = 30
@@ -34,7 +34,7 @@ BEND: Final = 4.0 / 27.0
 """Largest value on [0, 1] of the cubic with slope 1 at one end, and else 0 there and at the other."""
 
 SETTLED: Final = 60
-"""Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.widening`."""
+"""Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.plant`."""
 
 STATES: Final = 5
 WIDTH: Final = 13
@@ -114,7 +114,7 @@ def half_gap(table: float, gap: Array) -> float:
     return float(0.5 * max(whole, 0.0))
 
 
-class Modes(NamedTuple):
+class ModeTables(NamedTuple):
     """The modes of one axis as the engine takes them, see :class:`~ph_post.drive.automaton.Automaton`.
 
     `tables` are those of :func:`step_tables`, `slopes` the guards' rates of change; `static` [m] and `scale`
@@ -193,7 +193,7 @@ def _first_broken(guards: Array, noise: Array, count: int, mode: int, y: Array, 
 
 
 @inner
-def _broken(modes: Modes, mode: int, y: Array) -> int:
+def _broken(modes: ModeTables, mode: int, y: Array) -> int:
     """Return the first guard of a mode that does not hold, or -1."""
     return _first_broken(modes.guards, modes.noise, modes.counts[mode], mode, y, modes.plain)
 
@@ -222,9 +222,16 @@ def _least(before: float, after: float, falls: float, rises: float) -> float:
 
 @inner
 def _may_dip(
-    guards: Array, slopes: Array, noise: Array, count: int, mode: int, y: Array, after: Array, length: float,
+    guards: Array,
+    slopes: Array,
+    noise: Array,
+    count: int,
+    mode: int,
+    y: Array,
+    after: Array,
+    length: float,
     plain: bool,
-) -> bool:  # fmt: skip
+) -> bool:
     """Whether a guard breaks at an end or between both, going by the cubic through them."""
     for number in range(count):
         before, last = _value(guards, mode, number, y, plain), _value(guards, mode, number, after, plain)
@@ -240,16 +247,23 @@ def _may_dip(
 
 
 @inner
-def _is_forced(modes: Modes) -> bool:
+def _is_forced(modes: ModeTables) -> bool:
     """Whether a force of the state acts that is not linear in it."""
     return modes.static != 0.0 or modes.waves.shape[0] > 0
 
 
 @inner
 def _set_force(
-    y: Array, trial: Array, moving: int, direction: int, static: float, scale: float, waves: Array,
-    step: Array, length: float,
-) -> None:  # fmt: skip
+    y: Array,
+    trial: Array,
+    moving: int,
+    direction: int,
+    static: float,
+    scale: float,
+    waves: Array,
+    step: Array,
+    length: float,
+) -> None:
     """Let g and q run linearly over a step.
 
     A step that holds them tells where it ends. g runs from its value to that one; q, which the place gives,
@@ -273,7 +287,7 @@ def _set_force(
 
 
 @inner
-def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, length: float) -> int:
+def _attempt(y: Array, trial: Array, mode: int, modes: ModeTables, step: Array, length: float) -> int:
     """Take a step into `trial`, and return the guard that does not hold behind it, or -1."""
     if _is_forced(modes):
         _set_force(
@@ -292,7 +306,7 @@ def _attempt(y: Array, trial: Array, mode: int, modes: Modes, step: Array, lengt
 
 
 @inner
-def _follow(modes: Modes, mode: int, y: Array) -> None:
+def _follow(modes: ModeTables, mode: int, y: Array) -> None:
     """Keep motor and table, while they touch, half the gap apart that is at the table's place."""
     contact = modes.contacts[mode]
     if contact == 0:
@@ -317,7 +331,7 @@ def _accept(y: Array, trial: Array) -> None:
 
 @inner
 def _close_in(
-    y: Array, trial: Array, mode: int, modes: Modes, level: int, period: float, number: int
+    y: Array, trial: Array, mode: int, modes: ModeTables, level: int, period: float, number: int
 ) -> tuple[int, int]:
     """Advance to the instant at which a guard breaks within a step of h/2^level, by bisection.
 
@@ -342,7 +356,7 @@ def _close_in(
 
 
 @inner
-def _change(y: Array, trial: Array, mode: int, modes: Modes, number: int) -> int:
+def _change(y: Array, trial: Array, mode: int, modes: ModeTables, number: int) -> int:
     """Reset the state where a guard ends a mode, and return the mode it goes on in."""
     if modes.gap.size > 0 and modes.holds != SPRING:
         _follow(modes, mode, y)
@@ -359,9 +373,7 @@ def _change(y: Array, trial: Array, mode: int, modes: Modes, number: int) -> int
 
 
 @inner
-def _note(
-    instants: Array, log: IntArray, count: int, t: float, before: int, after: int
-) -> tuple[Array, IntArray, int]:
+def _note(instants: Array, log: IntArray, count: int, t: float, before: int, after: int) -> tuple[Array, IntArray, int]:
     """Write a change of mode down, in logs of twice the length where they are full."""
     if count == instants.size:
         more, longer = np.empty(2 * count), np.empty((2 * count, 2), dtype=np.int64)
@@ -374,8 +386,8 @@ def _note(
 
 @inner
 def _go_on(
-    y: Array, trial: Array, mode: int, modes: Modes, left: int, period: float, heed: bool
-) -> tuple[int, int]:  # fmt: skip
+    y: Array, trial: Array, mode: int, modes: ModeTables, left: int, period: float, heed: bool
+) -> tuple[int, int]:
     """Take the longest step that the rest of a sample has room for, or go as far as the mode lasts.
 
     Returns
@@ -394,9 +406,21 @@ def _go_on(
         number = _attempt(y, trial, mode, modes, modes.tables[mode, level], length)
         if heed and number >= 0:
             return _close_in(y, trial, mode, modes, level, period, number)
-        if not heed or level >= FINE or not _may_dip(
-            modes.guards, modes.slopes, modes.noise, modes.counts[mode], mode, y, trial, length, modes.plain
-        ):  # fmt: skip
+        if (
+            not heed
+            or level >= FINE
+            or not _may_dip(
+                modes.guards,
+                modes.slopes,
+                modes.noise,
+                modes.counts[mode],
+                mode,
+                y,
+                trial,
+                length,
+                modes.plain,
+            )
+        ):
             _accept(y, trial)
             return -1, whole >> level
         level += 1
@@ -417,9 +441,17 @@ def _push(y: Array, force: Array, k: int, period: float) -> None:
 
 @inner
 def _cruise(
-    y: Array, trial: Array, mode: int, modes: Modes, command: Array, period: float, force: Array, k: int,
-    table: Array, motor: Array,
-) -> tuple[int, int]:  # fmt: skip
+    y: Array,
+    trial: Array,
+    mode: int,
+    modes: ModeTables,
+    command: Array,
+    period: float,
+    force: Array,
+    k: int,
+    table: Array,
+    motor: Array,
+) -> tuple[int, int]:
     """Go on from sample k in the longest steps, as long as no guard breaks or may dip.
 
     Returns
@@ -456,8 +488,15 @@ def _cruise(
 
 @compiled
 def advance(
-    command: Array, period: float, z: Array, mode: int, modes: Modes, force: Array, table: Array, motor: Array
-) -> tuple[int, Array, IntArray]:  # fmt: skip
+    command: Array,
+    period: float,
+    z: Array,
+    mode: int,
+    modes: ModeTables,
+    force: Array,
+    table: Array,
+    motor: Array,
+) -> tuple[int, Array, IntArray]:
     """Run one axis through the samples of a command that is linear between them.
 
     Parameters
@@ -469,7 +508,7 @@ def advance(
     z : Array, shape (STATES,)
         State at the first sample; holds that at the last one afterwards.
     mode : int
-    modes : Modes
+    modes : ModeTables
     force : Array, shape (n,) or (0,)
         Further force on the body that feels friction, linear between samples, F/K [m]; (0,) is none.
     table, motor : Array, shape (n,)

@@ -1,4 +1,4 @@
-"""The whole machine in simulation: every axis of a command as the hybrid automaton of its drive.
+"""Simulate a command on the machine: every axis as the hybrid automaton of its drive, with cutting forces.
 
 References
 ----------
@@ -13,32 +13,76 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compiling import read_only
 from ph_post.drive.automaton import STATES, Automaton, Key, build_automaton
 from ph_post.drive.effects import plant_of
-from ph_post.drive.following import delayed
-from ph_post.drive.plant import Plant, force_on
-from ph_post.drive.reading import TRUE, read_table
-from ph_post.drive.widening import gap_at, table_behind
+from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, table_behind
 from ph_post.simulate import kernel
-from ph_post.simulate.compiling import read_only
-from ph_post.simulate.cutting import cutting_force, path_velocity
-from ph_post.simulate.modes import level_for, modes_of
-from ph_post.simulate.slow import SlowAxis
+from ph_post.simulate.slow import SlowAxis, level_for, modes_of
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
+
+STANDSTILL: Final = 1e-9
+"""Feeds up to this [m/s] are rounding: nothing is cut."""
+
+
+def cutting_force(plant: Plant, velocity: Array, number: int) -> Array:
+    """Return what resists one axis while the tool cuts, F/K [m].
+
+    Along the path that is F (|v|/v_0)^k, and the axis has its component of it, times v_i/|v|; at a
+    standstill there is none. Nobody tells rapids and cuts apart: a rapid cuts too.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of which only `cutting` counts: F [m], v_0 [m/s] and k of each force.
+    velocity : Array, shape (n, dim)
+        Of all axes of the path [m/s].
+    number : int
+        Column of the axis.
+
+    Returns
+    -------
+    Array, shape (n,)
+
+    Examples
+    --------
+    >>> plant = Plant(feedback="load", b=5e-4, c=5e-3, cutting=((1e-5, 0.01, 1.0),))
+    >>> cutting_force(plant, np.array([[0.0, 0.0], [0.03, 0.04], [-0.06, 0.08]]), 0)
+    array([ 0.e+00,  3.e-05, -6.e-05])
+    """
+    speed = np.linalg.norm(velocity, axis=1)
+    cuts = speed > STANDSTILL
+    feed = np.where(cuts, speed, 1.0)
+    along = np.zeros(speed.size)
+    for force, at, exponent in plant.cutting:
+        along += force * (feed / at) ** exponent
+    return np.asarray(np.where(cuts, along * velocity[:, number] / feed, 0.0))
+
+
+def path_velocity(command: Command) -> Array:
+    """Return the velocity of the path's points (n, dim) [m/s] by central differences of a command's rows.
+
+    What the command has beyond the path (a gap that is crossed, a lead) is no motion of the tool.
+    """
+    path = command.position if command.offset is None else command.position - command.offset
+    if len(path) == 1:
+        return np.zeros_like(path)
+    return np.asarray(np.gradient(path, command.period, axis=0))
+
 
 AT_REST: Final = 1e-12
 """Speeds at the first sample up to this [m/s] are none."""
 
 NO_FORCE: Final = np.zeros(0)
 
-AS_IT_IS: Final = Scenario()
+NOMINAL_SCENARIO: Final = Scenario()
 """What the machine file says, and standstill and the flank "+" where it leaves that open."""
 
 _FORWARD: Final = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 """First derivative at the first of five equidistant samples, of fourth order."""
 
 
-def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) -> Run:
+def simulate(command: Command, machine: Machine, scenario: Scenario = NOMINAL_SCENARIO) -> Run:
     """Run a command on a machine.
 
     Between rows the command is linear. An axis that moves at the first row starts on the path with the
@@ -57,7 +101,7 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     Returns
     -------
     Run
-        `executed` is what is read of the tables (:func:`ph_post.drive.reading.read_table`), the time counted
+        `executed` is what is read of the tables (:func:`ph_post.drive.plant.read_table`), the time counted
         from the first row on.
     """
     plants = {name: plant_of(machine.axes[name], scenario) for name in command.axes}
@@ -66,7 +110,7 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     events: list[Event] = []
     for number, (name, plant) in enumerate(plants.items()):
         flank = command.flanks.get(name) or first_flank(machine.axes[name], scenario)
-        trace = trace_of(command, number)
+        trace = axis_command(command, number)
         if plant.cutting:
             trace = trace._replace(force=cutting_force(plant, path_velocity(command), number))
         tables[name], motor[:, number], changes = run_plant(trace, plant, flank, command.period)
@@ -74,13 +118,19 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = AS_IT_IS) 
     since = command.t - command.t[0]
     executed = np.stack([read_table(plants[name], since, tables[name], tables) for name in plants], axis=1)
     return Run(
-        axes=command.axes, period=command.period, scenario=scenario, t=command.t, s=command.s,
-        commanded=command.position, executed=sealed(executed), motor=sealed(motor),
+        axes=command.axes,
+        period=command.period,
+        scenario=scenario,
+        t=command.t,
+        s=command.s,
+        commanded=command.position,
+        executed=sealed(executed),
+        motor=sealed(motor),
         events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
-    )  # fmt: skip
+    )
 
 
-class Trace(NamedTuple):
+class AxisCommand(NamedTuple):
     """What one axis is commanded.
 
     `position` (n,) [m], place and speed of the path at the beginning, and when that is [s]; `force` (n,) is
@@ -103,7 +153,7 @@ class Changes(NamedTuple):
     log: IntArray
 
 
-def trace_of(command: Command, number: int) -> Trace:
+def axis_command(command: Command, number: int) -> AxisCommand:
     """Take one axis out of a command."""
     position = np.ascontiguousarray(command.position[:, number])
     path = position[:5] if command.offset is None else position[:5] - command.offset[:5, number]
@@ -111,7 +161,7 @@ def trace_of(command: Command, number: int) -> Trace:
     if command.feed[0] != 0.0 and path.size == _FORWARD.size:
         speed = float(_FORWARD @ path) / command.period
     speed = 0.0 if abs(speed) <= AT_REST else speed
-    return Trace(position, float(path[0]), speed, float(command.t[0]))
+    return AxisCommand(position, float(path[0]), speed, float(command.t[0]))
 
 
 def first_flank(axis: Axis, scenario: Scenario) -> int:
@@ -121,12 +171,12 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
     return 1 if flank == "+" else -1
 
 
-def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
+def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
     """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes.
 
     The table is where it is, not what screw or scale make its reading.
     """
-    linear = replace(plant, forces=(), cutting=(), reading=TRUE)
+    linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
     automaton = build_automaton(linear)
     command = read_only(delayed(trace.position, plant.command_delay / period))
     z, first = _start(trace, plant, automaton, flank)
@@ -143,7 +193,7 @@ def run_plant(trace: Trace, plant: Plant, flank: int, period: float) -> tuple[Ar
     return delayed(table, plant.reading_delay / period), motor, changes
 
 
-def _start(trace: Trace, plant: Plant, automaton: Automaton, flank: int) -> tuple[Array, int]:
+def _start(trace: AxisCommand, plant: Plant, automaton: Automaton, flank: int) -> tuple[Array, int]:
     """State and mode at the first sample.
 
     The table of a `load` loop starts on the path; the motor of the others where its servo lags behind the

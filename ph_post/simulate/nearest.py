@@ -1,7 +1,7 @@
-"""The nearest place of a path of cubic cells, compiled.
+"""Compiled search for the nearest place of a path of cubic cells.
 
-A search goes through the tree of capsules and looks into those cells only that could be nearer than what is
-known already: it finds the nearest over the whole path, whatever the path does. It leaves behind a clearance,
+A search goes through the tree of capsules and looks only into cells that could be nearer than the best place
+known: it finds the nearest place of the whole path, whatever the path does. It leaves behind a clearance,
 a bound of the distance to everything outside a few neighbouring cells. As the motion goes on, other places
 come nearer by no more than it has moved; while they cannot be nearest, it is enough to follow the minimum
 along the neighbours, which is the only one there where the squared distance is convex.
@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
+from ph_post.compiling import compiled, inner
 from ph_post.simulate.cells import BEND, LENGTH, REACH, TANGENT, WIDE_BEND, WIDE_REACH, Cells, S
-from ph_post.simulate.compiling import compiled, inner
 from ph_post.types import Array, IntArray
 
 NEWTON_STEPS = 12
@@ -83,9 +83,7 @@ def find_nearest(position: Array, hint: Array, first: int, cells: Cells) -> tupl
 
 
 @inner
-def _walk(
-    x: float, y: float, z: float, cell: int, low: int, high: int, table: Array
-) -> tuple[int, float, float]:
+def _walk(x: float, y: float, z: float, cell: int, low: int, high: int, table: Array) -> tuple[int, float, float]:
     """Go down to a minimum inside a window of cells that join smoothly: cell, w in it, and distance."""
     w, distance = _foot(x, y, z, cell, 0.5, table)
     while (w == 1.0 and cell < high) or (w == 0.0 and cell > low):
@@ -287,9 +285,7 @@ def _foot_in_parts(x: float, y: float, z: float, cell: int, table: Array) -> tup
 
 
 @inner
-def _bracketed(
-    x: float, y: float, z: float, low: float, high: float, cell: int, table: Array
-) -> tuple[float, float]:
+def _bracketed(x: float, y: float, z: float, low: float, high: float, cell: int, table: Array) -> tuple[float, float]:
     """Minimum between two slopes of opposite sign, w and squared distance: Newton's method, or bisection."""
     w = 0.5 * (low + high)
     first, second, square = _slope(x, y, z, w, cell, table)

@@ -1,7 +1,7 @@
 """One turning point simulated as the paper does it: one gap, on one axis, opened once and by hand at t = 0.
 
 Outside of that standstill both axes follow the loop without any gap, although they reverse again where the
-feed is retrograde or the axis rings: whatever rests on this mode is to be checked with the whole machine,
+feed is retrograde or the axis rings: check every result of this mode with the whole machine,
 :mod:`ph_post.simulate.machine`.
 
 References
@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
-from ph_post.drive.modulated import modulated_interval
+from ph_post.drive.backlash import modulated_interval
 from ph_post.drive.servo import propagate
 from ph_post.errors import InputError, SolveError
 from ph_post.types import Array, Axis, Servo, frozen
@@ -99,9 +99,12 @@ def simulate_turning_point(
         at_rest = np.stack([x_i, np.zeros(1)])
         executed[after, :1] = _follow(axis.servo, grid[after], commanded[after, :1], at_rest)
     return PaperRun(
-        t=frozen(grid), commanded=frozen(commanded), executed=frozen(executed),
-        duration=duration, pickup=pickup,
-    )  # fmt: skip
+        t=frozen(grid),
+        commanded=frozen(commanded),
+        executed=frozen(executed),
+        duration=duration,
+        pickup=pickup,
+    )
 
 
 def _duration(axis: Axis, position: Callable[[Array], Array], x_i: float, horizon: float) -> float:

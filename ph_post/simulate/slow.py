@@ -1,23 +1,80 @@
-"""The slow engine: one axis with forces that are Python functions, part of a sample after part.
+"""Modes of a plant for the engines, and the slow engine: one axis with forces that are Python functions.
 
-Over a part the forces are taken as linear, from their value at its beginning to that at its end, which a step
-with the forces held predicts: wrong by the square of the part. All else is exact, as in the compiled engine,
-which takes these steps. A part whose two halves end elsewhere is halved, so that a force may be steep, and
-may jump where the direction does.
+Over a part of a sample the forces are taken as linear, from their value at its beginning to that at its end,
+which a step with the forces held predicts: wrong by the square of the part. All else is exact, as in the
+compiled engine, which takes these steps. A part whose two halves end elsewhere is halved, so that a force may
+be steep, and may jump where the direction does.
 """
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
-from ph_post.drive.plant import Plant, force_on
-from ph_post.drive.reading import TRUE
+from ph_post.drive.automaton import build_automaton
+from ph_post.drive.plant import TRUE_READING, Plant, force_on
 from ph_post.simulate import kernel
-from ph_post.simulate.modes import modes_of
-from ph_post.types import Array, IntArray, sealed
+from ph_post.types import Array, IntArray, frozen, sealed
+
+TURN: Final = 0.1
+"""Radians of a cogging wave over which its parabola is as good as the wave: wrong by 1e-5 of its size."""
+
+
+@lru_cache(maxsize=512)
+def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
+    """Return the modes of a plant for steps of a period [s]."""
+    automaton = build_automaton(plant)
+    static = plant.static if plant.stribeck_speed else 0.0
+    return kernel.ModeTables(
+        tables=kernel.step_tables(automaton.rates, period),
+        counts=automaton.counts,
+        guards=automaton.guards,
+        slopes=frozen(np.matmul(automaton.guards, automaton.rates)),
+        noise=automaton.noise,
+        targets=automaton.targets,
+        resets=automaton.resets,
+        directions=automaton.directions,
+        moving=automaton.moving,
+        static=static,
+        scale=plant.stribeck_speed,
+        waves=frozen(np.reshape([_wave(*one) for one in plant.cogging], (-1, 3))),
+        gap=frozen(() if plant.widening is None else (plant.gap, *astuple(plant.widening))),
+        holds=_holds(plant),
+        contacts=automaton.contacts,
+        plain=static == 0.0 and not plant.cogging and plant.widening is None,
+        level=kernel.FORCED if static or plant.cogging else 0,
+    )
+
+
+def level_for(plant: Plant, command: Array) -> int:
+    """Into how many parts, as a power of 2, the samples of a command [m] are cut.
+
+    Stribeck friction is steep near standstill, wherever the command goes. Cogging alone needs parts over
+    which no wave turns by more than TURN.
+    """
+    if plant.static and plant.stribeck_speed:
+        return kernel.FORCED
+    if not plant.cogging or command.size < 2:
+        return 0
+    shortest = min(period for _, period, _ in plant.cogging)
+    turn = 2.0 * math.pi * float(np.abs(np.diff(command)).max()) / shortest
+    return min(max(math.ceil(math.log2(max(turn, TURN) / TURN)), 0), kernel.FINE)
+
+
+def _wave(amplitude: float, period: float, phase: float) -> tuple[float, float, float]:
+    return amplitude, 2.0 * math.pi / period, phase
+
+
+def _holds(plant: Plant) -> int:
+    """Say what keeps motor and table a gap apart while they touch."""
+    if plant.windup_frequency:
+        return kernel.SPRING
+    return kernel.TABLE if plant.feedback == "load" else kernel.PLAY
+
 
 NEGLIGIBLE: Final = 1e-9
 """What the force of a part may be wrong by, F/K [m]; the table is off by no more than that."""
@@ -53,10 +110,8 @@ class SlowAxis:
     def __init__(self, plant: Plant, command: Array, period: float, begin: float, given: Array) -> None:
         self.plant, self.command, self.period, self.begin = plant, command, period, begin
         self.given = given if given.size else np.zeros(command.size)
-        linear = replace(plant, forces=(), cutting=(), reading=TRUE)
-        self.modes = [
-            modes_of(linear, period / 2.0**level)._replace(plain=False) for level in range(DEEPEST + 1)
-        ]
+        linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
+        self.modes = [modes_of(linear, period / 2.0**level)._replace(plain=False) for level in range(DEEPEST + 1)]
 
     def run(self, z: Array, mode: int, table: Array, motor: Array) -> tuple[Array, IntArray]:
         """Run through all samples.

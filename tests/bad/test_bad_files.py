@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from ph_post.cli.main import main
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
+from ph_post.files.path import read_path
 
 HERE = Path(__file__).parent
 CIRCLE = HERE.parents[1] / "paths" / "circle.json"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from ph_post.edit.inputs import read_program_file
 from ph_post.errors import InputError
-from ph_post.io.programfile import read_program_file
 
 HERE = Path(__file__).parent / "languages"
 DIALECTS = {".h": "heidenhain", ".i": "heidenhain-iso", ".nc": "fanuc"}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.io.readlog import read_log
+from ph_post.identify.readlog import read_log
 
 HERE = Path(__file__).parent / "logs"
 CASES = sorted(HERE.glob("*.error"))
@@ -32,16 +32,20 @@ def test_every_bad_log_has_its_line():
     [
         ("X_act", "no mapping of a column; expected NAME=SOURCE[*FACTOR]:UNIT, such as X_act=qm:m"),
         ("X_akt=pos:mm", 'no name of a column; expected X_act; got "X_akt"'),
-        ("A_act=pos:mm", "axis A cannot be taken: drives are known of straight axes only; "
-                         "expected X, Y or Z; got A_act"),
+        (
+            "A_act=pos:mm",
+            "axis A cannot be taken: drives are known of straight axes only; expected X, Y or Z; got A_act",
+        ),
         ("X_act=pos:N", 'not a unit of X_act; expected one of mm, m, um, µm, μm, inch; got "N"'),
         ("t=pos:min", 'not a unit of t; expected one of s, ms, us; got "min"'),
-        ("X_force=vir:V", 'not a unit of X_force; '
-                          'expected a factor to N, such as X_force=vir*35.15:N; got "V"'),
+        (
+            "X_force=vir:V",
+            'not a unit of X_force; expected a factor to N, such as X_force=vir*35.15:N; got "V"',
+        ),
         ("X_force=vir*0:N", 'no factor; expected a number other than 0; got "0"'),
         ("X_force=vir*two:N", 'no factor; expected a number other than 0; got "two"'),
     ],
-)  # fmt: skip
+)
 def test_a_bad_mapping_is_refused_in_one_line(mapping, words, monkeypatch):
     monkeypatch.chdir(HERE)
     with pytest.raises(InputError) as refusal:

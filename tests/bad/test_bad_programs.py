@@ -8,8 +8,8 @@ import pytest
 from support.canon import needs_rs274, run_rs274
 
 from ph_post.cli import main as command
+from ph_post.edit.inputs import read_program_file
 from ph_post.errors import InputError
-from ph_post.io.programfile import read_program_file
 
 HERE = Path(__file__).parent / "programs"
 CASES = sorted(HERE.glob("*.error"))

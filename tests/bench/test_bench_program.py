@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 from support.corpus import stepper
 
-from ph_post.audit.diff.compare import compare_programs
-from ph_post.audit.verify import verify
-from ph_post.gcode.paths.build import paths_of
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.splice.header import declare
-from ph_post.gcode.splice.lasting import plan_offsets
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.write import splice
+from ph_post.dialects.registry import find_dialect
+from ph_post.diff.compare import compare_programs
+from ph_post.edit.edits import EditOptions
+from ph_post.edit.header import declare
+from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.write import apply_edits
+from ph_post.gcode.paths import paths_of
+from ph_post.gcode.read import read_program
+from ph_post.verify.verify import verify
 
 RS274 = shutil.which("rs274")
 LINES, MILLION = 200_000, 1_000_000
@@ -47,8 +47,7 @@ def spline_program(lines: int, shift: float = 0.0) -> bytes:
     radius = 40.0 + 10.0 * np.sin(0.146 * t)
     columns = (60.0 + radius * np.cos(t) + shift, 60.0 + radius * np.sin(t), -5.0 * t / t[-1])
     rows = [
-        f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F600"
-        for x, y, z in zip(*(column.tolist() for column in columns), strict=True)
+        f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F600" for x, y, z in zip(*(column.tolist() for column in columns), strict=True)
     ]
     return "\n".join(["G21 G90 G17 G94 G64 P0.01", "G0 X100 Y60 Z5", *rows, "M2", ""]).encode()
 
@@ -71,7 +70,7 @@ class Clock:
 
 def compensate(data: bytes, judge: bool = False) -> tuple[bytes, Clock]:
     """Read, search, splice and write; with fitting and the judge on request."""
-    clock, machine, dialect, options = Clock(), stepper(), find_dialect("linuxcnc"), SpliceOptions()
+    clock, machine, dialect, options = Clock(), stepper(), find_dialect("linuxcnc"), EditOptions()
     program = read_program(data, "program")
     clock("read")
     if judge:
@@ -80,7 +79,7 @@ def compensate(data: bytes, judge: bool = False) -> tuple[bytes, Clock]:
     edits = plan_offsets(program, machine, dialect, options)
     clock("search")
     declaration = declare(program, edits, machine, dialect, options, options_digest="0" * 64)
-    output = splice(program, edits, dialect, declaration)
+    output = apply_edits(program, edits, dialect, declaration)
     clock("write")
     if judge:
         assert verify(program, read_program(output, "output"), tolerance=options.tolerance).ok
@@ -103,9 +102,12 @@ def interpreted(data: bytes, folder) -> float:
         start = time.perf_counter()
         with (folder / "out").open("wb") as out:
             subprocess.run(
-                [str(RS274), "-g", str(file)], stdout=out, stderr=subprocess.DEVNULL, check=True,
+                [str(RS274), "-g", str(file)],
+                stdout=out,
+                stderr=subprocess.DEVNULL,
+                check=True,
                 env={**os.environ, "HOME": str(folder)},
-            )  # fmt: skip
+            )
         times.append(time.perf_counter() - start)
     return min(times)
 

@@ -20,7 +20,7 @@ MEMORY = 20
 READ = """
 import resource, sys, time
 from pathlib import Path
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 read_program(b"G21 G90 F100\\nG0 X0 Y0\\nG1 X1\\nG2 X2 I0.5\\nM2\\n", "small")
 data = Path(sys.argv[1]).read_bytes()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -46,9 +46,7 @@ def test_a_program_is_read_faster_than_linuxcnc_interprets_it(tmp_path: Path) ->
     file = tmp_path / "large.ngc"
     write_program(file)
     line = [sys.executable, "-c", READ, str(file), str(LINES)]
-    seconds, size = map(
-        float, subprocess.run(line, capture_output=True, check=True, text=True).stdout.split()
-    )
+    seconds, size = map(float, subprocess.run(line, capture_output=True, check=True, text=True).stdout.split())
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
     subprocess.run([str(RS274), "-g", str(file)], capture_output=True, check=True, cwd=tmp_path)
@@ -56,9 +54,7 @@ def test_a_program_is_read_faster_than_linuxcnc_interprets_it(tmp_path: Path) ->
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     theirs = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     times = size / file.stat().st_size
-    told = (
-        f"read {seconds:.2f} s, rs274 {theirs:.2f} s ({wall:.2f} s by the clock), {times:.1f} times the file"
-    )
+    told = f"read {seconds:.2f} s, rs274 {theirs:.2f} s ({wall:.2f} s by the clock), {times:.1f} times the file"
     sys.stdout.write(told + "\n")
     assert seconds < theirs
     assert times < MEMORY

@@ -95,9 +95,7 @@ def test_a_minute_of_two_axes_against_solve_ivp():
         fast = min(fast, time.perf_counter() - start)
     start = time.perf_counter()
     # The first axis starts at its turning point, on the flank "+".
-    theirs = np.stack(
-        [integrate(position[:, 0], 1e-300, 1e-9), integrate(position[:, 1], AMPLITUDE * OMEGA, 1e-9)]
-    )
+    theirs = np.stack([integrate(position[:, 0], 1e-300, 1e-9), integrate(position[:, 1], AMPLITUDE * OMEGA, 1e-9)])
     slow = time.perf_counter() - start
     apart = np.abs(ours.executed.T - theirs).max()
     sys.stdout.write(

@@ -8,9 +8,8 @@ import time
 
 import numpy as np
 
-from ph_post.drive.settled import find_orbit
-from ph_post.drive.sweep import settled_orbits, with_motor
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.drive.steady_state import find_orbit, steady_intervals, with_motor
 
 AIM = 10
 SAMPLE = 20
@@ -20,10 +19,10 @@ def test_a_grid_is_solved_many_times_faster_than_pair_by_pair() -> None:
     axis = read_machine("paper").axes["X"]
     swing = (0.25, math.pi / 6.0)
     beta, gain = np.linspace(0.5, 2.0, 100), np.linspace(1e5, 2e5, 100)
-    settled_orbits(axis.servo, axis.gap, *swing, beta[:2], gain[:2])
+    steady_intervals(axis.servo, axis.gap, *swing, beta[:2], gain[:2])
     find_orbit(axis.servo, axis.gap, *swing)  # both warm
     start = time.perf_counter()
-    settled_orbits(axis.servo, axis.gap, *swing, beta, gain)
+    steady_intervals(axis.servo, axis.gap, *swing, beta, gain)
     ours = (time.perf_counter() - start) / (beta.size * gain.size)
     start = time.perf_counter()
     for one in gain[:SAMPLE].tolist():

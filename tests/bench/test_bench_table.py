@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ph_post.geometry import bernstein
-from ph_post.geometry.curves import ph_hermite
+from ph_post.geometry.ph import ph_hermite
 from ph_post.geometry.track import Track
 
 EPS = np.finfo(float).eps
@@ -54,7 +54,5 @@ def test_rows_of_a_table_against_brentq():
     theirs = row_by_row(track, s[some])
     slow = (time.perf_counter() - start) / SAMPLE
     assert np.abs(ours[some] - theirs).max() < 1e-14
-    sys.stdout.write(
-        f"\nrow: {fast * 1e6:.3f} µs, with brentq {slow * 1e6:.1f} µs: {slow / fast:.0f} times\n"
-    )
+    sys.stdout.write(f"\nrow: {fast * 1e6:.3f} µs, with brentq {slow * 1e6:.1f} µs: {slow / fast:.0f} times\n")
     assert slow / fast >= AIM

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ph_post.analysis.osculating import find_windows
+from ph_post.analysis.turning_points import find_turning_points
 from ph_post.geometry.curves import Bezier
 from ph_post.geometry.track import Track
-from ph_post.osculating import find_windows
-from ph_post.turning import find_turning_points
 from ph_post.types import Array
 
 SEGMENTS = 10_000

@@ -13,7 +13,7 @@ from support.axis import MISSING, WHY_NOT, Axis, running_axis
 from support.pipelines import ROOT
 from support.shop import SLOT
 
-from ph_post.gcode.splice.undo import undo
+from ph_post.edit.undo import undo
 
 pytestmark = [pytest.mark.skipif(bool(MISSING), reason=WHY_NOT), pytest.mark.slow]
 

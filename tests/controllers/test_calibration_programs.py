@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.rehearsing import HERE, WHY_NOT
 
-from ph_post.audit.linuxcnc.run import run_on_linuxcnc
-from ph_post.diagnose.kit import calibration_kit
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.rehearse.linuxcnc import run_on_linuxcnc
+from ph_post.testprograms.kit import calibration_kit
 
 pytestmark = pytest.mark.skipif(not HERE, reason=WHY_NOT)
 

@@ -14,20 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ph_post.audit.rehearse import original_of
-from ph_post.audit.verify import verify
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.freecadinstall import install, macro_folders
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.freecad import install, macro_folders
+from ph_post.gcode.read import read_program
+from ph_post.rehearse.rehearse import original_of
+from ph_post.verify.verify import verify
 
 ROOT = Path(__file__).parents[2]
 JOB = ROOT / "tests" / "support" / "freecad_job.py"
 COMMAND = shutil.which("freecadcmd")
 
 pytestmark = [
-    pytest.mark.skipif(
-        COMMAND is None, reason="FreeCAD is not installed here (apt-get install freecad-python3)"
-    ),
+    pytest.mark.skipif(COMMAND is None, reason="FreeCAD is not installed here (apt-get install freecad-python3)"),
     pytest.mark.slow,
 ]
 
@@ -41,7 +39,7 @@ REFUSED = {
     "unknown post": ("backlash", "--machine=router --post=none", "--post=none: FreeCAD has no such"),
     "their argument": ("backlash", "--machine=router --post=linuxcnc --precision", "expected one argument"),
     "their dialect": ("backlash", "--machine=stepper --post=linuxcnc --strict", "ph-post: program:"),
-}  # fmt: skip
+}
 """Arguments that cannot be served, and the line that FreeCAD shows."""
 
 POSTED = 4
@@ -67,10 +65,14 @@ def posted(tmp_path_factory):
         *((post, arguments, "kept.ngc") for post, arguments, _ in REFUSED.values()),
     ]
     environment = {
-        "PATH": os.environ["PATH"], "HOME": str(folder), "PH_POST": str(ph_post), "OPENBLAS_NUM_THREADS": "1",
+        "PATH": os.environ["PATH"],
+        "HOME": str(folder),
+        "PH_POST": str(ph_post),
+        "OPENBLAS_NUM_THREADS": "1",
         "PH_JOB_POSTS": json.dumps([(post, words, str(folder / name)) for post, words, name in posts]),
-        "PH_JOB_FOLDER": str(folder), "PH_JOB_REPORT": str(folder / "report.json"),
-    }  # fmt: skip
+        "PH_JOB_FOLDER": str(folder),
+        "PH_JOB_REPORT": str(folder / "report.json"),
+    }
     assert COMMAND is not None
     run = subprocess.run(
         [COMMAND, str(JOB)],
@@ -97,9 +99,7 @@ def test_all_programs_are_posted(posted):
 
 
 def test_without_curves_only_what_is_declared_differs_from_what_freecad_posts(posted):
-    verdict = verify(
-        program(posted, PLAIN), program(posted, LINES), tolerance=5e-6, machine=read_machine("router")
-    )
+    verdict = verify(program(posted, PLAIN), program(posted, LINES), tolerance=5e-6, machine=read_machine("router"))
     assert verdict.ok, verdict.failures
 
 

@@ -7,9 +7,9 @@ import shutil
 import pytest
 from support.rehearsing import HERE, WHY_NOT
 
-from ph_post.audit.linuxcnc.run import NotInstalledError, run_on_linuxcnc
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.io.machinefile import read_machine
+from ph_post.rehearse.linuxcnc import NotInstalledError, run_on_linuxcnc
 
 needs_linuxcnc = pytest.mark.skipif(not HERE, reason=WHY_NOT)
 
@@ -23,9 +23,7 @@ def test_where_it_is_missing_it_says_how_to_install_it(monkeypatch: pytest.Monke
 @needs_linuxcnc
 def test_a_refused_program_is_told_by_its_line() -> None:
     text = b"G21 G90\nG0 X10 Y0\nG3 X0 Y10 I-10 J1 F1200\nM2\n"
-    with pytest.raises(
-        InputError, match=r"part\.ngc:3: LinuxCNC refuses the program; got Radius to end of arc"
-    ):
+    with pytest.raises(InputError, match=r"part\.ngc:3: LinuxCNC refuses the program; got Radius to end of arc"):
         run_on_linuxcnc(text, "part.ngc", read_machine("mill"))
 
 

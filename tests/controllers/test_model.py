@@ -9,10 +9,10 @@ import pytest
 from support.rehearsing import HERE, WHY_NOT
 from support.shop import figure_eight
 
-from ph_post.audit.linuxcnc.run import run_on_linuxcnc
-from ph_post.gcode.controller.run import run_program
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.read import read_program
+from ph_post.rehearse.linuxcnc import run_on_linuxcnc
+from ph_post.simulate.controllers.run import run_program
 
 pytestmark = pytest.mark.skipif(not HERE, reason=WHY_NOT)
 
@@ -64,8 +64,7 @@ def timed_dip() -> str:
         speed = 10.0 + 30.0 * min(1.0, (off / 0.25) ** 2)
         after = min(angle + speed * 0.005 / radius, math.tau)
         x, y, i, j = (
-            radius * f(a)
-            for f, a in ((math.cos, after), (math.sin, after), (math.cos, angle), (math.sin, angle))
+            radius * f(a) for f, a in ((math.cos, after), (math.sin, after), (math.cos, angle), (math.sin, angle))
         )
         lines.append(f"G3 X{x:.6f} Y{y:.6f} I{-i:.6f} J{-j:.6f} F{60.0 * speed:.3f}\n")
         angle = after

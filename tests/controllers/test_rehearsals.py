@@ -65,13 +65,11 @@ def test_in_corners_it_is_no_worse_than_the_controller(machine: str) -> None:
 def test_two_runs_are_the_same_to_the_last_bit() -> None:
     import numpy as np
 
-    from ph_post.audit.linuxcnc.run import run_on_linuxcnc
-    from ph_post.io.machinefile import read_machine
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.rehearse.linuxcnc import run_on_linuxcnc
 
     program = PROGRAMS["slot"].encode()
     one, two = (run_on_linuxcnc(program, "slot", read_machine("router")) for _ in range(2))
     if not (one.lockstep and two.lockstep):
-        pytest.skip(
-            "without a compiler, or as another user than root, LinuxCNC runs as time passes on the wall"
-        )
+        pytest.skip("without a compiler, or as another user than root, LinuxCNC runs as time passes on the wall")
     np.testing.assert_array_equal(one.position, two.position)

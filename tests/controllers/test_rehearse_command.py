@@ -43,9 +43,7 @@ def test_text_says_how_it_went(part: Path, capsys: pytest.CaptureFixture[str]) -
     assert "contour error [mm]" in said
 
 
-def test_what_linuxcnc_refuses_is_told_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_linuxcnc_refuses_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     place = tmp_path / "bad.ngc"
     place.write_text("G21 G90\nG1 X1 F100\nM999\nM2\n")
     assert main(["rehearse", str(place), "-m", "router"]) == 2

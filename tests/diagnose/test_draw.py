@@ -69,7 +69,5 @@ def test_every_effect_is_tried_ten_times_with_every_channel_set_that_can_show_it
         ("coulomb_friction", ("motor",), "motor", True),
     ],
 )
-def test_what_a_record_can_show_at_all(
-    name: str, channels: tuple[str, ...], feedback: str, expected: bool
-) -> None:
+def test_what_a_record_can_show_at_all(name: str, channels: tuple[str, ...], feedback: str, expected: bool) -> None:
     assert shows(name, channels, feedback) is expected

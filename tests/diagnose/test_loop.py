@@ -37,10 +37,16 @@ AS_FILED = (replace(TRUE[0], gap=5e-5, effects=()), TRUE[1])
 """What the file takes it for."""
 
 CIRCLE = {
-    "format": "ph-post-path", "version": 1, "name": "circle", "source": "by hand",
-    "units": "mm", "axes": ["X", "Y"], "feed": 1200, "closed": True,
+    "format": "ph-post-path",
+    "version": 1,
+    "name": "circle",
+    "source": "by hand",
+    "units": "mm",
+    "axes": ["X", "Y"],
+    "feed": 1200,
+    "closed": True,
     "segments": [{"type": "arc", "start": [12, 0], "end": [12, 0], "center": [0, 0], "turn": "ccw"}],
-}  # fmt: skip
+}
 
 MACHINE = """\
 name = "a router that nobody has measured for years"
@@ -101,9 +107,7 @@ def executed_error(table: Table, plants: tuple[Plant, ...]) -> float:
     A plant starts from rest at 0: it is given the command from where it stands.
     """
     begin = table.position[0]
-    moved = replace(
-        table, position=[[x - x0 for x, x0 in zip(row, begin, strict=True)] for row in table.position]
-    )
+    moved = replace(table, position=[[x - x0 for x, x0 in zip(row, begin, strict=True)] for row in table.position])
     x, y = (follow(p, moved, axis).table + begin[axis] for axis, p in enumerate(plants))  # type: ignore[arg-type]
     counted = np.arange(len(x)) * 1e-3 > SETTLED
     return float(np.max(np.abs(np.hypot(x, y) - RADIUS)[counted]))
@@ -144,9 +148,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def converted(folder: Path, machine: str) -> Table:
     table = folder / f"{machine}.csv"
-    run(
-        "convert", folder / "circle.json", "-m", folder / f"{machine}.toml", "--table", table, "--effort", 0.3
-    )
+    run("convert", folder / "circle.json", "-m", folder / f"{machine}.toml", "--table", table, "--effort", 0.3)
     return read_table(table)
 
 

@@ -64,15 +64,13 @@ def test_a_settled_axis_lags_by_c_v(feedback: str) -> None:
         (Hidden("cutting_force", {"force": 8e-6, "feed": 0.01, "exponent": 0.5}), CUT, -CUT),
         (Hidden("transport_delay", {"delay": 1e-3}), 2e-5, -2e-5),
         (
-            Hidden(
-                "stribeck_friction", {"force": 5e-6, "static_force": 9e-6, "stribeck_velocity": 0.01}
-            ),
+            Hidden("stribeck_friction", {"force": 5e-6, "static_force": 9e-6, "stribeck_velocity": 0.01}),
             5e-6 + 4e-6 * math.exp(-4.0),
             -5e-6 - 4e-6 * math.exp(-4.0),
         ),
     ],
     ids=lambda value: value.name if isinstance(value, Hidden) else "",
-)  # fmt: skip
+)
 def test_what_a_force_adds_to_the_lag(feedback: str, effect: Hidden, up: float, down: float) -> None:
     motion = follow(Plant(feedback, 1e-4, 6e-3, effects=(effect,)), RAMP)
     assert offset(motion, UP) - 1.2e-4 == pytest.approx(up, abs=1e-9)
@@ -101,9 +99,7 @@ def test_a_pick_up_keeps_what_it_is_told(kept: float) -> None:
     at = motion.times("pickup")[0]
     before = int(at / 1e-3)
     push = float(motion.drive[before])
-    w = (motion.motor[before] - motion.motor[before - 1]) / 1e-3 + push / (0.4 * 5e-4) * (
-        at - (before - 0.5) * 1e-3
-    )
+    w = (motion.motor[before] - motion.motor[before - 1]) / 1e-3 + push / (0.4 * 5e-4) * (at - (before - 0.5) * 1e-3)
     since = (before + 1) * 1e-3 - at
     expected = kept * 0.4 * w + (push - 6e-3 * kept * 0.4 * w) / 5e-4 * since
     assert float(motion.velocity[before + 1]) == pytest.approx(expected, rel=0.02)
@@ -149,9 +145,7 @@ def test_cogging_answers_as_the_loop_does() -> None:
 
 
 def test_circles_and_moves_are_smooth() -> None:
-    track = (
-        Track().move((0.01, 0.02), 0.05, 1.0).circle(0.01, 0.05, 1.0, 0.1).circle(-0.01, 0.05, 1.0, 0.1, 1.0)
-    )
+    track = Track().move((0.01, 0.02), 0.05, 1.0).circle(0.01, 0.05, 1.0, 0.1).circle(-0.01, 0.05, 1.0, 0.1, 1.0)
     t = np.linspace(0.0, track.end, 20001)
     for axis in (0, 1):
         place = np.array([track.command(axis)(each) for each in t])

@@ -22,12 +22,18 @@ TRUTH = {
 
 def result(**changed: Any) -> dict[str, Any]:
     plain = {
-        "key": "k", "kind": "single", "effects": ["coulomb_friction"], "channels": "act", "feedback": "motor",
-        "truths": [TRUTH], "apart": {"coulomb_friction": {"nothing": 1e5, "backlash": 1e4}},
+        "key": "k",
+        "kind": "single",
+        "effects": ["coulomb_friction"],
+        "channels": "act",
+        "feedback": "motor",
+        "truths": [TRUTH],
+        "apart": {"coulomb_friction": {"nothing": 1e5, "backlash": 1e4}},
         "verdict": "named",
         "findings": [{"name": "coulomb_friction", "axis": "X", "ambiguous_with": [], "parameters": {}}],
-        "noise_floor": 2e-7, "holdout": 2.5e-7,
-    }  # fmt: skip
+        "noise_floor": 2e-7,
+        "holdout": 2.5e-7,
+    }
     return plain | changed
 
 

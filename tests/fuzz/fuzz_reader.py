@@ -21,7 +21,7 @@ except ImportError:
 
 with atheris.instrument_imports(include=["ph_post"]):
     from ph_post.errors import InputError
-    from ph_post.gcode.reader.read import read_program
+    from ph_post.gcode.read import read_program
 
 WORDS = b"""
 G1 G2 G3 X Y1.5 I5 R F100 ( ) ; % / #1 [ ] = O100 sub endsub call <a> M2 M98 *71 @1 ^2 $H G91 G20 G5 G5.2 G5.3

@@ -9,9 +9,9 @@ import pytest
 from support.browser import Shown, numbers_after
 
 from ph_post.cli.main import main
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped
 from ph_post.geometry.track import Track
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import shipped
 
 HOW = ("oval", "-m", "mill", "--strategy", "suppress")
 PICTURES = ("#plane", "#error", "#feed")
@@ -28,9 +28,7 @@ def files(browser, tmp_path_factory):
         log, table = folder / f"{strategy}.csv", folder / f"{strategy}_table.csv"
         assert main(["simulate", *HOW[:3], "--strategy", strategy, "--log", str(log)]) == 0
         assert main(["convert", *HOW[:3], "--strategy", strategy, "--table", str(table)]) == 0
-        runs.append(
-            {**columns(log), **{name: one for name, one in columns(table).items() if name in "s feed"}}
-        )
+        runs.append({**columns(log), **{name: one for name, one in columns(table).items() if name in "s feed"}})
     return page, runs
 
 
@@ -195,9 +193,11 @@ def test_arrows_walk_along_the_path(oval):
 
 def test_buttons_show_and_hide(oval):
     for name, selector, count in (
-        ("as it is", ".run0", 3), ("compensated", ".run1", 3), ("windows", "rect.window, path.window", 12),
+        ("as it is", ".run0", 3),
+        ("compensated", ".run1", 3),
+        ("windows", "rect.window, path.window", 12),
         ("turning points", "circle.point", 4),
-    ):  # fmt: skip
+    ):
         button = oval.page.get_by_role("button", name=name, exact=True)
         assert (button.get_attribute("aria-pressed"), oval.count(selector)) == ("true", count)
         button.click()

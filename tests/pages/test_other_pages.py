@@ -9,7 +9,7 @@ from support.browser import Shown, numbers_after
 from support.diagnoses import diagnosis, each_verdict
 
 from ph_post.cli.main import main
-from ph_post.report.diagnosispage import diagnosis_page
+from ph_post.report.diagnosis_page import diagnosis_page
 
 OLD = "G21 G90 G94\nG0 X0 Y0\nG1 X40 F600\nG3 X40 Y20 J10\nG1 X0\nG3 X0 Y0 J-10\nM2\n"
 NEW = OLD.replace("G1 X40 F600", "G1 X20 Y0.05 F600\nX40 Y0 F300")
@@ -95,10 +95,16 @@ def test_every_verdict_is_shown_on_every_screen(browser, tmp_path, verdict, widt
 
 def line(name="line"):
     return {
-        "format": "ph-post-path", "version": 1, "name": name, "source": "a test", "units": "mm",
-        "axes": ["X", "Y"], "feed": 1200, "closed": False,
+        "format": "ph-post-path",
+        "version": 1,
+        "name": name,
+        "source": "a test",
+        "units": "mm",
+        "axes": ["X", "Y"],
+        "feed": 1200,
+        "closed": False,
         "segments": [{"type": "line", "points": [[0, 0], [30, 10]]}],
-    }  # fmt: skip
+    }
 
 
 def page_of(browser, folder, path, *more):
@@ -124,11 +130,7 @@ def test_a_path_without_a_window_is_shown(browser, tmp_path):
 def test_names_are_shown_as_they_are(browser, tmp_path):
     name = "</script><b onclick=alert(1)>&amp;\"'<!--@@data@@-->"
     shown = page_of(browser, tmp_path, line(name))
-    assert (
-        shown.page.locator("h1")
-        .inner_text()
-        .startswith("</script><b onclick=alert(1)>&amp;\"'<!--@@data@@-->")
-    )
+    assert shown.page.locator("h1").inner_text().startswith("</script><b onclick=alert(1)>&amp;\"'<!--@@data@@-->")
     assert shown.count("script") == 1
     assert shown.count("b[onclick]") == 0
     shown.require_quiet()
@@ -146,9 +148,7 @@ def test_a_program_of_one_axis_is_shown(browser, tmp_path):
     box = shown.page.locator("#feed").bounding_box()
     text = shown.point_at(x, box["y"] + 60)
     assert "line 4" in text
-    assert numbers_after(text, "s", "X", "feed") == pytest.approx(
-        [30.0, 10.0, 600.0], abs=0.5
-    )  # the table lags
+    assert numbers_after(text, "s", "X", "feed") == pytest.approx([30.0, 10.0, 600.0], abs=0.5)  # the table lags
     shown.require_quiet()
     shown.close()
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ph_post.analysis.osculating import deviation, find_windows
+from ph_post.analysis.turning_points import certify, find_turning_points
+from ph_post.files.path import read_path
 from ph_post.geometry.track import Track
-from ph_post.io.pathfile import read_path
-from ph_post.osculating import deviation, find_windows
-from ph_post.turning import certify, find_turning_points
 from ph_post.types import TurningPoint
 
 FIGURE = Path(__file__).parents[2] / "paths" / "figure1.json"
@@ -30,16 +30,12 @@ def point_on(track: Track, axis: str) -> TurningPoint:
     return point
 
 
-@pytest.mark.parametrize(
-    ("axis", "tolerance", "printed", "order"), [("X", 1e-6, 0.2411, 3), ("Y", 1e-5, 0.2033, 2)]
-)
+@pytest.mark.parametrize(("axis", "tolerance", "printed", "order"), [("X", 1e-6, 0.2411, 3), ("Y", 1e-5, 0.2033, 2)])
 def test_extents_of_figure_2(track: Track, axis: str, tolerance: float, printed: float, order: int) -> None:
     """Eq. (6) gives the printed extent 2|s|, and the true one differs by a few per cent."""
     point = point_on(track, axis)
     (window,) = (
-        one
-        for one in find_windows(track, find_turning_points(track), tolerance)
-        if one.turning_point == point.index
+        one for one in find_windows(track, find_turning_points(track), tolerance) if one.turning_point == point.index
     )
     assert 2.0 * window.estimate == pytest.approx(printed, abs=5e-5)
     assert window.contact_order == order

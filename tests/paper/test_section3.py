@@ -11,8 +11,15 @@ import pytest
 import sympy as sp
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, axis
 
-from ph_post.drive.forced import ANGLE, SPEED, free_motor_response
-from ph_post.drive.gap import freewheel, gap_constant, motor_gap, motor_motion, table_decay_rate, transmission
+from ph_post.drive.backlash import (
+    freewheel,
+    gap_constant,
+    motor_gap,
+    motor_motion,
+    table_decay_rate,
+    transmission,
+)
+from ph_post.drive.free_motor import ANGLE, SPEED, free_motor_response
 from ph_post.drive.harmonic import motion_after_pickup, open_gap
 from ph_post.drive.servo import (
     discriminant,
@@ -90,18 +97,14 @@ def test_eq11_is_no_transfer_function() -> None:
     """ERRATA: h(t) multiplies ω_m in time; the product of their transforms is another signal's."""
     s, t = sp.symbols("s t", positive=True)
     motor = t
-    output = sp.integrate(motor * sp.exp(-s * t), (t, 0, 1)) + sp.integrate(
-        motor * sp.exp(-s * t), (t, 2, sp.oo)
-    )
+    output = sp.integrate(motor * sp.exp(-s * t), (t, 0, 1)) + sp.integrate(motor * sp.exp(-s * t), (t, 2, sp.oo))
     printed_h = 1 / s - sp.exp(-s) / s * (1 - sp.exp(-s))
     product = printed_h * sp.integrate(motor * sp.exp(-s * t), (t, 0, sp.oo))
     assert abs(float((output - product).subs(s, 1))) > 0.05
 
 
 def test_eq12_inertia_reflected_through_the_gears() -> None:
-    assert total_inertia(motor=0.002, gear=0.0005, axis=0.625, gear_ratio=25.0) == pytest.approx(
-        0.0035, rel=4 * EPS
-    )
+    assert total_inertia(motor=0.002, gear=0.0005, axis=0.625, gear_ratio=25.0) == pytest.approx(0.0035, rel=4 * EPS)
 
 
 def test_eq13_loop_gain_gives_b_and_c() -> None:
@@ -109,9 +112,7 @@ def test_eq13_loop_gain_gives_b_and_c() -> None:
     gain = loop_gain(50.0, 2.0, 0.5, 0.25, 25.0)
     servo = servo_from_constants(inertia=0.001, damping=0.01, gain=gain)
     s = 3j
-    assert gain / (gain + (0.001 * s + 0.01) * s) == pytest.approx(
-        harmonic_response(servo, 3.0)[0], rel=8 * EPS
-    )
+    assert gain / (gain + (0.001 * s + 0.01) * s) == pytest.approx(harmonic_response(servo, 3.0)[0], rel=8 * EPS)
 
 
 def test_freewheel_of_a_table_at_rest_is_rest() -> None:
@@ -153,9 +154,7 @@ def test_eqs15_to_17_solve_the_motors_equation() -> None:
     gap = open_gap(gain=1.0, beta=1.0, amplitude=0.25, omega=0.5, t_i=3.0, x_i=0.24)
     # X(t_i) - x_i is a difference of floats near a: no more than an ulp of a is known of it.
     tolerance = 4 * EPS * 0.25
-    assert gap.motor_speed(0.2) == pytest.approx(
-        float(omega.subs(t, sp.Rational(1, 5)).evalf(30)), abs=0.2 * tolerance
-    )
+    assert gap.motor_speed(0.2) == pytest.approx(float(omega.subs(t, sp.Rational(1, 5)).evalf(30)), abs=0.2 * tolerance)
     assert gap.motor_angle(0.2) == pytest.approx(float(theta.evalf(30)), abs=0.02 * tolerance)
 
 

@@ -10,11 +10,11 @@ import pytest
 import sympy as sp
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, PERIOD, Printed, axis, run_drive
 
-from ph_post.drive.gap import gap_constant, motor_gap
+from ph_post.drive.backlash import gap_constant, motor_gap
 from ph_post.drive.harmonic import motion_after_pickup, open_gap, phase_constants, steady_motion
-from ph_post.drive.interval import backlash_interval
+from ph_post.drive.intervals import backlash_interval
 from ph_post.drive.servo import damping_case
-from ph_post.drive.settled import first_reversal, settled_orbit
+from ph_post.drive.steady_state import first_reversal, steady_interval
 from ph_post.types import Servo
 
 EPS = 2.0**-52
@@ -34,9 +34,7 @@ def exact_orbit() -> tuple[mp.mpf, mp.mpf, mp.mpf]:
 def test_printed_p_q_phi() -> None:
     p, q, phi = phase_constants(PAPER_SERVO, 1.0, OMEGA)
     assert (f"{p:.6f}", f"{q:.6f}", f"{phi:.6f}") == ("-1.000130", "0.002619", "1.088448")
-    assert (p, q, phi) == pytest.approx(
-        (float(printed().p), float(printed().q), float(printed().phi)), rel=4 * EPS
-    )
+    assert (p, q, phi) == pytest.approx((float(printed().p), float(printed().q), float(printed().phi)), rel=4 * EPS)
 
 
 def test_eq18_and_eq20_are_the_steady_motion() -> None:
@@ -50,9 +48,7 @@ def test_eq18_and_eq20_are_the_steady_motion() -> None:
     ours = steady_motion(PAPER_SERVO, AMPLITUDE, OMEGA, times)
     for row, function in zip(ours, (printed().g, printed().g_dot, printed().g_ddot), strict=True):
         exact = [-float(function(mp.mpf(float(time)))) for time in times]
-        assert row == pytest.approx(
-            exact, abs=8 * EPS * AMPLITUDE * 2.0
-        )  # Ωt <= 2π: an ulp of 8 in the angle
+        assert row == pytest.approx(exact, abs=8 * EPS * AMPLITUDE * 2.0)  # Ωt <= 2π: an ulp of 8 in the angle
 
 
 @pytest.mark.parametrize("c", [0.005, 0.1, 2.0**-4 + 1e-9, 2.0**-4 - 1e-9, 0.0625 * (1 + 2.0**-40)])
@@ -64,9 +60,7 @@ def test_eq19_and_its_derivatives_as_printed(c: float) -> None:
     ours = motion_after_pickup(Servo(b=b, c=c), AMPLITUDE, OMEGA, t_s, x_i, t)
     with mp.workdps(60):
         reference = Printed(b, c, GAIN, 1.0, AMPLITUDE, OMEGA)
-        exact = np.array(
-            [[float(v) for v in reference.motion(mp.mpf(t_s), mp.mpf(x_i), mp.mpf(float(s)))] for s in t]
-        )
+        exact = np.array([[float(v) for v in reference.motion(mp.mpf(t_s), mp.mpf(x_i), mp.mpf(float(s)))] for s in t])
     # Rounding of g(t_s) enters x as it is, ẋ times the loop's frequency 1/√b, ẍ times 1/b.
     scale = AMPLITUDE * np.array([1.0, 1.0 / math.sqrt(b), 1.0 / b])
     assert np.all(np.abs(ours.T - exact) <= 16 * EPS * scale)
@@ -176,7 +170,7 @@ def test_settled_orbit_to_rounding() -> None:
     with mp.workdps(50):
         t_i, x_i, dt = exact_orbit()
         lag = float(t_i - mp.pi / printed().W / 2)
-    orbit = settled_orbit(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
+    orbit = steady_interval(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
     assert orbit is not None
     assert orbit.duration == pytest.approx(float(dt), rel=16 * EPS)
     assert orbit.lag == pytest.approx(lag, rel=16 * EPS)
@@ -188,10 +182,7 @@ def test_numbers_of_section_4_2() -> None:
     orbit, note = backlash_interval(axis(), AMPLITUDE, OMEGA)
     assert orbit is not None
     assert note == ""
-    assert (
-        f"{orbit.lag:.9f} {orbit.duration:.8f} {orbit.position:.11f}"
-        == "0.005000674 0.11874297 0.25003341707"
-    )
+    assert f"{orbit.lag:.9f} {orbit.duration:.8f} {orbit.position:.11f}" == "0.005000674 0.11874297 0.25003341707"
     assert f"{orbit.lag:.6f} {orbit.duration:.6f}" == "0.005001 0.118743"  # as the paper prints them
     first = first_reversal(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
     assert f"{first.lag:.9f}" == "0.005000546"
@@ -233,7 +224,7 @@ def test_motion_from_reversal_to_reversal_settles_to_the_orbit() -> None:
         x_i = float(motion_after_pickup(PAPER_SERVO, AMPLITUDE, OMEGA, t_s, x_i, guess)[0])
         t_i = guess
         duration = open_gap(GAIN, 1.0, AMPLITUDE, OMEGA, t_i, x_i).duration(GAP) or math.nan
-    orbit = settled_orbit(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
+    orbit = steady_interval(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
     assert orbit is not None
     assert t_i % PERIOD - PERIOD / 2 == pytest.approx(orbit.lag, abs=1e-12)
     assert abs(x_i) == pytest.approx(orbit.position, rel=1e-14)
@@ -244,7 +235,7 @@ def test_integrated_drive_settles_to_the_orbit() -> None:
     """All of section 3.3 in the time domain, by scipy, from rest, with no closed form at all."""
     reversals = run_drive(PAPER_SERVO, GAIN, 1.0, GAP, AMPLITUDE, OMEGA, count=3)
     first, settled = reversals[0], reversals[-1]
-    orbit = settled_orbit(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
+    orbit = steady_interval(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
     begin = first_reversal(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA)
     assert orbit is not None
     for run, ours in ((first, begin), (settled, orbit)):
@@ -257,7 +248,7 @@ def test_standstill_travel_falls_with_the_feed() -> None:
     """Figure 7: the distance travelled during the standstill falls as T grows."""
     travel = []
     for period in (2.0, 4.0, 6.0, 12.0, 24.0):
-        orbit = settled_orbit(PAPER_SERVO, PAPER_GAP, AMPLITUDE, math.pi / period)
+        orbit = steady_interval(PAPER_SERVO, PAPER_GAP, AMPLITUDE, math.pi / period)
         assert orbit is not None
         travel.append(math.pi * AMPLITUDE / period * orbit.duration)
     assert travel == sorted(travel, reverse=True)

@@ -33,9 +33,13 @@ def one_different(n: int) -> list:
 def make_profile(coefficients: np.ndarray, cruise: float = 0.125, t_star: float = 0.5) -> FeedProfile:
     shape = single(coefficients)
     return FeedProfile(
-        window=0, shape=shape, cruise=cruise, t_star=t_star,
-        s_star=shapes.half_length(shape, cruise, t_star), ratio=shapes.middle_ratio(shape),
-    )  # fmt: skip
+        window=0,
+        shape=shape,
+        cruise=cruise,
+        t_star=t_star,
+        s_star=shapes.half_length(shape, cruise, t_star),
+        ratio=shapes.middle_ratio(shape),
+    )
 
 
 def random_coefficients(seed: int, n: int) -> np.ndarray:
@@ -55,14 +59,10 @@ def test_eq26_and_eq25_against_sympy(n: int) -> None:
     given = make_profile(coefficients)
     t = np.linspace(-0.5, 0.5, 33)  # dyadic: τ is exact
     exact = [float(sp.Rational(1, 8) * V.subs(TAU, sp.Rational(Fraction(x)) + sp.Rational(1, 2))) for x in t]
-    assert profile.feed(given, t) == pytest.approx(
-        exact, rel=0.0, abs=0.125 * shapes.rounding(single(coefficients))
-    )
+    assert profile.feed(given, t) == pytest.approx(exact, rel=0.0, abs=0.125 * shapes.rounding(single(coefficients)))
     # Eq. (25): d/dt = d/dτ / (2 t_star), and 2 t_star = 1 here.
     slope = sp.diff(V, TAU)
-    exact = [
-        float(sp.Rational(1, 8) * slope.subs(TAU, sp.Rational(Fraction(x)) + sp.Rational(1, 2))) for x in t
-    ]
+    exact = [float(sp.Rational(1, 8) * slope.subs(TAU, sp.Rational(Fraction(x)) + sp.Rational(1, 2))) for x in t]
     assert profile.acceleration(given, t) == pytest.approx(
         exact, abs=0.125 * 4 * n * shapes.rounding(single(coefficients))
     )
@@ -226,9 +226,7 @@ def test_extremes_against_the_roots_of_the_derivative(seed: int) -> None:
     coefficients = random_coefficients(seed, 4 + 2 * (seed % 5))
     V = sp.Poly(sp.expand(bernstein([sp.Rational(Fraction(c)) for c in coefficients])), TAU)
     places = [sp.Integer(0), sp.Integer(1)]
-    places += (
-        [root for root in sp.real_roots(V.diff(TAU)) if 0 <= root.evalf(30) <= 1] if V.degree() > 0 else []
-    )
+    places += [root for root in sp.real_roots(V.diff(TAU)) if 0 <= root.evalf(30) <= 1] if V.degree() > 0 else []
     values = [float(V.as_expr().subs(TAU, place.evalf(40))) for place in places]
     low, high = shapes.extremes(single(coefficients))
     slack = 4 * shapes.rounding(single(coefficients))

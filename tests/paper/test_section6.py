@@ -10,12 +10,12 @@ from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, axis
 
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError, SolveError
-from ph_post.io.machinefile import read_machine
-from ph_post.report import section4_figures, section6_figures
-from ph_post.report.section6 import (
-    error_honestly,
+from ph_post.report import paper_figures
+from ph_post.report.paper import (
     error_in_papers_mode,
+    error_on_whole_machine,
     positions_along,
     run_in_papers_mode,
     section_6_profile,
@@ -49,14 +49,19 @@ def command(ratio: float, t: float) -> tuple[float, float]:
 def integrate(rate, start, end, state, times, event=None):
     """Integrate over [start, end]."""
     return solve_ivp(
-        rate, (start, end), state, method="DOP853", rtol=1e-11, atol=1e-14, t_eval=times, events=event,
+        rate,
+        (start, end),
+        state,
+        method="DOP853",
+        rtol=1e-11,
+        atol=1e-14,
+        t_eval=times,
+        events=event,
         max_step=0.01,
-    )  # fmt: skip
+    )
 
 
-def reference(
-    ratio: float, times: np.ndarray, pickup: float | None = None
-) -> tuple[np.ndarray, float, float]:
+def reference(ratio: float, times: np.ndarray, pickup: float | None = None) -> tuple[np.ndarray, float, float]:
     """Section 5.3 by scipy: x, y at `times`; the Δt of Eq. (32), and its growth per metre of x_i.
 
     x is picked up at Δt, or else at `pickup`. An error δ of x_i turns the motor by C δ Δt²/2 at Δt.
@@ -136,7 +141,7 @@ def test_errors_of_figure_11(ratio: float, largest: float, rms: float | None) ->
 )
 def test_the_whole_machine_takes_the_retrograde_gain_away(ratio: float, largest: float) -> None:
     """Where the gap opens at every reversal of either axis, for the same command and the same drives."""
-    assert error_honestly(ratio).max == pytest.approx(largest, rel=0.03)
+    assert error_on_whole_machine(ratio).max == pytest.approx(largest, rel=0.03)
 
 
 def test_shape_of_figure_11() -> None:
@@ -188,7 +193,7 @@ def line(figure, label: str, panel: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_figure_5_stands_for_the_printed_time() -> None:
-    figure = section4_figures.draw_figure_5()
+    figure = paper_figures.draw_figure_5()
     t, x = line(figure, "backlash")
     assert t[-1] - t[0] == pytest.approx(0.118743, abs=1e-6)
     assert t[0] == pytest.approx(3.005001, abs=1e-6)
@@ -201,7 +206,7 @@ def test_figure_5_stands_for_the_printed_time() -> None:
 
 def test_figure_6_magnifies_the_radial_error() -> None:
     """At pick-up the commanded circle has fallen a (1 - cos Ω(lag + Δt)) behind the standing x."""
-    x, y = line(section4_figures.draw_figure_6(), "backlash")
+    x, y = line(paper_figures.draw_figure_6(), "backlash")
     run_x, run_y = 0.25003341707, -AMPLITUDE * math.sin(OMEGA * 0.118743)
     error = math.hypot(run_x, run_y) - AMPLITUDE
     assert math.hypot(x[-1], y[-1]) - AMPLITUDE == pytest.approx(25.0 * error, rel=5e-3)
@@ -209,7 +214,7 @@ def test_figure_6_magnifies_the_radial_error() -> None:
 
 
 def test_figure_7_falls_with_the_time_between_reversals() -> None:
-    (curve,) = section4_figures.draw_figure_7().axes[0].lines
+    (curve,) = paper_figures.draw_figure_7().axes[0].lines
     periods, travel = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
     assert np.all(np.diff(travel) < 0.0)
     # V Δt of the example, T = 6 s, but for the bend of the circle
@@ -218,12 +223,12 @@ def test_figure_7_falls_with_the_time_between_reversals() -> None:
 
 def test_figure_8_has_the_printed_minima() -> None:
     for colour, lowest in (("blue", (5.0 - 3.0 * 1.5) / 8.0), ("red", (193.0 - 63.0 * 2.8) / 256.0)):
-        curve = next(c for c in section6_figures.draw_figure_8().axes[0].lines if c.get_color() == colour)
+        curve = next(c for c in paper_figures.draw_figure_8().axes[0].lines if c.get_color() == colour)
         assert min(curve.get_ydata()) == pytest.approx(lowest, abs=1e-12)
 
 
 def test_figures_9_and_10_show_the_three_depths() -> None:
-    figure = section6_figures.draw_figure_9()
+    figure = paper_figures.draw_figure_9()
     spread = []
     for panel in range(3):
         x, y = line(figure, "executed, error x 25", panel)
@@ -231,13 +236,13 @@ def test_figures_9_and_10_show_the_three_depths() -> None:
     assert spread[0] == pytest.approx(2.19e-3, rel=0.02)
     assert spread[1] == pytest.approx(1.36e-3, rel=0.02)
     assert spread[2] < spread[0] / 5.0  # "barely noticeable at the scale of the plot"
-    _, y = line(section6_figures.draw_figure_10(), "commanded")
+    _, y = line(paper_figures.draw_figure_10(), "commanded")
     assert np.diff(y).min() < 0.0 < np.diff(y).max()  # back and forth
 
 
 def test_figure_11_has_both_modes(monkeypatch) -> None:
-    monkeypatch.setattr(section6_figures, "RATIOS", np.array([-0.4, 1.0]))
-    left, right = section6_figures.draw_figure_11().axes
+    monkeypatch.setattr(paper_figures, "RATIOS", np.array([-0.4, 1.0]))
+    left, right = paper_figures.draw_figure_11().axes
     assert left.lines[0].get_ydata() == pytest.approx([2.0e-4, 2.19e-3], rel=0.02)
     assert right.lines[0].get_ydata() == pytest.approx([2.09e-3, 2.19e-3], rel=0.03)
     assert [curve.get_color() for curve in left.lines[:2]] == ["red", "blue"]

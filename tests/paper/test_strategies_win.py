@@ -18,12 +18,13 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-from ph_post.analysis import Analysis, analyse
-from ph_post.compensate.limits import check_command
+from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.compensate.offsets import command_of
-from ph_post.compensate.plan import PlanOptions, make_plan
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
+from ph_post.compensate.violations import check_command
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
 from ph_post.simulate.assess import Assessment, assess
 from ph_post.simulate.contour import Nominal
 from ph_post.simulate.machine import simulate
@@ -179,9 +180,16 @@ def dipped_circle(coefficients: Array, t_star: float, period: float) -> Command 
     zero = np.zeros(count, dtype=np.int64)
     position = RADIUS * np.column_stack([np.cos(theta), np.sin(theta)])
     return Command(
-        axes=("X", "Y"), period=period, t=t, segment=zero, xi=theta, s=RADIUS * theta,
-        position=frozen(position), feed=feed, window=zero,
-    )  # fmt: skip
+        axes=("X", "Y"),
+        period=period,
+        t=t,
+        segment=zero,
+        xi=theta,
+        s=RADIUS * theta,
+        position=frozen(position),
+        feed=feed,
+        window=zero,
+    )
 
 
 class _Angle:

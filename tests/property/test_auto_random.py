@@ -14,10 +14,10 @@ from support.amount import ALL
 from support.motions import look, worst_use
 from support.random_jobs import RandomJob, random_job
 
-from ph_post.analysis import Analysis
-from ph_post.compensate.limits import rounding
+from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.plan import make_plan
+from ph_post.compensate.violations import rounding
 from ph_post.geometry.track import Track
 from ph_post.simulate.assess import contour_errors, scenarios
 from ph_post.simulate.contour import Nominal
@@ -72,9 +72,7 @@ def assert_limits_are_kept(command: Command, path: Path, machine: Machine) -> No
     extent, speed = float(np.abs(command.position).max()), float(np.abs(command.feed).max())
     noise = rounding(extent, Track(path).length, float(command.t[-1]), speed)
     limits = [machine.axes[name].limits for name in command.axes]
-    least = np.array(
-        [min(getattr(one, name) for one in limits) for name in ("velocity", "acceleration", "jerk")]
-    )
+    least = np.array([min(getattr(one, name) for one in limits) for name in ("velocity", "acceleration", "jerk")])
     excused = noise * (2.0 / machine.servo_period) ** np.arange(1, 4) / least
     assert np.all(np.array(worst_use(command, machine)) <= 1.0 + excused)
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from support.drives import axis, gap_of, run_drive
 
-from ph_post.drive.gap import motor_gain
-from ph_post.drive.interval import backlash_interval
-from ph_post.drive.settled import find_orbit
+from ph_post.drive.backlash import motor_gain
+from ph_post.drive.intervals import backlash_interval
+from ph_post.drive.steady_state import find_orbit
 from ph_post.types import BacklashInterval, Feedback, Gap, Servo
 
 EPS = 2.0**-52
@@ -56,19 +56,40 @@ def check(interval: BacklashInterval | None, note: str, amplitude: float, omega:
 @settings(deadline=None)
 @given(
     feedback=st.sampled_from(["load", "motor", "none"]),
-    b=positive, c=positive, ki=st.one_of(st.just(0.0), positive), kd=st.one_of(st.just(0.0), positive),
-    angle=st.floats(min_value=0.0, allow_nan=False), gear=positive, travel=positive,
-    fraction=st.floats(1e-6, 1.0, exclude_max=True), rate=st.one_of(st.just(0.0), positive),
-    amplitude=positive, omega=positive,
-)  # fmt: skip
+    b=positive,
+    c=positive,
+    ki=st.one_of(st.just(0.0), positive),
+    kd=st.one_of(st.just(0.0), positive),
+    angle=st.floats(min_value=0.0, allow_nan=False),
+    gear=positive,
+    travel=positive,
+    fraction=st.floats(1e-6, 1.0, exclude_max=True),
+    rate=st.one_of(st.just(0.0), positive),
+    amplitude=positive,
+    omega=positive,
+)
 def test_anything_positive_gets_an_answer(
-    feedback: Feedback, b: float, c: float, ki: float, kd: float, angle: float, gear: float, travel: float,
-    fraction: float, rate: float, amplitude: float, omega: float,
-) -> None:  # fmt: skip
+    feedback: Feedback,
+    b: float,
+    c: float,
+    ki: float,
+    kd: float,
+    angle: float,
+    gear: float,
+    travel: float,
+    fraction: float,
+    rate: float,
+    amplitude: float,
+    omega: float,
+) -> None:
     gap = Gap(
-        lost_motion=angle, motor_angle=angle, gear_ratio=gear, travel_per_rad=travel,
-        inertia_fraction=fraction, beta=rate,
-    )  # fmt: skip
+        lost_motion=angle,
+        motor_angle=angle,
+        gear_ratio=gear,
+        travel_per_rad=travel,
+        inertia_fraction=fraction,
+        beta=rate,
+    )
     drive = axis(Servo(b=b, c=c, ki_over_kp=ki, kd_over_kp=kd), gap, feedback)
     interval, note = backlash_interval(drive, amplitude, omega)
     check(interval, note, amplitude, omega)

@@ -11,10 +11,9 @@ from msgspec.structs import replace
 from support.amount import examples
 from support.testdrive import Drive
 
-from ph_post.diagnose.experiments import MOVED, next_experiment
-from ph_post.diagnose.experimenttable import SHOWN
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.read import read_program
+from ph_post.testprograms.experiments import MOVED, SHOWN, next_experiment
 from ph_post.types import AxisLog, Log
 
 MM = 1e-3
@@ -32,9 +31,14 @@ def swing(span: tuple[float, float], t: np.ndarray, omega: float) -> AxisLog:
 
 @settings(max_examples=examples(60), deadline=None)
 @given(
-    st.sampled_from(sorted(MACHINES)), st.sampled_from(["grbl", "grblhal", "linuxcnc"]), spans, spans,
-    st.floats(0.5, 20.0), st.lists(st.sampled_from(sorted(SHOWN)), max_size=3), st.sampled_from("XY"),
-)  # fmt: skip
+    st.sampled_from(sorted(MACHINES)),
+    st.sampled_from(["grbl", "grblhal", "linuxcnc"]),
+    spans,
+    spans,
+    st.floats(0.5, 20.0),
+    st.lists(st.sampled_from(sorted(SHOWN)), max_size=3),
+    st.sampled_from("XY"),
+)
 def test_it_stays_inside_the_record_and_within_the_limits(
     name: str, dialect: str, x: tuple, y: tuple, omega: float, names: list[str], axis: str
 ) -> None:
@@ -48,8 +52,7 @@ def test_it_stays_inside_the_record_and_within_the_limits(
     assert all(high - low > MOVED / MM for low, high in bounds)
     start = next(line for line in found.program.splitlines() if line.startswith("G1"))
     words = dict(zip("XY", [0.0, 0.0], strict=True)) | {
-        word[0]: float(word[1:])
-        for word in start.replace("X", " X").replace("Y", " Y").replace("F", " F").split()[1:]
+        word[0]: float(word[1:]) for word in start.replace("X", " X").replace("Y", " Y").replace("F", " F").split()[1:]
     }
     drive = Drive(found.program, (words["X"], words["Y"], 0.0))
     for column, (low, high) in enumerate(bounds):

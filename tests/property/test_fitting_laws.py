@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from support.amount import examples
 from support.tape import Tape
 
-from ph_post.gcode.fitting.fit import fit_polyline
-from ph_post.gcode.fitting.record import Fit
-from ph_post.gcode.paths.build import paths_of
+from ph_post.analysis.turning_points import find_turning_points
+from ph_post.gcode.fitting.polyline import fit_polyline
+from ph_post.gcode.fitting.samples import PolylineFit
+from ph_post.gcode.paths import paths_of
 from ph_post.geometry.track import Track
-from ph_post.turning import find_turning_points
 from ph_post.types import Array
 
 MM = 1e-3
@@ -42,7 +42,7 @@ def polylines(draw: Any) -> Array:
     return points[apart]
 
 
-def same_pieces(a: Fit, b: Fit) -> bool:
+def same_pieces(a: PolylineFit, b: PolylineFit) -> bool:
     return bool(np.array_equal(a.kind, b.kind) and np.array_equal(a.first, b.first))
 
 

@@ -11,7 +11,7 @@ from support.canon import assert_agrees, needs_rs274, number_lines, run_rs274
 from support.random_programs import decimal, programs, thousandths
 
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 
 relaxed = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 WORDS = b"""
@@ -65,9 +65,7 @@ def test_a_program_with_a_piece_missing_or_doubled_is_kept_or_refused(text, data
     raw = text.encode()
     place = data.draw(st.integers(0, len(raw)))
     length = data.draw(st.integers(0, 20))
-    law(
-        raw[:place] + raw[place : place + length] * data.draw(st.sampled_from([0, 2])) + raw[place + length :]
-    )
+    law(raw[:place] + raw[place : place + length] * data.draw(st.sampled_from([0, 2])) + raw[place + length :])
 
 
 @needs_rs274
@@ -93,10 +91,7 @@ def test_positions_are_those_of_exact_arithmetic(moves):
         expected.append([float(place[a] / 1000) for a in "XYZ"])
     program = read_program("\n".join(lines).encode(), "a.ngc")
     np.testing.assert_allclose(program.motions.end[1:], expected, rtol=0, atol=1e-15 * len(moves))
-    exact = [
-        Fraction(int(d), 10 ** int(p))
-        for d, p in zip(program.words.digits, program.words.decimals, strict=True)
-    ]
+    exact = [Fraction(int(d), 10 ** int(p)) for d, p in zip(program.words.digits, program.words.decimals, strict=True)]
     axis_words = [e for e, letter in zip(exact, program.words.letter, strict=True) if chr(letter) in "XYZ"]
     assert axis_words[3:] == [value for _, value, _ in moves]
 

@@ -7,10 +7,11 @@ import pytest
 from support.motions import KINDS, assert_continuous, look, make_machine, make_path, random_curves, worst_use
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.limits import check_command, rounding
-from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
-from ph_post.compensate.sample import sample
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.compensate.motion import sample
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.compensate.violations import check_command, rounding
 from ph_post.geometry.track import Track
 from ph_post.types import Command, Machine, Path, Plan
 
@@ -87,10 +88,10 @@ class RandomHolds:
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
 
-    def profiles(self, task: Task) -> Proposal:
-        return Proposal(wishes=tuple(self._wish() for _ in task.windows))
+    def profiles(self, task: PlanningTask) -> StrategyResult:
+        return StrategyResult(wishes=tuple(self._wish() for _ in task.windows))
 
-    def _wish(self) -> Wish:
+    def _wish(self) -> ProfileRequest:
         rng = self.rng
         down, up = rng.uniform(0.1, 1.0, 2)
         hold = rng.choice([0.0, 10.0 ** rng.uniform(-4.0, 0.0)])
@@ -99,7 +100,7 @@ class RandomHolds:
         middle = (down + 0.5 * hold) / (down + hold + up)
         turn = 0.5 if rng.random() < 0.3 else shapes.share_of_way(shape, middle)
         t_star, leaves = 10.0 ** rng.uniform(-2.0, 0.5), bool(rng.random() < 0.5)
-        return Wish(shape=shape, t_star=t_star, turn=turn, may_leave=leaves)
+        return ProfileRequest(shape=shape, t_star=t_star, turn=turn, may_leave=leaves)
 
 
 class Entry:
@@ -114,9 +115,7 @@ class Entry:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("batch", range(BATCHES_WITH_HOLDS))
-def test_no_sample_breaks_a_limit_where_the_path_stands_still(
-    monkeypatch: pytest.MonkeyPatch, batch: int
-) -> None:
+def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch, batch: int) -> None:
     stops = 0
     for number in range(batch, PAIRS_WITH_HOLDS, BATCHES_WITH_HOLDS):
         rng = np.random.default_rng([2023, number])

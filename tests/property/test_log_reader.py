@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from support.amount import examples
 
 from ph_post.errors import InputError
-from ph_post.io.readlog import read_log
+from ph_post.identify.readlog import read_log
 
 K = np.arange(240)
 X = 10.0 * np.sin(2 * np.pi * K / 150)
@@ -17,11 +17,33 @@ NAMED = "# X_act.side: unknown\nt,X_cmd,X_act\n" + "".join(
 SAMPLED = "".join(f"{k} {x:f} {x - 0.01:f} \n" for k, x in enumerate(X))
 LOGS = ((NAMED.encode(), ()), (SAMPLED.encode(), ("t=1:ms", "X_cmd=2", "X_act=3")))
 WORDS = [
-    b",", b";", b"\t", b'"', b"\n", b"\r", b"#", b"nan", b"inf", b"-", b"1e400", b"1e-400",
-    b"1_0", b"0x1", b"\0",
-    b"\xff", b"overrun\n", b"1,5", b"e", b"\xe2\x80\xa8", b"\x0c", "٣".encode(), b'"""', b"9" * 400, b"X_cmd",
+    b",",
+    b";",
+    b"\t",
+    b'"',
+    b"\n",
+    b"\r",
+    b"#",
+    b"nan",
+    b"inf",
+    b"-",
+    b"1e400",
+    b"1e-400",
+    b"1_0",
+    b"0x1",
+    b"\0",
+    b"\xff",
+    b"overrun\n",
+    b"1,5",
+    b"e",
+    b"\xe2\x80\xa8",
+    b"\x0c",
+    "٣".encode(),
+    b'"""',
+    b"9" * 400,
+    b"X_cmd",
     b":",
-]  # fmt: skip
+]
 
 
 @st.composite
@@ -31,9 +53,7 @@ def mangled(draw):
     for _ in range(draw(st.integers(1, 3))):
         place = draw(st.integers(0, len(text)))
         length = draw(st.integers(0, 40))
-        text[place : place + length] = draw(
-            st.one_of(st.sampled_from(WORDS), st.binary(max_size=4), st.just(b""))
-        )
+        text[place : place + length] = draw(st.one_of(st.sampled_from(WORDS), st.binary(max_size=4), st.just(b"")))
     return bytes(text), columns
 
 
@@ -51,17 +71,13 @@ def takes_or_refuses(file, data, columns):
     assert np.isfinite(log.axes["X"].command).all()
 
 
-@settings(
-    max_examples=examples(200), derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=examples(200), derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(case=mangled())
 def test_a_damaged_log_is_read_or_refused_in_one_line(case, tmp_path):
     takes_or_refuses(tmp_path / "run.csv", *case)
 
 
-@settings(
-    max_examples=examples(100), derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=examples(100), derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=300), ending=st.sampled_from(["csv", "mat", "npz", "txt"]))
 def test_bytes_that_are_no_log_are_refused_in_one_line(data, ending, tmp_path):
     file = tmp_path / f"run.{ending}"

@@ -6,11 +6,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from support.amount import examples
 
-from ph_post.io.machinechange import axis_change
-from ph_post.io.machineedit import edit_axes
-from ph_post.io.machinefile import machine_of, machine_source
-from ph_post.io.shipped import shipped_names
-from ph_post.io.source import Source
+from ph_post.drive.machinefile import machine_of, machine_source
+from ph_post.files.machine import edit_axes
+from ph_post.files.storage import SourceText, shipped_names
+from ph_post.identify.machinechange import axis_change
 from ph_post.types import EffectSetting
 
 factor = st.one_of(st.just(1.0), st.floats(0.8, 1.25))
@@ -32,9 +31,7 @@ def changed(draw, axis):
         gap=replace(gap, lost_motion=gap.lost_motion * draw(factor), beta=beta),
         # no less damping than before: that of the load may not become negative
         servo=replace(servo, b=servo.b * draw(factor), c=servo.c * 1.6 * draw(factor), stiffness=stiffness),
-        uncertainty=replace(
-            axis.uncertainty, gain=draw(st.sampled_from([axis.uncertainty.gain, 0.0123456789]))
-        ),
+        uncertainty=replace(axis.uncertainty, gain=draw(st.sampled_from([axis.uncertainty.gain, 0.0123456789]))),
         effects=tuple(dry + late if turned else late + dry),
     )
 
@@ -51,7 +48,7 @@ def test_a_changed_machine_reads_back(data, name):
         if not again:
             comments = [line for line in source.text.splitlines() if line.lstrip().startswith("#")]
             assert [line for line in text.splitlines() if line in comments] == comments
-        source = Source(name="mine.toml", stem="mine", text=text, digest="")
+        source = SourceText(name="mine.toml", stem="mine", text=text, digest="")
         read = machine_of(source).axes["X"]
         assert read.gap.lost_motion == pytest.approx(after.gap.lost_motion, rel=1e-6)
         assert read.gap.beta == (None if after.gap.beta is None else pytest.approx(after.gap.beta, rel=1e-6))

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.amount import examples
 
-from ph_post.cli.interview import Given, conduct, machine_answers
-from ph_post.io.machinefile import machine_of
-from ph_post.io.newmachine import new_machine
-from ph_post.io.source import Source
+from ph_post.cli.interview import GivenAnswer, conduct, machine_answers
+from ph_post.drive.machinefile import machine_of
+from ph_post.files.storage import SourceText
+from ph_post.identify.newmachine import new_machine
 
 # Exact sizes of the units, independent of those in the package.
 LENGTH = {"mm": Fraction(1), "": Fraction(1), "in": Fraction(254, 10), "thou": Fraction(254, 10000)}
@@ -86,7 +86,7 @@ def interviews(draw):
 @given(interview=interviews())
 def test_any_valid_answers_read_back(interview):
     texts, wanted = interview
-    outcome = conduct({key: Given(text, key) for key, text in texts.items()}, defaults=True)
+    outcome = conduct({key: GivenAnswer(text, key) for key, text in texts.items()}, defaults=True)
     made = new_machine(machine_answers(outcome))
     file = tomllib.loads(made.text)
     assert file["name"] == texts["name"]
@@ -99,7 +99,7 @@ def test_any_valid_answers_read_back(interview):
         if keys["feedback"] == "none":
             assert (file["axes"][axis]["b"], file["axes"][axis]["c"]) == (0.0, 0.0)
     # and the project's reader takes it, in SI
-    machine = machine_of(Source(name="made.toml", stem="made", text=made.text, digest=""))
+    machine = machine_of(SourceText(name="made.toml", stem="made", text=made.text, digest=""))
     for axis, keys in wanted.items():
         read = machine.axes[axis]
         assert read.gap.lost_motion == pytest.approx(keys["lost_motion_mm"] / 1000, rel=1e-6)

@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.amount import examples
 
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import shipped, shipped_names
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped, shipped_names
 
 PATHS = [shipped("paths", name).read_text(encoding="utf-8") for name in shipped_names("paths")]
 MACHINES = [shipped("machines", name).read_text(encoding="utf-8") for name in shipped_names("machines")]
@@ -30,9 +30,7 @@ odd = st.one_of(
     st.integers(),
     st.floats(),
     st.text(max_size=8),
-    st.sampled_from(
-        [0, -1, 1e-7, 1e308, -1e308, 5e-324, 1e15, 10**30, "1/3", "0/1", "1/0", "X", "line", "mm", [], {}]
-    ),
+    st.sampled_from([0, -1, 1e-7, 1e308, -1e308, 5e-324, 1e15, 10**30, "1/3", "0/1", "1/0", "X", "line", "mm", [], {}]),
     st.lists(st.integers(-2, 2), max_size=4),
     st.lists(st.lists(st.floats(-1e200, 1e200), min_size=2, max_size=2), min_size=1, max_size=4),
     st.dictionaries(st.sampled_from(["X", "Y", "type", "feed"]), st.integers(), max_size=2),
@@ -71,11 +69,7 @@ def altered(draw, values):
         place = value
         # mostly down the longest branch, where the geometry or the drives are
         while True:
-            keys = (
-                sorted(place, key=lambda key: len(str(place[key])))
-                if isinstance(place, dict)
-                else range(len(place))
-            )
+            keys = sorted(place, key=lambda key: len(str(place[key]))) if isinstance(place, dict) else range(len(place))
             if not keys:
                 break
             key = keys[-1] if draw(st.booleans()) else draw(st.sampled_from(keys))
@@ -121,9 +115,7 @@ def word(item):
 
 
 number = st.one_of(
-    st.sampled_from(
-        [0, 0, 1, 1, -1, 2, 10, "1/3", 0.1, 1e-7, 1e-9, 1e-30, 1e-300, 1e9, 1e12, -1e12, 1e150, 1e300]
-    ),
+    st.sampled_from([0, 0, 1, 1, -1, 2, 10, "1/3", 0.1, 1e-7, 1e-9, 1e-30, 1e-300, 1e9, 1e12, -1e12, 1e150, 1e300]),
     st.integers(-20, 20),
     st.floats(-100, 100),
 )
@@ -153,11 +145,7 @@ def made_segment(draw, width):
         case "bezier":
             rest = {"points": draw(rows(2, 8, width))}
         case "polynomial":
-            rest = {
-                "coefficients": {
-                    axis: draw(st.lists(number, min_size=1, max_size=6)) for axis in "XYZ"[:width]
-                }
-            }
+            rest = {"coefficients": {axis: draw(st.lists(number, min_size=1, max_size=6)) for axis in "XYZ"[:width]}}
             rest |= {"domain": [draw(number), draw(number)]} if draw(st.booleans()) else {}
         case "ph":
             rest = {"start": draw(rows(1, 1, width))[0], "preimage": draw(rows(1, 5, 2 if width == 2 else 4))}
@@ -165,9 +153,7 @@ def made_segment(draw, width):
             rest = {"points": draw(rows(2, 2, width)), "derivatives": draw(rows(2, 2, width))}
         case _:
             degree, points = draw(st.integers(1, 4)), draw(rows(2, 8, width))
-            knots = draw(
-                st.lists(number, min_size=len(points) + degree + 1, max_size=len(points) + degree + 1)
-            )
+            knots = draw(st.lists(number, min_size=len(points) + degree + 1, max_size=len(points) + degree + 1))
             rest = {"degree": degree, "points": points, "knots": sorted(knots, key=Fraction)}
             rest |= {"weights": [draw(number) for _ in points]} if draw(st.booleans()) else {}
     return {"type": kind, **rest}

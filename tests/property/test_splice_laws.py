@@ -18,11 +18,11 @@ from support.canonical import canonical_calls
 from support.part_programs import distances, played, random_program, samples
 from support.splicing import Compensated, compensate
 
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import RAPID, PartProgram
-from ph_post.gcode.splice.header import read_declaration
-from ph_post.gcode.splice.undo import undo
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.header import read_declaration
+from ph_post.edit.undo import undo
+from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.gcode.read import read_program
 from ph_post.types import Machine
 
 MACHINE = read_machine("stepper")
@@ -140,14 +140,9 @@ def test_linuxcnc_s_interpreter_finds_nothing_else_changed(seed: int) -> None:
 @given(seeds)
 @settings(max_examples=examples(20), deadline=None)
 def test_without_lost_motion_nothing_changes(seed: int) -> None:
-    assert compensate(random_program(random.Random(seed)), _tight(MACHINE)).text == random_program(
-        random.Random(seed)
-    )
+    assert compensate(random_program(random.Random(seed)), _tight(MACHINE)).text == random_program(random.Random(seed))
 
 
 def _tight(machine: Machine) -> Machine:
-    axes = {
-        name: replace(axis, gap=replace(axis.gap, lost_motion=1e-3 * MM))
-        for name, axis in machine.axes.items()
-    }
+    axes = {name: replace(axis, gap=replace(axis.gap, lost_motion=1e-3 * MM)) for name, axis in machine.axes.items()}
     return replace(machine, axes=axes)

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.amount import examples
 
+from ph_post.analysis.osculating import find_windows
+from ph_post.analysis.turning_points import certify, find_turning_points
 from ph_post.geometry.curves import Bezier
 from ph_post.geometry.track import Track
-from ph_post.osculating import find_windows
-from ph_post.turning import certify, find_turning_points
 from ph_post.types import Array, TurningPoint
 
 GRID = 2.0**-10
@@ -58,10 +58,7 @@ def same(found: list[Place], expected: list[Place], length: float) -> None:
     assert len(found) == len(expected)
     rest = list(expected)
     for kind, axis, sense, s in found:
-        gaps = [
-            min(abs(s - e[3]), length - abs(s - e[3])) if e[:3] == (kind, axis, sense) else np.inf
-            for e in rest
-        ]
+        gaps = [min(abs(s - e[3]), length - abs(s - e[3])) if e[:3] == (kind, axis, sense) else np.inf for e in rest]
         nearest = int(np.argmin(gaps))
         assert gaps[nearest] <= 1e-12 * length
         del rest[nearest]
@@ -123,11 +120,13 @@ def test_rotation_by_a_right_angle(chain: tuple[list[Array], bool]) -> None:
     segments, closed = chain
     track = track_of(segments, closed)
     turned = track_of([np.stack([-one[:, 1], one[:, 0]], axis=1) for one in segments], closed)
-    mapped = {("X", "max"): ("Y", "max"), ("X", "min"): ("Y", "min"),
-              ("Y", "max"): ("X", "min"), ("Y", "min"): ("X", "max")}  # fmt: skip
-    expected = [
-        (kind, *mapped[axis, sense], s) for kind, axis, sense, s in places(find_turning_points(track))
-    ]
+    mapped = {
+        ("X", "max"): ("Y", "max"),
+        ("X", "min"): ("Y", "min"),
+        ("Y", "max"): ("X", "min"),
+        ("Y", "min"): ("X", "max"),
+    }
+    expected = [(kind, *mapped[axis, sense], s) for kind, axis, sense, s in places(find_turning_points(track))]
     same(places(find_turning_points(turned)), expected, track.length)
 
 

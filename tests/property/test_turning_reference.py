@@ -12,9 +12,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from ph_post.geometry.curves import PH, Nurbs, PiecewiseCurve, Polynomial
+from ph_post.analysis.turning_points import find_turning_points
+from ph_post.geometry.curves import Polynomial
+from ph_post.geometry.nurbs import Nurbs
+from ph_post.geometry.ph import PH
+from ph_post.geometry.piecewise import PiecewiseCurve
 from ph_post.geometry.track import Track
-from ph_post.turning import find_turning_points
 
 PATHS = 1000
 MM = Fraction(1, 1000)
@@ -24,10 +27,7 @@ Piece = tuple[Fraction, Fraction, list[Poly], Poly]  # xi from, to; numerators a
 
 def add(a: Poly, b: Poly, factor: int = 1) -> Poly:
     n = max(len(a), len(b))
-    return [
-        (a[k] if k < len(a) else Fraction(0)) + factor * (b[k] if k < len(b) else Fraction(0))
-        for k in range(n)
-    ]
+    return [(a[k] if k < len(a) else Fraction(0)) + factor * (b[k] if k < len(b) else Fraction(0)) for k in range(n)]
 
 
 def multiply(a: Poly, b: Poly) -> Poly:

@@ -7,11 +7,11 @@ import pytest
 from support.part_programs import random_program
 from support.splicing import compensate
 
-from ph_post.audit.verify import verify
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.gcode.read import read_program
 from ph_post.units import MM
+from ph_post.verify.verify import verify
 
 TOLERANCE = 0.005 * MM
 MACHINES = ("router", "stepper")
@@ -74,14 +74,10 @@ def damage(rng, text):
     words = program.words
     chosen = np.flatnonzero(np.isin(words.letter, np.frombuffer(b"XYZGMST", dtype=np.uint8)))
     word = int(rng.choice(chosen.tolist()))
-    places = [
-        place for place in range(words.start[word] + 1, words.end[word]) if text[place : place + 1].isdigit()
-    ]
+    places = [place for place in range(words.start[word] + 1, words.end[word]) if text[place : place + 1].isdigit()]
     place = rng.choice(places)
     digit = rng.choice([digit for digit in "0123456789" if digit != chr(text[place])])
-    number = (
-        text[words.start[word] + 1 : place] + digit.encode() + text[place + 1 : words.end[word]]
-    ).decode()
+    number = (text[words.start[word] + 1 : place] + digit.encode() + text[place + 1 : words.end[word]]).decode()
     if is_jog(program, int(words.block[word])):
         return None
     change = abs(float(number.replace(" ", "")) - words.value[word])
@@ -93,9 +89,7 @@ def damage(rng, text):
 
 def is_jog(program, block):
     """Whether a line stands between two dwells: a pulse may well be shorter than the longest one."""
-    return all(
-        program.text(line).startswith(b"G4") for line in (block - 1, block + 1) if line < program.blocks
-    )
+    return all(program.text(line).startswith(b"G4") for line in (block - 1, block + 1) if line < program.blocks)
 
 
 def difference(one, other):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from support.amount import examples
 from support.residuals import NOISE, UM, Moved, decaying, irregular, white
 
-from ph_post.diagnose.record import Place
-from ph_post.diagnose.where import locate
+from ph_post.diagnose.residual_places import locate
+from ph_post.types.diagnosis import ResidualPlace
 
 MOVED = cache(lambda: irregular(20.0))
 SIZES = st.floats(-5.0, 5.0)
@@ -24,7 +24,7 @@ def residual_of(m: Moved, sizes: list[float], seed: int) -> np.ndarray:
     return UM * parts + white(m.x.size, NOISE, seed)
 
 
-def places(m: Moved, residual: np.ndarray, noise: float = NOISE) -> tuple[Place, ...]:
+def places(m: Moved, residual: np.ndarray, noise: float = NOISE) -> tuple[ResidualPlace, ...]:
     return locate(m.log, "X", residual, m.counted, noise, m.machine)
 
 

@@ -13,10 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ph_post.audit.linuxcnc.config import write_configuration
-from ph_post.audit.linuxcnc.lock import only_one
-from ph_post.audit.linuxcnc.run import INSTALL
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.rehearse.linuxcnc import INSTALL, only_one, write_configuration
 from support.pipelines import executable
 
 SYSTEM = "/usr/bin:/bin:/usr/sbin:/sbin"
@@ -123,9 +121,7 @@ def _configured(folder: Path, lines: list[str]) -> Path:
 def _display(environment: dict[str, str]) -> Iterator[None]:
     """Run a display under a free number."""
     words = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x900x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, text=True
-    )
+    server = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, text=True)
     try:
         assert server.stdout is not None
         environment["DISPLAY"] = f":{server.stdout.readline().strip()}"
@@ -139,9 +135,14 @@ def _run(ini: Path, axis: Axis, environment: dict[str, str]) -> Iterator[Axis]:
     log = ini.with_suffix(".log")
     with log.open("wb") as output:
         process = subprocess.Popen(
-            ["linuxcnc", "-r", str(ini)], env=environment, cwd=ini.parent,
-            stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True,
-        )  # fmt: skip
+            ["linuxcnc", "-r", str(ini)],
+            env=environment,
+            cwd=ini.parent,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
         try:
             end = time.monotonic() + START_UP
             while not axis.ready():

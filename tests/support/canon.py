@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ph_post.gcode.reader.record import ARC, CUBIC, LINE, NURBS, PLANE_AXES, RAPID, PartProgram
+from ph_post.gcode.program import ARC, CUBIC, LINE, NURBS, PLANE_AXES, RAPID, PartProgram
 
 RS274 = shutil.which("rs274")
 needs_rs274 = pytest.mark.skipif(RS274 is None, reason="LinuxCNC's rs274 is not installed")
@@ -52,8 +52,7 @@ class Canon:
 def number_lines(text: str) -> str:
     """Give every line its number (from 0) as its N word, so that rs274 tells where a call comes from."""
     return "\n".join(
-        f"N{number} {line}" if line and line[0] not in "%/;" else line
-        for number, line in enumerate(text.split("\n"))
+        f"N{number} {line}" if line and line[0] not in "%/;" else line for number, line in enumerate(text.split("\n"))
     )
 
 
@@ -91,9 +90,7 @@ def _run(text: str) -> subprocess.CompletedProcess[str]:
         line = [str(RS274), "-t", str(table), "-g", str(file)]
         # It keeps its tools in a file in the home folder, which runs side by side would share.
         home = {**os.environ, "HOME": folder}
-        return subprocess.run(
-            line, capture_output=True, text=True, check=False, cwd=folder, env=home, timeout=60
-        )
+        return subprocess.run(line, capture_output=True, text=True, check=False, cwd=folder, env=home, timeout=60)
 
 
 def assert_agrees(program: PartProgram, canon: Canon) -> None:
@@ -137,6 +134,4 @@ def _assert_same(program: PartProgram, row: int, move: Call) -> None:
 
 def _close(found: np.ndarray, expected: np.ndarray, move: Call) -> None:
     known = ~np.isnan(found)
-    np.testing.assert_allclose(
-        found[known], expected[known], atol=ROUNDING * move.units, rtol=1e-12, err_msg=str(move)
-    )
+    np.testing.assert_allclose(found[known], expected[known], atol=ROUNDING * move.units, rtol=1e-12, err_msg=str(move))

@@ -28,9 +28,7 @@ def canonical_calls(program: bytes, folder: Path) -> Calls | None:
     command = ["rs274", "-v", str(folder / "rs274.var"), "-g", str(source)]
     # Its table of tools lies in the home folder, where interpreters that run side by side would share it.
     home = {**os.environ, "HOME": str(folder)}
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, cwd=folder, timeout=60, env=home
-    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, timeout=60, env=home)
     if done.returncode != 0:
         return None
     calls = [_NUMBER.sub("", line) for line in done.stdout.splitlines() if _NUMBER.match(line)]

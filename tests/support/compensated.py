@@ -183,9 +183,9 @@ M2
 def headed(original: str, text: str, offsets: str, stops: int, dips: int) -> tuple[bytes, bytes]:
     """Original and compensated program, the header filled in."""
     data = original.encode("latin-1")
-    header = HEADER.format(
-        digest=hashlib.sha256(data).hexdigest(), offsets=offsets, stops=stops, dips=dips
-    ).replace("\n\n", "\n")
+    header = HEADER.format(digest=hashlib.sha256(data).hexdigest(), offsets=offsets, stops=stops, dips=dips).replace(
+        "\n\n", "\n"
+    )
     return data, text.format(header=header).encode("latin-1")
 
 

@@ -58,9 +58,7 @@ def _listing(command: Any) -> Any:
         click.option("--nothing", default=0, help="Logs in which nothing is hidden."),
         click.option("--outside", default=0, help="Logs with an effect outside of the catalogue."),
         click.option("--pairs", "pair_count", default=0, help="Logs with two effects."),
-        click.option(
-            "--cache", type=click.Path(path_type=Path), required=True, help="Folder of drawn cases."
-        ),
+        click.option("--cache", type=click.Path(path_type=Path), required=True, help="Folder of drawn cases."),
         click.option("--jobs", default=1),
     ):
         command = option(command)
@@ -98,10 +96,17 @@ def judge_one(trial: Trial, folder: Path, ranked: bool) -> Result:
             result["apart"] = rank(trial, case, folder)
     except Exception:
         return {
-            "key": trial.key, "kind": trial.kind, "effects": list(trial.effects), "seed": trial.seed,
-            "channels": "+".join(trial.channels), "feedback": trial.feedback, "truths": [], "apart": {},
-            "findings": [], "error": traceback.format_exc(),
-        }  # fmt: skip
+            "key": trial.key,
+            "kind": trial.kind,
+            "effects": list(trial.effects),
+            "seed": trial.seed,
+            "channels": "+".join(trial.channels),
+            "feedback": trial.feedback,
+            "truths": [],
+            "apart": {},
+            "findings": [],
+            "error": traceback.format_exc(),
+        }
     return result
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from ph_post.audit.deliver import Request, deliver
+from ph_post.api.programs import ProgramRequest, compensate_program
 from ph_post.compensate.options import PlanOptions
-from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.reader.record import PartProgram
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.io.machinefile import read_machine
+from ph_post.dialects.base import Dialect
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
+from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 
 HERE = Path(__file__).resolve().parents[1] / "corpus"
@@ -22,22 +22,44 @@ SAMPLES = Path("/usr/share/doc/linuxcnc/examples/sample-configs/sim")
 AXIS = Path("/usr/share/axis/images")
 
 LINUXCNC = (
-    (NCFILES, "3D_Chips"), (NCFILES, "3dtest"), (NCFILES, "arcspiral"), (NCFILES, "b-index"),
-    (NCFILES, "cds"), (NCFILES, "comp-g1"), (NCFILES, "comp"), (NCFILES, "comp311"), (NCFILES, "comp311_2"),
-    (NCFILES, "daisy"), (NCFILES, "flowsnake"),
-    (NCFILES, "gmoccapy_2_tools_with_cutter_radius_compensation"), (NCFILES, "hole-circle"),
-    (NCFILES, "lathe-g76"), (NCFILES, "lathe_pawn"), (NCFILES, "lathecomp"), (NCFILES, "mmount"),
-    (NCFILES, "plasmatest"), (NCFILES, "polar"), (NCFILES, "skeleton"), (NCFILES, "spiral"),
-    (NCFILES, "systems"), (NCFILES, "threading"), (NCFILES, "tool-length-probe"), (NCFILES, "toplevel"),
-    (NCFILES, "tort"), (NCFILES, "useful-subroutines"), (NCFILES, "x-trim"),
+    (NCFILES, "3D_Chips"),
+    (NCFILES, "3dtest"),
+    (NCFILES, "arcspiral"),
+    (NCFILES, "b-index"),
+    (NCFILES, "cds"),
+    (NCFILES, "comp-g1"),
+    (NCFILES, "comp"),
+    (NCFILES, "comp311"),
+    (NCFILES, "comp311_2"),
+    (NCFILES, "daisy"),
+    (NCFILES, "flowsnake"),
+    (NCFILES, "gmoccapy_2_tools_with_cutter_radius_compensation"),
+    (NCFILES, "hole-circle"),
+    (NCFILES, "lathe-g76"),
+    (NCFILES, "lathe_pawn"),
+    (NCFILES, "lathecomp"),
+    (NCFILES, "mmount"),
+    (NCFILES, "plasmatest"),
+    (NCFILES, "polar"),
+    (NCFILES, "skeleton"),
+    (NCFILES, "spiral"),
+    (NCFILES, "systems"),
+    (NCFILES, "threading"),
+    (NCFILES, "tool-length-probe"),
+    (NCFILES, "toplevel"),
+    (NCFILES, "tort"),
+    (NCFILES, "useful-subroutines"),
+    (NCFILES, "x-trim"),
     (SAMPLES, "axis/remap/extend-builtins/nc_files/examples"),
     (SAMPLES, "axis/vismach/5axis/table-dual-rotary/demos/xyzab-tdr-demo"),
-    (SAMPLES, "axis/vismach/melfa-sim/example"), (SAMPLES, "axis/vismach/millturn/example"),
-    (SAMPLES, "axis/vismach/puma/puma_seam_weld"), (SAMPLES, "craftsman/screens/craftsmancnc"),
+    (SAMPLES, "axis/vismach/melfa-sim/example"),
+    (SAMPLES, "axis/vismach/millturn/example"),
+    (SAMPLES, "axis/vismach/puma/puma_seam_weld"),
+    (SAMPLES, "craftsman/screens/craftsmancnc"),
     (SAMPLES, "gmoccapy/non_trivial_kinematics/table-rotary-tilting/examples/boat-xyzac"),
     (SAMPLES, "gmoccapy/non_trivial_kinematics/table-rotary-tilting/examples/boat-xyzbc"),
     (AXIS, "axis"),
-)  # fmt: skip
+)
 """Programs that LinuxCNC 2.9 installs.
 
 Left out of those it installs are: files with nothing but subroutines, which other programs call (most of
@@ -82,13 +104,11 @@ def mill() -> Machine:
     return replace(machine, axes={name: replace(machine.axes.get(name, some), name=name) for name in "XYZ"})
 
 
-def compensated(
-    program: PartProgram, machine: Machine, dialect: Dialect, strategy: str | None = None
-) -> bytes:
+def compensated(program: PartProgram, machine: Machine, dialect: Dialect, strategy: str | None = None) -> bytes:
     """Write a program with the lasting offsets of a machine, or with the windows of a strategy."""
     how = PlanOptions(strategy=strategy or "takeup", carrier="program", inverse_dynamics=False, effort=0.01)
-    asked = Request(plan=how, splice=SpliceOptions())
-    return deliver(program, replace(machine, dialect=dialect.name), asked).after.data
+    asked = ProgramRequest(plan=how, splice=EditOptions())
+    return compensate_program(program, replace(machine, dialect=dialect.name), asked).after.data
 
 
 def dialect_of(entry: Entry) -> Dialect:

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.record import (
+from ph_post.drive.machinefile import read_machine
+from ph_post.types import EffectSetting
+from ph_post.types.diagnosis import (
     ChannelQuality,
     Diagnosis,
     Estimate,
     Experiment,
     Finding,
-    GapStep,
-    Place,
-    Quality,
-    Trail,
+    LogQuality,
+    ResidualPlace,
+    ResidualStep,
+    ResidualTrace,
 )
-from ph_post.io.machinefile import read_machine
-from ph_post.types import EffectSetting
 
 LADDER = Experiment(
     name="reversal ladder",
@@ -45,7 +45,7 @@ LOAD = Finding(
     confidence=float("nan"),
 )
 
-AFTER_REVERSALS = Place(
+AFTER_REVERSALS = ResidualPlace(
     axis="X",
     by="reversal",
     share=0.82,
@@ -53,11 +53,11 @@ AFTER_REVERSALS = Place(
     sentence="82 % of the excess lies within 40 ms after X reversals",
 )
 
-BOTH_WAYS = Place(
+BOTH_WAYS = ResidualPlace(
     axis="X", by="direction", share=0.01, value=1.02, sentence="X: equal in both directions (1.02 to 1)"
 )
 
-QUALITY = Quality(
+QUALITY = LogQuality(
     period=1e-3,
     jitter=2e-5,
     first=350,
@@ -71,12 +71,12 @@ QUALITY = Quality(
 )
 
 STEPS = (
-    GapStep(added=None, fit_rms=7.2e-6, holdout_rms=8.0e-6),
-    GapStep(added="coulomb_friction:X", fit_rms=1.9e-6, holdout_rms=3.0e-6),
+    ResidualStep(added=None, fit_rms=7.2e-6, holdout_rms=8.0e-6),
+    ResidualStep(added="coulomb_friction:X", fit_rms=1.9e-6, holdout_rms=3.0e-6),
 )
 
 
-def trail(count: int = 20_000, channel: str = "act", axis: str = "X", noise: float = 2e-7) -> Trail:
+def trail(count: int = 20_000, channel: str = "act", axis: str = "X", noise: float = 2e-7) -> ResidualTrace:
     """Return residuals that jump by 10 µm where the command turns back, and by a tenth of it afterwards."""
     t = np.arange(count) * 1e-3
     command = 0.05 * np.sin(2.0 * np.pi * 0.5 * t)
@@ -84,11 +84,16 @@ def trail(count: int = 20_000, channel: str = "act", axis: str = "X", noise: flo
     jump = 1e-5 * np.exp(-phase / 0.05) * np.sign(np.sin(2.0 * np.pi * (0.5 * t - 0.25)))
     blur = noise * np.random.default_rng(5).standard_normal(count)
     size = 1.0 if channel != "force" else 1e6
-    return Trail(
-        axis=axis, channel=channel, t=t, command=command,
-        before=size * (jump + blur), after=size * (0.1 * jump + blur),
-        counted=t >= 0.35, held_out=(t >= 0.35) & (t % 4.0 > 3.0),
-    )  # fmt: skip
+    return ResidualTrace(
+        axis=axis,
+        channel=channel,
+        t=t,
+        command=command,
+        before=size * (jump + blur),
+        after=size * (0.1 * jump + blur),
+        counted=t >= 0.35,
+        held_out=(t >= 0.35) & (t % 4.0 > 3.0),
+    )
 
 
 def diagnosis(**changes: object) -> Diagnosis:
@@ -112,23 +117,37 @@ def each_verdict() -> dict[str, Diagnosis]:
     return {
         "named": diagnosis(findings=(COULOMB, LOAD)),
         "nothing-missing": diagnosis(
-            verdict="nothing-missing", findings=(), places=(),
-            steps=(GapStep(added=None, fit_rms=2.1e-7, holdout_rms=2.2e-7),),
+            verdict="nothing-missing",
+            findings=(),
+            places=(),
+            steps=(ResidualStep(added=None, fit_rms=2.1e-7, holdout_rms=2.2e-7),),
         ),
         "ambiguous": diagnosis(
-            verdict="ambiguous", steps=STEPS[:1], next_experiment=LADDER,
+            verdict="ambiguous",
+            steps=STEPS[:1],
+            next_experiment=LADDER,
             findings=(
                 replace(COULOMB, confidence=0.5, ambiguous_with=("backlash",)),
                 Finding(
-                    name="backlash", axis="X", where="after X reversals", evidence=(), confidence=0.5,
+                    name="backlash",
+                    axis="X",
+                    where="after X reversals",
+                    evidence=(),
+                    confidence=0.5,
                     parameters={"lost_motion": Estimate(value=0.0312, stderr=0.0013, unit="mm")},
-                    ambiguous_with=("coulomb_friction",), keys={"lost_motion_mm": 0.0312},
+                    ambiguous_with=("coulomb_friction",),
+                    keys={"lost_motion_mm": 0.0312},
                 ),
             ),
         ),
         "unknown": diagnosis(verdict="unknown", findings=(), steps=STEPS[:1]),
         "not-identifiable": diagnosis(
-            verdict="not-identifiable", findings=(), steps=(), places=(), trails=(), noise_floor=float("nan"),
+            verdict="not-identifiable",
+            findings=(),
+            steps=(),
+            places=(),
+            trails=(),
+            noise_floor=float("nan"),
             quality=replace(QUALITY, faults=("X_act moves in steps of 1 mm, and no effect is as large",)),
         ),
-    }  # fmt: skip
+    }

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ph_post.io.pathfile import read_path
+from ph_post.files.path import read_path
 
 
 def tags(*pairs):
@@ -65,9 +65,7 @@ def ellipse(center, major, ratio, first, last, layer="0", normal=(0, 0, 1)):
 
 
 def insert(name, place, sx=1, sy=1, turn=0, layer="0", extra=()):
-    return entity(
-        "INSERT", (2, name), point(place), (41, sx), (42, sy), (43, 1), (50, turn), *extra, layer=layer
-    )
+    return entity("INSERT", (2, name), point(place), (41, sx), (42, sy), (43, 1), (50, turn), *extra, layer=layer)
 
 
 def sampled(path, count=33):

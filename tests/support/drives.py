@@ -14,9 +14,14 @@ from ph_post.types import Axis, Feedback, Gap, Limits, Servo
 
 PAPER_SERVO = Servo(b=0.0005, c=0.005)
 PAPER_GAP = Gap(
-    lost_motion=0.125664 / 25.0, motor_angle=0.125664, gear_ratio=25.0, travel_per_rad=1.0,
-    inertia_fraction=0.35, beta=1.0, pickup="standstill",
-)  # fmt: skip
+    lost_motion=0.125664 / 25.0,
+    motor_angle=0.125664,
+    gear_ratio=25.0,
+    travel_per_rad=1.0,
+    inertia_fraction=0.35,
+    beta=1.0,
+    pickup="standstill",
+)
 AMPLITUDE = 0.25
 PERIOD = 6.0
 """T, the time between reversals of the command [s]."""
@@ -32,9 +37,13 @@ def axis(servo: Servo = PAPER_SERVO, gap: Gap = PAPER_GAP, feedback: Feedback = 
 def gap_of(gain: float, beta: float, motor_angle: float, b: float) -> Gap:
     """Return a gap with C = `gain` on a loop with `b`: N = 1, η = 1/2."""
     return Gap(
-        lost_motion=motor_angle * 2.0 / (gain * b), motor_angle=motor_angle, gear_ratio=1.0,
-        travel_per_rad=2.0 / (gain * b), inertia_fraction=0.5, beta=beta,
-    )  # fmt: skip
+        lost_motion=motor_angle * 2.0 / (gain * b),
+        motor_angle=motor_angle,
+        gear_ratio=1.0,
+        travel_per_rad=2.0 / (gain * b),
+        inertia_fraction=0.5,
+        beta=beta,
+    )
 
 
 class Printed:
@@ -115,9 +124,7 @@ class Printed:
             x, x_dot, _ = self.motion(t_i + dt, x_i, t_i + half)
             return x + x_i, x_dot / self.W, (self.angle(t_i, x_i, dt) / mp.mpf(motor_angle) + 1) * self.a
 
-        return tuple(
-            mp.findroot(conditions, tuple(map(mp.mpf, start)), tol=mp.mpf(10) ** (30 - 2 * mp.mp.dps))
-        )
+        return tuple(mp.findroot(conditions, tuple(map(mp.mpf, start)), tol=mp.mpf(10) ** (30 - 2 * mp.mp.dps)))
 
 
 class Observed(NamedTuple):
@@ -154,9 +161,7 @@ def run_drive(
         run = _run(closed, t, t + 1.5 * math.pi / omega, state, stop)
         t_i, (x_i, _, integral) = run
         cross = _Event(1, -sense * motor_angle, -sense)
-        t, opening = _run(
-            lambda t, y, x=x_i: opened(t, y, x), t_i, t_i + math.pi / omega, [0.0, 0.0, integral], cross
-        )
+        t, opening = _run(lambda t, y, x=x_i: opened(t, y, x), t_i, t_i + math.pi / omega, [0.0, 0.0, integral], cross)
         found.append(Observed(t_i - (number + 0.5) * math.pi / omega, abs(x_i), t - t_i))
         state, sense = np.array([x_i, 0.0, opening[2]]), -sense
     return found
@@ -176,8 +181,6 @@ class _Event:
 
 def _run(rate: Any, start: float, end: float, state: Any, event: _Event) -> tuple[float, NDArray[np.float64]]:
     """Integrate until the event."""
-    run = solve_ivp(
-        rate, (start, end), state, method="DOP853", rtol=1e-11, atol=1e-14, events=event, max_step=0.2
-    )
+    run = solve_ivp(rate, (start, end), state, method="DOP853", rtol=1e-11, atol=1e-14, events=event, max_step=0.2)
     assert run.t_events[0].size == 1
     return float(run.t_events[0][0]), run.y_events[0][0]

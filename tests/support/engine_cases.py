@@ -40,19 +40,38 @@ class Case(NamedTuple):
 
 
 def make_axis(
-    feedback: Feedback, b: float, c: float, gap: float, *, eta: float = 0.5, beta: float = 0.0,
-    ki: float = 0.0, kd: float = 0.0, pickup: Pickup = "standstill", flank: int = 1,
-    effects: Sequence[EffectSetting] = (), name: str = "X",
-) -> Axis:  # fmt: skip
+    feedback: Feedback,
+    b: float,
+    c: float,
+    gap: float,
+    *,
+    eta: float = 0.5,
+    beta: float = 0.0,
+    ki: float = 0.0,
+    kd: float = 0.0,
+    pickup: Pickup = "standstill",
+    flank: int = 1,
+    effects: Sequence[EffectSetting] = (),
+    name: str = "X",
+) -> Axis:
     """An axis with that gap [m]; its limits play no part."""
     return Axis(
-        name=name, feedback=feedback, servo=Servo(b=b, c=c, ki_over_kp=ki, kd_over_kp=kd),
+        name=name,
+        feedback=feedback,
+        servo=Servo(b=b, c=c, ki_over_kp=ki, kd_over_kp=kd),
         gap=Gap(
-            lost_motion=gap, motor_angle=1000.0 * gap, gear_ratio=2.0, travel_per_rad=2e-3,
-            inertia_fraction=eta, beta=beta, pickup=pickup, initial_flank="+" if flank > 0 else "-",
+            lost_motion=gap,
+            motor_angle=1000.0 * gap,
+            gear_ratio=2.0,
+            travel_per_rad=2e-3,
+            inertia_fraction=eta,
+            beta=beta,
+            pickup=pickup,
+            initial_flank="+" if flank > 0 else "-",
         ),
-        limits=Limits(velocity=1.0, acceleration=10.0, jerk=1e3), effects=tuple(effects),
-    )  # fmt: skip
+        limits=Limits(velocity=1.0, acceleration=10.0, jerk=1e3),
+        effects=tuple(effects),
+    )
 
 
 def effect(name: str, **parameters: float) -> EffectSetting:
@@ -60,9 +79,7 @@ def effect(name: str, **parameters: float) -> EffectSetting:
 
 
 def make_machine(axes: Iterable[Axis], period: float) -> Machine:
-    return Machine(
-        name="random", dialect="linuxcnc", servo_period=period, axes={axis.name: axis for axis in axes}
-    )
+    return Machine(name="random", dialect="linuxcnc", servo_period=period, axes={axis.name: axis for axis in axes})
 
 
 def make_command(position: ArrayLike, period: float, moving: bool = False) -> Command:
@@ -74,18 +91,32 @@ def make_command(position: ArrayLike, period: float, moving: bool = False) -> Co
     zeros = np.zeros(n)
     whole = np.zeros(n, dtype=np.int64)
     return Command(
-        axes=("X", "Y", "Z")[: place.shape[1]], period=period, t=period * np.arange(n), segment=whole,
-        xi=zeros, s=zeros, position=place, feed=feed, window=whole - 1,
-    )  # fmt: skip
+        axes=("X", "Y", "Z")[: place.shape[1]],
+        period=period,
+        t=period * np.arange(n),
+        segment=whole,
+        xi=zeros,
+        s=zeros,
+        position=place,
+        feed=feed,
+        window=whole - 1,
+    )
 
 
 def drive_of(axis: Axis) -> Drive:
     """The reference's drive for an axis, its effects by their keys in the machine file."""
     servo, gap = axis.servo, axis.gap
     found: dict[str, Any] = {
-        "b": servo.b, "c": servo.c, "ki": servo.ki_over_kp, "kd": servo.kd_over_kp, "gap": gap.lost_motion,
-        "feedback": axis.feedback, "rule": gap.pickup, "eta": gap.inertia_fraction, "beta": gap.beta,
-    }  # fmt: skip
+        "b": servo.b,
+        "c": servo.c,
+        "ki": servo.ki_over_kp,
+        "kd": servo.kd_over_kp,
+        "gap": gap.lost_motion,
+        "feedback": axis.feedback,
+        "rule": gap.pickup,
+        "eta": gap.inertia_fraction,
+        "beta": gap.beta,
+    }
     for setting in axis.effects:
         found |= _of_effect(setting.name, setting.parameters, found)
     return Drive(**found)
@@ -149,9 +180,15 @@ def reference(case: Case, speed: float = 0.0, refine: int = 3) -> Motion:
     if drive.feedback != "load" and not drive.ki:
         start -= drive.c * speed
     return simulate_axis(
-        drive, case.command, case.period, flank=(int(np.sign(speed)) or _flank(case.axis)), position=start,
-        speed=speed, integral=(drive.c * speed + drive.load) / drive.ki if drive.ki else 0.0, refine=refine,
-    )  # fmt: skip
+        drive,
+        case.command,
+        case.period,
+        flank=(int(np.sign(speed)) or _flank(case.axis)),
+        position=start,
+        speed=speed,
+        integral=(drive.c * speed + drive.load) / drive.ki if drive.ki else 0.0,
+        refine=refine,
+    )
 
 
 def _flank(axis: Axis) -> int:
@@ -187,16 +224,12 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
-def random_command(
-    rng: np.random.Generator, kind: str, size: float, t: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def random_command(rng: np.random.Generator, kind: str, size: float, t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums of sines, trapezoids with dwells, or a coordinate of a circle; up to `size` [m]."""
     match kind:
         case "sines":
             parts = [
-                rng.uniform(0.1, 1.0)
-                / k
-                * np.sin(k * log_uniform(rng, 1.0, 25.0) * t + rng.uniform(0.0, 6.0))
+                rng.uniform(0.1, 1.0) / k * np.sin(k * log_uniform(rng, 1.0, 25.0) * t + rng.uniform(0.0, 6.0))
                 for k in (1, 2, 3)
             ]
             return size * 0.5 * np.sum(parts, axis=0)
@@ -208,19 +241,23 @@ def random_command(
     raise AssertionError(kind)
 
 
-def random_axis(
-    rng: np.random.Generator, feedback: Feedback, pickup: Pickup, control: str, size: float
-) -> Axis:
+def random_axis(rng: np.random.Generator, feedback: Feedback, pickup: Pickup, control: str, size: float) -> Axis:
     """A plausible drive: natural frequency, damping, motor's part, and a gap small beside the motion."""
     natural, damping = log_uniform(rng, 15.0, 150.0), log_uniform(rng, 0.1, 3.0)
     b, c = natural**-2, 2.0 * damping / natural
     eta = rng.uniform(0.1, 0.9)
     return make_axis(
-        feedback, b, c, size * log_uniform(rng, 1e-4, 0.1), eta=eta, beta=rng.uniform(0.0, 0.9) * c / b / eta,
+        feedback,
+        b,
+        c,
+        size * log_uniform(rng, 1e-4, 0.1),
+        eta=eta,
+        beta=rng.uniform(0.0, 0.9) * c / b / eta,
         ki=rng.uniform(0.01, 0.3) * c / b if control in {"PI", "PID"} else 0.0,
         kd=rng.uniform(0.1, 1.0) * c if control == "PID" else 0.0,
-        pickup=pickup, flank=int(rng.choice([1, -1])),
-    )  # fmt: skip
+        pickup=pickup,
+        flank=int(rng.choice([1, -1])),
+    )
 
 
 def random_effects(rng: np.random.Generator, axis: Axis, size: float) -> list[EffectSetting]:

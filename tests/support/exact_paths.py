@@ -75,8 +75,7 @@ def composed(outer: Power, inner: Power) -> Power:
 def bernstein(power: Power) -> Power:
     """Bernstein coefficients on [0, 1], between which the polynomial lies."""
     n = len(power) - 1
-    return [sum((Fraction(comb(k, j), comb(n, j)) * power[j] for j in range(k + 1)), Fraction(0))
-            for k in range(n + 1)]  # fmt: skip
+    return [sum((Fraction(comb(k, j), comb(n, j)) * power[j] for j in range(k + 1)), Fraction(0)) for k in range(n + 1)]
 
 
 def from_bernstein(coefficients: Sequence[Fraction]) -> Power:
@@ -134,9 +133,7 @@ def _nurbs(one: dict[str, Any], axes: list[str], scale: Fraction) -> Iterator[Pi
     """De Boor's rule in homogeneous coordinates, its parameter a polynomial of u on each span."""
     degree, knots = one["degree"], _numbers(one["knots"])
     weights = _numbers(one.get("weights") or [1] * len(one["points"]))
-    points = [
-        [w * c for c in _numbers(point, scale)] + [w] for point, w in zip(one["points"], weights, strict=True)
-    ]
+    points = [[w * c for c in _numbers(point, scale)] + [w] for point, w in zip(one["points"], weights, strict=True)]
     for span in range(degree, len(points)):
         if knots[span] == knots[span + 1]:
             continue

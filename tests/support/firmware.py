@@ -31,16 +31,48 @@ GRBLHAL = GRBL | frozenset(
     )
 )
 MARLIN = {
-    "G0": "XYZEF", "G1": "XYZEF", "G2": "XYZEFIJR", "G3": "XYZEFIJR", "G4": "PS", "G21": "", "G28": "XYZ",
-    "G90": "", "G91": "", "G92": "XYZE", "M17": "", "M18": "", "M84": "", "M114": "", "M119": "",
-    "M201": "XYZE", "M203": "XYZE", "M204": "PRTS", "M205": "XYZEJS", "M220": "S", "M400": "",
-    "M425": "FSXYZ",
-}  # fmt: skip
-KLIPPER = {
-    "G0": "XYZEF", "G1": "XYZEF", "G4": "P", "G21": "", "G28": "XYZ", "G90": "", "G91": "", "G92": "XYZE",
-    "M18": "", "M82": "", "M83": "", "M84": "", "M114": "", "M204": "SPT", "M220": "S", "M221": "S",
+    "G0": "XYZEF",
+    "G1": "XYZEF",
+    "G2": "XYZEFIJR",
+    "G3": "XYZEFIJR",
+    "G4": "PS",
+    "G21": "",
+    "G28": "XYZ",
+    "G90": "",
+    "G91": "",
+    "G92": "XYZE",
+    "M17": "",
+    "M18": "",
+    "M84": "",
+    "M114": "",
+    "M119": "",
+    "M201": "XYZE",
+    "M203": "XYZE",
+    "M204": "PRTS",
+    "M205": "XYZEJS",
+    "M220": "S",
     "M400": "",
-}  # fmt: skip
+    "M425": "FSXYZ",
+}
+KLIPPER = {
+    "G0": "XYZEF",
+    "G1": "XYZEF",
+    "G4": "P",
+    "G21": "",
+    "G28": "XYZ",
+    "G90": "",
+    "G91": "",
+    "G92": "XYZE",
+    "M18": "",
+    "M82": "",
+    "M83": "",
+    "M84": "",
+    "M114": "",
+    "M204": "SPT",
+    "M220": "S",
+    "M221": "S",
+    "M400": "",
+}
 LINES = {"grbl": 79, "grblhal": 255, "marlin": 95, "klipper": 10**6}
 """Longest line that each takes, without its end."""
 
@@ -121,10 +153,7 @@ def travel(text: str, firmware: str) -> Trip:
                 if feed <= 0.0:
                     raise RefusedError(f"no F: {line}")
                 target = np.array(
-                    [
-                        given.get(axis, here if absolute else 0.0)
-                        for axis, here in zip("XYZ", place, strict=True)
-                    ]
+                    [given.get(axis, here if absolute else 0.0) for axis, here in zip("XYZ", place, strict=True)]
                 )
                 target = target if absolute else place + target
                 if word in ("G2", "G3"):

@@ -11,9 +11,7 @@ from pathlib import Path as FilePath
 import FreeCAD
 import Part
 
-FreeCAD.ParamGet("User parameter:BaseApp/Preferences/Macro").SetString(
-    "MacroPath", os.environ["PH_JOB_FOLDER"]
-)
+FreeCAD.ParamGet("User parameter:BaseApp/Preferences/Macro").SetString("MacroPath", os.environ["PH_JOB_FOLDER"])
 
 from PathScripts import (  # noqa: E402 - the folder of the post-processors has to be known
     PathDrilling,
@@ -80,6 +78,4 @@ def post(job, name, arguments, output):
 
 job, places = make_job(FreeCAD.newDocument("part"))
 said = [post(job, *one) for one in json.loads(os.environ["PH_JOB_POSTS"])]
-FilePath(os.environ["PH_JOB_REPORT"]).write_text(
-    json.dumps({"said": said, "spline": places}), encoding="utf-8"
-)
+FilePath(os.environ["PH_JOB_REPORT"]).write_text(json.dumps({"said": said, "spline": places}), encoding="utf-8")

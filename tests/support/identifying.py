@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ph_post.diagnose.record import Estimate
 from ph_post.types import AxisLog, Log
+from ph_post.types.diagnosis import Estimate
 from tests.support.plants.axis import Plant
 from tests.support.plants.loops import PERIOD, follow
 from tests.support.plants.tracks import Track
@@ -64,9 +64,7 @@ class Recorder:
             size = stiffness if name == "force" else 1.0
             return size * (true[name] + self.noise * self.rng.standard_normal(command.size))
 
-        axis = AxisLog(
-            command=command, table=read("act"), motor=read("motor"), effort=read("force"), side=self.side
-        )  # fmt: skip
+        axis = AxisLog(command=command, table=read("act"), motor=read("motor"), effort=read("force"), side=self.side)
         t = np.arange(command.size) * PERIOD
         return Log(name="hidden", t=t, period=PERIOD, axes={"X": axis})
 
@@ -74,10 +72,14 @@ class Recorder:
 def truth(plant: Plant) -> dict[str, float]:
     """What is to be found, in the units of a machine file."""
     return {
-        "b": plant.b, "c": plant.c, "lost_motion": plant.gap * 1e3, "inertia_fraction": plant.eta,
-        "motor_time_constant": 1.0 / plant.beta, "servo_stiffness": plant.stiffness * 1e-3,
+        "b": plant.b,
+        "c": plant.c,
+        "lost_motion": plant.gap * 1e3,
+        "inertia_fraction": plant.eta,
+        "motor_time_constant": 1.0 / plant.beta,
+        "servo_stiffness": plant.stiffness * 1e-3,
         "lost_motion_times_inertia_fraction": plant.eta * plant.gap * 1e3,
-    }  # fmt: skip
+    }
 
 
 def off(estimate: Estimate, value: float) -> float:

@@ -59,9 +59,7 @@ class Move:
             points[:, b] = self.center[1] + np.sin(turn) * radius[0] + np.cos(turn) * radius[1]
         if self.control is not None:
             c = self.control
-            points[:, :2] = (
-                (1 - u) ** 3 * c[0] + 3 * u * (1 - u) ** 2 * c[1] + 3 * u**2 * (1 - u) * c[2] + u**3 * c[3]
-            )
+            points[:, :2] = (1 - u) ** 3 * c[0] + 3 * u * (1 - u) ** 2 * c[1] + 3 * u**2 * (1 - u) * c[2] + u**3 * c[3]
         return points
 
 

@@ -18,8 +18,27 @@ from .interpreter import Move, Run
 PLANES = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 OFFSETS = {"X": "I", "Y": "J", "Z": "K"}
 
-FANUC = {"G0", "G1", "G2", "G3", "G4", "G6.2", "G17", "G18", "G19", "G21", "G40", "G49", "G54", "G80", "G90",
-         "G93", "G94", "G5.1", "M30"}  # fmt: skip
+FANUC = {
+    "G0",
+    "G1",
+    "G2",
+    "G3",
+    "G4",
+    "G6.2",
+    "G17",
+    "G18",
+    "G19",
+    "G21",
+    "G40",
+    "G49",
+    "G54",
+    "G80",
+    "G90",
+    "G93",
+    "G94",
+    "G5.1",
+    "M30",
+}
 ALONE = {"G21", "G5.1"}
 """Words that stand in blocks of their own."""
 
@@ -58,10 +77,21 @@ class Reader:
             raise LanguageError(f"line {line}: no feed")
         duration = length / self.feed * 60.0 if cut and self.feed else 0.0
         self.run.moves.append(
-            Move(word=word, line=line, start=self.at, end=end, duration=duration, length=length,
-                 feed=self.feed if cut else None, exact=False, center=center, angle=angle, axes=(a, b),
-                 control=more.get("control"))
-        )  # fmt: skip
+            Move(
+                word=word,
+                line=line,
+                start=self.at,
+                end=end,
+                duration=duration,
+                length=length,
+                feed=self.feed if cut else None,
+                exact=False,
+                center=center,
+                angle=angle,
+                axes=(a, b),
+                control=more.get("control"),
+            )
+        )
         self.at = end
 
 
@@ -91,9 +121,7 @@ class Fanuc(Reader):
             raise LanguageError(f"line {line}: {codes}")
         given = {word[0]: word[1:] for word in body if word[0] not in "GM"}
         values = {
-            letter: number(
-                value, line, decimals=6 if letter == "F" else self.decimals, point=letter not in "PQ"
-            )
+            letter: number(value, line, decimals=6 if letter == "F" else self.decimals, point=letter not in "PQ")
             for letter, value in given.items()
         }
         self.plane = next((PLANES[code] for code in codes if code in PLANES), self.plane)
@@ -167,9 +195,7 @@ def run_klartext(text: str) -> Reader:
         if count != str(line):
             raise LanguageError(f"block {line}: its number is {count}")
         words = block.split()
-        if words[0] == ";" or re.fullmatch(
-            r"CYCL DEF (9\.0 DWELL TIME|32\.0 TOLERANCE|32\.1( T[\d.]+)?)|M30", block
-        ):
+        if words[0] == ";" or re.fullmatch(r"CYCL DEF (9\.0 DWELL TIME|32\.0 TOLERANCE|32\.1( T[\d.]+)?)|M30", block):
             continue
         if (dwell := re.fullmatch(r"CYCL DEF 9\.1 DWELL ([\d.]+)", block)) is not None:
             reader.dwells.append(number(dwell[1], line, decimals=3))

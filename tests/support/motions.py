@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ph_post.analysis import Analysis, analyse
-from ph_post.compensate.limits import at_rest_before_and_after
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial
+from ph_post.analysis.path_analysis import Analysis, analyse
+from ph_post.compensate.violations import at_rest_before_and_after
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.nurbs import Nurbs
+from ph_post.geometry.ph import PH
 from ph_post.types import Axis, Command, Gap, Limits, Machine, Path, Phase, Plan, Segment, Servo
 
 MM = 1e-3
@@ -19,9 +21,13 @@ def make_machine(
 ) -> Machine:
     """Three equal axes with scales and 0.02 mm of lost motion, unless `axis` says otherwise."""
     gap = Gap(
-        lost_motion=20e-6, motor_angle=20e-6 / 0.8e-3, gear_ratio=1.0, travel_per_rad=0.8e-3,
-        inertia_fraction=0.5, beta=5.0,
-    )  # fmt: skip
+        lost_motion=20e-6,
+        motor_angle=20e-6 / 0.8e-3,
+        gear_ratio=1.0,
+        travel_per_rad=0.8e-3,
+        inertia_fraction=0.5,
+        beta=5.0,
+    )
     limits = Limits(velocity=velocity, acceleration=acceleration, jerk=jerk)
     given = {"feedback": "load", "servo": Servo(b=2e-4, c=0.02), "gap": gap, "limits": limits} | axis
     axes = {name: Axis(name=name, **given) for name in "XYZ"}
@@ -76,16 +82,12 @@ def assert_continuous(plan: Plan, length: float) -> None:
     slopes = np.array([_end_slopes(phase) for phase in plan.phases])
     # A slope is n times a difference of speeds, right to an ulp of them each, over the duration.
     error = 64.0 * np.finfo(np.float64).eps * max(phase.speed.max() for phase in plan.phases) / duration
-    assert np.all(
-        np.abs(slopes[1:, 0] - slopes[:-1, 1]) <= 1e-9 * np.abs(slopes).max() + error[1:] + error[:-1]
-    )
+    assert np.all(np.abs(slopes[1:, 0] - slopes[:-1, 1]) <= 1e-9 * np.abs(slopes).max() + error[1:] + error[:-1])
 
 
 def _end_slopes(phase: Phase) -> tuple[float, float]:
     v, n = phase.speed, phase.speed.size - 1
-    return (
-        (0.0, 0.0) if n == 0 else (n * (v[1] - v[0]) / phase.duration, n * (v[-1] - v[-2]) / phase.duration)
-    )
+    return (0.0, 0.0) if n == 0 else (n * (v[1] - v[0]) / phase.duration, n * (v[-1] - v[-2]) / phase.duration)
 
 
 def random_curves(rng: np.random.Generator, kind: str) -> list:

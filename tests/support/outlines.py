@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ph_post.gcode.reader.record import ARC, CUBIC, LINE, RAPID, Motions
+from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions
 
 MM = 1e-3
 
@@ -39,9 +39,7 @@ class Tool:
         return self._add(CUBIC, control[-1])
 
     def motions(self):
-        kind, start, end, center, angle, feed = (
-            np.array([row[k] for row in self.rows], dtype=float) for k in range(6)
-        )
+        kind, start, end, center, angle, feed = (np.array([row[k] for row in self.rows], dtype=float) for k in range(6))
         count = len(self.rows)
         return Motions(
             block=np.arange(count),

@@ -7,7 +7,7 @@ import random
 
 import numpy as np
 
-from ph_post.gcode.reader.record import ARC, CUBIC, PLANE_AXES, PartProgram
+from ph_post.gcode.program import ARC, CUBIC, PLANE_AXES, PartProgram
 from ph_post.types import Array, IntArray
 
 
@@ -75,8 +75,10 @@ class _Writer:
     def arc(self, radius: int, first: int, sweep: int, rise: int) -> None:
         """Arc about a centre in the active plane, from and over whole multiples of 15 degrees."""
         a, b, c = PLANE_AXES[self.plane]
-        center = [self.at[a] - round(radius * math.cos(math.radians(first))),
-                  self.at[b] - round(radius * math.sin(math.radians(first)))]  # fmt: skip
+        center = [
+            self.at[a] - round(radius * math.cos(math.radians(first))),
+            self.at[b] - round(radius * math.sin(math.radians(first))),
+        ]
         rays = [self.at[a] - center[0], self.at[b] - center[1]]
         angle = math.radians(sweep)
         to = list(self.at)
@@ -106,8 +108,15 @@ def random_program(rng: random.Random, *, moves: int = 14, tools: bool = True) -
     if percent:
         one.lines.append("%")
     one.lines.append("(a random program, X1)")
-    one.line(f"G{20 if one.inch else 21}", "G40", "G49", "G90", "G94", f"G{one.plane}",
-             "G90.1" if one.center_absolute else "G91.1")  # fmt: skip
+    one.line(
+        f"G{20 if one.inch else 21}",
+        "G40",
+        "G49",
+        "G90",
+        "G94",
+        f"G{one.plane}",
+        "G90.1" if one.center_absolute else "G91.1",
+    )
     one.line(rng.choice(["G64 P0.01", "G61", "G64"]))
     unit = 10**one.decimals // (25 if one.inch else 1)
     home = [rng.randrange(-9, 9) * unit for _ in range(3)]
@@ -127,8 +136,12 @@ def random_program(rng: random.Random, *, moves: int = 14, tools: bool = True) -
             one.straight("G1", to)
         elif kind < 7:
             rise = rng.choice([0, 0, unit // 3])
-            one.arc(rng.randrange(1, 9) * unit, 15 * rng.randrange(24), rng.choice([-1, 1]) * 15
-                    * rng.choice([2, 3, 6, 12, 18, 24, 24]), rise)  # fmt: skip
+            one.arc(
+                rng.randrange(1, 9) * unit,
+                15 * rng.randrange(24),
+                rng.choice([-1, 1]) * 15 * rng.choice([2, 3, 6, 12, 18, 24, 24]),
+                rise,
+            )
         elif kind < 8:
             one.straight("G0", to)
         else:
@@ -162,14 +175,10 @@ def samples(program: PartProgram, count: int = 48) -> tuple[Array, IntArray]:
             points[:, b] = motions.center[k][1] + radius * np.sin(angles)
         elif motions.kind[k] == CUBIC:
             p, u = motions.control[k], shares
-            points = (
-                (1 - u) ** 3 * p[0] + 3 * (1 - u) ** 2 * u * p[1] + 3 * (1 - u) * u**2 * p[2] + u**3 * p[3]
-            )
+            points = (1 - u) ** 3 * p[0] + 3 * (1 - u) ** 2 * u * p[1] + 3 * (1 - u) * u**2 * p[2] + u**3 * p[3]
         rows.append(points)
         owner.append([k] * len(points))
-    return np.concatenate([np.zeros((0, 3)), *rows]), np.array(
-        [k for group in owner for k in group], dtype=np.int64
-    )
+    return np.concatenate([np.zeros((0, 3)), *rows]), np.array([k for group in owner for k in group], dtype=np.int64)
 
 
 def played(motor: Array, gap: Array, flank: Array) -> Array:

@@ -43,16 +43,18 @@ def command(*words: str | Path) -> list[str]:
 def run(*words: str | Path, cwd: Path | None = None, **more: str) -> subprocess.CompletedProcess[bytes]:
     """Run ``ph-post`` to its end, with nothing on standard input."""
     return subprocess.run(
-        command(*words), env=environment(**more), cwd=cwd, stdin=subprocess.DEVNULL,
-        capture_output=True, check=False,
-    )  # fmt: skip
+        command(*words),
+        env=environment(**more),
+        cwd=cwd,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+    )
 
 
 def executable(place: Path, *words: str) -> Path:
     """Write an executable that calls ``ph-post`` with these words first, as an installed one would."""
-    place.write_text(
-        f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {shlex.join(command(*words))} "$@"\n'
-    )
+    place.write_text(f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {shlex.join(command(*words))} "$@"\n')
     place.chmod(0o755)
     return place
 
@@ -120,9 +122,13 @@ def watching(folder: Path, *words: str | Path) -> Iterator[Watching]:
     options: Sequence[str | Path] = ("-m", "stepper", "--settle", "0.6", "--max-slowdown", "1", *words)
     with heeding_interrupts():
         process = subprocess.Popen(
-            command("convert", "--watch", folder, *options), env=environment(), stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            command("convert", "--watch", folder, *options),
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
     found = Watching(process)
     try:
         found.wait_for("watching")

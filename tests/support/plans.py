@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ph_post.analysis.turning_points import find_turning_points
 from ph_post.compensate.shapes import single
 from ph_post.geometry.track import Track
-from ph_post.turning import find_turning_points
 from ph_post.types import (
     Axis,
     FeedProfile,
@@ -27,9 +27,7 @@ RISE = 0.1
 """Duration of a start or stop [s]."""
 
 
-def make_path(
-    curves: Sequence, *, feed: float = 0.02, closed: bool = False, axes=None, rapid=(), name="part"
-) -> Path:
+def make_path(curves: Sequence, *, feed: float = 0.02, closed: bool = False, axes=None, rapid=(), name="part") -> Path:
     """A path of curves, feed in m/s; `rapid` are numbers of rapid segments."""
     segments = tuple(Segment(curve=curve, rapid=number in rapid) for number, curve in enumerate(curves))
     names = tuple(axes or ("X", "Y", "Z")[: curves[0].dimension])
@@ -56,9 +54,7 @@ def make_machine(*, lost: float = 20e-6, dialect: str = "linuxcnc", period: floa
             limits=Limits(velocity=1.0, acceleration=5.0, jerk=500.0),
         )
 
-    return Machine(
-        name="bench", dialect=dialect, servo_period=period, axes={name: axis(name) for name in "XYZ"}
-    )
+    return Machine(name="bench", dialect=dialect, servo_period=period, axes={name: axis(name) for name in "XYZ"})
 
 
 class Timetable:
@@ -71,9 +67,7 @@ class Timetable:
 
     def add(self, duration: float, speed: Sequence[float], window: int = -1) -> None:
         if duration > 0.0:
-            self.phases.append(
-                Phase(start=self.t, duration=duration, s=self.s, speed=frozen(speed), window=window)
-            )
+            self.phases.append(Phase(start=self.t, duration=duration, s=self.s, speed=frozen(speed), window=window))
             self.t += duration
             self.s += duration * sum(speed) / len(speed)
 
@@ -118,9 +112,7 @@ def make_plan(
         table.hold_until(s - half, speed)
         table.dip(speed, low, t_star, number)
         points.append(
-            TurningPoint(
-                index=len(points), kind="smooth", segment=0, xi=0.5, axis="X", sense="max", position=0.0, s=s
-            )
+            TurningPoint(index=len(points), kind="smooth", segment=0, xi=0.5, axis="X", sense="max", position=0.0, s=s)
         )
         windows.append(
             Window(

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ph_post.compensate.plan import PlanOptions
-from ph_post.geometry.curves import Arc, Bezier, Line, Nurbs
+from ph_post.compensate.options import PlanOptions
+from ph_post.geometry.curves import Arc, Bezier, Line
+from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.track import Track
 from ph_post.types import Axis, Gap, Limits, Machine, Path, Servo, Uncertainty
 
@@ -93,10 +94,13 @@ def _random_axis(rng: Random, name: str, feed: float) -> Axis:
     jerk = acceleration * 10.0 ** rng.uniform(0.7, 2.5)
     spread = float(rng.choice([0.0, 0.2, rng.uniform(0.0, 0.5)]))
     return Axis(
-        name=name, feedback=feedback, servo=servo, gap=_random_gap(rng, feedback, servo),
+        name=name,
+        feedback=feedback,
+        servo=servo,
+        gap=_random_gap(rng, feedback, servo),
         limits=Limits(velocity=feed * 10.0 ** rng.uniform(-0.3, 0.7), acceleration=acceleration, jerk=jerk),
         uncertainty=Uncertainty(backlash=spread),
-    )  # fmt: skip
+    )
 
 
 def _random_servo(rng: Random, feedback: str) -> Servo:
@@ -121,7 +125,12 @@ def _random_gap(rng: Random, feedback: str, servo: Servo) -> Gap:
     eta, ratio, travel = rng.uniform(0.2, 0.8), rng.uniform(1.0, 25.0), 10.0 ** rng.uniform(-3.0, 0.0)
     pickup = rng.choice(["standstill", "momentum", "contact", None])
     return Gap(
-        lost_motion=lost, motor_angle=lost * ratio / travel, gear_ratio=ratio, travel_per_rad=travel,
-        inertia_fraction=eta, beta=rng.uniform(0.05, 0.9) * servo.c / (eta * servo.b), pickup=pickup,
+        lost_motion=lost,
+        motor_angle=lost * ratio / travel,
+        gear_ratio=ratio,
+        travel_per_rad=travel,
+        inertia_fraction=eta,
+        beta=rng.uniform(0.05, 0.9) * servo.c / (eta * servo.b),
+        pickup=pickup,
         initial_flank=flank,
-    )  # fmt: skip
+    )

@@ -107,9 +107,7 @@ class Writer:
 
     def frame(self) -> None:
         """Other units, another work system or another name of the place, and a known place after it."""
-        word = self.draw(
-            st.sampled_from(["G20", "G21", "G54", "G55", "G59.3", "G92 X1.5 Z-2", "G92.1", "G49"])
-        )
+        word = self.draw(st.sampled_from(["G20", "G21", "G54", "G55", "G59.3", "G92 X1.5 Z-2", "G92.1", "G49"]))
         units = word if word in ("G20", "G21") else None
         if units is None:
             self.write(*word.split())

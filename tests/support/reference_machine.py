@@ -100,9 +100,7 @@ def simulate(
     ]
 
 
-def _ramps(
-    X: NDArray[np.float64], k: int, period: float, delay: float, refine: int
-) -> list[tuple[Ramp, float]]:
+def _ramps(X: NDArray[np.float64], k: int, period: float, delay: float, refine: int) -> list[tuple[Ramp, float]]:
     """Straight pieces of the delayed command between samples k and k + 1, each with its end [s]."""
     whole, part = divmod(delay / period, 1.0)
     cuts = sorted({i / refine for i in range(refine + 1)} | {part})
@@ -123,9 +121,15 @@ def _follow(axis: LoadAxis | MotorAxis, ramp: Ramp, end: float, events: list[Eve
     for _ in range(PATIENCE):
         mode = axis.mode(t)
         run = solve_ivp(
-            axis.rate, (t, end), axis.y, method="DOP853", rtol=RTOL, atol=ATOL, first_step=end - t,
+            axis.rate,
+            (t, end),
+            axis.y,
+            method="DOP853",
+            rtol=RTOL,
+            atol=ATOL,
+            first_step=end - t,
             events=mode.functions,
-        )  # fmt: skip
+        )
         assert run.success, run.message
         axis.y = run.y[:, -1]
         t = float(run.t[-1])

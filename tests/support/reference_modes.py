@@ -104,9 +104,7 @@ class LoadAxis:
         return not self.rigid and (self.drive.rule == "contact" or self.way != self.touch)
 
     def _held_events(self) -> Pairs:
-        pairs: Pairs = [
-            (watch(lambda t, y, s=s: self._push(t, y, s) - TINY, 1), ("slips", s)) for s in (1, -1)
-        ]
+        pairs: Pairs = [(watch(lambda t, y, s=s: self._push(t, y, s) - TINY, 1), ("slips", s)) for s in (1, -1)]
         if not self.rigid:
             pairs.append((watch(lambda t, y: self.touch * self.output(t, y) + TINY, -1), ("leaves", 0)))
         return pairs
@@ -123,10 +121,7 @@ class LoadAxis:
         if abs(abs(now) - limit) > JUMP:  # else the last event has said on which side of it we are
             self.limit = 0 if abs(now) < limit else int(math.copysign(1.0, now))
         if not self.limit:
-            return [
-                (watch(lambda t, y, s=s: s * self.wanted(t, y) - limit - TINY, 1), ("limit", s))
-                for s in (1, -1)
-            ]
+            return [(watch(lambda t, y, s=s: s * self.wanted(t, y) - limit - TINY, 1), ("limit", s)) for s in (1, -1)]
         side = self.limit
         return [(watch(lambda t, y: side * self.wanted(t, y) - limit + TINY, -1), ("limit", 0))]
 

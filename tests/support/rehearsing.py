@@ -6,11 +6,11 @@ import functools
 import tempfile
 from pathlib import Path
 
-from ph_post.audit.linuxcnc.run import INSTALL, is_installed
-from ph_post.audit.rehearse import Rehearsal, original_of, rehearse
 from ph_post.cli.main import main
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.read import read_program
+from ph_post.rehearse.linuxcnc import INSTALL, is_installed
+from ph_post.rehearse.rehearse import Rehearsal, original_of, rehearse
 from support.shop import PROGRAMS
 
 MACHINES = Path(__file__).parents[1] / "controllers" / "machines"

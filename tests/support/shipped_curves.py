@@ -22,9 +22,7 @@ def dense_points(name: str) -> np.ndarray:
     """Points along a shipped path, many on every segment, shape (n, dim)."""
     path = json.loads((PATHS / f"{name}.json").read_text())
     scale = SCALE[path["units"]]
-    rows = [
-        _SEGMENTS[one["type"]](one, path["axes"], np.linspace(0.0, 1.0, DENSE)) for one in path["segments"]
-    ]
+    rows = [_SEGMENTS[one["type"]](one, path["axes"], np.linspace(0.0, 1.0, DENSE)) for one in path["segments"]]
     return np.concatenate(rows) * scale
 
 
@@ -89,9 +87,7 @@ def _ph(one: dict, axes: list, u: np.ndarray) -> np.ndarray:
 def _power(values: np.ndarray) -> Polynomial:
     n = len(values) - 1
     t = Polynomial([0.0, 1.0])
-    return sum(
-        (math.comb(n, k) * v * t**k * (1 - t) ** (n - k) for k, v in enumerate(values)), Polynomial([0.0])
-    )
+    return sum((math.comb(n, k) * v * t**k * (1 - t) ** (n - k) for k, v in enumerate(values)), Polynomial([0.0]))
 
 
 def _nurbs(one: dict, axes: list, u: np.ndarray) -> np.ndarray:
@@ -105,5 +101,10 @@ def _nurbs(one: dict, axes: list, u: np.ndarray) -> np.ndarray:
 
 
 _SEGMENTS = {
-    "line": _line, "arc": _arc, "bezier": _bezier, "polynomial": _polynomial, "ph": _ph, "nurbs": _nurbs,
-}  # fmt: skip
+    "line": _line,
+    "arc": _arc,
+    "bezier": _bezier,
+    "polynomial": _polynomial,
+    "ph": _ph,
+    "nurbs": _nurbs,
+}

@@ -54,8 +54,14 @@ PROGRAMS = {
 }
 
 HUMP = {
-    "format": "ph-post-path", "version": 1, "name": "hump", "source": "by hand",
-    "units": "mm", "axes": ["X", "Y"], "feed": 900, "closed": False,
+    "format": "ph-post-path",
+    "version": 1,
+    "name": "hump",
+    "source": "by hand",
+    "units": "mm",
+    "axes": ["X", "Y"],
+    "feed": 900,
+    "closed": False,
     "segments": [{"type": "arc", "start": [-2, 0], "end": [2, 0], "center": [0, 0], "turn": "cw"}],
-}  # fmt: skip
+}
 """A path file with one turning point, which is planned in a moment."""

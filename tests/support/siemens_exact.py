@@ -144,8 +144,7 @@ def _speed(piece: Piece, u: float) -> float:
     """Length of the derivative with respect to the parameter [mm]."""
     at = np.array([u])
     below, bend = _values(piece.below, at), _values(_slope(piece.below), at)
-    square = [((_values(_slope(row), at) * below - _values(row, at) * bend) / below**2) ** 2
-              for row in piece.above]  # fmt: skip
+    square = [((_values(_slope(row), at) * below - _values(row, at) * bend) / below**2) ** 2 for row in piece.above]
     return float(np.sqrt(np.sum(square)))
 
 

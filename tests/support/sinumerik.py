@@ -93,8 +93,11 @@ def read_blocks(text: str) -> Iterator[Block]:
         assert all(len(found[1].split(",")) <= 3 for found in _LIST.findall(body) if found[0])
         profile = _PROFILE.search(body)
         plain = dict(_WORD.findall(_PROFILE.sub("", _LIST.sub("", body)).replace("PL=1", "")))
-        ends = {axis: lists[axis][0] if axis in lists else Fraction(plain[axis]) for axis in "XYZ"
-                if axis in lists or axis in plain}  # fmt: skip
+        ends = {
+            axis: lists[axis][0] if axis in lists else Fraction(plain[axis])
+            for axis in "XYZ"
+            if axis in lists or axis in plain
+        }
         end = {**at, **ends}
         course: list[Fraction] | None = None
         if word != "G0":
@@ -120,9 +123,7 @@ def read_blocks(text: str) -> Iterator[Block]:
             center = {"X": start["X"] + Fraction(plain["I"]), "Y": start["Y"] + Fraction(plain["J"])}
             turn = 1 if word == "G3" else -1
         whole = {axis: start.get(axis, place) for axis, place in end.items()}
-        yield Block(
-            word=word, start=whole, end=end, above=above, below=below, feed=course, center=center, turn=turn
-        )
+        yield Block(word=word, start=whole, end=end, above=above, below=below, feed=course, center=center, turn=turn)
         at = end
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ph_post.gcode.reader.record import PartProgram
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.splice.header import Declaration, declare
-from ph_post.gcode.splice.lasting import plan_offsets
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.record import Edits
-from ph_post.gcode.splice.write import splice
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.registry import find_dialect
+from ph_post.edit.edits import EditOptions, Edits
+from ph_post.edit.header import Declaration, declare
+from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.write import apply_edits
+from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 
 ENOUGH = 1000.0
@@ -33,15 +32,13 @@ def compensate(
 ) -> Compensated:
     """Read, plan and write."""
     program = read_as(dialect, data, "part.ngc")
-    options = SpliceOptions(max_slowdown=max_slowdown)
+    options = EditOptions(max_slowdown=max_slowdown)
     edits = plan_offsets(program, machine, find_dialect(dialect), options)
     return with_edits(program, edits, machine, dialect)
 
 
 def with_edits(program: PartProgram, edits: Edits, machine: Machine, dialect: str) -> Compensated:
     """Write changes that are told beforehand."""
-    declaration = declare(
-        program, edits, machine, find_dialect(dialect), SpliceOptions(), options_digest="0" * 64
-    )
-    text = splice(program, edits, find_dialect(dialect), declaration)
+    declaration = declare(program, edits, machine, find_dialect(dialect), EditOptions(), options_digest="0" * 64)
+    text = apply_edits(program, edits, find_dialect(dialect), declaration)
     return Compensated(program=program, edits=edits, declaration=declaration, text=text)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
-POST = Path(__file__).parents[2] / "freecad" / "backlash_post.py"
+POST = Path(__file__).parents[2] / "ph_post" / "data" / "freecad" / "backlash_post.py"
 
 FAKE = """
 import json, os, sys

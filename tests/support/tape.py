@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ph_post.gcode.reader.record import (
+from ph_post.gcode.program import (
     ARC,
     CUBIC,
     LINE,
@@ -18,7 +18,7 @@ from ph_post.gcode.reader.record import (
     Modal,
     Motions,
     PartProgram,
-    Words,
+    WordTable,
 )
 
 MM = 1e-3
@@ -45,9 +45,16 @@ class Tape:
         given = np.where(np.isnan(given), self.place, given)
         feed = 0.0 if kind == RAPID else what.pop("feed", self.feed) * MM / 60.0
         row = {
-            "kind": kind, "start": self.place, "end": given, "plane": 17, "center": (0.0, 0.0), "angle": 0.0,
-            "feed": feed, "duration": 0.0, "chain": self.chain,
-        }  # fmt: skip
+            "kind": kind,
+            "start": self.place,
+            "end": given,
+            "plane": 17,
+            "center": (0.0, 0.0),
+            "angle": 0.0,
+            "feed": feed,
+            "duration": 0.0,
+            "chain": self.chain,
+        }
         self.rows.append({**row, **what})
         self.place = given
         return self
@@ -64,9 +71,7 @@ class Tape:
         return self
 
     def arc(self, end: Any, center: Sequence[float], degrees: float, plane: int = 17, **what: Any) -> Tape:
-        return self._add(
-            ARC, end, center=tuple(MM * x for x in center), angle=np.radians(degrees), plane=plane, **what
-        )
+        return self._add(ARC, end, center=tuple(MM * x for x in center), angle=np.radians(degrees), plane=plane, **what)
 
     def cubic(self, points: Any) -> Tape:
         control = np.array(points, dtype=np.float64) * MM
@@ -87,23 +92,44 @@ class Tape:
             return np.array([row[name] for row in rows])
 
         return Motions(
-            block=np.arange(count), kind=column("kind"), chain=column("chain"), start=column("start"),
-            end=column("end"), plane=column("plane"), center=column("center"), angle=column("angle"),
-            feed=column("feed"), duration=column("duration"), exact=np.zeros(count, dtype=np.int64),
+            block=np.arange(count),
+            kind=column("kind"),
+            chain=column("chain"),
+            start=column("start"),
+            end=column("end"),
+            plane=column("plane"),
+            center=column("center"),
+            angle=column("angle"),
+            feed=column("feed"),
+            duration=column("duration"),
+            exact=np.zeros(count, dtype=np.int64),
             control={k: row["control"] for k, row in enumerate(rows) if "control" in row},
             nurbs={k: row["nurbs"] for k, row in enumerate(rows) if "nurbs" in row},
-        )  # fmt: skip
+        )
 
     def program(self) -> PartProgram:
         count = len(self.rows)
         none = np.zeros(0, dtype=np.int64)
-        words = Words(
-            block=none, letter=none.astype(np.uint8), start=none, end=none, value=np.zeros(0), digits=none,
+        words = WordTable(
+            block=none,
+            letter=none.astype(np.uint8),
+            start=none,
+            end=none,
+            value=np.zeros(0),
+            digits=none,
             decimals=none,
-        )  # fmt: skip
+        )
         ends = (Break(block=0, motion=0, kind="beginning"), Break(block=count, motion=count, kind="end"))
         return PartProgram(
-            name="tape.ngc", data=b"\n" * count, digest=hashlib.sha256(b"").hexdigest(),
-            lines=np.arange(count + 1), words=words, motions=self.motions(), modal=(Modal(),),
-            state=np.zeros(count, dtype=np.int64), feed_word=np.full(count, self.feed), breaks=ends, notes=(),
-        )  # fmt: skip
+            name="tape.ngc",
+            data=b"\n" * count,
+            digest=hashlib.sha256(b"").hexdigest(),
+            lines=np.arange(count + 1),
+            words=words,
+            motions=self.motions(),
+            modal=(Modal(),),
+            state=np.zeros(count, dtype=np.int64),
+            feed_word=np.full(count, self.feed),
+            breaks=ends,
+            notes=(),
+        )

@@ -6,7 +6,7 @@ From one servo period T to the next the parameter u of a piece is advanced by
               + (V' / σ - V² σ' / σ³) T² / 2                       (second order, [2]_),
 
 V and V' = dV/dt being those of the plan at t_k, σ and σ' those of the piece at u_k. The error of every step
-stays in all that follow; the exact interpolator of :mod:`ph_post.compensate.sample` has none.
+stays in all that follow; the exact interpolator of :mod:`ph_post.compensate.motion` has none.
 
 References
 ----------
@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from ph_post.compensate.motion import Motion, row_times
+from ph_post.compensate.motion import MotionLaw, row_times
 from ph_post.errors import SolveError
 from ph_post.geometry import frenet
 from ph_post.geometry.track import Track
@@ -50,7 +50,7 @@ def taylor_sample(plan: Plan, track: Track, period: float, order: Literal[1, 2])
     SolveError
         Where the parametric speed vanishes, so that the expansion does not exist.
     """
-    motion = Motion.from_phases(plan.phases)
+    motion = MotionLaw.from_phases(plan.phases)
     t = row_times(motion, period)
     _, feed = motion.place_and_feed(t)
     change = motion.acceleration(t)
@@ -66,21 +66,26 @@ def taylor_sample(plan: Plan, track: Track, period: float, order: Literal[1, 2])
         )
     segment, xi = track.to_xi(piece, u)
     return Command(
-        axes=plan.path.axes, period=period, t=t, segment=segment, xi=xi, s=track.arc_length(piece, u),
-        position=track.derivatives(piece, u, 0)[0], feed=feed, window=motion.window[motion.phase_at(t)],
-    )  # fmt: skip
+        axes=plan.path.axes,
+        period=period,
+        t=t,
+        segment=segment,
+        xi=xi,
+        s=track.arc_length(piece, u),
+        position=track.derivatives(piece, u, 0)[0],
+        feed=feed,
+        window=motion.window[motion.phase_at(t)],
+    )
 
 
 def feed_error(command: Command, plan: Plan) -> Array:
     """Mean feed between rows less the plan's [m/s], shape (rows - 1,): what an interpolator does wrong."""
-    s, _ = Motion.from_phases(plan.phases).place_and_feed(command.t)
+    s, _ = MotionLaw.from_phases(plan.phases).place_and_feed(command.t)
     error: Array = np.diff(command.s - s) / command.period
     return error
 
 
-def _advance(
-    track: Track, piece: int, u: float, feed: float, change: float | None, period: float
-) -> tuple[int, float]:
+def _advance(track: Track, piece: int, u: float, feed: float, change: float | None, period: float) -> tuple[int, float]:
     """Take one step; what is left of it at a joint goes on in the next piece, at that piece's speed."""
     speed, slope = _speed(track, piece, u)
     step = feed * period / speed
@@ -98,8 +103,6 @@ def _speed(track: Track, piece: int, u: float) -> tuple[float, float]:
     """Parametric speed σ and σ' of a piece."""
     derivatives = track.derivatives(np.array([piece]), np.array([u]), 2)
     if not np.any(derivatives[1]):
-        raise SolveError(
-            f"the parametric speed vanishes on piece {piece} at u = {u:g}: no Taylor expansion there"
-        )
+        raise SolveError(f"the parametric speed vanishes on piece {piece} at u = {u:g}: no Taylor expansion there")
     sigma = frenet.speed(derivatives)
     return float(sigma[0, 0]), float(sigma[1, 0])

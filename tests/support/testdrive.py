@@ -28,9 +28,7 @@ class Drive:
         self.run: Run = run(text, start=start)
         self.start = np.array(start)
         self.moves: list[Move] = self.run.moves
-        self.points = np.concatenate(
-            [one.points(CIRCLE_POINTS if one.center is not None else 1) for one in self.moves]
-        )
+        self.points = np.concatenate([one.points(CIRCLE_POINTS if one.center is not None else 1) for one in self.moves])
 
     @property
     def end(self) -> np.ndarray:
@@ -40,11 +38,14 @@ class Drive:
     def circles(self) -> list[Circle]:
         return [
             Circle(
-                tuple(sorted(one.axes)), (1 if one.word == "G3" else -1),
-                float(np.linalg.norm(one.start[list(one.axes)] - one.center)), one.feed,
+                tuple(sorted(one.axes)),
+                (1 if one.word == "G3" else -1),
+                float(np.linalg.norm(one.start[list(one.axes)] - one.center)),
+                one.feed,
             )
-            for one in self.moves if one.center is not None
-        ]  # fmt: skip
+            for one in self.moves
+            if one.center is not None
+        ]
 
     @property
     def seconds(self) -> float:
@@ -59,9 +60,7 @@ class Drive:
 
     def strokes(self, axis: int) -> list[tuple[float, float]]:
         """Straight moves of this axis alone: signed length [mm] and feed [mm/min]."""
-        alone = [
-            one for one in self.moves if one.word == "G1" and one.center is None and self._only(one, axis)
-        ]
+        alone = [one for one in self.moves if one.word == "G1" and one.center is None and self._only(one, axis)]
         return [(float(one.end[axis] - one.start[axis]), one.feed) for one in alone]
 
     def rests(self) -> list[float]:

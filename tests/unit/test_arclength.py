@@ -8,8 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from ph_post.geometry import panels
-from ph_post.geometry.curves import Bezier, Line, Nurbs, Polynomial
+from ph_post.geometry import speed_panels
+from ph_post.geometry.curves import Bezier, Line, Polynomial
+from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.track import Track
 
 EPS = np.finfo(float).eps
@@ -63,10 +64,7 @@ class Reference:
             bottom = [mpmath.mpf(x.numerator) / x.denominator for x in reversed(self.bottom)]
 
             def speed(u):
-                return (
-                    mpmath.sqrt(sum(mpmath.polyval(top, u) ** 2 for top in tops))
-                    / mpmath.polyval(bottom, u) ** 2
-                )
+                return mpmath.sqrt(sum(mpmath.polyval(top, u) ** 2 for top in tops)) / mpmath.polyval(bottom, u) ** 2
 
             total, result = mpmath.mpf(0), {0.0: 0.0}
             for a, b in pairwise(self.places([0.0, *xi])):
@@ -191,8 +189,8 @@ def test_lines_are_exact():
 
 
 def test_a_speed_that_cannot_be_resolved_is_an_error(monkeypatch):
-    monkeypatch.setattr(panels, "MAX_ROUNDS", 2)
-    with pytest.raises(panels.SolveError, match=r"arc length of piece 0: not resolved on a panel of 0\.25"):
+    monkeypatch.setattr(speed_panels, "MAX_ROUNDS", 2)
+    with pytest.raises(speed_panels.SolveError, match=r"arc length of piece 0: not resolved on a panel of 0\.25"):
         Polynomial([[0, -0.3, 0.5], [0, -0.3, 0.2, 2 / 3]]).length.hex()
 
 

@@ -7,15 +7,15 @@ import pytest
 from msgspec.structs import replace
 from scipy.spatial import cKDTree
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.comparison import before_and_after
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import or_shipped
-from ph_post.simulate.assess import PICKUPS, assess, at_rest, scenarios
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import or_shipped
+from ph_post.simulate.assess import PICKUPS, assess, resting_axes, scenarios
 from ph_post.simulate.contour import Nominal
 from ph_post.types import Scenario
 
@@ -120,12 +120,12 @@ def test_the_largest_uncertainty_of_the_axes_counts():
 def test_an_axis_that_moves_at_first_knows_its_flank():
     _, _, command = job("circle", "paper", strategy="none", start="moving")
     # The circle starts at (250, 0): X turns there, but was moving up before the seam, as Y is.
-    assert at_rest(command) == ()
+    assert resting_axes(command) == ()
     assert command.flanks["X"] == 1
     # Without a loop there is no motion before.
-    assert at_rest(replace(command, flanks={})) == ("X",)
+    assert resting_axes(replace(command, flanks={})) == ("X",)
     _, _, command = job("circle", "paper", strategy="none")
-    assert at_rest(command) == ("X", "Y")
+    assert resting_axes(command) == ("X", "Y")
 
 
 def test_before_is_the_plain_program():

@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.io import atomic
-from ph_post.io.atomic import write_atomically
+from ph_post.files import storage
+from ph_post.files.storage import write_atomically
 
 
 def names(folder):
@@ -124,7 +124,7 @@ def test_a_closed_pipe_leaves_files_untouched(tmp_path, monkeypatch):
     def broken(_name, _data):
         raise BrokenPipeError
 
-    monkeypatch.setattr(atomic, "_send", broken)
+    monkeypatch.setattr(storage, "_send", broken)
     with pytest.raises(BrokenPipeError):
         write_atomically({"-": "t,s\n", str(tmp_path / "a"): "x"})
     assert names(tmp_path) == []
@@ -146,7 +146,7 @@ def test_a_device_or_pipe_is_written_to_and_stays_one(tmp_path):
 
 def test_what_a_killed_run_left_is_not_in_the_way(tmp_path, monkeypatch):
     kept = iter(["aa", "bb"])
-    monkeypatch.setattr(atomic.secrets, "token_hex", lambda _size: next(kept))
+    monkeypatch.setattr(storage.secrets, "token_hex", lambda _size: next(kept))
     (tmp_path / f".ph-post-{os.getpid()}-0.new").write_text("half", encoding="utf-8")
     for _ in range(2):
         write_atomically({str(tmp_path / "a"): "whole"})
@@ -165,9 +165,7 @@ def test_a_disk_that_refuses_the_tidying_up_is_told_as_the_place(tmp_path, monke
 
 def test_files_are_moved_in_the_order_they_are_given(tmp_path, monkeypatch):
     moved, honest = [], pathlib.Path.replace
-    monkeypatch.setattr(
-        pathlib.Path, "replace", lambda self, place: (moved.append(place.name), honest(self, place))
-    )
+    monkeypatch.setattr(pathlib.Path, "replace", lambda self, place: (moved.append(place.name), honest(self, place)))
     write_atomically({str(tmp_path / "b"): "1", str(tmp_path / "a"): "2"})
     assert moved == ["b", "a"]
 

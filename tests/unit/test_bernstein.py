@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ph_post.geometry import bernstein, fractional
+from ph_post.geometry import bernstein, exact_polynomials
 
 EPS = np.finfo(float).eps
 DEGREES = [0, 1, 2, 5, 9, 20]
@@ -34,9 +34,7 @@ def close(found, exact, scale, steps):
 @pytest.mark.parametrize("degree", DEGREES)
 def test_values(degree):
     c, u = random_form(degree), np.array([0.0, 1e-9, 0.1, 0.5, 0.75, 1.0])
-    assert close(
-        bernstein.evaluate(c, u), [exact_value(c, x) for x in u.tolist()], np.abs(c).max(), 4 * degree + 4
-    )
+    assert close(bernstein.evaluate(c, u), [exact_value(c, x) for x in u.tolist()], np.abs(c).max(), 4 * degree + 4)
 
 
 def test_the_basis_is_a_partition_of_one_and_exact_at_the_ends():
@@ -69,7 +67,7 @@ def test_derivatives_count_down_to_zero():
 @pytest.mark.parametrize("degrees", [(0, 3), (1, 1), (4, 4), (7, 12)])
 def test_product(degrees):
     a, b = random_form(degrees[0], 1), random_form(degrees[1], 2)
-    exact = fractional.product(*fractional.rows([a, b]))
+    exact = exact_polynomials.product(*exact_polynomials.rows([a, b]))
     for u in (Fraction(1, 3), Fraction(4, 5)):  # the exact product itself, against values
         assert exact_value(exact, u) == exact_value(a, u) * exact_value(b, u)
     assert close(bernstein.product(a, b), exact, np.abs(a).max() * np.abs(b).max(), 2 * sum(degrees) + 4)
@@ -96,7 +94,10 @@ def test_subdivision_of_a_batch_at_different_places():
 def test_elevation_keeps_the_polynomial():
     c = random_form(4)
     assert close(
-        bernstein.elevate(c, 3), fractional.product(fractional.rows([c])[0], (Fraction(1),) * 4), 3.0, 20
+        bernstein.elevate(c, 3),
+        exact_polynomials.product(exact_polynomials.rows([c])[0], (Fraction(1),) * 4),
+        3.0,
+        20,
     )
 
 
@@ -114,7 +115,7 @@ def test_power_basis_there_and_back(domain):
 
 def test_exact_conversion_from_powers():
     power = tuple(Fraction(k + 1, 7) for k in range(6))
-    c = fractional.from_power(power, (Fraction(3), Fraction(7, 2)))
+    c = exact_polynomials.from_power(power, (Fraction(3), Fraction(7, 2)))
     for u in (Fraction(0), Fraction(1, 3), Fraction(1)):
         x = 3 + u / 2
         assert exact_value(c, u) == sum(p * x**k for k, p in enumerate(power))
@@ -122,6 +123,6 @@ def test_exact_conversion_from_powers():
 
 def test_exact_integral():
     c = tuple(map(Fraction, (2, 0, 3)))
-    whole = fractional.integrate(c, Fraction(5))
+    whole = exact_polynomials.integrate(c, Fraction(5))
     assert whole == (5, Fraction(17, 3), Fraction(17, 3), Fraction(20, 3))
-    assert fractional.combine((2, c), (-1, c)) == c
+    assert exact_polynomials.combine((2, c), (-1, c)) == c

@@ -12,18 +12,17 @@ from msgspec.structs import replace
 from support.canon import assert_agrees, needs_rs274, number_lines, run_rs274
 from support.testdrive import Drive
 
-from ph_post.diagnose import kitparts
-from ph_post.diagnose.kit import calibration_kit
-from ph_post.diagnose.kitdraft import CHORD, Draft
-from ph_post.diagnose.kitlayout import lay_out
-from ph_post.diagnose.record import Experiment
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.gcode.controller.run import run_program
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.registry import find_dialect
-from ph_post.io.machinefile import read_machine
-from ph_post.io.shipped import shipped
+from ph_post.files.storage import shipped
+from ph_post.gcode.read import read_program
+from ph_post.simulate.controllers.run import run_program
+from ph_post.testprograms import motions
+from ph_post.testprograms.builder import CHORD, ProgramBuilder
+from ph_post.testprograms.kit import calibration_kit, choose_volume
 from ph_post.types import Machine
+from ph_post.types.diagnosis import Experiment
 
 MACHINES = ("mill", "old_mill", "paper", "router", "stepper")
 DIALECTS = ("grbl", "grblhal", "linuxcnc")
@@ -57,8 +56,9 @@ def reach_of(room: str, machine: Machine) -> np.ndarray:
 
 CASES = [
     *itertools.product(MACHINES, DIALECTS, ROOMS),
-    *(("mill", dialect, "with Z") for dialect in DIALECTS), ("stepper", "grbl", "with Z"),
-]  # fmt: skip
+    *(("mill", dialect, "with Z") for dialect in DIALECTS),
+    ("stepper", "grbl", "with Z"),
+]
 
 
 def test_every_shipped_machine_is_tried() -> None:
@@ -94,10 +94,16 @@ def test_the_reader_understands_all_of_them(machine: str, dialect: str, room: st
 
 
 @needs_rs274
-@pytest.mark.parametrize(("machine", "dialect", "room"), [
-    ("mill", "linuxcnc", "with Z"), ("router", "linuxcnc", "elsewhere"), ("paper", "linuxcnc", "small"),
-    ("stepper", "grbl", "with Z"), ("old_mill", "grblhal", "at zero"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("machine", "dialect", "room"),
+    [
+        ("mill", "linuxcnc", "with Z"),
+        ("router", "linuxcnc", "elsewhere"),
+        ("paper", "linuxcnc", "small"),
+        ("stepper", "grbl", "with Z"),
+        ("old_mill", "grblhal", "at zero"),
+    ],
+)
 def test_linuxcnc_reads_them_as_the_reader_does(machine: str, dialect: str, room: str) -> None:
     for one in kit_of(machine, dialect, room):
         text = number_lines(one.program)
@@ -237,8 +243,8 @@ def test_without_arcs_a_circle_is_chords_within_a_micrometre() -> None:
     machine = read_machine("mill")
     dialect = find_dialect("linuxcnc")
     straight = replace(dialect, capabilities=replace(dialect.capabilities, arcs=False))
-    draft = Draft(lay_out(machine, (), (), (), 0.01, ()), straight)
-    kitparts.circles(draft, ("X", "Y"), (0.02,), 0.01)
+    draft = ProgramBuilder(choose_volume(machine, (), (), (), 0.01, ()), straight)
+    motions.circles(draft, ("X", "Y"), (0.02,), 0.01)
     drive = Drive(draft.text(()))
     assert drive.circles == []
     radii = np.linalg.norm(drive.points[:, :2], axis=1)
@@ -259,9 +265,7 @@ def test_records_name_channels_and_the_lines_of_halsampler() -> None:
     assert "halcmd loadrt sampler depth=10000 cfg=ffff" in record
     # They are typed into a shell, to which an arrow of HAL is a file to write.
     assert not any(set(line) & set("<>") for line in record if line.startswith(("halcmd", "halsampler")))
-    assert record[-1].endswith(
-        "--column X_cmd=2:mm --column X_motor=3:mm --column Y_cmd=4:mm --column Y_motor=5:mm"
-    )
+    assert record[-1].endswith("--column X_cmd=2:mm --column X_motor=3:mm --column Y_cmd=4:mm --column Y_motor=5:mm")
     speed = kit["speed_x"].record
     assert any(line.startswith("X_force") and line.endswith("needed") for line in speed)
     assert not any("Y_" in line for line in speed)
@@ -269,26 +273,39 @@ def test_records_name_channels_and_the_lines_of_halsampler() -> None:
     assert not any("halcmd" in line or "force" in line for line in hobby)
 
 
-@pytest.mark.parametrize(("how", "words"), [
-    ({"axes": ("X", "W")}, r"--axes: the machine has no such axis; expected X or Y or Z; got 'W'"),
-    ({"centre": (0.1,)}, "--centre: not one number an axis; expected 2, for X, Y; got 1"),
-    ({"centre": (0.1, math.nan)}, "--centre: no place for Y; expected within 100 m; got nan mm"),
-    ({"travel": (0.001,)},
-     "--travel: no room for X to move in; expected at least 2 mm, up to 100 m; got 1 mm"),
-    ({"travel": (0.1, 0.1, 0.1)}, "--travel: not one number an axis; expected 2, for X, Y; got 3"),
-    ({"travel": (0.1, 0.04), "radius": 0.021},
-     "--radius: the circles leave the travel; expected 0.5 mm up to 20 mm, half of the travel; got 21 mm"),
-    ({"radius": 0.0},
-     "--radius: no radius for a circle; expected 0.5 mm up to 50 mm, half of the travel; got 0 mm"),
-    ({"radius": math.nan}, "--radius: no radius for a circle"),
-    ({"feeds": (0.05, 0.11)},
-     "--feeds: the feed is above what the machine has; expected up to 6000 mm/min; got 6600 mm/min"),
-    # The saddle has 600 mm/s², half of which v²/r may take: 38.7 mm/s around 5 mm.
-    ({"feeds": (0.04,), "radius": 0.005},
-     "circles of 5 mm take more acceleration .* expected up to 2323 mm/min, or a larger --radius; got 2400"),
-    ({"feeds": (-1.0,)}, "--feeds: no feed; expected at least 1 mm/min; got -60000 mm/min"),
-    ({"warm_up": math.inf}, "--warm-up: no time for a run; expected minutes, above 0 up to 120; got inf"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"axes": ("X", "W")}, r"--axes: the machine has no such axis; expected X or Y or Z; got 'W'"),
+        ({"centre": (0.1,)}, "--centre: not one number an axis; expected 2, for X, Y; got 1"),
+        ({"centre": (0.1, math.nan)}, "--centre: no place for Y; expected within 100 m; got nan mm"),
+        (
+            {"travel": (0.001,)},
+            "--travel: no room for X to move in; expected at least 2 mm, up to 100 m; got 1 mm",
+        ),
+        ({"travel": (0.1, 0.1, 0.1)}, "--travel: not one number an axis; expected 2, for X, Y; got 3"),
+        (
+            {"travel": (0.1, 0.04), "radius": 0.021},
+            "--radius: the circles leave the travel; expected 0.5 mm up to 20 mm, half of the travel; got 21 mm",
+        ),
+        (
+            {"radius": 0.0},
+            "--radius: no radius for a circle; expected 0.5 mm up to 50 mm, half of the travel; got 0 mm",
+        ),
+        ({"radius": math.nan}, "--radius: no radius for a circle"),
+        (
+            {"feeds": (0.05, 0.11)},
+            "--feeds: the feed is above what the machine has; expected up to 6000 mm/min; got 6600 mm/min",
+        ),
+        # The saddle has 600 mm/s², half of which v²/r may take: 38.7 mm/s around 5 mm.
+        (
+            {"feeds": (0.04,), "radius": 0.005},
+            "circles of 5 mm take more acceleration .* expected up to 2323 mm/min, or a larger --radius; got 2400",
+        ),
+        ({"feeds": (-1.0,)}, "--feeds: no feed; expected at least 1 mm/min; got -60000 mm/min"),
+        ({"warm_up": math.inf}, "--warm-up: no time for a run; expected minutes, above 0 up to 120; got inf"),
+    ],
+)
 def test_what_cannot_be_is_refused_in_one_line(how: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         calibration_kit(read_machine("mill"), **how)
@@ -297,8 +314,6 @@ def test_what_cannot_be_is_refused_in_one_line(how: dict, words: str) -> None:
 def test_a_machine_of_z_alone_wants_it_named() -> None:
     mill = read_machine("mill")
     lift = replace(mill, axes={"Z": mill.axes["Z"]})
-    with pytest.raises(
-        InputError, match="--axes: the machine has no axis but Z; expected Z, to have it moved"
-    ):
+    with pytest.raises(InputError, match="--axes: the machine has no axis but Z; expected Z, to have it moved"):
         calibration_kit(lift)
     assert calibration_kit(lift, axes=("Z",))[0].name == "mix"

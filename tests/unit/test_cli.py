@@ -52,8 +52,11 @@ def test_inspect_circle_geometry(capsys):
     _, out, _ = run(capsys, "inspect", CIRCLE, "--json")
     points = strict_json(out)["turning_points"]
     assert [(point["axis"], point["sense"]) for point in points] == [
-        ("X", "max"), ("Y", "max"), ("X", "min"), ("Y", "min"),
-    ]  # fmt: skip
+        ("X", "max"),
+        ("Y", "max"),
+        ("X", "min"),
+        ("Y", "min"),
+    ]
     for quarter, point in enumerate(points):
         assert point["kind"] == "smooth"
         assert point["segment"] == 0
@@ -85,9 +88,7 @@ def test_certify_says_that_none_is_missing(capsys):
 
 def test_convert_writes_program_and_table_whole(capsys, tmp_path):
     program, table = tmp_path / "oval.ngc", tmp_path / "oval.csv"
-    status, out, err = run(
-        capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "-o", str(program), "--table", str(table)
-    )
+    status, out, err = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "-o", str(program), "--table", str(table))
     assert (status, out) == (0, "")
     assert err.splitlines()[-2:] == [f"wrote {table}", f"wrote {program}"]
     assert program.read_text().rstrip().endswith("M2")
@@ -138,9 +139,9 @@ def test_what_a_table_would_reach_is_told_of_a_program_alone(capsys, tmp_path):
     assert view["carrier"] == "program"
     assert view["offsets"] == {"X": 0.0, "Y": 0.0}
     reached, after = view["table_error"]["max"], view["error"]["after"]["max"]
-    assert (
-        f"error of this program {after:.4g} mm; an interpolator table would reach {reached:.4g} mm" in err
-    ) is (reached < after)
+    assert (f"error of this program {after:.4g} mm; an interpolator table would reach {reached:.4g} mm" in err) is (
+        reached < after
+    )
     _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "--json")
     assert strict_json(out)["error"]["after"]["max"] == pytest.approx(reached, rel=1e-12)
 
@@ -171,11 +172,11 @@ def test_the_help_page_tells_every_strategy(capsys):
 
 
 def test_a_search_says_how_far_it_is():
-    from ph_post.analysis import analyse
+    from ph_post.analysis.path_analysis import analyse
     from ph_post.compensate.options import PlanOptions
     from ph_post.compensate.plan import make_plan
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.pathfile import read_path
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.files.path import read_path
 
     told = []
     analysis = analyse(read_path(OVAL), read_machine("router"), 5e-6)
@@ -204,9 +205,9 @@ def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):
 @pytest.mark.parametrize("strategy", ["none", "linear", "suppress", "dwell"])
 @pytest.mark.parametrize("machine", ["mill", "router", "stepper"])
 def test_tables_keep_the_limits_with_all_that_is_added(capsys, tmp_path, strategy, machine):
-    from ph_post.compensate.limits import check_command
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.table import read_table
+    from ph_post.compensate.violations import check_command
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.files.table import read_table
 
     table = tmp_path / "oval.npz"
     status, _, _ = run(capsys, "convert", OVAL, "-m", machine, "--strategy", strategy, "--table", str(table))
@@ -227,8 +228,8 @@ def test_tables_lead_the_path_but_for_the_baselines(capsys, tmp_path):
 
 def added_to_the_path(table):
     """What the rows of a table of the oval have beside the points of the path [mm], shape (n, 2)."""
+    from ph_post.files.path import read_path
     from ph_post.geometry.track import Track
-    from ph_post.io.pathfile import read_path
 
     rows = np.genfromtxt(table, delimiter=",", names=True)
     track = Track(read_path(OVAL))
@@ -285,8 +286,7 @@ def test_standard_input_and_output(capsys, monkeypatch, tmp_path):
         (("nonsense",), "ph-post: No such command 'nonsense'; see ph-post --help"),
         (
             ("inspect", CIRCLE, "--tolerance", "0"),
-            "ph-post: Invalid value for '--tolerance': 0.0 is not in the range x>0.0; "
-            "see ph-post inspect --help",
+            "ph-post: Invalid value for '--tolerance': 0.0 is not in the range x>0.0; see ph-post inspect --help",
         ),
         (
             ("convert", CIRCLE, "-m", "paper", "-o", "-", "--table", "-"),
@@ -350,7 +350,7 @@ def test_paper_numbers_all_agree(capsys):
 
 
 def test_paper_draws_its_figures(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("ph_post.report.section6_figures.RATIOS", np.array([-0.5, 0.0, 1.0]))
+    monkeypatch.setattr("ph_post.report.paper_figures.RATIOS", np.array([-0.5, 0.0, 1.0]))
     status, _, _ = run(capsys, "paper", "--figures", str(tmp_path / "figures"))
     assert status == 0
     pictures = {path.name: path.read_bytes() for path in (tmp_path / "figures").iterdir()}
@@ -359,9 +359,7 @@ def test_paper_draws_its_figures(capsys, monkeypatch, tmp_path):
 
 
 def test_paper_takes_plot_for_figures(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(
-        "ph_post.report.paper_figures.paper_pictures", lambda _stage: {"figure1.png": b"drawn"}
-    )
+    monkeypatch.setattr("ph_post.report.paper_figures.paper_pictures", lambda _stage: {"figure1.png": b"drawn"})
     status, _, _ = run(capsys, "paper", "--plot", str(tmp_path))
     assert status == 0
     assert (tmp_path / "figure1.png").read_bytes() == b"drawn"
@@ -389,9 +387,7 @@ def test_every_strategy_stands_in_the_readme():
 
 
 def test_readme_and_ci_share_the_test_command():
-    commands = [
-        line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("python3 -m venv")
-    ]
+    commands = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("python3 -m venv")]
     assert len(commands) == 2
     assert commands[1] in (ROOT / ".ci" / "run").read_text().splitlines()
 
@@ -408,7 +404,7 @@ def test_help_page_imports_nothing_slow():
 
 
 def test_progress_speaks_only_after_a_second(capsys):
-    from ph_post.report.progress import Progress
+    from ph_post.cli.progress import Progress
 
     with Progress(patience=0.05) as stage:
         stage("counting")
@@ -421,7 +417,5 @@ def test_progress_speaks_only_after_a_second(capsys):
 
 def test_module_runs_like_the_script():
     assert importlib.util.find_spec("ph_post.__main__") is not None
-    done = subprocess.run(
-        [sys.executable, "-m", "ph_post", "--version"], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-m", "ph_post", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("ph-post, version ")

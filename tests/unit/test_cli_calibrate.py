@@ -7,12 +7,22 @@ import pytest
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 
 NAMES = [
-    "mix", "ladder_x", "sweep_x", "speed_x", "fast_x", "ladder_y", "sweep_y", "speed_y", "fast_y",
-    "circles_xy", "diagonals_xy", "warm_up",
-]  # fmt: skip
+    "mix",
+    "ladder_x",
+    "sweep_x",
+    "speed_x",
+    "fast_x",
+    "ladder_y",
+    "sweep_y",
+    "speed_y",
+    "fast_y",
+    "circles_xy",
+    "diagonals_xy",
+    "warm_up",
+]
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -26,12 +36,8 @@ def test_it_writes_programs_and_a_plan(capsys, tmp_path):
     status, out, err = run(capsys, "-m", "mill", "-o", str(folder))
     assert status == 0
     assert err == f"wrote 12 programs and {folder / 'plan.md'}: read that first\n"
-    assert [line.split(":")[0] for line in out.splitlines()] == [
-        str(folder / f"{name}.ngc") for name in NAMES
-    ]
-    assert sorted(place.name for place in folder.iterdir()) == sorted(
-        [*(f"{n}.ngc" for n in NAMES), "plan.md"]
-    )
+    assert [line.split(":")[0] for line in out.splitlines()] == [str(folder / f"{name}.ngc") for name in NAMES]
+    assert sorted(place.name for place in folder.iterdir()) == sorted([*(f"{n}.ngc" for n in NAMES), "plan.md"])
     for name in NAMES:
         read_program((folder / f"{name}.ngc").read_bytes(), name, strict=True)
 
@@ -75,9 +81,7 @@ def test_json_tells_what_the_plan_tells(capsys, tmp_path):
     assert status == 0
     view = json.loads(out)
     assert (view["folder"], view["plan"]) == (str(tmp_path / "kit"), "plan.md")
-    assert [(one["name"], one["file"]) for one in view["programs"]] == [
-        (name, f"{name}.ngc") for name in NAMES
-    ]
+    assert [(one["name"], one["file"]) for one in view["programs"]] == [(name, f"{name}.ngc") for name in NAMES]
     assert all(one["why"] and one["record"] for one in view["programs"])
 
 
@@ -117,18 +121,27 @@ def test_the_same_again_changes_nothing_and_others_are_kept(capsys, tmp_path):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-@pytest.mark.parametrize(("words", "expected"), [
-    (("--radius", "60"),
-     "--radius: the circles leave the travel; expected 0.5 mm up to 50 mm, half of the travel; got 60 mm"),
-    (("--feeds", "600,9000"),
-     "--feeds: the feed is above what the machine has; expected up to 6000 mm/min; got 9000 mm/min"),
-    (("--axes", "X,A"), "--axes: the machine has no such axis; expected X or Y or Z; got 'A'"),
-    (("--centre", "1,b"),
-     "Invalid value for '--centre': expected numbers separated by commas; got '1,b';"
-     " see ph-post calibrate --help"),
-    (("--warm-up", "0"), "--warm-up: no time for a run; expected minutes, above 0 up to 120; got 0"),
-    (("-o", "-"), "-o takes a folder; got '-'; see ph-post calibrate --help"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (
+            ("--radius", "60"),
+            "--radius: the circles leave the travel; expected 0.5 mm up to 50 mm, half of the travel; got 60 mm",
+        ),
+        (
+            ("--feeds", "600,9000"),
+            "--feeds: the feed is above what the machine has; expected up to 6000 mm/min; got 9000 mm/min",
+        ),
+        (("--axes", "X,A"), "--axes: the machine has no such axis; expected X or Y or Z; got 'A'"),
+        (
+            ("--centre", "1,b"),
+            "Invalid value for '--centre': expected numbers separated by commas; got '1,b';"
+            " see ph-post calibrate --help",
+        ),
+        (("--warm-up", "0"), "--warm-up: no time for a run; expected minutes, above 0 up to 120; got 0"),
+        (("-o", "-"), "-o takes a folder; got '-'; see ph-post calibrate --help"),
+    ],
+)
 def test_bad_options_are_one_line_and_write_nothing(capsys, tmp_path, monkeypatch, words, expected):
     monkeypatch.chdir(tmp_path)
     assert run(capsys, "-m", "mill", *words) == (2, "", f"ph-post: {expected}\n")

@@ -15,9 +15,17 @@ from ph_post.compensate.strategies.registry import strategy_names
 ROOT = Path(__file__).resolve().parents[2]
 OVAL = str(ROOT / "paths" / "oval.json")
 KEYS = {
-    "name", "error", "error_worst", "cycle_time", "min_feed", "standstill_time", "retrograde",
-    "peak_acceleration", "ok", "reason",
-}  # fmt: skip
+    "name",
+    "error",
+    "error_worst",
+    "cycle_time",
+    "min_feed",
+    "standstill_time",
+    "retrograde",
+    "peak_acceleration",
+    "ok",
+    "reason",
+}
 
 
 def run(capsys, *arguments):
@@ -104,7 +112,7 @@ def test_a_strategy_of_another_loop_is_refused(capsys, monkeypatch, hump):
 
 def test_broken_limits_are_a_refusal(capsys, monkeypatch, hump):
     from ph_post.compensate import comparison
-    from ph_post.compensate.limits import Violation
+    from ph_post.compensate.violations import Violation
 
     broken = Violation(axis="X", quantity="jerk", t=1.5, s=0.1, value=25.0, limit=20.0)
     monkeypatch.setattr(comparison, "check_command", lambda command, machine: (broken,))

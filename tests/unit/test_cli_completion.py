@@ -14,8 +14,8 @@ import pytest
 
 from ph_post.cli.main import COMMANDS, main
 from ph_post.compensate.strategies.registry import strategy_names
-from ph_post.gcode.registry import dialect_names
-from ph_post.io.shipped import shipped_names
+from ph_post.dialects.registry import dialect_names
+from ph_post.files.storage import shipped_names
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -49,8 +49,12 @@ def bash(shell, *words):
     folder, environment = shell
     done = subprocess.run(
         ["bash", "--norc", "-c", TRY, "try", *words],
-        cwd=folder, env=environment, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert done.stderr == ""
     return [line for line in done.stdout.splitlines() if line]
 
@@ -108,9 +112,14 @@ def test_a_bash_that_somebody_types_into_completes(shell):
     folder, environment = shell
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        ["bash", "--norc", "-i"], stdin=slave, stdout=slave, stderr=slave, cwd=folder,
-        env={**environment, "PS1": "> "}, start_new_session=True,
-    )  # fmt: skip
+        ["bash", "--norc", "-i"],
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        cwd=folder,
+        env={**environment, "PS1": "> "},
+        start_new_session=True,
+    )
     os.close(slave)
     try:
         os.write(master, b'eval "$(ph-post completion bash)"; echo rea""dy\n')
@@ -170,12 +179,24 @@ def test_completion_loads_nothing_slow(shell):
         "atexit.register(lambda: print([name for name in slow if name in sys.modules])); "
         "from ph_post.cli.main import main; main([])"
     )
-    for words in ("co", "convert --st", "convert o", "convert oval -m m", "convert oval --strategy t",
-                  "convert oval --dialect g", "machine new --lo", "machine new --dialect g"):  # fmt: skip
+    for words in (
+        "co",
+        "convert --st",
+        "convert o",
+        "convert oval -m m",
+        "convert oval --strategy t",
+        "convert oval --dialect g",
+        "machine new --lo",
+        "machine new --dialect g",
+    ):
         asks = {"COMP_WORDS": f"ph-post {words}", "COMP_CWORD": str(len(words.split()))}
         done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, cwd=shell[0],
-            env={**shell[1], **asks, "_PH_POST_COMPLETE": "bash_complete"}, check=False,
-        )  # fmt: skip
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            cwd=shell[0],
+            env={**shell[1], **asks, "_PH_POST_COMPLETE": "bash_complete"},
+            check=False,
+        )
         assert done.stdout.startswith("plain,"), (words, done)
         assert done.stdout.splitlines()[-1] == "[]", words

@@ -10,7 +10,7 @@ from support.diagnoses import LADDER, diagnosis, each_verdict
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
 
 ROOT = Path(__file__).resolve().parents[2]
 MILL = ROOT / "samples" / "machines" / "mill.toml"
@@ -90,9 +90,7 @@ def test_nothing_added_leaves_the_machine_file_as_it_was(capsys, log, found, tmp
 def test_page_picture_and_next_program_are_written(capsys, log, found, tmp_path):
     found(each_verdict()["ambiguous"])
     page, picture, program = (tmp_path / name for name in ("run.html", "run.svg", "next.ngc"))
-    status, out, err = run(
-        capsys, "diagnose", log, "-m", MILL, "--html", page, "--plot", picture, "--next", program
-    )
+    status, out, err = run(capsys, "diagnose", log, "-m", MILL, "--html", page, "--plot", picture, "--next", program)
     assert status == 0
     assert out.startswith("These cannot be told apart")
     assert err == f"wrote {page}\nwrote {picture}\nwrote {program}\n"
@@ -129,7 +127,7 @@ def test_a_product_on_standard_output_stands_there_alone(capsys, log, found):
         (("LOG", "-m", "mill", "--plot", "a.gif"), "pictures come in other formats; expected .png"),
         (("LOG", "-m", "mill"), "LOG: no such file"),
     ],
-)  # fmt: skip
+)
 def test_bad_usage_is_one_line_and_exit_2(capsys, monkeypatch, tmp_path, given, said):
     monkeypatch.chdir(tmp_path)
     status, out, err = run(capsys, "diagnose", *given)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ph_post.cli.main import main
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
 
 B, C, FRICTION_MM = 2e-4, 0.025, 0.02
 
@@ -69,9 +69,18 @@ def files(tmp_path_factory):
 def test_friction_is_named_added_and_the_gap_falls(files, capsys):
     better, page = files / "better.toml", files / "run.html"
     status = main(
-        ["diagnose", str(files / "run.csv"), "-m", str(files / "machine.toml"),
-         "-o", str(better), "--html", str(page), "--json"]
-    )  # fmt: skip
+        [
+            "diagnose",
+            str(files / "run.csv"),
+            "-m",
+            str(files / "machine.toml"),
+            "-o",
+            str(better),
+            "--html",
+            str(page),
+            "--json",
+        ]
+    )
     view = json.loads(capsys.readouterr().out)
     assert status == 0
     assert view["verdict"] == "named"

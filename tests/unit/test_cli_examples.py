@@ -19,9 +19,18 @@ from ph_post.cli.main import cli, main
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = pages()
 RUN = {
-    "convert", "inspect", "simulate", "verify", "diff", "sweep", "calibrate", "machines", "machine",
-    "completion", "demo",
-}  # fmt: skip
+    "convert",
+    "inspect",
+    "simulate",
+    "verify",
+    "diff",
+    "sweep",
+    "calibrate",
+    "machines",
+    "machine",
+    "completion",
+    "demo",
+}
 """Commands whose examples run here; others need a controller, a screen, a record, or too long."""
 
 EXAMPLES = [(page.words.split()[1], line) for page in PAGES for line in page.examples if "ph-post " in line]
@@ -74,10 +83,12 @@ def shop(tmp_path_factory):
     """A folder with the files that the examples name."""
     folder = tmp_path_factory.mktemp("shop")
     copies = {
-        "part.json": "paths/oval.json", "mill.toml": "samples/machines/mill.toml",
-        "router.toml": "samples/machines/router.toml", "part.ngc": "samples/programs/pocket.ngc",
+        "part.json": "paths/oval.json",
+        "mill.toml": "samples/machines/mill.toml",
+        "router.toml": "samples/machines/router.toml",
+        "part.ngc": "samples/programs/pocket.ngc",
         "old.ngc": "samples/programs/pocket.ngc",
-    }  # fmt: skip
+    }
     for name, source in copies.items():
         (folder / name).write_bytes((ROOT / source).read_bytes())
     (folder / "answers.toml").write_text('loop = "load"\nlost_motion = 0.05\n')
@@ -127,7 +138,11 @@ def here(line, shop, monkeypatch, capsys):
 def in_a_shell(line, shop, monkeypatch, capsys):
     environment = {**os.environ, "PATH": f"{shop / 'bin'}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        ["bash", "-o", "pipefail", "-c", line], env=environment, capture_output=True, text=True, check=False,
+        ["bash", "-o", "pipefail", "-c", line],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
         stdin=subprocess.DEVNULL,
-    )  # fmt: skip
+    )
     return done.returncode, done.stdout, done.stderr

@@ -10,7 +10,7 @@ import pytest
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
 from tests.support.identifying import Recorder, to_and_fro
 from tests.support.plants.axis import Plant
 
@@ -36,9 +36,7 @@ def write(path: Path, plant: Plant, *channels: str) -> Path:
         columns["X_act"] = axis.table * 1e3
     if axis.motor is not None:
         columns["X_motor"] = axis.motor * 1e3
-    np.savetxt(
-        path, np.column_stack(list(columns.values())), "%.7f", ",", header=",".join(columns), comments=""
-    )
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.7f", ",", header=",".join(columns), comments="")
     return path
 
 
@@ -90,9 +88,17 @@ def test_the_persons_file_keeps_its_words(capsys, load_log):
     original = MILL.read_text(encoding="utf-8").splitlines()
     changed = [row for row in rows if row not in original]
     keys = {row.split(" = ")[0] for row in changed if not row.startswith("#")}
-    assert {"b", "c", "lost_motion_mm"} <= keys <= {
-        "b", "c", "lost_motion_mm", "backlash_uncertainty", "gain_uncertainty",
-    }  # fmt: skip
+    assert (
+        {"b", "c", "lost_motion_mm"}
+        <= keys
+        <= {
+            "b",
+            "c",
+            "lost_motion_mm",
+            "backlash_uncertainty",
+            "gain_uncertainty",
+        }
+    )
     row = next(row for row in changed if row.startswith("lost_motion_mm"))
     assert "indicator against the scale" in row
     assert "+- " in row
@@ -181,9 +187,7 @@ def test_a_record_that_shows_nothing_is_refused(capsys, tmp_path, readings, word
     if readings is not None:
         columns["X_act"] = readings
     file = tmp_path / "still.csv"
-    np.savetxt(
-        file, np.column_stack(list(columns.values())), "%.6f", ",", header=",".join(columns), comments=""
-    )
+    np.savetxt(file, np.column_stack(list(columns.values())), "%.6f", ",", header=",".join(columns), comments="")
     status, out, err = run(capsys, "identify", file, "-o", tmp_path / "m.toml")
     assert (status, out) == (2, "")
     assert words in err

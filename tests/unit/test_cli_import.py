@@ -11,8 +11,8 @@ from support.streams import without_progress
 
 from ph_post.cli.import_ import UNIT_NAMES
 from ph_post.cli.main import main
-from ph_post.io.drawing.record import MAX_BYTES, MAX_ENTITIES, UNITS
-from ph_post.io.pathfile import read_path
+from ph_post.files.drawing.shapes import MAX_BYTES, MAX_ENTITIES, UNITS
+from ph_post.files.path import read_path
 
 DRAWINGS = Path(__file__).resolve().parents[2] / "samples" / "drawings"
 PLATE, BADGE = str(DRAWINGS / "plate.dxf"), str(DRAWINGS / "badge.svg")
@@ -52,8 +52,10 @@ def test_json_tells_contours_gaps_and_what_was_left_out(capsys, tmp_path):
     view = json.loads(out)
     assert status == 0
     assert [(one["layer"], one["closed"], one["segments"]) for one in view["contours"]][:3] == [
-        ("OUTLINE", True, 8), ("POCKET", True, 1), ("GROOVE", True, 2),
-    ]  # fmt: skip
+        ("OUTLINE", True, 8),
+        ("POCKET", True, 1),
+        ("GROOVE", True, 2),
+    ]
     assert view["extents"] == pytest.approx([pytest.approx([0, 0, 0]), pytest.approx([100, 60, 0])])
     assert view["left_out"] == {"TEXT": 1}
     assert view["gaps"] == {"closed": 0, "largest": 0.0, "moved": 0.0, "bridged": 0, "forks": 0}
@@ -79,8 +81,23 @@ def test_list_shows_layers_entities_and_extents(capsys):
 
 
 def test_layers_scale_feed_and_origin(tmp_path):
-    path = imported(main, PLATE, tmp_path, "--layer", "HOLES", "--layer", "OUTLINE", "--scale", "1/2",
-                    "--feed", "600", "--origin", "corner", "--order", "drawn")  # fmt: skip
+    path = imported(
+        main,
+        PLATE,
+        tmp_path,
+        "--layer",
+        "HOLES",
+        "--layer",
+        "OUTLINE",
+        "--scale",
+        "1/2",
+        "--feed",
+        "600",
+        "--origin",
+        "corner",
+        "--order",
+        "drawn",
+    )
     assert path.feed == pytest.approx(0.01)
     kinds = [segment.curve.kind for segment in path.segments if not segment.rapid]
     assert kinds == ["arc", "line", "nurbs", "line"] + ["line", "arc"] * 4
@@ -106,10 +123,7 @@ def test_what_is_open_where_closed_is_needed_is_named_with_its_ends(capsys, tmp_
     assert not (tmp_path / "a.json").exists()
     path = imported(main, file, tmp_path, "--closed", "--join", "0.05")
     assert path.closed
-    assert (
-        "1 gap up to 0.02 mm closed (--join 0.05 mm); no point moved by more than 0.01 mm"
-        in capsys.readouterr().err
-    )
+    assert "1 gap up to 0.02 mm closed (--join 0.05 mm); no point moved by more than 0.01 mm" in capsys.readouterr().err
 
 
 def test_what_is_drawn_twice_and_rapids_are_warned_of(capsys, tmp_path):
@@ -140,8 +154,7 @@ def test_a_layer_that_is_not_there_and_strictness_are_told(capsys):
     status, _, err = run(capsys, PLATE, "--layer", "CUT")
     assert (status, err) == (
         2,
-        f"ph-post: {PLATE}: there is nothing on layer 'CUT'; "
-        "expected one of GROOVE, HOLES, NOTES, OUTLINE, POCKET\n",
+        f"ph-post: {PLATE}: there is nothing on layer 'CUT'; expected one of GROOVE, HOLES, NOTES, OUTLINE, POCKET\n",
     )
     status, _, err = run(capsys, PLATE, "--strict")
     assert status == 2

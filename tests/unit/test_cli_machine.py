@@ -17,10 +17,10 @@ import pytest
 from support.pipelines import PATIENCE, heeding_interrupts
 from support.streams import without_progress
 
+from ph_post.cli.interview import QUESTIONS
 from ph_post.cli.main import main
-from ph_post.cli.questions import QUESTIONS
-from ph_post.gcode.registry import dialect_names
-from ph_post.io.shipped import shipped, shipped_names
+from ph_post.dialects.registry import dialect_names
+from ph_post.files.storage import shipped, shipped_names
 
 KEYS = [question.key for question in QUESTIONS]
 NEW = ("machine", "new")
@@ -113,9 +113,19 @@ def test_every_line_has_a_comment(capsys):
 
 def test_what_a_pipe_answers_is_in_the_file(capsys, monkeypatch):
     answered(
-        monkeypatch, "the old one", "x z", "scale", "linuxcnc", "0.002in 0.02", "5tpi; 5", "40:20 1",
-        "200in/min 50mm/s", "500", "0.5 at 1000 30/s", "1kHz",
-    )  # fmt: skip
+        monkeypatch,
+        "the old one",
+        "x z",
+        "scale",
+        "linuxcnc",
+        "0.002in 0.02",
+        "5tpi; 5",
+        "40:20 1",
+        "200in/min 50mm/s",
+        "500",
+        "0.5 at 1000 30/s",
+        "1kHz",
+    )
     status, out, _ = run(capsys, *NEW)
     assert status == 0
     made = tomllib.loads(out)
@@ -149,8 +159,7 @@ def test_questions_that_do_not_apply_are_not_asked(capsys, monkeypatch):
 def test_options_come_before_the_file_of_answers(capsys, tmp_path):
     file = tmp_path / "answers.toml"
     file.write_text(
-        'axes = "XY"\nloop = "motor"\nlost_motion = {X = 0.1, Y = "4thou"}\n'
-        'speed = ["50mm/s", "3000mm/min"]\n'
+        'axes = "XY"\nloop = "motor"\nlost_motion = {X = 0.1, Y = "4thou"}\nspeed = ["50mm/s", "3000mm/min"]\n'
     )
     status, out, _ = run(capsys, *NEW, "--yes", "--answers", str(file), "--loop", "Y=none X=motor", "--json")
     assert status == 0
@@ -222,9 +231,7 @@ MAX_ACCELERATION = 10
 def test_grbls_settings_are_defaults_in_its_units(capsys, tmp_path):
     file = tmp_path / "settings.txt"
     file.write_text(GRBL)
-    status, out, _ = run(
-        capsys, *NEW, "--yes", "--settings", str(file), "--lost-motion", "0.1", "--axes", "XZ"
-    )
+    status, out, _ = run(capsys, *NEW, "--yes", "--settings", str(file), "--lost-motion", "0.1", "--axes", "XZ")
     assert status == 0
     made = tomllib.loads(out)
     assert made["controller"]["dialect"] == "grbl"
@@ -233,9 +240,7 @@ def test_grbls_settings_are_defaults_in_its_units(capsys, tmp_path):
     line = next(line for line in out.splitlines() if line.startswith("max_velocity"))
     assert "assumed" not in line
     # an answer comes before a setting
-    status, out, _ = run(
-        capsys, *NEW, "--yes", "--settings", str(file), "--speed", "X=50mm/s Y=1mm/s Z=1mm/s"
-    )
+    status, out, _ = run(capsys, *NEW, "--yes", "--settings", str(file), "--speed", "X=50mm/s Y=1mm/s Z=1mm/s")
     assert tomllib.loads(out)["axes"]["X"]["max_velocity_mm_s"] == 50.0
 
 
@@ -311,15 +316,27 @@ BAD = {
     "axes": ["A", "XX", "XYZU", "12"],
     "loop": ["glas", "load load", "1", "X=load"],
     "dialect": ["gerbl", "linuxcnc grbl"],
-    "lost_motion": ["-0.1", "eleven", "11", "0,03", "nan", "inf", "1e999", "0.1 0.1", "X=1",
-                    "5 kg", "A=1 Y=1 Z=1", "="],
+    "lost_motion": [
+        "-0.1",
+        "eleven",
+        "11",
+        "0,03",
+        "nan",
+        "inf",
+        "1e999",
+        "0.1 0.1",
+        "X=1",
+        "5 kg",
+        "A=1 Y=1 Z=1",
+        "=",
+    ],
     "lead": ["-5", "0", "0.01", "5 tip", "1e6", "five"],
     "gear": ["-2", "0", "2:0", "1:2:3", "two"],
     "speed": ["100", "-5mm/s", "0mm/s", "1e9mm/s", "fast", "10 mph"],
     "acceleration": ["0", "-1", "1e9", "hard"],
     "following_error": ["0.4", "0.4 at", "0 at 1000", "-0.4 at 1000", "100 at 1", "0/s", "-40/s"],
     "servo_period": ["0", "-1", "1e6", "often", "1 2"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("key", "text"), [(key, text) for key, texts in BAD.items() for text in texts])
@@ -366,8 +383,7 @@ def test_the_answer_to_a_question_of_another_machine_is_refused(capsys):
     status, _, err = run(capsys, *NEW, "--yes", "--loop", "none", "--lead", "5")
     assert (status, err) == (
         2,
-        "ph-post: --lead: answers nothing on a machine without such a loop; "
-        "expected no such answer; got '5'\n",
+        "ph-post: --lead: answers nothing on a machine without such a loop; expected no such answer; got '5'\n",
     )
 
 
@@ -427,9 +443,13 @@ class Terminal:
         with heeding_interrupts():
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "ph_post", *NEW, *arguments],
-                stdin=slave, stdout=subprocess.PIPE, stderr=slave, cwd=folder, start_new_session=True,
+                stdin=slave,
+                stdout=subprocess.PIPE,
+                stderr=slave,
+                cwd=folder,
+                start_new_session=True,
                 env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
-            )  # fmt: skip
+            )
         os.close(slave)
         self.screen = ""
 

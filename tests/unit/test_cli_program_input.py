@@ -11,8 +11,8 @@ import pytest
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.io.inputs import is_program
-from ph_post.io.source import Raw
+from ph_post.edit.inputs import is_program
+from ph_post.files.storage import SourceBytes
 
 SLOT = """%
 (a slot, 20 mm wide)
@@ -113,4 +113,4 @@ def test_a_program_without_a_path_is_refused_in_a_line(capsys, tmp_path):
     ],
 )
 def test_how_a_program_is_told_from_a_path_file(name, data, program):
-    assert is_program(Raw(name=name, stem="part", data=data)) is program
+    assert is_program(SourceBytes(name=name, stem="part", data=data)) is program

@@ -142,14 +142,10 @@ def test_json_tells_times_errors_and_what_was_done(circle, tmp_path, capfdbinary
 def test_json_tells_what_was_done_while_an_axis_rested(tmp_path, capfdbinary, strategy, done):
     place, out = tmp_path / "frame.ngc", tmp_path / "out.ngc"
     place.write_bytes(b"G21 G90 G94\nG0 X0 Y0\nG1 X40 F600\nY20\nX0\nY0\nM2\n")
-    status, printed, _ = run(
-        capfdbinary, "convert", place, *ROOMY, "--strategy", strategy, "-o", out, "--json"
-    )
+    status, printed, _ = run(capfdbinary, "convert", place, *ROOMY, "--strategy", strategy, "-o", out, "--json")
     assert status == 0
     # X rests in line 4 and goes back, Y in line 5; each is shifted at the beginning of that.
-    told = [
-        [one[key] for key in ("axis", "kind", "line", "strategy")] for one in json.loads(printed)["windows"]
-    ]
+    told = [[one[key] for key in ("axis", "kind", "line", "strategy")] for one in json.loads(printed)["windows"]]
     assert told == [["X", "dwell", 4, done], ["Y", "dwell", 5, done]]
 
 
@@ -202,10 +198,10 @@ def test_a_crash_leaves_the_original_or_the_finished_file(circle, capfdbinary, m
 
 
 def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbinary, monkeypatch):
-    from ph_post.audit import deliver
+    from ph_post.api import programs
 
-    honest = deliver.splice
-    monkeypatch.setattr(deliver, "splice", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
+    honest = programs.apply_edits
+    monkeypatch.setattr(programs, "splice", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
     out = tmp_path / "out.ngc"
     status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "-o", out)
     assert status == 2

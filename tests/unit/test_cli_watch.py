@@ -14,7 +14,7 @@ from ph_post.cli import watch
 from ph_post.cli.convert import command
 from ph_post.cli.main import main
 from ph_post.cli.watch import Watcher
-from ph_post.gcode.splice.undo import undo
+from ph_post.edit.undo import undo
 
 CIRCLE = CIRCLE.replace(" Q0", "")
 SLOT = SLOT.replace(" Q0", "")
@@ -138,8 +138,11 @@ def test_beside_it_never_takes_what_it_wrote_itself(folders):
     assert converted(watched) == 2
     assert converted(watcher(source, "--suffix", "_bl")) == 0
     assert sorted(one.name for one in source.iterdir()) == [
-        "next.ngc", "next_bl.ngc", "part.ngc", "part_bl.ngc",
-    ]  # fmt: skip
+        "next.ngc",
+        "next_bl.ngc",
+        "part.ngc",
+        "part_bl.ngc",
+    ]
 
 
 def test_a_path_file_becomes_a_program(folders, capsys):
@@ -238,9 +241,7 @@ def test_a_folder_that_vanishes_ends_it_in_a_line(folders, which):
         if which == "programs":
             (source / "part.ngc").write_text(CIRCLE)
         assert watched.end() == 2
-    place = (
-        f"{source}: the watched folder" if which == "watched" else f"{target}: the folder for the programs"
-    )
+    place = f"{source}: the watched folder" if which == "watched" else f"{target}: the folder for the programs"
     assert watched.said[1:] == [f"ph-post: {place} is not there any more"]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ph_post.diagnose.coastdown import CoastDown, find_coast_downs, pooled
+from ph_post.identify.direct_readings import CoastDown, find_coast_downs, pooled_rate
 from ph_post.types import AxisLog
 
 Array = NDArray[np.float64]
@@ -79,6 +79,6 @@ def test_a_table_that_goes_along_or_is_all_that_was_read_is_said_to() -> None:
 def test_several_are_pooled_by_their_errors() -> None:
     first = CoastDown(0, 1, 2.0, 0.1, False)
     second = CoastDown(2, 3, 4.0, 0.2, False)
-    rate, error = pooled([first, second])
+    rate, error = pooled_rate([first, second])
     assert rate == pytest.approx((2.0 * 100.0 + 4.0 * 25.0) / 125.0)
     assert error == pytest.approx(125.0**-0.5)

@@ -25,8 +25,8 @@ from support.engine_cases import (
 
 from ph_post.drive.effects import plant_of
 from ph_post.simulate import kernel
-from ph_post.simulate.machine import Trace, run_plant, simulate
-from ph_post.simulate.modes import level_for, modes_of
+from ph_post.simulate.machine import AxisCommand, run_plant, simulate
+from ph_post.simulate.slow import level_for, modes_of
 from ph_post.types import EffectSetting, Feedback, Pickup, Run, Scenario
 
 COGGING = effect("cogging", following_error_mm=0.1, period_mm=5.0, phase_deg=40.0)
@@ -35,9 +35,12 @@ DRY = effect("coulomb_friction", following_error_mm=0.2)
 
 
 def run(
-    *effects: EffectSetting, feedback: Feedback = "load", command: NDArray[np.float64] = WAVES,
-    period: float = PERIOD, **more: float,
-) -> Run:  # fmt: skip
+    *effects: EffectSetting,
+    feedback: Feedback = "load",
+    command: NDArray[np.float64] = WAVES,
+    period: float = PERIOD,
+    **more: float,
+) -> Run:
     axis = make_axis(feedback, **{**SOFT, **more}, effects=effects)
     return simulate(make_command(command[:, None], period), make_machine([axis], period))
 
@@ -45,9 +48,7 @@ def run(
 @pytest.mark.parametrize("effects", [(COGGING,), (COGGING, FINE), (COGGING, DRY)])
 @pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
 @pytest.mark.parametrize("feedback", ["load", "motor", "none"])
-def test_against_an_integration(
-    effects: tuple[EffectSetting, ...], pickup: Pickup, feedback: Feedback
-) -> None:
+def test_against_an_integration(effects: tuple[EffectSetting, ...], pickup: Pickup, feedback: Feedback) -> None:
     """A nanometre: what a part of a sample is wrong by is of its third power."""
     axis = make_axis(feedback, **SOFT, pickup=pickup, effects=effects)
     ours = simulate(make_command(WAVES[:, None], PERIOD), make_machine([axis], PERIOD))
@@ -88,14 +89,14 @@ def test_a_period_in_degrees_of_the_motor() -> None:
 
 def test_the_error_is_of_the_third_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without halving, on samples half, a quarter and an eighth as long."""
-    monkeypatch.setattr("ph_post.simulate.machine.level_for", lambda plant, command: 0)
+    monkeypatch.setattr("ph_post.simulate.slow.level_for", lambda plant, command: 0)
     axis = make_axis("motor", **{**SOFT, "gap": 0.0}, effects=[COGGING])
     expected = reference(Case(axis, WAVES, PERIOD)).motor
     plant = plant_of(axis, Scenario())
     errors = []
     for parts in (1, 2, 4, 8):
         t = PERIOD / parts * np.arange((T.size - 1) * parts + 1)
-        trace = Trace(np.interp(t, T, WAVES), 0.0, 0.0)
+        trace = AxisCommand(np.interp(t, T, WAVES), 0.0, 0.0)
         errors.append(np.abs(run_plant(trace, plant, 1, PERIOD / parts)[1][::parts] - expected).max())
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([3.0] * 3, abs=0.1)
 
@@ -123,7 +124,7 @@ def test_in_the_slow_engine(feedback: Feedback) -> None:
     """With a Python function that adds nothing."""
     plant = plant_of(make_axis(feedback, **SOFT, effects=[COGGING]), Scenario())
     slow = replace(plant, forces=(lambda t, x, v, way: 0.0,))
-    ours, theirs = (run_plant(Trace(WAVES, 0.0, 0.0), one, 1, PERIOD) for one in (plant, slow))
+    ours, theirs = (run_plant(AxisCommand(WAVES, 0.0, 0.0), one, 1, PERIOD) for one in (plant, slow))
     assert theirs[0] == pytest.approx(ours[0], abs=1e-9)
     assert theirs[1] == pytest.approx(ours[1], abs=1e-9)
 

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from support.plans import make_machine
 
 from ph_post.errors import InputError
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Polynomial
+from ph_post.files.path import read_path
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
-from ph_post.io.pathfile import read_path
 from ph_post.simulate import cells
 from ph_post.simulate.contour import (
     ContourError,
@@ -62,9 +63,7 @@ def nearest_by_roots(coefficients, point, low, high):
         places = [r.real for r in roots if abs(r.imag) < 1e-12 and low <= r.real <= high] + [low, high]
         return float(
             min(
-                mpmath.norm(
-                    [mpmath.polyval(axis[::-1], u) - v for axis, v in zip(coefficients, point, strict=True)]
-                )
+                mpmath.norm([mpmath.polyval(axis[::-1], u) - v for axis, v in zip(coefficients, point, strict=True)])
                 for u in places
             )
         )
@@ -168,9 +167,7 @@ def test_polynomial_curves_against_roots_in_many_digits(coefficients, domain):
     curve = Polynomial(coefficients, domain)
     nominal = nominal_of(curve)
     u = rng.uniform(*domain, 60)
-    near = curve.derivatives(u)[0] + rng.normal(size=(60, curve.dimension)) * 10.0 ** rng.uniform(
-        -6, 0.3, (60, 1)
-    )
+    near = curve.derivatives(u)[0] + rng.normal(size=(60, curve.dimension)) * 10.0 ** rng.uniform(-6, 0.3, (60, 1))
     on_path = Track.from_curves([curve])
     found = nominal.nearest(near, rng.uniform(0, on_path.length, 60))
     exact = [nearest_by_roots(coefficients, point, *domain) for point in near]
@@ -213,9 +210,7 @@ def test_in_space_the_sign_is_that_of_the_view_along_the_third_axis():
 
 def test_a_figure_eight_measures_to_the_nearer_branch():
     """Two circles that touch at the origin, run as an eight: commanded on one, executed by the other."""
-    eight = nominal_of(
-        Arc([0, 0], [0, 0], [0, 0.1], "ccw"), Arc([0, 0], [0, 0], [0, -0.1], "cw"), closed=True
-    )
+    eight = nominal_of(Arc([0, 0], [0, 0], [0, 0.1], "ccw"), Arc([0, 0], [0, 0], [0, -0.1], "cw"), closed=True)
     rng = np.random.default_rng(4)
     points = rng.uniform(-0.25, 0.25, (1000, 2))
     found = eight.nearest(points, rng.uniform(0, eight.length, 1000))
@@ -322,9 +317,9 @@ def test_an_offset_along_the_normal_is_the_error(values, u, offset):
     assert abs(found.s[0] - track.arc_length(np.array([0]), np.array([u]))[0]) < 1e-8
 
 
-polygons = st.lists(
-    st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=3, max_size=6, unique=True
-).filter(lambda points: all(a != b for a, b in pairwise(points)))
+polygons = st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=3, max_size=6, unique=True).filter(
+    lambda points: all(a != b for a, b in pairwise(points))
+)
 places = st.lists(st.tuples(st.floats(-12, 12), st.floats(-12, 12)), min_size=1, max_size=8)
 
 

@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.gcode.controller.error import CutPath, program_error
-from ph_post.gcode.controller.moves import linking_of, moved_axes, tolerance_of
-from ph_post.gcode.controller.nearest import feet, shapes_of
-from ph_post.gcode.controller.run import DRAINED, DWELL, SMOOTHING, run_program
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import PartProgram
-from ph_post.io.machinefile import read_machine
+from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import read_program
+from ph_post.simulate.controllers.deviation import CutPath, closest_points, program_error, shapes_of
+from ph_post.simulate.controllers.run import (
+    DRAINED,
+    DWELL,
+    SMOOTHING,
+    linking_of,
+    moved_axes,
+    run_program,
+    tolerance_of,
+)
 from ph_post.types import Command, Machine
 
 ROUTER = read_machine("router")
@@ -122,9 +128,7 @@ def test_a_stepper_with_a_gap_is_off_a_circle_by_half_of_it() -> None:
 
 
 def test_without_a_gap_a_stepper_is_on_the_path() -> None:
-    axes = {
-        name: replace(axis, gap=replace(axis.gap, lost_motion=0.0)) for name, axis in STEPPER.axes.items()
-    }
+    axes = {name: replace(axis, gap=replace(axis.gap, lost_motion=0.0)) for name, axis in STEPPER.axes.items()}
     machine = replace(STEPPER, axes=axes)
     slot = program("G61", "G0 X0 Y0", "G1 X10 F600", "G3 X10 Y6 J3", "G1 X0", "G3 X0 Y0 J-3")
     found = program_error(run_program(slot, machine), machine, slot)
@@ -149,17 +153,22 @@ def test_distances_from_a_helix_are_those_of_a_fine_sampling() -> None:
     points = fine[rows] + random.normal(0.0, 5e-5, (50, 3))
     expected = [float(np.linalg.norm(fine - point, axis=1).min()) for point in points]
     place = path.starts[1] + rows / 200_000 * path.legs.length[1]
-    found = feet(shapes_of(path.legs), path.starts, points, place, np.full(50, 1e-3))[0]
+    found = closest_points(shapes_of(path.legs), path.starts, points, place, np.full(50, 1e-3))[0]
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
 @pytest.mark.parametrize(
     ("mode", "tolerance", "linking"),
     [
-        (None, 0.0, 0.0), ("G64", 0.0, 0.0), ("G64 P0.01", 1e-5, 1e-5), ("G64 P0.01 Q0", 1e-5, 0.0),
-        ("G64 P0.02 Q0.005", 2e-5, 5e-6), ("G61", -1.0, 0.0), ("G61.1", -2.0, 0.0),
+        (None, 0.0, 0.0),
+        ("G64", 0.0, 0.0),
+        ("G64 P0.01", 1e-5, 1e-5),
+        ("G64 P0.01 Q0", 1e-5, 0.0),
+        ("G64 P0.02 Q0.005", 2e-5, 5e-6),
+        ("G61", -1.0, 0.0),
+        ("G61.1", -2.0, 0.0),
     ],
-)  # fmt: skip
+)
 def test_path_modes_are_read(mode: str | None, tolerance: float, linking: float) -> None:
     assert tolerance_of(mode, 1e-3) == pytest.approx(tolerance)
     assert linking_of(mode, 1e-3) == pytest.approx(linking)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from ph_post.gcode.paths.build import paths_of
-from ph_post.gcode.paths.record import ProgramPath
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.paths import ProgramPath, paths_of
+from ph_post.gcode.read import read_program
 from ph_post.geometry.joints import SHARP_CORNER_RAD, find_joints, find_stops
 from ph_post.geometry.track import Track
 

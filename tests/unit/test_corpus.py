@@ -10,10 +10,10 @@ import pytest
 from support.canon import RS274, assert_agrees, run_rs274
 from support.corpus import Entry, compensated, dialect_of, entries, mill, stepper
 
-from ph_post.audit.verify import verify
+from ph_post.edit.undo import undo
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.splice.undo import undo
+from ph_post.gcode.read import read_program
+from ph_post.verify.verify import verify
 
 ROUNDING = Decimal("0.00011")
 """rs274 writes four decimals, each half a unit off."""

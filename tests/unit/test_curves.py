@@ -10,8 +10,9 @@ import pytest
 from scipy.interpolate import BSpline
 
 from ph_post.errors import InputError
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial
-from ph_post.geometry.nurbs import bezier_spans
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.nurbs import Nurbs, bezier_spans
+from ph_post.geometry.ph import PH
 
 EPS = np.finfo(float).eps
 ROOT_HALF = math.sqrt(0.5)
@@ -203,9 +204,7 @@ def test_floats_count_as_exact_where_nothing_else_is_given():
     assert Arc([0.1, 0], [0.1, 0], [0, 0], "cw").exact_pieces() == (None,)
 
 
-@pytest.mark.parametrize(
-    ("turn", "end", "sweep"), [("ccw", [0, 2], 0.5), ("cw", [0, 2], -1.5), ("cw", [2, 0], -2.0)]
-)
+@pytest.mark.parametrize(("turn", "end", "sweep"), [("ccw", [0, 2], 0.5), ("cw", [0, 2], -1.5), ("cw", [2, 0], -2.0)])
 def test_arc_derivatives(turn, end, sweep):
     arc = Arc([2, 0], end, [0, 0], turn)
     xi, omega = np.array([0.0, 0.2, 1.0]), sweep * math.pi

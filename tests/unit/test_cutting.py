@@ -14,8 +14,7 @@ from support.engine_cases import PERIOD, T, effect, make_axis, make_command, mak
 from support.engine_cases import WAVES as X
 
 from ph_post.drive.plant import Plant
-from ph_post.simulate.cutting import cutting_force, path_velocity
-from ph_post.simulate.machine import Trace, run_plant, simulate
+from ph_post.simulate.machine import AxisCommand, cutting_force, path_velocity, run_plant, simulate
 from ph_post.types import Command, EffectSetting, Feedback, Run
 
 B, C, ETA, BETA, GAP = 4e-4, 0.02, 0.4, 4.0, 4e-4
@@ -76,36 +75,39 @@ def test_inside_the_loop_as_a_python_function_of_time(pickup: str) -> None:
     """In the gap it is the table that feels it; friction holds that, or not."""
     force = pushed()
     plant = Plant(
-        feedback="load", b=B, c=C, eta=ETA, beta=BETA, gap=GAP, pickup=pickup,
-        coulomb_plus=8e-5, coulomb_minus=8e-5,
-    )  # fmt: skip
+        feedback="load",
+        b=B,
+        c=C,
+        eta=ETA,
+        beta=BETA,
+        gap=GAP,
+        pickup=pickup,
+        coulomb_plus=8e-5,
+        coulomb_minus=8e-5,
+    )
     by_hand = replace(plant, forces=(lambda t, x, v, way: float(np.interp(t, T, force)),))
-    given = run_plant(Trace(X, 0.0, 0.0, force=force), plant, 1, PERIOD)
-    called = run_plant(Trace(X, 0.0, 0.0), by_hand, 1, PERIOD)
+    given = run_plant(AxisCommand(X, 0.0, 0.0, force=force), plant, 1, PERIOD)
+    called = run_plant(AxisCommand(X, 0.0, 0.0), by_hand, 1, PERIOD)
     assert given[0] == pytest.approx(called[0], abs=1e-10)
     assert given[1] == pytest.approx(called[1], abs=1e-10)
     assert given[2].log.tolist() == called[2].log.tolist()
-    assert np.abs(given[0] - run_plant(Trace(X, 0.0, 0.0), plant, 1, PERIOD)[0]).max() > 1e-4
+    assert np.abs(given[0] - run_plant(AxisCommand(X, 0.0, 0.0), plant, 1, PERIOD)[0]).max() > 1e-4
 
 
 def test_beside_a_python_function() -> None:
     """The slow engine takes it too."""
     plant = Plant(feedback="load", b=B, c=C)
     slow = replace(plant, forces=(lambda t, x, v, way: 0.0,))
-    given = run_plant(Trace(X, 0.0, 0.0, force=pushed()), plant, 1, PERIOD)[0]
-    assert run_plant(Trace(X, 0.0, 0.0, force=pushed()), slow, 1, PERIOD)[0] == pytest.approx(
-        given, abs=1e-12
-    )
+    given = run_plant(AxisCommand(X, 0.0, 0.0, force=pushed()), plant, 1, PERIOD)[0]
+    assert run_plant(AxisCommand(X, 0.0, 0.0, force=pushed()), slow, 1, PERIOD)[0] == pytest.approx(given, abs=1e-12)
 
 
 def test_beside_stribeck_friction() -> None:
     """What is taken as linear over parts of a sample for the one is so for the other."""
-    plant = Plant(
-        feedback="load", b=B, c=C, coulomb_plus=1e-5, coulomb_minus=1e-5, static=2e-5, stribeck_speed=0.02
-    )
+    plant = Plant(feedback="load", b=B, c=C, coulomb_plus=1e-5, coulomb_minus=1e-5, static=2e-5, stribeck_speed=0.02)
     by_hand = replace(plant, forces=(lambda t, x, v, way: float(np.interp(t, T, pushed())),))
-    given = run_plant(Trace(X, 0.0, 0.0, force=pushed()), plant, 1, PERIOD)[0]
-    assert given == pytest.approx(run_plant(Trace(X, 0.0, 0.0), by_hand, 1, PERIOD)[0], abs=1e-8)
+    given = run_plant(AxisCommand(X, 0.0, 0.0, force=pushed()), plant, 1, PERIOD)[0]
+    assert given == pytest.approx(run_plant(AxisCommand(X, 0.0, 0.0), by_hand, 1, PERIOD)[0], abs=1e-8)
 
 
 def test_by_hand() -> None:

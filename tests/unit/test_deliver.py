@@ -7,25 +7,24 @@ from support.compensated import headed
 from support.corpus import stepper
 from support.splicing import with_edits
 
-from ph_post.audit.deliver import NOTED, Request, deliver
-from ph_post.audit.verify import verify
+from ph_post.api.programs import NOTED, ProgramRequest, compensate_program
 from ph_post.compensate.options import PlanOptions
+from ph_post.edit.edits import EditOptions, Edits, StopEdit
+from ph_post.edit.undo import undo
 from ph_post.errors import InputError
-from ph_post.gcode.paths.build import paths_of
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.record import Edits, Stop
-from ph_post.gcode.splice.undo import undo
+from ph_post.gcode.paths import paths_of
+from ph_post.gcode.read import read_program
 from ph_post.units import MM
+from ph_post.verify.verify import verify
 
 
 def asked(slowdown=10.0, strategy="takeup"):
     how = PlanOptions(strategy=strategy, carrier="program", max_slowdown=slowdown, effort=0.05)
-    return Request(plan=how, splice=SpliceOptions(max_slowdown=slowdown))
+    return ProgramRequest(plan=how, splice=EditOptions(max_slowdown=slowdown))
 
 
 def delivered(text, machine=None, request=None):
-    return deliver(
+    return compensate_program(
         read_program(text.encode(), "part.ngc"),
         machine or replace(stepper(), dialect="linuxcnc"),
         request or asked(),
@@ -35,7 +34,7 @@ def delivered(text, machine=None, request=None):
 def test_stops_that_come_to_one_seat_are_declared_as_one():
     """Parts shorter than four steps are not cut off: these stops are a tenth of a nanometre apart."""
     program = read_program(b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nM2\n", "part.ngc")
-    stops = tuple(Stop(motion=1, share=share, pause=0.01, shifts=()) for share in (0.5, 0.50000001))
+    stops = tuple(StopEdit(motion=1, share=share, pause=0.01, shifts=()) for share in (0.5, 0.50000001))
     machine = stepper()
     made = with_edits(program, Edits(offset=np.zeros((2, 3)), stops=stops), machine, "linuxcnc")
     assert made.text.count(b"G4 P0.01") == 1

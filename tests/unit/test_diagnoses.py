@@ -8,9 +8,9 @@ import pytest
 from msgspec.structs import replace
 from support.diagnoses import COULOMB, LADDER, LOAD, STEPS, diagnosis, each_verdict
 
-from ph_post.diagnose.record import Estimate, GapStep
 from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view
-from ph_post.report.findingwords import estimate_words, finding_sentence, label_words, verdict_sentences
+from ph_post.report.effect_words import estimate_words, finding_sentence, label_words, verdict_sentences
+from ph_post.types.diagnosis import Estimate, ResidualStep
 
 VERDICTS = ("named", "nothing-missing", "ambiguous", "unknown", "not-identifiable")
 
@@ -98,15 +98,17 @@ def test_what_is_not_finite_is_null():
     broken = diagnosis(
         findings=(replace(LOAD, parameters={"force": Estimate(value=math.nan, stderr=math.inf, unit="N")}),),
         noise_floor=math.nan,
-        steps=(GapStep(added=None, fit_rms=math.nan, holdout_rms=math.inf),),
+        steps=(ResidualStep(added=None, fit_rms=math.nan, holdout_rms=math.inf),),
     )
     view = diagnosis_view(broken)
     json.loads(json.dumps(view), parse_constant=refuse)
     assert view["effects"][0]["parameters"]["force"] == {"value": None, "stderr": None, "unit": "N"}
     assert view["effects"][0]["confidence"] is None
     assert view["gap"] == {
-        "unit": "mm", "noise_floor": None, "steps": [{"added": None, "fit_rms": None, "holdout_rms": None}],
-    }  # fmt: skip
+        "unit": "mm",
+        "noise_floor": None,
+        "steps": [{"added": None, "fit_rms": None, "holdout_rms": None}],
+    }
     assert diagnosis_lines(broken)
 
 
@@ -146,7 +148,7 @@ def test_what_is_not_finite_is_null():
             ["This record cannot show it: X_act moves in steps of 1 mm, and no effect is as large."],
         ),
     ],
-)  # fmt: skip
+)
 def test_the_verdict_comes_first_in_plain_sentences(verdict, first):
     made = each_verdict()[verdict]
     assert verdict_sentences(made) == first
@@ -157,9 +159,7 @@ def test_what_is_certain_is_told_beside_what_is_not():
     made = each_verdict()["ambiguous"]
     told = verdict_sentences(replace(made, findings=(LOAD, *made.findings)))
     assert told[0] == "A constant load is missing from X: -3.17 N."
-    assert told[1].startswith(
-        "These cannot be told apart from this record: Coulomb friction (X), or backlash"
-    )
+    assert told[1].startswith("These cannot be told apart from this record: Coulomb friction (X), or backlash")
     assert len(told) == 2
 
 
@@ -173,9 +173,7 @@ def test_a_rival_on_another_axis_is_named_with_its_axis():
     told = verdict_sentences(
         diagnosis(verdict="ambiguous", findings=(replace(COULOMB, ambiguous_with=("squareness:Y",)),))
     )
-    assert told == [
-        "These cannot be told apart from this record: Coulomb friction (X), or an error of squareness (Y)."
-    ]
+    assert told == ["These cannot be told apart from this record: Coulomb friction (X), or an error of squareness (Y)."]
 
 
 def test_the_lines_hold_quality_places_gap_parameters_and_evidence():
@@ -186,11 +184,10 @@ def test_the_lines_hold_quality_places_gap_parameters_and_evidence():
         "  X_force: noise 0.5 N (from differences)",
         "Where machine file and record differ:\n  82 % of the excess lies within 40 ms after X reversals\n",
         "The gap between model and record, rms (noise floor 0.20 µm):",
-        "Coulomb friction (X): within 40 ms after X reversals, 99 % sure\n  force = 20.4 ± 0.1 N\n"
-        "  evidence: the lag",
+        "Coulomb friction (X): within 40 ms after X reversals, 99 % sure\n  force = 20.4 ± 0.1 N\n  evidence: the lag",
         "A constant load (X): everywhere\n  force = -3.17 N (its standard error is not known)",
         "The better machine is written with -o",
-    ):  # fmt: skip
+    ):
         assert words in text
     assert "equal in both directions" not in text  # 1 % of the excess is nowhere
     rows = [line.split() for line in text.splitlines() if line.rstrip().endswith(("40.0", "15.0"))]
@@ -242,11 +239,25 @@ def test_numbers_end_where_their_standard_error_does(value, stderr, unit, words)
 
 def test_every_effect_of_the_interface_has_a_sentence_of_its_own():
     names = [
-        "backlash", "coulomb_friction", "stribeck_friction", "viscous_friction", "friction_asymmetry",
-        "load_offset", "elastic_windup", "engagement_impact", "position_dependent_backlash", "cyclic_error",
-        "scale_error", "thermal_growth", "squareness", "servo_mismatch", "transport_delay",
-        "torque_saturation", "cogging", "cutting_force",
-    ]  # fmt: skip
+        "backlash",
+        "coulomb_friction",
+        "stribeck_friction",
+        "viscous_friction",
+        "friction_asymmetry",
+        "load_offset",
+        "elastic_windup",
+        "engagement_impact",
+        "position_dependent_backlash",
+        "cyclic_error",
+        "scale_error",
+        "thermal_growth",
+        "squareness",
+        "servo_mismatch",
+        "transport_delay",
+        "torque_saturation",
+        "cogging",
+        "cutting_force",
+    ]
     sentences = {finding_sentence(replace(COULOMB, name=name)) for name in names}
     assert len(sentences) == len(names)
     assert not [sentence for sentence in sentences if "_" in sentence]
@@ -275,7 +286,7 @@ def test_options_that_were_given_are_not_recommended():
 
 def test_a_record_without_noise_is_told_in_few_digits():
     exact = replace(COULOMB, parameters={"force": Estimate(value=0.02, stderr=2.8e-11, unit="mm")})
-    steps = (STEPS[0], GapStep(added="coulomb_friction:X", fit_rms=2e-16, holdout_rms=3e-16))
+    steps = (STEPS[0], ResidualStep(added="coulomb_friction:X", fit_rms=2e-16, holdout_rms=3e-16))
     lines = diagnosis_lines(diagnosis(findings=(exact,), noise_floor=1e-16, steps=steps))
     assert lines[0] == "Coulomb friction is missing from X: 0.02 ± 3e-11 mm of following error."
     (first,) = (line for line in lines if line.startswith("the machine file as it is"))

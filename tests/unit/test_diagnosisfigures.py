@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 from support.diagnoses import diagnosis, each_verdict, trail
 
-from ph_post.report.diagnosisfigures import draw_diagnosis
+from ph_post.report.diagnosis_figures import draw_diagnosis
 from ph_post.report.figures import render
 
 
@@ -14,8 +14,9 @@ def test_the_bars_are_the_steps_in_micrometres():
     gap = figure.axes[0]
     assert [bar.get_width() for bar in gap.patches] == pytest.approx([7.2, 1.9, 8.0, 3.0])
     assert [text.get_text() for text in gap.get_yticklabels()] == [
-        "the machine file as it is", "+ Coulomb friction (X)",
-    ]  # fmt: skip
+        "the machine file as it is",
+        "+ Coulomb friction (X)",
+    ]
     assert gap.lines[0].get_xdata()[0] == pytest.approx(0.2)
     assert figure.get_suptitle() == "Coulomb friction is missing from X: 20.4 ± 0.1 N."
 
@@ -23,8 +24,9 @@ def test_the_bars_are_the_steps_in_micrometres():
 def test_a_row_a_channel_in_its_unit():
     figure = draw_diagnosis(diagnosis(), {"X": "N"})
     assert [axes.get_ylabel() for axes in figure.axes[1:]] == [
-        "X_act: record - model [µm]", "X_force: record - model [N]",
-    ]  # fmt: skip
+        "X_act: record - model [µm]",
+        "X_force: record - model [N]",
+    ]
     before, after = figure.axes[1].collections[-2:]
     raw = trail()
     assert before.get_paths()[0].vertices[:, 1].max() == pytest.approx(1e6 * raw.before.max())

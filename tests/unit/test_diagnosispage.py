@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from support.diagnoses import COULOMB, LADDER, diagnosis, each_verdict, trail
 
 from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view
-from ph_post.report.diagnosispage import POINTS, diagnosis_page
+from ph_post.report.diagnosis_page import POINTS, diagnosis_page
 
 VOID = {"meta", "br", "hr", "img", "input", "link"}
 

@@ -8,11 +8,11 @@ import pytest
 from support.corpus import compensated, entries, stepper
 from support.streams import without_progress
 
-from ph_post.audit.diff.compare import compare_programs
 from ph_post.cli.main import main
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.registry import find_dialect
-from ph_post.io.machinefile import read_machine
+from ph_post.dialects.registry import find_dialect
+from ph_post.diff.compare import compare_programs
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.read import read_program
 
 PART = """%
 (part)
@@ -59,7 +59,7 @@ def kinds(found):
         ("G1 X20 Y20\n", "G91 G1 X0 Y10\nG90\n"),
         ("G1 X0\n", "G20 G1 X0\nG21\n"),
     ],
-)  # fmt: skip
+)
 def test_other_words_for_the_same_motion_are_no_difference(old, new):
     found = compared(old, new)
     assert found.same
@@ -129,7 +129,7 @@ def test_inverse_time_tells_the_same_feed():
         ("M8\n", "M8\nM1\n", "M1"),
         ("M5\n", "M5\nT2 M6\n", "T2M6"),
     ],
-)  # fmt: skip
+)
 def test_what_is_done_beside_moving_is_compared(old, new, what):
     found = compared(old, new)
     assert what in [one.what for one in found.orders]
@@ -314,6 +314,5 @@ def test_a_machine_without_a_drive_for_an_axis_predicts_nothing(tmp_path, capsys
     assert main(["diff", str(part), str(part), "-m", str(flat)]) == 2
     said = without_progress(capsys.readouterr().err)
     assert said == (
-        f"ph-post: {flat}: the program moves axis Z, which has no drive;"
-        " expected [axes.Z]; got [axes.X], [axes.Y]\n"
+        f"ph-post: {flat}: the program moves axis Z, which has no drive; expected [axes.Z]; got [axes.X], [axes.Y]\n"
     )

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ph_post.audit.diff.align import align, gaps_of, hash_columns
+from ph_post.diff.alignment import align, gaps_of, hash_columns
 
 SEQUENCES = st.lists(st.integers(0, 6), max_size=30)
 

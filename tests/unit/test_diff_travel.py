@@ -7,17 +7,17 @@ import pytest
 from msgspec.structs import replace
 from support.outlines import MM, Tool
 
-from ph_post.audit.diff.outline import outline_of
-from ph_post.audit.diff.travel import compare_paths, farthest
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import LINE, NURBS
+from ph_post.diff.curves import curve_table
+from ph_post.diff.travel import compare_paths, farthest
+from ph_post.gcode.program import LINE, NURBS
+from ph_post.gcode.read import read_program
 
 SQUARE = ((10, 0), (10, 10), (0, 10), (0, 0))
 
 
 def apart(a, b):
     """Largest distance of either path from the other [mm]."""
-    travel = compare_paths(outline_of(a.motions()), outline_of(b.motions()))
+    travel = compare_paths(curve_table(a.motions()), curve_table(b.motions()))
     found = []
     for number, side in enumerate(travel.sides):
         rows = np.array([int(np.argmax(side.deviation))] if side.deviation.size else [], dtype=np.int64)
@@ -34,7 +34,7 @@ def square(corners=SQUARE):
 
 
 def test_equal_paths_have_no_gap():
-    travel = compare_paths(outline_of(square().motions()), outline_of(square().motions()))
+    travel = compare_paths(curve_table(square().motions()), curve_table(square().motions()))
     assert travel.gaps.size == 0
     assert travel.found.tolist() == [0, 1, 2, 3]
 
@@ -98,7 +98,7 @@ def test_a_cubic_is_measured_as_a_curve():
     a = Tool().line(30, 0)
     b = Tool().cubic((10, 4), (20, 4), (30, 0))
     assert apart(a, b) == pytest.approx((3.0, 3.0), abs=1e-3)
-    assert outline_of(b.motions()).length == pytest.approx(1e-3 * _cubic_length(), rel=1e-9)
+    assert curve_table(b.motions()).length == pytest.approx(1e-3 * _cubic_length(), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_cubic_is_measured_as_a_curve():
 )
 def test_a_spline_may_lie_at_an_unknown_height(text):
     read = read_program(f"G21 G90\nG0 X0 Y0\nF100\n{text}\nM2\n".encode(), "part.ngc")
-    outline = outline_of(read.motions)
+    outline = curve_table(read.motions)
     assert np.isfinite(outline.table).all()
     assert outline.length > 3e-3
 
@@ -121,9 +121,9 @@ def test_a_nurbs_of_the_second_order_is_its_polygon():
     motions = Tool().line(0, 0).motions()
     points = np.array([(0, 0, 0), *((x, y, 0) for x, y in SQUARE)]) * MM
     nurbs = replace(motions, kind=np.array([NURBS]), nurbs={0: (2, points, np.ones(5))})
-    travel = compare_paths(outline_of(polygon.motions()), outline_of(nurbs))
+    travel = compare_paths(curve_table(polygon.motions()), curve_table(nurbs))
     assert max(side.deviation.max() for side in travel.sides) < 1e-12
-    assert outline_of(nurbs).length == pytest.approx(0.04)
+    assert curve_table(nurbs).length == pytest.approx(0.04)
 
 
 def test_heights_count():
@@ -135,7 +135,7 @@ def test_an_unknown_height_is_the_first_that_is_told():
     motions = Tool().line(10, 0, 0).line(20, 0, -1).motions()
     start, end = motions.start.copy(), motions.end.copy()
     start[:, 2], end[0, 2] = np.nan, np.nan
-    outline = outline_of(replace(motions, start=start, end=end))
+    outline = curve_table(replace(motions, start=start, end=end))
     assert outline.table[:, 2].tolist() == [-MM, -MM]
     assert outline.length == pytest.approx(20 * MM)
 
@@ -154,7 +154,7 @@ def test_a_path_of_another_sampling_is_measured_all_along():
 
 def test_nothing_cannot_be_compared():
     empty = replace(Tool().line(1, 0).motions(), **_rows_of_nothing())
-    travel = compare_paths(outline_of(empty), outline_of(square().motions()))
+    travel = compare_paths(curve_table(empty), curve_table(square().motions()))
     assert travel.sides is None
     assert travel.gaps.tolist() == [[0, 0, 0, 4]]
 
@@ -169,7 +169,7 @@ def test_kinds_of_motions_are_told_apart_from_what_they_cut():
     a, b = square().motions(), square().motions()
     assert (a.kind == LINE).all()
     b = replace(b, feed=2.0 * b.feed)
-    assert compare_paths(outline_of(a), outline_of(b)).gaps.size == 0
+    assert compare_paths(curve_table(a), curve_table(b)).gaps.size == 0
 
 
 def test_a_program_that_repeats_itself_is_not_led_astray_by_one_equal_move():

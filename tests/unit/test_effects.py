@@ -13,12 +13,12 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from ph_post.drive.effects import Effect, acting, not_acting, plant_of
-from ph_post.drive.effects.base import MILLIMETRE, Fault, Parameter
+from ph_post.drive.effects import active_effects, ignored_effects, plant_of
+from ph_post.drive.effects.base import MILLIMETRE, Effect, EffectFault, Parameter
 from ph_post.drive.effects.registry import CATALOGUE, GROUP, effect_names, find_effect
-from ph_post.drive.plant import Plant, Reading, Widening, base_plant
+from ph_post.drive.machinefile import read_machine
+from ph_post.drive.plant import GapProfile, Plant, TableReading, base_plant
 from ph_post.errors import InputError
-from ph_post.io.machinefile import read_machine
 from ph_post.types import Axis, EffectSetting, Gap, Limits, Scenario, Servo
 
 README = Path(__file__).parents[2] / "README.md"
@@ -144,12 +144,12 @@ def test_what_has_a_sign():
         (
             "cyclic_error",
             {"amplitude_mm": 0.004, "period_mm": 5, "phase_deg": 90},
-            {"reading": Reading(cycles=((4e-6, 5e-3, math.pi / 2),))},
+            {"reading": TableReading(cycles=((4e-6, 5e-3, math.pi / 2),))},
         ),
         (
             "cyclic_error",
             {"amplitude_mm": -0.004, "period_mm": 5},
-            {"reading": Reading(cycles=((-4e-6, 5e-3, 0.0),))},
+            {"reading": TableReading(cycles=((-4e-6, 5e-3, 0.0),))},
         ),
         # 5° of the motor are 5 π/180 · r/N of travel
         (
@@ -171,21 +171,21 @@ def test_what_has_a_sign():
         (
             "position_dependent_backlash",
             {"slope_mm_per_mm": 1e-4, "reference_mm": 200},
-            {"widening": Widening(slope=1e-4, reference=0.2, width=0.1)},
+            {"widening": GapProfile(slope=1e-4, reference=0.2, width=0.1)},
         ),
         (
             "position_dependent_backlash",
             {"bump_mm": 0.03, "centre_mm": -40, "width_mm": 25},
-            {"widening": Widening(bump=3e-5, centre=-0.04, width=0.025)},
+            {"widening": GapProfile(bump=3e-5, centre=-0.04, width=0.025)},
         ),
-        ("scale_error", {"error": -2e-5}, {"reading": Reading(scale=-2e-5)}),
+        ("scale_error", {"error": -2e-5}, {"reading": TableReading(scale=-2e-5)}),
         (
             "thermal_growth",
             {"growth_mm": 0.03, "time_constant_s": 1200},
-            {"reading": Reading(growths=((3e-5, 1200.0),))},
+            {"reading": TableReading(growths=((3e-5, 1200.0),))},
         ),
-        ("squareness", {"angle_rad": 1e-4}, {"reading": Reading(others=(("Y", 1e-4),))}),
-        ("squareness", {"angle_rad": 1e-4, "other": "Z"}, {"reading": Reading(others=(("Z", 1e-4),))}),
+        ("squareness", {"angle_rad": 1e-4}, {"reading": TableReading(others=(("Y", 1e-4),))}),
+        ("squareness", {"angle_rad": 1e-4, "other": "Z"}, {"reading": TableReading(others=(("Z", 1e-4),))}),
         # a torque T at the motor is a force T N / r at the table: 2 N m -> 50 N -> 1e-4 m
         ("torque_saturation", {"torque_n_m": 2}, {"saturation": 1e-4}),
         ("torque_saturation", {"following_error_mm": 0.1}, {"saturation": 1e-4}),
@@ -197,7 +197,7 @@ def test_what_an_effect_does_to_the_plant(name, given, expected):
     found = changed((name, given))
     assert found.keys() == expected.keys()
     for key, value in expected.items():
-        exact = isinstance(value, str | Reading | Widening | tuple)
+        exact = isinstance(value, str | TableReading | GapProfile | tuple)
         assert found[key] == (value if exact else pytest.approx(value, rel=1e-14))
 
 
@@ -245,12 +245,12 @@ def test_effects_of_all_kinds_act_together():
     assert {name for name, _ in ALL} == THIS_STEP
     found = changed(*ALL)
     assert found.pop("pickup") == "momentum"
-    assert found.pop("reading") == Reading(
+    assert found.pop("reading") == TableReading(
         cycles=((4e-6, 5e-3, 0.0),), scale=1e-5, growths=((3e-5, 1200.0),), others=(("Y", 1e-4),)
     )
     assert found.pop("cogging") == (pytest.approx((4e-5, 2e-3, 0.0)),)
     assert found.pop("cutting") == (pytest.approx((3e-5, 0.01, 0.0)),)
-    assert found.pop("widening") == Widening(slope=1e-4, width=0.1)
+    assert found.pop("widening") == GapProfile(slope=1e-4, width=0.1)
     assert found == pytest.approx(
         {
             "coulomb_plus": 5e-5,
@@ -288,10 +288,7 @@ def test_no_effect_changes_nothing():
             {"viscous_plus": 3e-3, "viscous_minus": 3e-3},
         ),
         (
-            [
-                ("transport_delay", {"delay_ms": ms, "where": at})
-                for ms, at in ((1, "command"), (2, "reading"))
-            ]
+            [("transport_delay", {"delay_ms": ms, "where": at}) for ms, at in ((1, "command"), (2, "reading"))]
             + [("transport_delay", {"delay_ms": 4})],
             {"command_delay": 5e-3, "reading_delay": 2e-3},
         ),
@@ -319,11 +316,18 @@ def test_what_acts_and_what_does_not():
     given = {"coulomb_friction": {"force_n": 20}}
     settings = tuple(EffectSetting(name=name, parameters=given.get(name, {})) for name in names)
     axis = replace(AXIS, effects=settings)
-    assert [one.effect.name for one in acting(axis)] == ["coulomb_friction", "engagement_impact"]
-    assert [dict(one.values) for one in acting(axis)] == [{"force": pytest.approx(4e-5)}, {"kept": 1.0}]
-    assert not_acting(axis) == ("backlash", "servo_mismatch")
+    assert [one.effect.name for one in active_effects(axis)] == ["coulomb_friction", "engagement_impact"]
+    assert [dict(one.values) for one in active_effects(axis)] == [
+        {"force": pytest.approx(4e-5)},
+        {"kept": 1.0},
+    ]
+    assert ignored_effects(axis) == ("backlash", "servo_mismatch")
     # A loop over the motor does not feel how the table is picked up.
-    assert not_acting(replace(axis, feedback="motor")) == ("backlash", "servo_mismatch", "engagement_impact")
+    assert ignored_effects(replace(axis, feedback="motor")) == (
+        "backlash",
+        "servo_mismatch",
+        "engagement_impact",
+    )
 
 
 def test_records_made_by_hand_are_refused_as_files_are():
@@ -357,7 +361,7 @@ def _bump(plant, values):
 
 def _no_hundred(axis, values):
     if values["size"] == pytest.approx(0.1):
-        return Fault(gives="size", what="a hundred", expected="anything else")
+        return EffectFault(gives="size", what="a hundred", expected="anything else")
     return None
 
 
@@ -386,9 +390,7 @@ class Entry:
 @pytest.fixture
 def plugged_in(monkeypatch):
     points = [Entry("bump", BUMP), Entry("servo_mismatch", MISMATCH), Entry("wrong", "a string")]
-    monkeypatch.setattr(
-        "ph_post.registry.entry_points", lambda group: points if group == "ph_post.effects" else []
-    )
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: points if group == "ph_post.effects" else [])
 
 
 @pytest.fixture
@@ -408,22 +410,18 @@ def read(tmp_path):
 def test_others_register_by_entry_point(read, name):
     assert name in effect_names()
     axis = read(f'[[axes.X.effects]]\nname = "{name}"\nsize_mm = 3\n[[axes.X.effects]]\nname = "{name}"\n')
-    assert not_acting(axis) == ()
+    assert ignored_effects(axis) == ()
     plant = plant_of(axis, Scenario())
     assert [force(0.0, 0.0, 0.0, 1.0) for force in plant.forces] == pytest.approx([3e-3, 2.5e-4], rel=1e-14)
     with pytest.raises(InputError, match=r'effects\[0\]: unknown key "size"; expected size_mm'):
         read(f'[[axes.X.effects]]\nname = "{name}"\nsize = 3\n')
-    with pytest.raises(
-        InputError, match=r"effects\[0\]\.size_mm: a hundred; expected anything else; got 100"
-    ):
+    with pytest.raises(InputError, match=r"effects\[0\]\.size_mm: a hundred; expected anything else; got 100"):
         read(f'[[axes.X.effects]]\nname = "{name}"\nsize_mm = 100\n')
 
 
 @pytest.mark.usefixtures("plugged_in")
 def test_what_is_registered_must_be_an_effect(read):
-    with pytest.raises(
-        InputError, match=r"effects\[0\]\.name: what is .* not one; expected an Effect record"
-    ):
+    with pytest.raises(InputError, match=r"effects\[0\]\.name: what is .* not one; expected an Effect record"):
         read('[[axes.X.effects]]\nname = "wrong"\n')
 
 
@@ -463,7 +461,7 @@ def test_the_old_mill():
     assert (y.coulomb_plus, y.coulomb_minus) == pytest.approx((60e-6, 60e-6), rel=1e-14)
     assert (z.coulomb_plus, z.load) == pytest.approx((50e-6, 40e-6), rel=1e-14)
     assert {plant.feedback for plant in (x, y, z)} == {"load"}
-    assert not any(not_acting(axis) for axis in axes.values())
+    assert not any(ignored_effects(axis) for axis in axes.values())
 
 
 def test_a_plant_is_not_changed_in_place():

@@ -10,7 +10,7 @@ from support.shop import HUMP
 
 from ph_post.cli.main import main
 from ph_post.drive.effects.registry import effect_names, find_effect
-from ph_post.io.shipped import shipped
+from ph_post.files.storage import shipped
 
 PARAMETERS = {
     "coulomb_friction": "following_error_mm = 0.01",
@@ -82,9 +82,19 @@ def test_every_command_takes_it(hump, tmp_path, capsys, name):
     assert best["error_worst"]["max"] <= plainly["error_worst"]["max"] * (1.0 + 1e-9)
     table, program = tmp_path / "hump.csv", tmp_path / "hump.ngc"
     told(
-        capsys, "convert", hump, "-m", better, "--table", table, "-o", program,
-        "--effort", 0.01, "--no-simulation",
-    )  # fmt: skip
+        capsys,
+        "convert",
+        hump,
+        "-m",
+        better,
+        "--table",
+        table,
+        "-o",
+        program,
+        "--effort",
+        0.01,
+        "--no-simulation",
+    )
     assert len(table.read_text().splitlines()) > 400
     assert "F" in program.read_text()
 

@@ -15,11 +15,11 @@ from support.engine_cases import make_axis
 from support.residuals import MM, NOISE, PERIOD, UM, B, C, Moved, circles, decaying, to_and_fro, white
 
 from ph_post.diagnose.evidence import SIGNATURES, evidence_of
-from ph_post.diagnose.evidence.exhibit import Exhibit
-from ph_post.diagnose.model import problem_of
-from ph_post.diagnose.motion import motion_of
-from ph_post.diagnose.record import Channel, ChannelQuality, Quality
+from ph_post.diagnose.evidence.base import Evidence
+from ph_post.identify.free_run import problem_of
+from ph_post.identify.linear_drive import motion_of
 from ph_post.types import AxisLog, Feedback
+from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality
 
 Array = NDArray[np.float64]
 NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?)"
@@ -29,9 +29,12 @@ rounds = cache(circles)
 
 
 def exhibit(
-    m: Moved, residuals: Mapping[Channel, Array], values: Mapping[str, float] | None = None,
-    feedback: Feedback = "motor", gap: float = 0.0,
-) -> Exhibit:  # fmt: skip
+    m: Moved,
+    residuals: Mapping[Channel, Array],
+    values: Mapping[str, float] | None = None,
+    feedback: Feedback = "motor",
+    gap: float = 0.0,
+) -> Evidence:
     """A record that is the linear loop plus these residuals: the effort's is the effort itself."""
     size = m.x.size
     parts = {name: white(size, NOISE, k) + values for k, (name, values) in enumerate(residuals.items())}
@@ -42,20 +45,23 @@ def exhibit(
     )
     log = replace(m.log, axes={"X": axis, "Y": m.log.axes["Y"]})
     channels = tuple(
-        ChannelQuality(axis="X", channel=name, resolution=0.0, noise=NOISE, noise_from="differences")
-        for name in parts
+        ChannelQuality(axis="X", channel=name, resolution=0.0, noise=NOISE, noise_from="differences") for name in parts
     )
-    quality = Quality(period=PERIOD, jitter=0.0, first=300, channels=channels)
+    quality = LogQuality(period=PERIOD, jitter=0.0, first=300, channels=channels)
     problem = problem_of(log, "X", make_axis(feedback, B, C, gap), quality)
     assert problem is not None
-    return Exhibit(
-        problem=problem, motion=motion_of(log, m.machine, "X"), before=parts,
+    return Evidence(
+        problem=problem,
+        motion=motion_of(log, m.machine, "X"),
+        before=parts,
         after={name: white(size, NOISE, 9 + k) for k, name in enumerate(parts)},
-        values=values or {}, errors={}, effort_unit="N" if "force" in parts else "",
-    )  # fmt: skip
+        values=values or {},
+        errors={},
+        effort_unit="N" if "force" in parts else "",
+    )
 
 
-def told(name: str, one: Exhibit, pattern: str) -> tuple[float, ...]:
+def told(name: str, one: Evidence, pattern: str) -> tuple[float, ...]:
     """Numbers of the sentence that a pattern finds, `#` for each."""
     sentences = evidence_of(name, one)
     form = re.escape(pattern).replace(r"\#", NUMBER)
@@ -102,10 +108,11 @@ def test_viscous_friction_grows_with_speed() -> None:
     m = lines()
     one = exhibit(m, {"act": -1e-4 * m.v})
     small, slow, large, fast, times, faster = told(
-        "viscous_friction", one,
+        "viscous_friction",
+        one,
         "in proportion to speed; here X_act is # µm behind at # mm/s, # µm behind at # mm/s: # times as "
         "much at # times the speed",
-    )  # fmt: skip
+    )
     assert small == pytest.approx(0.1 * slow, rel=0.03)
     assert large == pytest.approx(0.1 * fast, rel=0.03)
     assert times == pytest.approx(faster, rel=0.05)
@@ -135,9 +142,7 @@ def test_stribeck_friction_falls_with_speed() -> None:
 def test_a_load_is_the_mean_of_both_directions() -> None:
     m = lines()
     one = exhibit(m, {"act": np.full(m.x.size, -2.0 * UM), "force": 20.0 * np.sign(m.v) - 3.2})
-    assert told("load_offset", one, "the mean force of both directions is # N") == pytest.approx(
-        (-3.2,), abs=0.02
-    )
+    assert told("load_offset", one, "the mean force of both directions is # N") == pytest.approx((-3.2,), abs=0.02)
     assert told("load_offset", one, "X_act is off by # µm") == pytest.approx((-2.0,), abs=0.02)
 
 
@@ -147,10 +152,11 @@ def test_a_period_stands_beside_the_lead_and_does_not_change_with_speed() -> Non
     wave = 2.0 * UM * np.sin(2.0 * np.pi * m.x / lead + 1.0)
     one = exhibit(m, {"act": wave, "motor": 0.0 * wave}, {"period": lead})
     size, period, file, turn, share, small, _, large, _ = told(
-        "cyclic_error", one,
+        "cyclic_error",
+        one,
         "at every feed; here # µm every # mm (the screw's lead is # mm and a turn of the motor # mm), # % of "
         "the residual; # µm at # mm/s, # µm at # mm/s",
-    )  # fmt: skip
+    )
     assert (size, small, large) == pytest.approx((2.0, 2.0, 2.0), abs=0.03)
     assert (period, file, turn) == pytest.approx((12.57, 12.57, 6.283), rel=3e-3)
     assert share == pytest.approx(100.0 * 2.0 / (2.0 + 0.09), abs=2.0)
@@ -172,24 +178,18 @@ def test_a_period_that_another_effect_hides_is_that_of_the_fit() -> None:
 def test_cogging_shows_in_the_force() -> None:
     m = lines()
     wave = np.sin(2.0 * np.pi * m.x / (5.0 * MM))
-    one = exhibit(
-        m, {"act": -2.0 * UM * wave, "force": 3.0 * wave + 20.0 * np.sign(m.v)}, {"period": 5.0 * MM}
-    )
+    one = exhibit(m, {"act": -2.0 * UM * wave, "force": 3.0 * wave + 20.0 * np.sign(m.v)}, {"period": 5.0 * MM})
     assert told("cogging", one, "the force has # N of that period") == pytest.approx((3.0,), abs=0.05)
 
 
 def test_scale_and_squareness_are_slopes() -> None:
     m = rounds()
     one = exhibit(m, {"act": 2e-4 * m.x, "motor": 0.0 * m.x})
-    found = told(
-        "scale_error", one, "gains # µm in 100 mm, # µm in the lower half of the travel and # µm in the upper"
-    )
+    found = told("scale_error", one, "gains # µm in 100 mm, # µm in the lower half of the travel and # µm in the upper")
     assert found == pytest.approx((20.0, 20.0, 20.0), rel=0.02)
     other = exhibit(m, {"act": -3e-4 * m.y}, {"other": 1.0})
     assert told("squareness", other, "goes off by # µm in 100 mm of Y") == pytest.approx((-30.0,), rel=0.02)
-    ways = told(
-        "squareness", other, "the same both ways round; here # µm in 100 mm clockwise, # µm counterclockwise"
-    )
+    ways = told("squareness", other, "the same both ways round; here # µm in 100 mm clockwise, # µm counterclockwise")
     assert ways == pytest.approx((-30.0, -30.0), rel=0.02)
 
 
@@ -218,9 +218,9 @@ def test_a_servo_that_left_its_file() -> None:
     one = exhibit(m, {"act": -1e-3 * m.v - 2e-5 * m.a}, {"c": 1.1 * C, "b": 0.95 * B})
     numbers = told("servo_mismatch", one, "c is # % larger, # times that and b is # % smaller, # times that")
     assert numbers == pytest.approx((10.0, 5.0, 5.0, 2.5))
-    assert told(
-        "servo_mismatch", one, "lags by # ms times the velocity and lags by # µm per m/s²"
-    ) == pytest.approx((1.0, 20.0), rel=0.02)
+    assert told("servo_mismatch", one, "lags by # ms times the velocity and lags by # µm per m/s²") == pytest.approx(
+        (1.0, 20.0), rel=0.02
+    )
 
 
 def test_windup_is_read_between_the_sides() -> None:
@@ -275,10 +275,10 @@ def test_a_cutting_force_goes_with_the_path() -> None:
     along = m.v / np.hypot(m.v, np.gradient(m.y, PERIOD))
     one = exhibit(m, {"act": -6.0 * UM * along})
     size, path, sign = told(
-        "cutting_force", one,
-        "# µm behind along the path; the path's direction explains # % of the residual, the sign of X alone "
-        "# %",
-    )  # fmt: skip
+        "cutting_force",
+        one,
+        "# µm behind along the path; the path's direction explains # % of the residual, the sign of X alone # %",
+    )
     assert size == pytest.approx(6.0, rel=0.05)
     # The mean of |cos| is 2/π, of its square 1/2: the sign holds 8/π² of the variance.
     assert path > 95.0
@@ -298,7 +298,5 @@ def test_every_name_tells_what_it_gains() -> None:
 def test_all_of_the_catalogue_has_a_signature() -> None:
     from ph_post.diagnose.hypotheses import every_hypothesis
 
-    names = {
-        one.name for one in every_hypothesis(exhibit(lines(), {"act": np.zeros(lines().x.size)}).problem)
-    }
+    names = {one.name for one in every_hypothesis(exhibit(lines(), {"act": np.zeros(lines().x.size)}).problem)}
     assert names | {"squareness"} == set(SIGNATURES)

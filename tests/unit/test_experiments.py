@@ -11,13 +11,12 @@ import pytest
 from msgspec.structs import replace
 from support.testdrive import Drive
 
-from ph_post.diagnose.experiments import next_experiment
-from ph_post.diagnose.experimenttable import SHOWN, separation
-from ph_post.diagnose.kitparts import PARTS
-from ph_post.diagnose.record import Experiment
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.read import read_program
+from ph_post.testprograms.experiments import SHOWN, next_experiment, separation
+from ph_post.testprograms.motions import PARTS
 from ph_post.types import AxisLog, Log
+from ph_post.types.diagnosis import Experiment
 
 MM = 1e-3
 MILL = read_machine("mill")
@@ -26,11 +25,25 @@ RADIUS, FEED = 40.0, 25.0
 """Of the circles of the record [mm, mm/s]."""
 
 CATALOGUE = (
-    "backlash", "coulomb_friction", "stribeck_friction", "viscous_friction", "friction_asymmetry",
-    "load_offset", "elastic_windup", "engagement_impact", "position_dependent_backlash", "cyclic_error",
-    "scale_error", "thermal_growth", "squareness", "servo_mismatch", "transport_delay", "torque_saturation",
-    "cogging", "cutting_force",
-)  # fmt: skip
+    "backlash",
+    "coulomb_friction",
+    "stribeck_friction",
+    "viscous_friction",
+    "friction_asymmetry",
+    "load_offset",
+    "elastic_windup",
+    "engagement_impact",
+    "position_dependent_backlash",
+    "cyclic_error",
+    "scale_error",
+    "thermal_growth",
+    "squareness",
+    "servo_mismatch",
+    "transport_delay",
+    "torque_saturation",
+    "cogging",
+    "cutting_force",
+)
 PAIRS = list(itertools.combinations(CATALOGUE, 2))
 
 
@@ -39,8 +52,10 @@ def record(axes: str = "XY", **channels: np.ndarray) -> Log:
     t = np.arange(round(2.0 * math.tau * RADIUS / FEED * 1000.0)) * 1e-3
     angle = FEED / RADIUS * t
     places = {
-        "X": CENTRE[0] + RADIUS * np.cos(angle), "Y": CENTRE[1] + RADIUS * np.sin(angle), "Z": -20.0 + angle,
-    }  # fmt: skip
+        "X": CENTRE[0] + RADIUS * np.cos(angle),
+        "Y": CENTRE[1] + RADIUS * np.sin(angle),
+        "Z": -20.0 + angle,
+    }
     logs = {axis: AxisLog(command=places[axis] * MM, table=places[axis] * MM, **channels) for axis in axes}
     return Log(name="circle", t=t, period=1e-3, axes=logs)
 
@@ -113,11 +128,7 @@ def has_two_far_feeds(drive: Drive) -> bool:
 
 
 def has_diagonals(drive: Drive) -> bool:
-    ways = {
-        tuple(np.sign(one.end - one.start)[:2])
-        for one in drive.moves
-        if one.word == "G1" and one.length > 100.0
-    }
+    ways = {tuple(np.sign(one.end - one.start)[:2]) for one in drive.moves if one.word == "G1" and one.length > 100.0}
     return ways == {(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)}
 
 
@@ -152,13 +163,11 @@ SEPARATED = [
     ("position_dependent_backlash", "backlash", {"motor"}, [has_places]),
     ("stribeck_friction", "coulomb_friction", {"force"}, [has_steady_speeds]),
     ("torque_saturation", "elastic_windup", {"motor", "force"}, [has_accelerations]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("one", "other", "channels", "motions"), SEPARATED)
-def test_it_has_the_motions_and_channels_that_separate(
-    one: str, other: str, channels: set[str], motions: list
-) -> None:
+def test_it_has_the_motions_and_channels_that_separate(one: str, other: str, channels: set[str], motions: list) -> None:
     found = asked(other, one)
     missing = found.record[0] if found.record[0].startswith("new") else ""
     assert {channel for channel in ("motor", "force") if f"X_{channel}" in missing} == channels
@@ -244,9 +253,7 @@ def test_an_unknown_side_is_to_be_told() -> None:
 
 def test_errors_of_a_scale_want_a_gauge_outside_of_its_loop() -> None:
     record_lines = asked("squareness", "scale_error").record
-    assert any(
-        line.startswith("X_act [mm]: a gauge at the table outside of the loop") for line in record_lines
-    )
+    assert any(line.startswith("X_act [mm]: a gauge at the table outside of the loop") for line in record_lines)
     assert any("PIN_OF_THE_X_GAUGE" in line for line in record_lines)
 
 

@@ -13,20 +13,20 @@ from support.interpreter import run
 from support.motions import MM, assert_continuous, circle, look, make_machine, make_path
 from support.plans import make_plan as plan_by_hand
 
-from ph_post.analysis import Analysis
+from ph_post.analysis.path_analysis import Analysis
 from ph_post.cli.main import cli
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.limits import check_command
+from ph_post.compensate.motion import place_and_feed, sample
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import cycle_time, make_plan
-from ph_post.compensate.sample import place_and_feed, sample
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.compensate.violations import check_command
+from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.writer import make_program
 from ph_post.geometry.curves import Arc
+from ph_post.post.program import make_program
 from ph_post.report.views import profile_view
-from ph_post.types import Phase, Plan, Shape
+from ph_post.types import Phase, Plan, ProfileShape
 
 RADIUS, FEED = 0.05, 0.02
 
@@ -241,14 +241,14 @@ class Wanted:
     summary = "for the test"
     feedbacks = frozenset({"load"})
 
-    def __init__(self, shape: Shape, turn: float, t_star: float) -> None:
-        self.wish = Wish(shape=shape, turn=turn, t_star=t_star)
+    def __init__(self, shape: ProfileShape, turn: float, t_star: float) -> None:
+        self.wish = ProfileRequest(shape=shape, turn=turn, t_star=t_star)
 
-    def profiles(self, task: Task) -> Proposal:
-        return Proposal(wishes=tuple(self.wish for _ in task.windows))
+    def profiles(self, task: PlanningTask) -> StrategyResult:
+        return StrategyResult(wishes=tuple(self.wish for _ in task.windows))
 
 
-def with_wish(monkeypatch: pytest.MonkeyPatch, shape: Shape, turn: float, start: str = "rest") -> Plan:
+def with_wish(monkeypatch: pytest.MonkeyPatch, shape: ProfileShape, turn: float, start: str = "rest") -> Plan:
     strategy = Wanted(shape, turn, 0.15)
     entry = type("Entry", (), {"name": "wanted", "load": lambda _: strategy})()
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [entry])
@@ -256,9 +256,7 @@ def with_wish(monkeypatch: pytest.MonkeyPatch, shape: Shape, turn: float, start:
 
 
 @pytest.mark.parametrize("start", ["rest", "moving"])
-def test_a_hold_stands_at_the_turning_point_however_long_the_ramps(
-    monkeypatch: pytest.MonkeyPatch, start: str
-) -> None:
+def test_a_hold_stands_at_the_turning_point_however_long_the_ramps(monkeypatch: pytest.MonkeyPatch, start: str) -> None:
     shape = profile.plateau(3.0, 1.0, 1.5, 0.0, 3)
     plan = with_wish(monkeypatch, shape, shapes.share_of_way(shape, 3.5 / 5.5), start)
     places = {point.index: point.s for point in plan.turning_points}
@@ -293,8 +291,10 @@ def test_views_list_the_pieces() -> None:
     assert view["coefficients"] is None
     assert view["degree"] is None
     assert [piece["coefficients"] for piece in view["pieces"]] == [
-        [1.0] * 4 + [0.0] * 4, [0.0], [0.0] * 4 + [1.0] * 4,
-    ]  # fmt: skip
+        [1.0] * 4 + [0.0] * 4,
+        [0.0],
+        [0.0] * 4 + [1.0] * 4,
+    ]
     assert math.fsum(piece["share"] for piece in view["pieces"]) == pytest.approx(1.0, abs=1e-15)
     plain = profile_view(plan_by_hand(ring().track, speed=FEED, dips=[(0.1, 0.3, 0.2)]).profiles[0])
     assert plain["coefficients"] == plain["pieces"][0]["coefficients"]

@@ -15,12 +15,12 @@ from support.planned import Planned
 from support.plans import make_machine, make_path, make_plan
 from support.siemens_exact import Followed, cuts_of, follow, length_of
 
-from ph_post.compensate.motion import Motion
-from ph_post.gcode.dialects.siemens import DIALECT
-from ph_post.gcode.feedcuts import thinned
-from ph_post.gcode.writer import Program, make_program
+from ph_post.compensate.motion import MotionLaw
+from ph_post.dialects.siemens.dialect import DIALECT
 from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.track import Track
+from ph_post.post.feeds import thinned
+from ph_post.post.program import Program, make_program
 from ph_post.types import Phase, frozen
 
 PERIOD = 1e-3
@@ -30,9 +30,7 @@ CURVES = [Line([[0, 0], [JOINT, 0]]), Arc([JOINT, 0], [0.05, 0.02], [JOINT, 0.02
 SMOOTH, SHARP = (FAST, FAST, FAST, SLOW, SLOW, SLOW), (FAST, SLOW)
 
 
-def _program(
-    past: float, speed: tuple[float, ...], duration: float = 0.05
-) -> tuple[Program, Followed, list[float]]:
+def _program(past: float, speed: tuple[float, ...], duration: float = 0.05) -> tuple[Program, Followed, list[float]]:
     """A ramp down that ends `past` [m] behind the joint; with the durations of its blocks [s]."""
     track = Track(make_path(CURVES))
     way = duration * float(np.mean(speed))
@@ -103,7 +101,7 @@ def test_a_dip_that_nearly_stops_ends_a_block_at_its_bottom(lowest: float, follo
         assert (follow(cuts, ("X", "Y"), Planned(phases)).worst <= 1e-3) == follows
 
 
-MOTION = Motion.from_phases([Phase(start=0.0, duration=1.0, s=0.0, speed=frozen(SMOOTH), window=-1)])
+MOTION = MotionLaw.from_phases([Phase(start=0.0, duration=1.0, s=0.0, speed=frozen(SMOOTH), window=-1)])
 INSTANTS = st.lists(st.integers(min_value=1, max_value=9999), max_size=12, unique=True)
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from support.tape import Tape
 
+from ph_post.analysis.turning_points import find_turning_points
 from ph_post.gcode.fitting.arcs import MEETS_AT
-from ph_post.gcode.fitting.fit import fit_polyline
-from ph_post.gcode.fitting.record import ROUND, SMOOTH, STRAIGHT, Fit
-from ph_post.geometry.curves import PH
+from ph_post.gcode.fitting.polyline import fit_polyline
+from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT, PolylineFit
 from ph_post.geometry.joints import joint_angles
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
-from ph_post.turning import find_turning_points
 from ph_post.types import Array
 
 MM = 1e-3
@@ -36,7 +36,7 @@ def slot(count: int, radius: float = 5.0, length: float = 20.0) -> Array:
 
 def track_of(points: Array, tolerance: float = TOLERANCE) -> Track:
     """The path of a program of nothing but these moves."""
-    from ph_post.gcode.paths.build import paths_of
+    from ph_post.gcode.paths import paths_of
 
     shown = np.zeros((len(points), 3))
     shown[:, : points.shape[1]] = points / MM
@@ -59,7 +59,7 @@ def samples(track: Track, count: int = 4001) -> Array:
     return np.asarray(track.derivatives(piece, u)[0])
 
 
-def kinds(fit: Fit) -> list[int]:
+def kinds(fit: PolylineFit) -> list[int]:
     return [int(kind) for kind in fit.kind]
 
 
@@ -143,13 +143,9 @@ def test_a_corner_between_curves_stays_a_corner(angle: float) -> None:
 CURVES = {
     "ellipse": lambda t: np.stack([30.0 * np.cos(2 * np.pi * t), 12.0 * np.sin(2 * np.pi * t)], axis=1),
     "sine": lambda t: np.stack([60.0 * t, 5.0 * np.sin(6.0 * np.pi * t)], axis=1),
-    "quintic": lambda t: (
-        PH([0.0, 0.0], [[4.0, 1.0], [3.0, 4.0], [-4.0, 3.0]]).derivatives(t)[0]
-    ),
-    "space": lambda t: np.stack(
-        [20.0 * np.cos(5.0 * t), 20.0 * np.sin(5.0 * t), 8.0 * t + np.sin(7.0 * t)], axis=1
-    ),
-}  # fmt: skip
+    "quintic": lambda t: PH([0.0, 0.0], [[4.0, 1.0], [3.0, 4.0], [-4.0, 3.0]]).derivatives(t)[0],
+    "space": lambda t: np.stack([20.0 * np.cos(5.0 * t), 20.0 * np.sin(5.0 * t), 8.0 * t + np.sin(7.0 * t)], axis=1),
+}
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -211,9 +207,7 @@ def reversal_errors(name: str, axis: str, exact: Array, count: int) -> float:
     t = (np.arange(-3, count + 4) + 0.317) / count
     track = track_of(CURVES[name](t) * MM, 1e-15)
     found = [point for point in find_turning_points(track) if point.axis == axis]
-    place = np.array([
-        track.path.segments[p.segment].curve.derivatives(np.array([p.xi]))[0, 0] for p in found
-    ])  # fmt: skip
+    place = np.array([track.path.segments[p.segment].curve.derivatives(np.array([p.xi]))[0, 0] for p in found])
     return max(float(np.linalg.norm(place[:, :2] - one * MM, axis=1).min()) for one in exact)
 
 
@@ -266,7 +260,6 @@ def test_feet_are_in_order_and_near_their_vertices() -> None:
         assert (np.diff(foot) > 0.0).all()
         basis = [1, 5, 10, 10, 5, 1]
         value = sum(
-            c * foot[:, None] ** j * (1 - foot[:, None]) ** (5 - j) * fit.control[k, j, :2]
-            for j, c in enumerate(basis)
+            c * foot[:, None] ** j * (1 - foot[:, None]) ** (5 - j) * fit.control[k, j, :2] for j, c in enumerate(basis)
         )
         assert np.linalg.norm(value - points[a:b], axis=1).max() <= TOLERANCE

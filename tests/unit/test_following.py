@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from ph_post.drive.following import following_error
-from ph_post.drive.plant import Plant
-from ph_post.simulate.machine import Trace, run_plant
+from ph_post.drive.plant import Plant, following_error
+from ph_post.simulate.machine import AxisCommand, run_plant
 from ph_post.types import Array, Feedback
 
 PERIOD = 1e-3
@@ -21,7 +20,7 @@ PLANT = Plant(feedback="load", b=4e-4, c=0.02, eta=0.4, beta=4.0)
 
 def error_of(plant: Plant) -> tuple[Array, Array]:
     """Following error, and the motor."""
-    table, motor, _ = run_plant(Trace(X, 0.0, 0.0), plant, 1, PERIOD)
+    table, motor, _ = run_plant(AxisCommand(X, 0.0, 0.0), plant, 1, PERIOD)
     return following_error(plant, X, table, motor, PERIOD), motor
 
 
@@ -44,9 +43,7 @@ def test_a_late_reading_is_taken_back() -> None:
     plain, _ = error_of(PLANT)
     assert late[:-5] == pytest.approx(plain[:-5], abs=1e-16)
     assert (
-        np.abs(
-            late - (X - run_plant(Trace(X, 0.0, 0.0), replace(PLANT, reading_delay=5e-3), 1, PERIOD)[0])
-        ).max()
+        np.abs(late - (X - run_plant(AxisCommand(X, 0.0, 0.0), replace(PLANT, reading_delay=5e-3), 1, PERIOD)[0])).max()
         > 1e-4
     )
 
@@ -55,7 +52,7 @@ def test_a_late_reading_is_taken_back() -> None:
 def test_in_steady_motion_it_is_c_times_the_speed_and_the_load(feedback: Feedback) -> None:
     way = 0.03 * T
     plant = replace(PLANT, feedback=feedback, load=-2e-5)
-    table, motor, _ = run_plant(Trace(way, 0.0, 0.03), plant, 1, PERIOD)
+    table, motor, _ = run_plant(AxisCommand(way, 0.0, 0.03), plant, 1, PERIOD)
     e = following_error(plant, way, table, motor, PERIOD)
     assert e[-1] == pytest.approx(0.02 * 0.03 - 2e-5, abs=1e-3 * math.exp(-25.0))
 

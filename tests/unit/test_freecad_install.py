@@ -12,9 +12,9 @@ import pytest
 from support.stub_freecad import load_post
 
 from ph_post.cli.main import main
+from ph_post.edit import freecad as module
+from ph_post.edit.freecad import install, macro_folders, this_command
 from ph_post.errors import InputError
-from ph_post.io import freecadinstall as module
-from ph_post.io.freecadinstall import install, macro_folders, this_command
 
 
 def test_all_usual_places_where_freecad_has_been_are_found(tmp_path):
@@ -50,9 +50,7 @@ def test_the_copy_knows_where_ph_post_is(tmp_path, monkeypatch):
     assert not original.INSTALLED
     assert this_command() == copy.INSTALLED
     before, after = Path(original.__file__).read_text(), file.read_text()
-    changed = [
-        pair for pair in zip(before.splitlines(), after.splitlines(), strict=True) if pair[0] != pair[1]
-    ]
+    changed = [pair for pair in zip(before.splitlines(), after.splitlines(), strict=True) if pair[0] != pair[1]]
     assert len(changed) == 1
 
 
@@ -61,25 +59,22 @@ def test_the_command_that_is_noted_starts_ph_post(monkeypatch, tmp_path):
     assert this_command() == f'"{tmp_path}/a venv/python" -m ph_post'
     monkeypatch.undo()
     words = [this_command()] if Path(this_command()).exists() else shlex.split(this_command())
-    assert subprocess.run([*words, "--version"], capture_output=True, check=False).stdout.startswith(
-        b"ph-post"
-    )
+    assert subprocess.run([*words, "--version"], capture_output=True, check=False).stdout.startswith(b"ph-post")
 
 
 def test_all_folders_of_freecads_are_written(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "macro_folders", lambda: [tmp_path / "v1-1" / "Macro", tmp_path / "Macro"])
     files = install()
     assert [file.relative_to(tmp_path).as_posix() for file in files] == [
-        "v1-1/Macro/backlash_post.py", "Macro/backlash_post.py",
-    ]  # fmt: skip
+        "v1-1/Macro/backlash_post.py",
+        "Macro/backlash_post.py",
+    ]
     assert all(file.is_file() for file in files)
 
 
 def test_no_freecad_is_told_with_what_to_do(monkeypatch):
     monkeypatch.setattr(module, "macro_folders", list)
-    with pytest.raises(
-        InputError, match="no folder of FreeCAD's was found; expected FreeCAD to have run once, or"
-    ):
+    with pytest.raises(InputError, match="no folder of FreeCAD's was found; expected FreeCAD to have run once, or"):
         install()
 
 

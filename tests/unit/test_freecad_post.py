@@ -112,8 +112,10 @@ def test_0_20_posts_with_freecads_own_and_compensates(ph_post, tmp_path, monkeyp
     out = tmp_path / "part.ngc"
     text = post.export([operation()], str(out), "--machine=mill.toml --no-header --max-slowdown 0.2 --strict")
     assert text.splitlines()[:3] == [
-        "(compensated)", "(linuxcnc --no-show-editor --no-header)", "(begin Engraving)",
-    ]  # fmt: skip
+        "(compensated)",
+        "(linuxcnc --no-show-editor --no-header)",
+        "(begin Engraving)",
+    ]
     assert "G1 X4.000 F600.000" in text
     assert out.read_text() == text
     asked, told = calls(ph_post)
@@ -151,13 +153,15 @@ JOB = SimpleNamespace(Model=SimpleNamespace(Group=[shape(Edge())]))
         operation(BaseShapes=[shape(Edge())]),
         operation(Base=[(SOLID, ("Edge1",))]),
         operation(Base=operation("below", BaseShapes=[shape(Edge(Curve(periodic=True)))])),
-        SimpleNamespace(**{
-            **vars(operation()),
-            "InList": [SimpleNamespace(InList=[JOB])],
-        }),
+        SimpleNamespace(
+            **{
+                **vars(operation()),
+                "InList": [SimpleNamespace(InList=[JOB])],
+            }
+        ),
     ],
     ids=["shapes", "edges", "dressup", "model"],
-)  # fmt: skip
+)
 def test_curves_of_the_operation_reach_ph_post_and_its_splines_the_program(thing, ph_post, monkeypatch):
     post, _ = load_post(monkeypatch, "0.20")
     answers(ph_post, [SPLINE])
@@ -226,7 +230,7 @@ REFUSED = {
     ),
     "it is mute": ("-m mill --post=mute", "FreeCAD's post-processor mute: it wrote nothing"),
     "no ph-post": ("-m mill --ph-post=/none/x", "--ph-post: no program of that name; got /none/x"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -264,9 +268,7 @@ def test_a_file_that_cannot_be_written_is_told(ph_post, tmp_path, monkeypatch):
 def test_a_dialect_without_a_post_processor_asks_for_one(ph_post, monkeypatch):
     post, _ = load_post(monkeypatch, "0.20")
     answers(ph_post, [None], post=None)
-    with pytest.raises(
-        post.BacklashError, match=r"has no post-processor for the dialect linuxcnc; expected --post"
-    ):
+    with pytest.raises(post.BacklashError, match=r"has no post-processor for the dialect linuxcnc; expected --post"):
         post.export([operation()], "-", "--machine=mill")
     assert "(grbl " in post.export([operation()], "-", "--machine=mill --post=grbl")
 
@@ -292,9 +294,7 @@ def test_ph_post_is_found_in_this_order(ph_post, tmp_path, monkeypatch):
     monkeypatch.setattr(post, "INSTALLED", "")
     assert post.find_ph_post() == [str(ph_post / "ph-post")]
     monkeypatch.setenv("PATH", str(tmp_path / "none"))
-    with pytest.raises(
-        post.BacklashError, match="ph-post was not found; expected it on the path, in PH_POST"
-    ):
+    with pytest.raises(post.BacklashError, match="ph-post was not found; expected it on the path, in PH_POST"):
         post.find_ph_post()
 
 
@@ -343,9 +343,7 @@ def test_selected_operations_arrive_as_a_dictionary(ph_post, monkeypatch):
     assert found[0][1].startswith("(compensated)")
 
 
-@pytest.mark.parametrize(
-    ("name", "preamble"), [("linuxcnc", "G17 G90"), ("grbl", "G90 G21"), ("grbl", "G0 Z50")]
-)
+@pytest.mark.parametrize(("name", "preamble"), [("linuxcnc", "G17 G90"), ("grbl", "G90 G21"), ("grbl", "G0 Z50")])
 def test_export2_has_the_machines_own_settings_and_the_arguments_from_its_property(
     name, preamble, ph_post, monkeypatch
 ):
@@ -354,9 +352,7 @@ def test_export2_has_the_machines_own_settings_and_the_arguments_from_its_proper
     properties = {"backlash_arguments": f"--machine=mill --post={name} --strict"}
     if preamble == "G0 Z50":
         properties["preamble"] = preamble
-    job = job_of(
-        ("allitems", [postable()]), arguments="", machine=SimpleNamespace(postprocessor_properties=properties)
-    )
+    job = job_of(("allitems", [postable()]), arguments="", machine=SimpleNamespace(postprocessor_properties=properties))
     found = post.Backlash(job).export2()
     assert [section for section, _ in found] == ["allitems"]
     assert found[0][1].splitlines()[:2] == ["(compensated)", f"({preamble})"]

@@ -5,7 +5,8 @@ import pytest
 import sympy
 
 from ph_post.geometry import frenet
-from ph_post.geometry.curves import PH, Line
+from ph_post.geometry.curves import Line
+from ph_post.geometry.ph import PH
 
 EPS = np.finfo(float).eps
 

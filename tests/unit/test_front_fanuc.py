@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from support.splicing import compensate
 
-from ph_post.gcode.fronts.fanuc import read_fanuc
-from ph_post.gcode.reader.record import ARC, LINE, NURBS
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.splice.undo import undo
-from ph_post.io.machinefile import read_machine
+from ph_post.dialects.fanuc.reader import read_fanuc
+from ph_post.dialects.reading import read_as
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.undo import undo
+from ph_post.gcode.program import ARC, LINE, NURBS
 from ph_post.units import MM, MM_PER_MIN
 
 HEAD = "%\nO1234 (PART)\nG21\nG17 G90 G94 G40 G49 G80\nG54\nG0 X0. Y0. Z0.\nG1 X10. Y10. F500.\n"
@@ -117,9 +117,7 @@ def test_dwells_are_seconds_whatever_their_letter() -> None:
 
 def test_a_jump_back_makes_a_loop_of_what_lies_between() -> None:
     program = read("N20 G1 X20.\nG1 X30.\nIF [#1 LT 3] GOTO 20\nG21 G90 G94 G17\nG0 X0. Y0. Z0.\nG1 X1.\n")
-    assert [(note.first - LINES, note.last - LINES, note.what) for note in program.notes] == [
-        (0, 2, "jump of a macro")
-    ]
+    assert [(note.first - LINES, note.last - LINES, note.what) for note in program.notes] == [(0, 2, "jump of a macro")]
     assert program.motions.block[2:].tolist() == [LINES + 4, LINES + 5]
 
 
@@ -151,8 +149,14 @@ def de_boor(points: list[list[Fraction]], knots: list[Fraction], order: int, t: 
 
 @pytest.mark.parametrize("order", [3, 4])
 def test_a_nurbs_is_the_curve_of_its_points_knots_and_weights(order: int) -> None:
-    points = [("10.", "10.", "1."), ("11.", "12.", "2."), ("13.", "-2.", "1."), ("15.", "1.", "1.5"),
-              ("16.", "0.", "0.75"), ("20.", "3.", "1.")]  # fmt: skip
+    points = [
+        ("10.", "10.", "1."),
+        ("11.", "12.", "2."),
+        ("13.", "-2.", "1."),
+        ("15.", "1.", "1.5"),
+        ("16.", "0.", "0.75"),
+        ("20.", "3.", "1."),
+    ]
     inner = {3: ["0.5", "1.25", "1.25"], 4: ["0.5", "1.25"]}[order]
     knots = ["0."] * order + inner + ["2."] * order
     texts = [f"X{x} Y{y} R{w}" for x, y, w in points]
@@ -171,8 +175,12 @@ def test_a_nurbs_is_the_curve_of_its_points_knots_and_weights(order: int) -> Non
         for share in (Fraction(0), Fraction(1, 7), Fraction(2, 3), Fraction(999, 1000)):
             expected = de_boor(exact, numbers, order, low + share * (high - low))
             n, u = order - 1, float(share)
-            basis = np.array([np.prod([(n - i) / (i + 1) for i in range(k)]) * u**k * (1 - u) ** (n - k)
-                              for k in range(order)]) * weights  # fmt: skip
+            basis = (
+                np.array(
+                    [np.prod([(n - i) / (i + 1) for i in range(k)]) * u**k * (1 - u) ** (n - k) for k in range(order)]
+                )
+                * weights
+            )
             found = basis @ control[:, :2] / basis.sum() / MM
             assert np.allclose(found, [float(value) for value in expected], rtol=0.0, atol=1e-11)
     assert np.array_equal(motions.end[rows[:-1]], motions.start[rows[1:]])
@@ -184,18 +192,28 @@ def test_a_nurbs_is_the_curve_of_its_points_knots_and_weights(order: int) -> Non
     ("body", "told"),
     [
         (spline(["X10. Y10.", "X11. Y12.", "X13. Y2."], ["0."] * 4 + ["1."] * 4), "NURBS that is not whole"),
-        (spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 3 + ["1."] * 5),
-         "NURBS whose knots fall, or do not stand as often as its order at both ends"),
-        (spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1"] * 4),
-         "number without a decimal point in a NURBS: 1"),
-        (spline(["X10. Y10.", "X11. Y12. R0.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1."] * 4),
-         "NURBS with a weight that is not positive"),
-        (spline(["X10. Y10.", "X11. Y12."], ["0."] * 5 + ["1."] * 5, 5),
-         "NURBS of an order that is none: P5"),
-        ("G91\n" + spline(["X0. Y0.", "X1. Y2.", "X3. Y2.", "X4. Y1."], ["0."] * 4 + ["1."] * 4),
-         "NURBS in incremental positions: G06.2 under G91"),
+        (
+            spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 3 + ["1."] * 5),
+            "NURBS whose knots fall, or do not stand as often as its order at both ends",
+        ),
+        (
+            spline(["X10. Y10.", "X11. Y12.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1"] * 4),
+            "number without a decimal point in a NURBS: 1",
+        ),
+        (
+            spline(["X10. Y10.", "X11. Y12. R0.", "X13. Y2.", "X14. Y1."], ["0."] * 4 + ["1."] * 4),
+            "NURBS with a weight that is not positive",
+        ),
+        (
+            spline(["X10. Y10.", "X11. Y12."], ["0."] * 5 + ["1."] * 5, 5),
+            "NURBS of an order that is none: P5",
+        ),
+        (
+            "G91\n" + spline(["X0. Y0.", "X1. Y2.", "X3. Y2.", "X4. Y1."], ["0."] * 4 + ["1."] * 4),
+            "NURBS in incremental positions: G06.2 under G91",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_nurbs_that_the_control_would_refuse_is_named(body: str, told: str) -> None:
     program = read(body + "G1 X30. Y3.\n")
     assert [note.what for note in program.notes] == [told]

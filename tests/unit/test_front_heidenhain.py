@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from ph_post.audit.deliver import Request, deliver
+from ph_post.api.programs import ProgramRequest, compensate_program
 from ph_post.compensate.options import PlanOptions
+from ph_post.dialects.reading import read_as
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
-from ph_post.gcode.reader.record import ARC
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.io.machinefile import read_machine
+from ph_post.gcode.program import ARC
 from ph_post.units import MM, MM_PER_MIN
 
 DIALECTS = ("heidenhain", "heidenhain-iso")
@@ -39,29 +39,78 @@ def read(dialect: str, both: dict[str, tuple[str, ...]]):
 
 PART = {
     "heidenhain": (
-        "BLK FORM 0.1 Z X+0 Y+0 Z-20", "BLK FORM 0.2 X+100 Y+100 Z+0", "TOOL CALL 5 Z S4000",
-        "L  Z+100 R0 FMAX M3", "L X-20 Y+50 R0 F MAX M8 ; go there", "L Z-5 F200", "L X+0 F500",
-        "CC X+50 Y+50", "C X+100 DR-", "C X+0 Y+50 DR-", "CR X+50 Y+100 R+50 DR+", "CR X+0 Y+50 R-50 DR-",
-        "L IX+10 IY-5,5", "CC IX+5 IY+0", "C IX+10 IY+0 DR+ F300", "CC", "L IX+3", "C X+23 Y+44.5 DR+",
-        "CYCL DEF 9.0 V.ZEIT", "CYCL DEF 9.1 V.ZEIT 1.5", "CYCL DEF 32.0 TOLERANCE", "CYCL DEF 32.1 T0.02",
-        "* - structure", "L Z+100 R0 FMAX M30",
+        "BLK FORM 0.1 Z X+0 Y+0 Z-20",
+        "BLK FORM 0.2 X+100 Y+100 Z+0",
+        "TOOL CALL 5 Z S4000",
+        "L  Z+100 R0 FMAX M3",
+        "L X-20 Y+50 R0 F MAX M8 ; go there",
+        "L Z-5 F200",
+        "L X+0 F500",
+        "CC X+50 Y+50",
+        "C X+100 DR-",
+        "C X+0 Y+50 DR-",
+        "CR X+50 Y+100 R+50 DR+",
+        "CR X+0 Y+50 R-50 DR-",
+        "L IX+10 IY-5,5",
+        "CC IX+5 IY+0",
+        "C IX+10 IY+0 DR+ F300",
+        "CC",
+        "L IX+3",
+        "C X+23 Y+44.5 DR+",
+        "CYCL DEF 9.0 V.ZEIT",
+        "CYCL DEF 9.1 V.ZEIT 1.5",
+        "CYCL DEF 32.0 TOLERANCE",
+        "CYCL DEF 32.1 T0.02",
+        "* - structure",
+        "L Z+100 R0 FMAX M30",
     ),
     "heidenhain-iso": (
-        "G30 G17 X+0 Y+0 Z-20", "G31 G90 X+100 Y+100 Z+0", "T5 G17 S4000",
-        "G00 G40 G90 Z+100 M3", "X-20 Y+50 M8", "G01 Z-5 F200", "X+0 F500",
-        "I+50 J+50", "G02 X+100", "X+0 Y+50", "G03 X+50 Y+100 R+50", "G02 X+0 Y+50 R-50",
-        "G01 G91 X+10 Y-5.5", "I+5 J+0", "G03 X+10 G90 Y+44.5 F300", "G29", "G01 G91 X+3", "G03 X+0 Y+0",
-        "G04 F1.5", "G62 T0.02", "G90", "G00 Z+100 M30",
+        "G30 G17 X+0 Y+0 Z-20",
+        "G31 G90 X+100 Y+100 Z+0",
+        "T5 G17 S4000",
+        "G00 G40 G90 Z+100 M3",
+        "X-20 Y+50 M8",
+        "G01 Z-5 F200",
+        "X+0 F500",
+        "I+50 J+50",
+        "G02 X+100",
+        "X+0 Y+50",
+        "G03 X+50 Y+100 R+50",
+        "G02 X+0 Y+50 R-50",
+        "G01 G91 X+10 Y-5.5",
+        "I+5 J+0",
+        "G03 X+10 G90 Y+44.5 F300",
+        "G29",
+        "G01 G91 X+3",
+        "G03 X+0 Y+0",
+        "G04 F1.5",
+        "G62 T0.02",
+        "G90",
+        "G00 Z+100 M30",
     ),
-}  # fmt: skip
+}
 ENDS = [
-    (-20, 50, 100), (-20, 50, -5), (0, 50, -5), (100, 50, -5), (0, 50, -5), (50, 100, -5), (0, 50, -5),
-    (10, 44.5, -5), (20, 44.5, -5), (23, 44.5, -5), (23, 44.5, -5), (23, 44.5, 100),
-]  # fmt: skip
+    (-20, 50, 100),
+    (-20, 50, -5),
+    (0, 50, -5),
+    (100, 50, -5),
+    (0, 50, -5),
+    (50, 100, -5),
+    (0, 50, -5),
+    (10, 44.5, -5),
+    (20, 44.5, -5),
+    (23, 44.5, -5),
+    (23, 44.5, -5),
+    (23, 44.5, 100),
+]
 ARCS = {
-    3: ((50, 50), -180), 4: ((50, 50), -180), 5: ((0, 100), 90), 6: ((50, 50), -270),
-    8: ((15, 44.5), 180), 10: ((20, 44.5), 360),
-}  # fmt: skip
+    3: ((50, 50), -180),
+    4: ((50, 50), -180),
+    5: ((0, 100), 90),
+    6: ((50, 50), -270),
+    8: ((15, 44.5), 180),
+    10: ((20, 44.5), 360),
+}
 FEEDS = [0, 200, 500, 500, 500, 500, 500, 500, 300, 300, 300, 0]
 
 
@@ -167,10 +216,16 @@ def test_a_repeated_part_is_passed_through_and_nothing_is_known_behind_it(dialec
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_a_turned_frame_is_not_followed_until_it_ends(dialect: str) -> None:
     both = {
-        "heidenhain": ("CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+45", "L X+1 Y+1 F100",
-                       "CYCL DEF 10.0 ROTATION", "CYCL DEF 10.1 ROT+0", "L X+2 Y+2"),
+        "heidenhain": (
+            "CYCL DEF 10.0 ROTATION",
+            "CYCL DEF 10.1 ROT+45",
+            "L X+1 Y+1 F100",
+            "CYCL DEF 10.0 ROTATION",
+            "CYCL DEF 10.1 ROT+0",
+            "L X+2 Y+2",
+        ),
         "heidenhain-iso": ("G73 G90 H+45", "G01 X+1 Y+1 F100", "G73 H+0", "G01 X+2 Y+2"),
-    }  # fmt: skip
+    }
     program = read(dialect, both)
     assert (program.motions.end[:, :2] / MM).tolist() == [[2.0, 2.0]]
     assert len(program.notes) == 1
@@ -209,8 +264,8 @@ def test_rapid_traverse_holds_for_its_block_alone() -> None:
 def test_nothing_is_spliced_and_the_reason_is_told(dialect: str) -> None:
     program = read(dialect, PART)
     machine = replace(read_machine("router"), dialect=dialect)
-    request = Request(
-        plan=PlanOptions(strategy="auto", carrier="program", effort=0.05), splice=SpliceOptions(), force=False
+    request = ProgramRequest(
+        plan=PlanOptions(strategy="auto", carrier="program", effort=0.05), splice=EditOptions(), force=False
     )
     with pytest.raises(InputError, match="nothing is spliced into programs of heidenhain"):
-        deliver(program, machine, request, lambda words: None)
+        compensate_program(program, machine, request, lambda words: None)

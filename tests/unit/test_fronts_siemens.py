@@ -10,19 +10,20 @@ import pytest
 from support.plans import make_machine, make_path, make_plan
 from support.sinumerik import read_blocks
 
-from ph_post.audit.deliver import Request, deliver
+from ph_post.api.programs import ProgramRequest, compensate_program
 from ph_post.compensate.options import PlanOptions
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.siemens.dialect import DIALECT
+from ph_post.dialects.siemens.reader import read_siemens
+from ph_post.edit.edits import EditOptions
 from ph_post.errors import InputError
-from ph_post.gcode.dialects.siemens import DIALECT
-from ph_post.gcode.fronts.siemens import read_siemens
-from ph_post.gcode.paths.build import main_path
-from ph_post.gcode.paths.curves import curves_of
-from ph_post.gcode.reader.record import ARC, LINE, NURBS, PartProgram
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.writer import write_program
-from ph_post.geometry.curves import PH, Arc, Line
+from ph_post.gcode.curves import curves_of
+from ph_post.gcode.paths import main_path
+from ph_post.gcode.program import ARC, LINE, NURBS, PartProgram
+from ph_post.geometry.curves import Arc, Line
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
+from ph_post.post.program import write_program
 
 BEGIN = "G0 X0 Y0 Z0\nG1 F600\n"
 
@@ -67,14 +68,19 @@ def test_the_manual_s_feed_profile() -> None:
 @pytest.mark.parametrize(
     ("line", "points"),
     [
-        ("POLY PO[X]=(1,2.5,0.7) PO[Y]=(0.3,1,3.2) PL=1.5", lambda p: [
-            (1 - 2.5 * 2.25 - 0.7 * 3.375) / 1.5 * p + 2.5 * p**2 + 0.7 * p**3,
-            (0.3 - 2.25 - 3.2 * 3.375) / 1.5 * p + p**2 + 3.2 * p**3, 0 * p]),
+        (
+            "POLY PO[X]=(1,2.5,0.7) PO[Y]=(0.3,1,3.2) PL=1.5",
+            lambda p: [
+                (1 - 2.5 * 2.25 - 0.7 * 3.375) / 1.5 * p + 2.5 * p**2 + 0.7 * p**3,
+                (0.3 - 2.25 - 3.2 * 3.375) / 1.5 * p + p**2 + 3.2 * p**3,
+                0 * p,
+            ],
+        ),
         ("POLY X=PO(1,,0,0,5) Z=PO(-2,1)", lambda p: [5 * p**5 - 4 * p, 0 * p, p**2 - 3 * p]),
         ("N10 POLY PO[X] = ( 10 , 2.5 ) Y4 ; comment", lambda p: [2.5 * p**2 + 7.5 * p, 4 * p, 0 * p]),
         ("POLY PO[X]=(1EX1,.5) PO[Y]=(-1)", lambda p: [0.5 * p**2 + 9.5 * p, -p, 0 * p]),
     ],
-)  # fmt: skip
+)
 def test_polynomials(line: str, points) -> None:
     program, row = _last(line)
     length = 1.5 if "PL" in line else 1.0
@@ -117,11 +123,28 @@ def test_arcs(line: str, center: tuple[float, float], angle: float) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "; words", "N30", 'MSG("a; b (c)")', "COMPOF SPATH FNORM", "G641 ADIS=0.005", "G60", "M8 S1000 M3",
-        'T="MILL 8" D1', "SOFT FFWON", "G4 F2.5", "G4 S10", "CYCLE832(0.01,1,1)", "FGROUP(X,Y,Z)", "R1=0.5",
-        "STOPRE", "G17 G90 G40", "%_N_PART_MPF", "DEF REAL DEPTH=5", "SPOS=0", "G26 X100 S500",
+        "; words",
+        "N30",
+        'MSG("a; b (c)")',
+        "COMPOF SPATH FNORM",
+        "G641 ADIS=0.005",
+        "G60",
+        "M8 S1000 M3",
+        'T="MILL 8" D1',
+        "SOFT FFWON",
+        "G4 F2.5",
+        "G4 S10",
+        "CYCLE832(0.01,1,1)",
+        "FGROUP(X,Y,Z)",
+        "R1=0.5",
+        "STOPRE",
+        "G17 G90 G40",
+        "%_N_PART_MPF",
+        "DEF REAL DEPTH=5",
+        "SPOS=0",
+        "G26 X100 S500",
     ],
-)  # fmt: skip
+)
 def test_what_moves_nothing(line: str) -> None:
     """The motion behind it begins where the one before it ended, at its feed."""
     program, row = _last(f"X10\n{line}\nX20")
@@ -133,15 +156,28 @@ def test_what_moves_nothing(line: str) -> None:
 @pytest.mark.parametrize(
     ("line", "note"),
     [
-        ("X=R1 Y5", "X=R1"), ("G1 X=R1+2*(3 + 4)", "X=R1+2*(3 + 4)"), ("G70", "G70"),
-        ("CYCLE81(10,0,2,-5)", "CYCLE81(10,0,2,-5)"), ("M88", "M88"), ("F=R2", "F=R2"),
-        ("TRANS X5", "TRANS"), ("ROT RPL=45", "ROT"), ("G1 AP=30 RP=5", "AP=30"), ("G1 X5 RND=2", "RND=2"),
-        ("X5 A10", "A10"), ("BSPLINE X5 Y5", "BSPLINE"), ("SIDE_2", "SIDE_2"), ("L100", "L100"),
-        ("G33 Z-5 K2", "G33"), ("UPATH", "UPATH"), ("TRAORI", "TRAORI"), ("X5 Y=IC(2)", "X5"),
+        ("X=R1 Y5", "X=R1"),
+        ("G1 X=R1+2*(3 + 4)", "X=R1+2*(3 + 4)"),
+        ("G70", "G70"),
+        ("CYCLE81(10,0,2,-5)", "CYCLE81(10,0,2,-5)"),
+        ("M88", "M88"),
+        ("F=R2", "F=R2"),
+        ("TRANS X5", "TRANS"),
+        ("ROT RPL=45", "ROT"),
+        ("G1 AP=30 RP=5", "AP=30"),
+        ("G1 X5 RND=2", "RND=2"),
+        ("X5 A10", "A10"),
+        ("BSPLINE X5 Y5", "BSPLINE"),
+        ("SIDE_2", "SIDE_2"),
+        ("L100", "L100"),
+        ("G33 Z-5 K2", "G33"),
+        ("UPATH", "UPATH"),
+        ("TRAORI", "TRAORI"),
+        ("X5 Y=IC(2)", "X5"),
         ("POLY PO[X]=(1,2,3,4,5,6)", "PO[X]=(1,2,3,4,5,6)"),
         ("$P_PFRAME=CTRANS(X,5)", "$P_PFRAME=CTRANS(X,5)"),
     ],
-)  # fmt: skip
+)
 def test_what_is_passed_through_is_named_and_ends_the_motion(line: str, note: str) -> None:
     program = _read(f"{BEGIN}X10\n{line}\nG90 G94 G21 G1 X20 F100\nM30\n".replace(" G21", " G71"))
     assert [(one.first, one.what) for one in program.notes if one.first == 3] == [(3, note)]
@@ -167,21 +203,31 @@ def test_modal_calls_end_with_their_end() -> None:
     ("text", "words"),
     [
         ("X1\nGOTOB L1", "part.mpf:4:1: jump or call; expected a program that runs line by line; got GOTOB"),
-        ("IF R1==1 GOTOF E1",
-         "part.mpf:3:10: jump or call; expected a program that runs line by line; got GOTOF"),
+        (
+            "IF R1==1 GOTOF E1",
+            "part.mpf:3:10: jump or call; expected a program that runs line by line; got GOTOF",
+        ),
         ("WHILE R1<5\nX1", "part.mpf: WHILE without its end; expected ENDWHILE; got the end of the file"),
-        ("CIP X5 Y5 Z2 I1=1 J1=4",
-         "part.mpf:3: circle in space; expected three points in the plane, not on a line;"
-         " got CIP X5 Y5 Z2 I1=1 J1=4"),
-        ("POLY PO[X]=(5) PO[]=(1,9)",
-         "part.mpf:3: denominator with a zero; expected a positive one; got POLY PO[X]=(5) PO[]=(1,9)"),
-        ("X5 F=FPO(600,3000,0)",
-         "part.mpf:3: feed that falls to zero; expected a positive feed; got X5 F=FPO(600,3000,0)"),
-        ("G2 X5 Y5 CR=1",
-         "part.mpf:3: radius too small to reach the arc's end; expected at least half the way to the end;"
-         " got 1 mm and 3.5355 mm"),
+        (
+            "CIP X5 Y5 Z2 I1=1 J1=4",
+            "part.mpf:3: circle in space; expected three points in the plane, not on a line;"
+            " got CIP X5 Y5 Z2 I1=1 J1=4",
+        ),
+        (
+            "POLY PO[X]=(5) PO[]=(1,9)",
+            "part.mpf:3: denominator with a zero; expected a positive one; got POLY PO[X]=(5) PO[]=(1,9)",
+        ),
+        (
+            "X5 F=FPO(600,3000,0)",
+            "part.mpf:3: feed that falls to zero; expected a positive feed; got X5 F=FPO(600,3000,0)",
+        ),
+        (
+            "G2 X5 Y5 CR=1",
+            "part.mpf:3: radius too small to reach the arc's end; expected at least half the way to the end;"
+            " got 1 mm and 3.5355 mm",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(text: str, words: str) -> None:
     with pytest.raises(InputError) as error:
         _read(f"{BEGIN}{text}\nM30\n")
@@ -216,9 +262,7 @@ def test_own_programs_are_read_back(curve) -> None:
         for row in rows.tolist():
             way = sum(one.length for one in curves_of(motions, row, (0, 1)))
             length, time = length + way, time + way / motions.feed[row]
-        assert motions.end[rows[-1], :2] * 1e3 == pytest.approx(
-            [float(block.end[a]) for a in "XY"], abs=1e-12
-        )
+        assert motions.end[rows[-1], :2] * 1e3 == pytest.approx([float(block.end[a]) for a in "XY"], abs=1e-12)
         assert 1e3 * length == pytest.approx(float(block.length()), rel=1e-9)
         with mpmath.workdps(15):
             passed = mpmath.quad(lambda p, one=block: 1 / one.feed_at(p), [0, 1]) * block.length() * 60
@@ -231,4 +275,6 @@ def test_own_programs_are_read_back(curve) -> None:
 def test_nothing_is_spliced_into_one() -> None:
     program = read_as("siemens", (BEGIN + "X10\nX0\nM30\n").encode(), "part.mpf")
     with pytest.raises(InputError, match="nothing is spliced into programs of siemens: values there may be"):
-        deliver(program, make_machine(dialect="siemens"), Request(plan=PlanOptions(), splice=SpliceOptions()))
+        compensate_program(
+            program, make_machine(dialect="siemens"), ProgramRequest(plan=PlanOptions(), splice=EditOptions())
+        )

@@ -10,16 +10,16 @@ import pytest
 from msgspec.structs import replace
 from support.firmware import LINES, RefusedError, commands, travel
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import strategy_names
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.writer import make_program
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
 from ph_post.geometry.track import Track
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import make_program
 from ph_post.types import Machine, Plan
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -37,9 +37,13 @@ def machine() -> Machine:
 
 def plan_of(path: Path, strategy: str) -> Plan:
     how = PlanOptions(
-        strategy=strategy, carrier="program", inverse_dynamics=False, effort=0.001, max_slowdown=9.0,
+        strategy=strategy,
+        carrier="program",
+        inverse_dynamics=False,
+        effort=0.001,
+        max_slowdown=9.0,
         allow_retrograde=strategy == "retrograde",
-    )  # fmt: skip
+    )
     return make_plan(analyse(read_path(str(path)), machine(), 0.005 * MM), how)
 
 
@@ -90,13 +94,27 @@ def test_dwells_are_in_milliseconds(firmware: str) -> None:
 @pytest.mark.parametrize(
     ("firmware", "line"),
     [
-        ("grbl", "G64 P0.01"), ("grbl", "G61.1"), ("grbl", "G5 X1 Y1 I1 J1 P1 Q1"), ("grbl", "G1 X1 F1 F2"),
-        ("grbl", "G1X1" + 80 * "0"), ("grblhal", "G64"), ("marlin", "G93"), ("marlin", "G21 G90"),
-        ("marlin", "G1 X1 ; " + 99 * "x"), ("marlin", "(note)"), ("marlin", "X1 Y1"), ("marlin", "F600"),
-        ("marlin", "G2 X1 Y1 I1 J0 P1"), ("marlin", "M2"), ("klipper", "G2 X1 Y1 I1 J0"), ("klipper", "G94"),
-        ("klipper", "G4 S1"), ("klipper", "M2"), ("klipper", "(note)"),
+        ("grbl", "G64 P0.01"),
+        ("grbl", "G61.1"),
+        ("grbl", "G5 X1 Y1 I1 J1 P1 Q1"),
+        ("grbl", "G1 X1 F1 F2"),
+        ("grbl", "G1X1" + 80 * "0"),
+        ("grblhal", "G64"),
+        ("marlin", "G93"),
+        ("marlin", "G21 G90"),
+        ("marlin", "G1 X1 ; " + 99 * "x"),
+        ("marlin", "(note)"),
+        ("marlin", "X1 Y1"),
+        ("marlin", "F600"),
+        ("marlin", "G2 X1 Y1 I1 J0 P1"),
+        ("marlin", "M2"),
+        ("klipper", "G2 X1 Y1 I1 J0"),
+        ("klipper", "G94"),
+        ("klipper", "G4 S1"),
+        ("klipper", "M2"),
+        ("klipper", "(note)"),
     ],
-)  # fmt: skip
+)
 def test_the_lists_refuse(firmware: str, line: str) -> None:
     with pytest.raises(RefusedError):
         commands(line, firmware)

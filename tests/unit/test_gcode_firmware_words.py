@@ -9,8 +9,8 @@ import pytest
 from support.corpus import compensated, stepper
 from support.firmware import LINES, commands, travel
 
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.registry import find_dialect
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.registry import find_dialect
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"
@@ -39,8 +39,10 @@ def test_no_golden_has_a_word_that_firmware_refuses(folder: Path, firmware: str)
         assert travel("\n".join(lines), firmware).feeds
 
 
-MILLED = [*sorted((ROOT / "samples" / "programs").glob("*.ngc")),
-          *sorted((ROOT / "tests" / "corpus" / "freecad").glob("*_grbl.ngc"))]  # fmt: skip
+MILLED = [
+    *sorted((ROOT / "samples" / "programs").glob("*.ngc")),
+    *sorted((ROOT / "tests" / "corpus" / "freecad").glob("*_grbl.ngc")),
+]
 PRINTED = sorted((ROOT / "tests" / "slicers").glob("*.gcode"))
 SPLICED = [(file, firmware) for file in MILLED for firmware in ("grbl", "grblhal")]
 SPLICED += [(file, firmware) for file in PRINTED for firmware in ("marlin", "klipper")]

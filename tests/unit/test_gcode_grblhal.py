@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from support.splicing import compensate
 
-from ph_post.gcode.dialects.grblhal import DIALECT, spline_deviation
-from ph_post.io.machinefile import read_machine
+from ph_post.dialects.grblhal import DIALECT, spline_deviation
+from ph_post.drive.machinefile import read_machine
 
 
 def test_the_deviation_of_a_parabola_is_exact() -> None:

@@ -13,17 +13,17 @@ from scipy.spatial import cKDTree
 from support.interpreter import Move, run
 from support.plans import make_path, make_plan
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan as plan_motion
+from ph_post.dialects.base import Dialect
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.gcode.dialect import Dialect
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.writer import make_program
 from ph_post.geometry.curves import Arc, Bezier, Line
 from ph_post.geometry.track import Track
-from ph_post.io.machinefile import read_machine
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import make_program
 from ph_post.types import Jog, Plan
 from ph_post.units import MM
 
@@ -137,9 +137,7 @@ def test_jogs_run_at_the_feed_they_were_simulated_with() -> None:
     plan, track = planned("ring")
     written = [jog for jog in plan.crossings if isinstance(jog, Jog) and jog.start > 0]
     for mode in ("per-minute", "inverse-time"):
-        moves = run(
-            make_program(plan, track, find_dialect("linuxcnc"), replace(HOW, feed_mode=mode)).text
-        ).moves
+        moves = run(make_program(plan, track, find_dialect("linuxcnc"), replace(HOW, feed_mode=mode)).text).moves
         found = [moves[k] for k in jogs_of(moves)]
         speeds = [move.length / move.duration * MM for move in found]
         assert speeds == pytest.approx([jog.velocity for jog in written], rel=1e-5)

@@ -13,19 +13,19 @@ from support.measure import samples
 from support.plans import make_path, make_plan
 from support.shipped_curves import PATHS, dense_points, distance
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.cli.main import main
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan as plan_path
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.reader.record import ARC, NURBS, RAPID
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.writer import Program, make_program
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.gcode.program import ARC, NURBS, RAPID
 from ph_post.geometry.curves import Arc, Bezier, Line
 from ph_post.geometry.track import Track
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import Program, make_program
 from ph_post.units import MM, MM_PER_MIN
 
 RUN = {
@@ -80,10 +80,11 @@ def test_reading_back_gives_what_a_control_would_do(name: str, dialect: str) -> 
     motions = found.motions
     assert found.data == program.text.encode()
     assert motions.kind.size == len(expected)
-    assert motions.block.tolist() == [
-        move.line if dialect.startswith("heidenhain") else move.line - 1
-        for move in expected
-    ] or "nurbs" in dialect  # fmt: skip
+    assert (
+        motions.block.tolist()
+        == [move.line if dialect.startswith("heidenhain") else move.line - 1 for move in expected]
+        or "nurbs" in dialect
+    )
     for row, move in enumerate(expected):
         known = ~np.isnan(motions.start[row])
         assert np.allclose(motions.start[row][known] / MM, move.start[known], rtol=0.0, atol=1e-9)
@@ -200,9 +201,7 @@ def test_a_program_in_another_language_is_not_rehearsed_on_linuxcnc(capsys, tmp_
     machine.write_text(re.sub(r'dialect = ".*"', 'dialect = "fanuc"', shipped.read_text()))
     (tmp_path / "a.nc").write_text("%\nO1\nG21\nG4 P5000\nM30\n%\n")
     assert main(["rehearse", str(tmp_path / "a.nc"), "-m", str(machine)]) == 2
-    assert (
-        "not in those of another controller; expected a machine file for LinuxCNC" in capsys.readouterr().err
-    )
+    assert "not in those of another controller; expected a machine file for LinuxCNC" in capsys.readouterr().err
 
 
 def test_what_the_decimals_cannot_hold_is_left_out_by_auto_and_told(capsys, tmp_path: Path) -> None:

@@ -13,11 +13,12 @@ import pytest
 from support.interpreter import run
 from support.plans import make_path, make_plan
 
-from ph_post.gcode.dialects.linuxcnc import DIALECT, spline_deviation
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.writer import make_program
-from ph_post.geometry.curves import PH, Arc, Bezier, Line
+from ph_post.dialects.linuxcnc import DIALECT, spline_deviation
+from ph_post.geometry.curves import Arc, Bezier, Line
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import make_program
 from ph_post.units import MM
 
 RS274 = shutil.which("rs274")
@@ -124,8 +125,12 @@ def canonical(text: str, folder: Path) -> str:
     # a parameter file of its own: rs274 keeps one in the working directory
     done = subprocess.run(
         [str(RS274), "-v", str(folder / "rs274.var"), "-g", str(program)],
-        capture_output=True, text=True, check=False, cwd=folder, timeout=60,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        timeout=60,
+    )
     assert done.returncode == 0, done.stderr[-500:] + done.stdout[-500:]
     return done.stdout
 

@@ -13,11 +13,13 @@ from support.interpreter import Move, Run, run
 from support.measure import distance_to_path, place_at, samples
 from support.plans import RISE, Timetable, make_machine, make_path, make_plan
 
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.writer import Program, make_program, program_warnings, write_program
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs
+from ph_post.dialects.registry import find_dialect
+from ph_post.geometry.curves import Arc, Bezier, Line
+from ph_post.geometry.nurbs import Nurbs
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import Program, make_program, program_warnings, write_program
 from ph_post.types import Plan
 from ph_post.units import MM
 
@@ -354,10 +356,17 @@ def test_the_header_tells_what_was_done() -> None:
     text = convert("circle", "linuxcnc", "per-minute")[2].text
     head = " ".join(text.split("G21")[0].replace(")\n(  ", " ").split("\n"))
     for words in (
-        "strategy suppress", "path part, sha256 0123456789abcdef", "machine bench", "dialect linuxcnc",
-        "planned time 3.1416 s without feed dips", "chords within 0.001 mm", "blocks of at most 5 ms",
-        "window 1: segment 0, s 62.832 mm, X max, feed 2400 to 667.5 mm/min, t* 0.1200 s", "G54", "no Z word",
-    ):  # fmt: skip
+        "strategy suppress",
+        "path part, sha256 0123456789abcdef",
+        "machine bench",
+        "dialect linuxcnc",
+        "planned time 3.1416 s without feed dips",
+        "chords within 0.001 mm",
+        "blocks of at most 5 ms",
+        "window 1: segment 0, s 62.832 mm, X max, feed 2400 to 667.5 mm/min, t* 0.1200 s",
+        "G54",
+        "no Z word",
+    ):
         assert words in head
 
 
@@ -374,14 +383,10 @@ def test_warnings() -> None:
     slow = msgspec.structs.replace(options, feed_mode="inverse-time")
     assert "no G2 and G3" in program_warnings(plan, track, find_dialect("grbl"), slow)[0]
     dense = msgspec.structs.replace(options, chord_tolerance=1e-9)
-    assert (
-        "bytes a second" in program_warnings(*reversed(plan_of("quintic")), find_dialect("grbl"), dense)[-1]
-    )
+    assert "bytes a second" in program_warnings(*reversed(plan_of("quintic")), find_dialect("grbl"), dense)[-1]
     track, plan = plan_of("quintic")
     late = make_plan(track, speed=0.03, machine=make_machine(period=4e-3))
-    told = program_warnings(
-        late, track, find_dialect("linuxcnc"), msgspec.structs.replace(dense, block_time=5e-3)
-    )
+    told = program_warnings(late, track, find_dialect("linuxcnc"), msgspec.structs.replace(dense, block_time=5e-3))
     assert "shorter than the servo period of 4 ms" in told[0]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 
 PROGRAM = b"""%
 (hello) G21 G90 G17 ; x

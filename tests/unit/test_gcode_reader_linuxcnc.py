@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from support.canon import assert_agrees, needs_rs274, number_lines, run_rs274
 
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 
 FILES = Path("/usr/share/linuxcnc/ncfiles")
 PLAIN = ["3dtest", "arcspiral", "b-index", "cds", "comp", "comp-g1", "lathe_pawn", "plasmatest", "tort"]
@@ -43,7 +43,7 @@ BY_HAND = {
     "NURBS": "G0 X0 Y0 Z0\nG5.2 P1 L3\nX1 Y1 P1\nX2 Y2 P1\nX3 Y0 P1\nG5.3\nG1 X9",
     "rotary axes": "G0 X1 Y1 Z1\nG1 X2\nG1 X3 A5\nG1 X4 Y4 Z4\nX5",
     "dwell and motion": "G0 X1 Y1 Z1\nG4 P0.1 G0 X2\nG4 P0.1 G1 Y2\nX5",
-}  # fmt: skip
+}
 
 
 def compare(text):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 
 HEAD = "G21 G90 G17 G94 F600\nG0 X0 Y0 Z0\n"
 
@@ -31,9 +31,7 @@ def test_a_program_begins_in_millimetres_and_in_the_plane_of_x_and_y():
 
 
 def test_every_group_keeps_its_last_word():
-    program = read(
-        "G18 G20 G91 G90.1 G93 G40 G49 G98 G64 P0.01 Q0 G59.3 T3 S1200 M4 M7 M8\nM6\nM5 M9\nG61.1 G43 H1\n"
-    )
+    program = read("G18 G20 G91 G90.1 G93 G40 G49 G98 G64 P0.01 Q0 G59.3 T3 S1200 M4 M7 M8\nM6\nM5 M9\nG61.1 G43 H1\n")
     first, changed, quiet, last = (program.modal_after(block) for block in range(2, 6))
     assert (first.plane, first.units, first.absolute, first.arc_absolute) == (18, 0.0254, False, True)
     assert (first.feed_mode, first.compensation, first.length, first.retract) == (93, "G40", "G49", "G98")
@@ -57,9 +55,7 @@ def test_states_that_are_the_same_are_kept_once():
 
 def test_more_states_than_there_was_room_for_are_all_kept():
     program = read("".join(f"S{number}\n" for number in range(1000)))
-    assert [program.modal_after(2 + number).speed for number in range(1000)] == [
-        float(n) for n in range(1000)
-    ]
+    assert [program.modal_after(2 + number).speed for number in range(1000)] == [float(n) for n in range(1000)]
 
 
 def test_feed_is_kept_as_written_and_changes_its_number_with_the_units():
@@ -225,9 +221,7 @@ def test_radii_may_differ_as_linuxcnc_lets_them():
 
 def test_splines_have_their_control_points():
     program = read("G5 X10 Y0 I1 J2 P-3 Q4\nG5 X20 Y0 P-1 Q-1\nG5.1 X30 Y0 I6 J3\n")
-    control = {
-        row: (points[:, :2] * 1e3).round(9).tolist() for row, points in program.motions.control.items()
-    }
+    control = {row: (points[:, :2] * 1e3).round(9).tolist() for row, points in program.motions.control.items()}
     assert control[1] == [[0, 0], [1, 2], [7, 4], [10, 0]]
     assert control[2] == [[10, 0], [13, -4], [19, -1], [20, 0]]
     assert control[3] == [[20, 0], [24, 2], pytest.approx([82 / 3, 2]), [30, 0]]
@@ -247,8 +241,16 @@ def test_numbers_are_kept_exactly_with_blanks_signs_and_without_digits_on_one_si
     words = read_program(b"g0 x +1 0.2 50 y-.5 z5. f-0\n", "a").words
     assert words.letter.tobytes() == b"GXYZF"
     assert list(zip(words.digits.tolist(), words.decimals.tolist(), strict=True)) == [
-        (0, 0), (10250, 3), (-5, 1), (5, 0), (0, 0),
-    ]  # fmt: skip
+        (0, 0),
+        (10250, 3),
+        (-5, 1),
+        (5, 0),
+        (0, 0),
+    ]
     assert [b"g0 x +1 0.2 50 y-.5 z5. f-0"[a:b] for a, b in zip(words.start, words.end, strict=True)] == [
-        b"g0", b"x +1 0.2 50", b"y-.5", b"z5.", b"f-0",
-    ]  # fmt: skip
+        b"g0",
+        b"x +1 0.2 50",
+        b"y-.5",
+        b"z5.",
+        b"f-0",
+    ]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 
 HEAD = "G21 G90 G17 G94 F600\nG0 X0 Y0 Z0\n"
 PLANE = "spline in another plane than G17"
@@ -54,7 +54,7 @@ def notes(program):
         ("o<a> call [1]\n", [(2, 2, 1, "O-word: o<a> call [1]")]),
         ("o1 sub\nG1 X5\no1 endsub\n", [(2, 4, 1, "O-word: o1 sub")]),
     ],
-)  # fmt: skip
+)
 def test_a_stretch_is_named_by_the_word_it_is_for(body, expected):
     program = read(body)
     assert notes(program) == expected

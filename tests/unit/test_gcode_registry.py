@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from ph_post.cli.main import main
+from ph_post.dialects import grbl, grblhal, linuxcnc, registry
+from ph_post.edit.inputs import PROGRAM_ENDINGS
 from ph_post.errors import InputError
-from ph_post.gcode import registry
-from ph_post.gcode.dialects import grbl, grblhal, linuxcnc
-from ph_post.io.inputs import ENDINGS
 
 
 def test_the_built_in_dialects() -> None:
@@ -30,7 +29,7 @@ def test_without_installed_metadata_the_built_in_ones_remain(monkeypatch: pytest
 
 @pytest.mark.parametrize("name", registry.BUILT_IN)
 def test_files_of_every_dialect_are_taken_for_programs(name: str) -> None:
-    assert registry.find_dialect(name).ending in ENDINGS
+    assert registry.find_dialect(name).ending in PROGRAM_ENDINGS
 
 
 def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,8 +58,8 @@ def test_what_a_machine_has_besides_is_named_behind_plus_signs() -> None:
 
 def test_others_register_by_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
     points = (
-        EntryPoint("mine", "ph_post.gcode.dialects.grbl:DIALECT", registry.GROUP),
-        EntryPoint("wrong", "ph_post.gcode.dialects.grbl:_MAX_LINE", registry.GROUP),
+        EntryPoint("mine", "ph_post.dialects.grbl:DIALECT", registry.GROUP),
+        EntryPoint("wrong", "ph_post.dialects.grbl:_MAX_LINE", registry.GROUP),
     )
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: points)
     assert registry.dialect_names() == tuple(sorted([*registry.BUILT_IN, "mine", "wrong"]))

@@ -8,15 +8,15 @@ import pytest
 from support.interpreter import run
 from support.plans import make_machine, make_path, make_plan
 
+from ph_post.analysis.turning_points import find_turning_points
+from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
-from ph_post.gcode.options import ProgramOptions
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.seat import first_senses
-from ph_post.gcode.shape import read_shape
-from ph_post.gcode.writer import make_program
-from ph_post.geometry.curves import PH, Arc, Bezier, Line
+from ph_post.gcode.blocks import read_shape
+from ph_post.geometry.curves import Arc, Bezier, Line
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
-from ph_post.turning import find_turning_points
+from ph_post.post.options import ProgramOptions
+from ph_post.post.program import first_directions, make_program
 from ph_post.units import MM
 
 DIALECTS = ("linuxcnc", "grbl")
@@ -48,7 +48,7 @@ CASES = {
 def test_a_first_motion_however_short_decides() -> None:
     """x = 10.1 u² - 0.1 u turns back after 0.25 µm, at 1/200 of the curve."""
     track = track_of(Bezier(mm([[0, 0], [-0.05, 5], [10, 10]])))
-    senses = first_senses(
+    senses = first_directions(
         read_shape(track, arcs=True, splines=False), find_turning_points(track), ("X", "Y"), 0.0, track.length
     )
     assert senses.tolist() == [-1.0, 1.0]
@@ -131,9 +131,7 @@ def test_a_slow_path_is_approached_as_slowly() -> None:
 
 def test_the_approach_is_in_mm_per_minute_under_g93_too() -> None:
     track, _ = CASES["circle"]
-    program = make_program(
-        make_plan(track), track, find_dialect("grbl"), ProgramOptions(feed_mode="inverse-time")
-    )
+    program = make_program(make_plan(track), track, find_dialect("grbl"), ProgramOptions(feed_mode="inverse-time"))
     lines = program.text.split("\n")
     assert "G1X20Y0F300" in lines[: lines.index("G93")]
     assert lines[-3:] == ["G94", "M2", ""]

@@ -14,22 +14,52 @@ from support.plans import make_machine, make_path, make_plan
 from support.sinumerik import Block, read_blocks
 
 from ph_post.cli.main import main
-from ph_post.gcode.dialects.siemens import DIALECT
-from ph_post.gcode.writer import write_program
-from ph_post.geometry.curves import PH, Arc, Line
+from ph_post.dialects.siemens.dialect import DIALECT
+from ph_post.geometry.curves import Arc, Line
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
+from ph_post.post.program import write_program
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINE = ROOT / "tests" / "golden" / "machine.toml"
 
 WORDS = frozenset(
     # Programming Manual Fundamentals: tables of G groups and addresses.
-    ("G0", "G1", "G2", "G3", "G4", "G17", "G18", "G19", "G40", "G54", "G60", "G90", "G94", "G641", "G710",
-     "M30", "X", "Y", "Z", "I", "J", "F", "ADIS",
-     # Programming Manual Job Planning: polynomial interpolation, feedrate response, path reference, and
-     # block compression.
-     "POLY", "PO", "PL", "FPO", "FNORM", "SPATH", "COMPOF")
-)  # fmt: skip
+    (
+        "G0",
+        "G1",
+        "G2",
+        "G3",
+        "G4",
+        "G17",
+        "G18",
+        "G19",
+        "G40",
+        "G54",
+        "G60",
+        "G90",
+        "G94",
+        "G641",
+        "G710",
+        "M30",
+        "X",
+        "Y",
+        "Z",
+        "I",
+        "J",
+        "F",
+        "ADIS",
+        # Programming Manual Job Planning: polynomial interpolation, feedrate response, path reference, and
+        # block compression.
+        "POLY",
+        "PO",
+        "PL",
+        "FPO",
+        "FNORM",
+        "SPATH",
+        "COMPOF",
+    )
+)
 
 
 @pytest.fixture(autouse=True)

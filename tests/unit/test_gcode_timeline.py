@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import sympy
 
-from ph_post.compensate.motion import Motion
-from ph_post.gcode.timeline import find_spans, sign_changes, time_at
+from ph_post.compensate.motion import MotionLaw
+from ph_post.post.timeline import find_spans, sign_changes, time_at
 from ph_post.types import Phase, frozen
 
 
@@ -84,10 +84,8 @@ def test_spans_turn_where_the_speed_changes_sign() -> None:
 def test_times_at_places() -> None:
     phases = chain((1.0, [0.0, 2.0], -1), (2.0, [2.0], -1))
     ramp, steady = find_spans(phases)
-    motion = Motion.from_phases(phases)
+    motion = MotionLaw.from_phases(phases)
     assert time_at(motion, ramp, 0.25) == pytest.approx(0.5, rel=1e-15)  # s = t²
     assert time_at(motion, steady, 2.0) == pytest.approx(1.5, rel=1e-15)
     backwards = chain((1.0, [0.0, -2.0], -1))
-    assert time_at(Motion.from_phases(backwards), find_spans(backwards)[0], -0.25) == pytest.approx(
-        0.5, rel=1e-15
-    )
+    assert time_at(MotionLaw.from_phases(backwards), find_spans(backwards)[0], -0.25) == pytest.approx(0.5, rel=1e-15)

@@ -3,8 +3,8 @@
 import json
 import math
 
-from ph_post.diagnose.record import Estimate
-from ph_post.report.identifications import identification_lines, identification_view
+from ph_post.report.diagnoses import identification_lines, identification_view
+from ph_post.types.diagnosis import Estimate
 
 AXES = {
     "X": {

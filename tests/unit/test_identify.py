@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ph_post.diagnose.identify import identify
 from ph_post.errors import InputError
+from ph_post.identify.identify import identify
 from ph_post.types import AxisLog, Log
 from tests.support.identifying import Recorder, off, one_way, to_and_fro, truth
 from tests.support.measured import EMPS, needs_emps
@@ -38,7 +38,7 @@ def record(plant: Plant, *channels: str, seed: int = 1, track: Track | None = No
         (MOTOR, ("act", "motor", "force"), {"b", "c", "lost_motion", "servo_stiffness"}),
         (LOAD, ("act", "motor"), {"b", "c", "lost_motion", "inertia_fraction", "motor_time_constant"}),
     ],
-)  # fmt: skip
+)
 def test_a_drive_is_found_within_its_standard_errors(plant, channels, names) -> None:
     track = to_and_fro(np.random.default_rng(1), 8)
     drive = identify(record(plant, *channels, track=track), None, {"X": plant.feedback}).drives["X"]
@@ -46,9 +46,7 @@ def test_a_drive_is_found_within_its_standard_errors(plant, channels, names) -> 
     true = truth(plant)
     for name, one in drive.parameters.items():
         assert abs(off(one, true[name])) < 3.0, name
-        assert one.value == pytest.approx(true[name], rel=0.2 if name == "motor_time_constant" else 0.02), (
-            name
-        )
+        assert one.value == pytest.approx(true[name], rel=0.2 if name == "motor_time_constant" else 0.02), name
     assert drive.rms == pytest.approx(drive.noise, rel=0.1)
     assert drive.sensitivity.rank == len(drive.sensitivity.names)
 
@@ -75,10 +73,14 @@ def test_standard_errors_are_calibrated_on_load_loops() -> None:
     for seed in range(10):
         b = float(np.exp(rng.uniform(np.log(6e-5), np.log(4e-4))))
         plant = Plant(
-            "load", b, float(rng.uniform(0.8, 1.6) * np.sqrt(b)), gap=float(rng.uniform(1e-5, 6e-5)),
-            eta=float(rng.uniform(0.3, 0.7)), beta=float(rng.uniform(0.5, 5.0)),
+            "load",
+            b,
+            float(rng.uniform(0.8, 1.6) * np.sqrt(b)),
+            gap=float(rng.uniform(1e-5, 6e-5)),
+            eta=float(rng.uniform(0.3, 0.7)),
+            beta=float(rng.uniform(0.5, 5.0)),
             flank=int(rng.choice([-1, 1])),
-        )  # fmt: skip
+        )
         channels = ("act", "motor") if seed % 2 else ("act",)
         log = record(plant, *channels, seed=seed, track=to_and_fro(rng), noise=2e-6)
         found = identify(log, None, {"X": "load"}).drives["X"].parameters

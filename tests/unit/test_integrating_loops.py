@@ -8,8 +8,8 @@ import pytest
 from msgspec.structs import replace
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, run_drive
 
-from ph_post.drive.gap import motor_gain, motor_gap
-from ph_post.drive.settled import find_orbit, first_reversal
+from ph_post.drive.backlash import motor_gain, motor_gap
+from ph_post.drive.steady_state import find_orbit, first_reversal
 from ph_post.types import Servo
 
 

@@ -11,10 +11,10 @@ import pytest
 from msgspec.structs import replace
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, axis, gap_of
 
-from ph_post.drive.gap import gap_constant, motor_gain, motor_gap, motor_motion
+from ph_post.drive.backlash import gap_constant, motor_gain, motor_gap, motor_motion
 from ph_post.drive.harmonic import open_gap
-from ph_post.drive.interval import backlash_interval, play_interval
-from ph_post.drive.settled import find_orbit, first_reversal
+from ph_post.drive.intervals import backlash_interval, play_interval
+from ph_post.drive.steady_state import find_orbit, first_reversal
 from ph_post.errors import InputError, SolveError
 from ph_post.types import EffectSetting, Gap, Servo
 
@@ -80,9 +80,7 @@ def test_play_behind_the_loop(feedback: str) -> None:
     assert standing.size * step == pytest.approx(interval.duration, abs=2 * step)
     # The reversal is where the motor's is, found from samples that lie symmetrically about it.
     assert t[standing[0]] - 15.0 == pytest.approx(interval.lag, abs=2 * step)
-    assert table.max() == pytest.approx(
-        interval.position, rel=1e-9
-    )  # 1 - cos(Ω step/2) of a sample beside the top
+    assert table.max() == pytest.approx(interval.position, rel=1e-9)  # 1 - cos(Ω step/2) of a sample beside the top
 
 
 def test_ideal_stepper_in_closed_form() -> None:
@@ -209,9 +207,7 @@ def test_motor_that_comes_back_to_its_old_flank() -> None:
     gap = open_gap(gain=1.0, beta=0.0, amplitude=1.0, omega=1.0, t_i=-0.1, x_i=0.0)
     assert gap.motor_angle(1e-3) < 0.0
     assert gap.duration(1.0) is None
-    assert (
-        open_gap(1.0, 0.0, 1.0, 1.0, 0.0, 0.0).duration(1.0) is None
-    )  # no force at the opening: no sense yet
+    assert open_gap(1.0, 0.0, 1.0, 1.0, 0.0, 0.0).duration(1.0) is None  # no force at the opening: no sense yet
 
 
 def test_quadrature_that_cannot_settle_says_so() -> None:

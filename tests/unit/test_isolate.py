@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ph_post.geometry.isolate import EPS, find_roots, sign_changes
+from ph_post.geometry.root_isolation import EPS, find_roots, sign_changes
 from ph_post.types import Array
 
 
@@ -65,15 +65,11 @@ def test_against_mpmath(degree: int) -> None:
                 for j in range(degree + 1)
             ]
             roots = mpmath.polyroots(power[::-1], maxsteps=200, extraprec=200)
-            real = sorted(
-                root.real for root in map(mpmath.mpc, roots) if abs(root.imag) < mpmath.mpf("1e-30")
-            )
+            real = sorted(root.real for root in map(mpmath.mpc, roots) if abs(root.imag) < mpmath.mpf("1e-30"))
             real = [root for root in real if 0 < root < 1]
             mine = found.u[found.row == k]
             assert len(mine) == len(real)
-            assert all(
-                abs(a - b) <= e for a, b, e in zip(mine, real, found.error[found.row == k], strict=True)
-            )
+            assert all(abs(a - b) <= e for a, b, e in zip(mine, real, found.error[found.row == k], strict=True))
 
 
 @pytest.mark.parametrize("apart", [Fraction(1, 10**3), Fraction(1, 10**6)])

@@ -9,19 +9,18 @@ import pytest
 from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 
-from ph_post.analysis import Analysis, analyse
+from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.compensate.comparison import before_and_after, plain
-from ph_post.compensate.jogs import DWELL, jog_travel, make_jog
-from ph_post.compensate.limits import check_command
-from ph_post.compensate.motion import Motion
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.motion import MotionLaw
+from ph_post.compensate.offsets import DWELL, command_of, jog_travel, make_jog
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.violations import check_command
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped
 from ph_post.geometry.curves import Line
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import shipped
 from ph_post.simulate.assess import assess
 from ph_post.simulate.contour import Nominal
 from ph_post.types import Jog, Path, Plan, Scenario, Segment
@@ -59,9 +58,7 @@ def test_a_jog_is_the_integral_of_its_acceleration(travel, velocity, acceleratio
             continue
         inside = np.linspace(t0, t1, 7)
         push = rate * acceleration * np.sign(travel)
-        run = solve_ivp(
-            lambda _t, y, a=push: [y[1], a], (t0, t1), state, t_eval=inside, rtol=1e-10, atol=1e-15
-        )
+        run = solve_ivp(lambda _t, y, a=push: [y[1], a], (t0, t1), state, t_eval=inside, rtol=1e-10, atol=1e-15)
         assert jog_travel(jog, inside) == pytest.approx(run.y[0], abs=1e-9 * size)
         state = run.y[:, -1]
     ends = jog_travel(jog, np.array([0.0, 0.3, jog.end, 9.0]))
@@ -111,7 +108,7 @@ def test_a_table_behind_a_play_stays_on_the_path(flank) -> None:
 
 def test_the_path_rests_during_jogs_and_dwells() -> None:
     _, plan = written(read_path(shipped("paths", "oval")), "router")
-    motion = Motion.from_phases(plan.phases)
+    motion = MotionLaw.from_phases(plan.phases)
     jogs = [jog for jog in plan.crossings if jog.start > 0]
     assert len(jogs) == 4
     for jog in jogs:
@@ -162,9 +159,7 @@ def test_an_axis_that_does_not_stop_at_every_reversal_has_no_offset() -> None:
 
 def test_a_gap_too_small_for_a_jog_is_left_alone() -> None:
     machine = read_machine("stepper")
-    small = {
-        name: replace(axis, gap=replace(axis.gap, lost_motion=2 * UM)) for name, axis in machine.axes.items()
-    }
+    small = {name: replace(axis, gap=replace(axis.gap, lost_motion=2 * UM)) for name, axis in machine.axes.items()}
     for path in (read_path(shipped("paths", "oval")), zigzag((0, 0), (20, 5), (0, 10))):
         analysis = analyse(path, replace(machine, axes=small), 5 * UM)
         assert make_plan(analysis, PlanOptions(strategy="takeup", carrier="program")).crossings == ()

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from ph_post.geometry.curves import Arc, Bezier, Line, Nurbs
+from ph_post.geometry.curves import Arc, Bezier, Line
 from ph_post.geometry.joints import SHARP_CORNER_RAD, find_joints, joint_angles
+from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.track import Track
 
 EPS = np.finfo(float).eps

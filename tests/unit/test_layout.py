@@ -9,7 +9,8 @@ import pytest
 from support.motions import look, make_machine, make_path
 
 from ph_post.compensate.offsets import command_of
-from ph_post.compensate.plan import PlanOptions, make_plan
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
 from ph_post.geometry.curves import Arc, Line
 from ph_post.types import Command, Gap, Machine, Path, Plan, Servo
 

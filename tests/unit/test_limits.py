@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from support.motions import make_machine
 
-from ph_post.compensate.limits import check_command, rounding
+from ph_post.compensate.violations import check_command, rounding
 from ph_post.types import Command
 
 PERIOD = 1e-3
@@ -14,10 +14,16 @@ PERIOD = 1e-3
 def command(position: np.ndarray, feed: np.ndarray | None = None) -> Command:
     rows = len(position)
     return Command(
-        axes=("X", "Y")[: position.shape[1]], period=PERIOD, t=np.arange(rows) * PERIOD,
-        segment=np.zeros(rows, dtype=np.int64), xi=np.zeros(rows), s=np.linspace(0.0, 1.0, rows),
-        position=position, feed=np.ones(rows) if feed is None else feed, window=np.full(rows, -1),
-    )  # fmt: skip
+        axes=("X", "Y")[: position.shape[1]],
+        period=PERIOD,
+        t=np.arange(rows) * PERIOD,
+        segment=np.zeros(rows, dtype=np.int64),
+        xi=np.zeros(rows),
+        s=np.linspace(0.0, 1.0, rows),
+        position=position,
+        feed=np.ones(rows) if feed is None else feed,
+        window=np.full(rows, -1),
+    )
 
 
 def column(x: np.ndarray) -> np.ndarray:

@@ -6,23 +6,22 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.cli.main import main
-from ph_post.compensate.layout import reversing
+from ph_post.compensate.layout import reversing_axes
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import Draft, make_plan
-from ph_post.compensate.surroundings import find_surroundings
-from ph_post.compensate.trial import Design, Trial
-from ph_post.drive.local import axis_at, gaps_of, has_gap, sized_machine, varies, with_gap
-from ph_post.gcode.controller.error import CutPath
-from ph_post.gcode.controller.run import run_program
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import shipped
+from ph_post.compensate.plan import Planner, make_plan
+from ph_post.compensate.trial import Design, Trial, find_surroundings
+from ph_post.drive.axes import axis_at, backlash_varies, gaps_of, has_backlash, sized_machine, with_gap
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import shipped
+from ph_post.gcode.read import read_program
 from ph_post.simulate.assess import assess
 from ph_post.simulate.contour import Nominal
+from ph_post.simulate.controllers.deviation import CutPath
+from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.machine import simulate
 from ph_post.types import EffectSetting, Scenario
 
@@ -30,13 +29,19 @@ SLOPE = {"slope_mm_per_mm": 0.002, "reference_mm": 0.0}
 BUMP = {"bump_mm": 0.05, "centre_mm": 20.0, "width_mm": 5.0}
 
 ARCH = {
-    "format": "ph-post-path", "version": 1, "name": "waves", "source": "by hand",
-    "units": "mm", "axes": ["X", "Y"], "feed": 600, "closed": False,
+    "format": "ph-post-path",
+    "version": 1,
+    "name": "waves",
+    "source": "by hand",
+    "units": "mm",
+    "axes": ["X", "Y"],
+    "feed": 600,
+    "closed": False,
     "segments": [
         {"type": "arc", "start": [0, 0], "end": [8, 0], "center": [4, 0], "turn": "ccw"},
         {"type": "arc", "start": [8, 0], "end": [16, 0], "center": [12, 0], "turn": "ccw"},
     ],
-}  # fmt: skip
+}
 
 
 def worn(name, parameters, lost_motion=None, axis="X"):
@@ -51,9 +56,14 @@ def worn(name, parameters, lost_motion=None, axis="X"):
 def oval(tmp_path, machine):
     """An ellipse-like path whose X turns back at 0 and 16 mm."""
     path = tmp_path / "ring.json"
-    ring = {**ARCH, "name": "ring", "closed": True, "segments": [
-        {"type": "arc", "start": [8, -8], "end": [8, -8], "center": [8, 0], "turn": "ccw"},
-    ]}  # fmt: skip
+    ring = {
+        **ARCH,
+        "name": "ring",
+        "closed": True,
+        "segments": [
+            {"type": "arc", "start": [8, -8], "end": [8, -8], "center": [8, 0], "turn": "ccw"},
+        ],
+    }
     path.write_text(json.dumps(ring))
     return analyse(read_path(str(path)), machine, 5e-6)
 
@@ -64,7 +74,7 @@ def test_the_gap_of_a_place():
     here = axis_at(axis, 0.01)
     assert here.gap.lost_motion == pytest.approx(50e-6)
     assert here.effects == ()
-    assert not varies(here)
+    assert not backlash_varies(here)
     plain = read_machine("mill").axes["X"]
     assert axis_at(plain, 0.01) is plain
 
@@ -76,8 +86,8 @@ def test_the_motor_s_angle_goes_with_the_gap():
 
 def test_a_bump_is_a_gap_where_the_file_has_none():
     axis = worn("router", BUMP, lost_motion=0.0).axes["X"]
-    assert has_gap(axis)
-    assert not has_gap(with_gap(axis, 0.0))
+    assert has_backlash(axis)
+    assert not has_backlash(with_gap(axis, 0.0))
 
 
 @pytest.mark.parametrize(("name", "gaps"), [("mill", {30e-6, 62e-6}), ("router", {136e-6})])
@@ -85,9 +95,7 @@ def test_inside_a_loop_each_reversal_has_its_gap_behind_it_all_have_the_mean(tmp
     machine = worn(name, SLOPE)
     analysis = oval(tmp_path, machine)
     sized = sized_machine(machine, analysis.turning_points)
-    found = [
-        axis.gap.lost_motion for axis, _ in reversing(sized, analysis.turning_points) if axis.name == "X"
-    ]
+    found = [axis.gap.lost_motion for axis, _ in reversing_axes(sized, analysis.turning_points) if axis.name == "X"]
     assert sorted(set(np.round(found, 12))) == pytest.approx(sorted(gaps))
 
 
@@ -98,9 +106,7 @@ def test_inspect_tells_the_interval_of_the_place_s_own_gap(tmp_path):
     compared = 0
     for point, found, at_0, at_16 in rows:
         if point.axis == "X":
-            assert found.duration == pytest.approx(
-                (at_0 if point.position < 0.01 else at_16).duration, rel=1e-6
-            )
+            assert found.duration == pytest.approx((at_0 if point.position < 0.01 else at_16).duration, rel=1e-6)
             compared += 1
     assert compared == 2
 
@@ -160,7 +166,7 @@ def test_a_trial_knows_what_the_simulation_knows(tmp_path, effect):
     axes = {name: replace(axis, effects=(effect,)) for name, axis in machine.axes.items()}
     machine = replace(machine, axes=axes)
     analysis = oval(tmp_path, machine)
-    task = Draft(analysis, machine, PlanOptions(start="moving")).task
+    task = Planner(analysis, machine, PlanOptions(start="moving")).task
     nominal, scenario = Nominal(analysis.track), Scenario(pickup="standstill")
     tried = 0
     for place in find_surroundings(analysis, task.feed, task.looped):

@@ -11,15 +11,13 @@ import sys
 import pytest
 
 from ph_post.drive.effects.registry import CATALOGUE, effect_names, known_names
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.io.machinefile import read_machine
 
 HEAD = '[controller]\ndialect = "grbl"\nservo_period_ms = 2.0\n'
 LIMITS = "max_velocity_mm_s = 500\nmax_acceleration_mm_s2 = 5000\nmax_jerk_mm_s3 = 100000\n"
 SERVO = "b = 0.0005\nc = 0.005\n"
-DRIVE = (
-    "gear_ratio = 25.0\ntravel_per_rad_mm = 1000.0\ninertia_fraction = 0.35\nmotor_time_constant_s = 2.0\n"
-)
+DRIVE = "gear_ratio = 25.0\ntravel_per_rad_mm = 1000.0\ninertia_fraction = 0.35\nmotor_time_constant_s = 2.0\n"
 GAP = "backlash_motor_rad = 0.125\n"
 PHYSICAL = "J = 2e-4\nB = 2e-3\nk_p = 10.0\nk_a = 2.0\nk_t = 0.5\n"
 
@@ -101,9 +99,7 @@ def test_what_may_be_left_out_has_its_default(read):
 
 def test_a_machine_without_a_name_has_its_files(tmp_path):
     file = tmp_path / "lathe.toml"
-    file.write_text(
-        f'{HEAD}[axes.X]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0\n{LIMITS}', encoding="utf-8"
-    )
+    file.write_text(f'{HEAD}[axes.X]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0\n{LIMITS}', encoding="utf-8")
     assert read_machine(file).name == "lathe"
 
 
@@ -203,9 +199,7 @@ def test_every_effect_that_acts_is_known():
 def test_an_effect_keeps_the_keys_and_numbers_of_the_file(read):
     tail = '[[axes.X.effects]]\nname = "coulomb_friction"\nforce_n = 20\n'
     axis = read(SERVO, DRIVE, GAP, "servo_stiffness_n_per_mm = 500\n", tail=tail)
-    assert [(effect.name, effect.parameters) for effect in axis.effects] == [
-        ("coulomb_friction", {"force_n": 20})
-    ]
+    assert [(effect.name, effect.parameters) for effect in axis.effects] == [("coulomb_friction", {"force_n": 20})]
 
 
 def test_an_effect_may_be_given_in_two_ways_that_agree(read):

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, axis
 
-from ph_post.drive.gap import gap_constant, motor_motion
+from ph_post.drive.backlash import gap_constant, modulated_interval, motor_motion
 from ph_post.drive.harmonic import open_gap
-from ph_post.drive.modulated import modulated_interval
 from ph_post.types import Gap, Servo
 
 Motion = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -121,9 +120,7 @@ def test_stiff_motor() -> None:
 
 
 def test_words_where_there_is_no_interval() -> None:
-    interval, note = modulated_interval(
-        axis(gap=Gap(lost_motion=1e-4), feedback="motor"), constant(1.0), 0.0, 1.0
-    )
+    interval, note = modulated_interval(axis(gap=Gap(lost_motion=1e-4), feedback="motor"), constant(1.0), 0.0, 1.0)
     assert interval is None
     assert "outside" in note
     interval, note = modulated_interval(axis(), constant(1e-9), 0.0, 0.1)

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from support.motions import MM, assert_continuous, circle, look, make_machine, make_path, worst_use
 
-from ph_post.compensate.limits import check_command
-from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
-from ph_post.compensate.sample import place_and_feed, sample
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial
+from ph_post.compensate.motion import place_and_feed, sample
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.violations import check_command
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.nurbs import Nurbs
+from ph_post.geometry.ph import PH
 from ph_post.types import Plan
 
 PLAIN = PlanOptions(strategy="none")
@@ -31,18 +34,12 @@ def feed_at(plan: Plan, s: float) -> float:
     low, high = 0.0, cycle_time(plan.phases)
     for _ in range(100):
         middle = 0.5 * (low + high)
-        low, high = (
-            (middle, high) if place_and_feed(plan.phases, np.array([middle]))[0][0] < s else (low, middle)
-        )
+        low, high = (middle, high) if place_and_feed(plan.phases, np.array([middle]))[0][0] < s else (low, middle)
     return float(place_and_feed(plan.phases, np.array([low]))[1][0])
 
 
-@pytest.mark.parametrize(
-    ("length", "acceleration", "jerk"), [(0.05, 5.0, 100.0), (0.05, 0.2, 100.0), (0.05, 0.5, 1.0)]
-)
-def test_a_line_from_rest_to_rest_takes_the_least_time(
-    length: float, acceleration: float, jerk: float
-) -> None:
+@pytest.mark.parametrize(("length", "acceleration", "jerk"), [(0.05, 5.0, 100.0), (0.05, 0.2, 100.0), (0.05, 0.5, 1.0)])
+def test_a_line_from_rest_to_rest_takes_the_least_time(length: float, acceleration: float, jerk: float) -> None:
     # A ramp of duration T takes v T / 2: in all D / v + T, T = 2 √(v / j), or v / a + a / j with a reached.
     plan = plan_for(line(length), make_machine(acceleration=acceleration, jerk=jerk))
 
@@ -166,9 +163,7 @@ def test_cusps_and_near_cusps(d: float) -> None:
 
 def test_control_points_that_coincide_at_an_end_do_not_stop_a_straight_line() -> None:
     # Drawing programs write lines as cubics with coincident ends; the parametric speed vanishes there.
-    curves = [
-        Bezier([(k * 0.006, k * 0.008)] * 2 + [((k + 1) * 0.006, (k + 1) * 0.008)] * 2) for k in range(3)
-    ]
+    curves = [Bezier([(k * 0.006, k * 0.008)] * 2 + [((k + 1) * 0.006, (k + 1) * 0.008)] * 2) for k in range(3)]
     plan = plan_for(make_path(curves), make_machine())
     assert feed_at(plan, 0.01) == pytest.approx(0.02, rel=1e-9)
     straight = plan_for(make_path([Line([(0.0, 0.0), (0.018, 0.024)])]), make_machine())

@@ -12,8 +12,9 @@ from support.reference_drive import Drive
 from support.reference_machine import simulate_axis
 
 from ph_post.compensate.offsets import command_of, pushed, travelled
-from ph_post.compensate.plan import PlanOptions, make_plan
-from ph_post.geometry.curves import PH
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
 from ph_post.types import Command, Crossing, Path, Servo
 
@@ -42,9 +43,13 @@ def largest_error(command: Command, servo: Servo, begin: list) -> float:
         drive = Drive(b=servo.b, c=servo.c, gap=0.0, ki=servo.ki_over_kp, kd=servo.kd_over_kp)
         held = servo.b * acceleration + servo.c * speed
         motion = simulate_axis(
-            drive, command.position[:, number], command.period, position=path[0, number], speed=speed,
+            drive,
+            command.position[:, number],
+            command.period,
+            position=path[0, number],
+            speed=speed,
             integral=held / servo.ki_over_kp if servo.ki_over_kp else 0.0,
-        )  # fmt: skip
+        )
         executed[:, number] = motion.table
     return float(np.linalg.norm(executed - path, axis=1).max())
 

@@ -10,10 +10,11 @@ import pytest
 from numpy.polynomial import Polynomial as Power
 from numpy.polynomial import chebyshev, legendre
 
-from ph_post.geometry.curves import Arc, Bezier, Line, PiecewiseCurve, Polynomial
+from ph_post.analysis.osculating import circles_at, deviation, estimate_half_length, find_windows
+from ph_post.analysis.turning_points import find_turning_points
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.piecewise import PiecewiseCurve
 from ph_post.geometry.track import Track
-from ph_post.osculating import circles_at, deviation, estimate_half_length, find_windows
-from ph_post.turning import find_turning_points
 from ph_post.types import Array, TurningPoint, Window
 from ph_post.units import MM
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ph_post.geometry.outward import CLOSE, first_crossings
+from ph_post.geometry.first_crossings import CLOSE, first_crossings
 from ph_post.types import Array, IntArray
 
 
@@ -65,9 +65,7 @@ def test_the_first_of_several_crossings_counts(height: float, place: float) -> N
 
 
 def test_a_jump_is_met_where_it_is() -> None:
-    extent, crossed = first_crossings(
-        lambda _, t: np.where(t > 0.3, 2.0, t**3), np.array([1.0]), np.array([0.9]), 1.0
-    )
+    extent, crossed = first_crossings(lambda _, t: np.where(t > 0.3, 2.0, t**3), np.array([1.0]), np.array([0.9]), 1.0)
     assert crossed.tolist() == [True]
     assert extent[0] == pytest.approx(0.3, rel=1e-12)
     assert extent[0] <= 0.3

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
+from ph_post.compensate.comparison import cost_of, slowest_feed
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.pace import pace_of, slowest_feed
 from ph_post.compensate.plan import make_plan
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import or_shipped
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import or_shipped
 
 CUTTING = np.ones(9, dtype=np.bool_)
 
@@ -43,7 +43,7 @@ def test_slowest_feed_leaves_out_what_is_no_cut():
 def planned(path, machine, **options):
     analysis = analyse(read_path(or_shipped("paths", path)), read_machine(machine), 5e-6)
     plan = make_plan(analysis, PlanOptions(**options))
-    return pace_of(plan, command_of(plan, analysis.track, plan.machine.servo_period), analysis.track)
+    return cost_of(plan, command_of(plan, analysis.track, plan.machine.servo_period), analysis.track)
 
 
 def test_the_circle_at_constant_feed():

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.io.pathfile import read_path
+from ph_post.files.path import read_path
 
 UNITS = {"mm": Fraction(1, 1000), "m": Fraction(1), "inch": Fraction(254, 10000)}
 
@@ -86,9 +86,7 @@ def test_every_number_is_rounded_once(read, units):
 
 
 def test_the_feed_is_rounded_once(read):
-    assert read(text([LINE], feed=0.1, units="inch")).feed == float(
-        Fraction(1, 10) * Fraction(254, 10000) / 60
-    )
+    assert read(text([LINE], feed=0.1, units="inch")).feed == float(Fraction(1, 10) * Fraction(254, 10000) / 60)
 
 
 def test_rational_strings(read):
@@ -110,9 +108,7 @@ def test_arcs(read):
     arc = {"type": "arc", "start": [10, 0], "end": [0, 10], "center": [0, 0]}
     quarter = curve_of(read(text([{**arc, "turn": "ccw"}])))
     assert quarter.length == pytest.approx(0.01 * math.pi / 2, rel=1e-15)
-    assert curve_of(read(text([{**arc, "turn": "cw"}]))).length == pytest.approx(
-        0.03 * math.pi / 2, rel=1e-15
-    )
+    assert curve_of(read(text([{**arc, "turn": "cw"}]))).length == pytest.approx(0.03 * math.pi / 2, rel=1e-15)
     full = curve_of(read(text([{**arc, "end": [10, 0], "turn": "cw"}], closed=True)))
     assert full.length == pytest.approx(0.01 * math.tau, rel=1e-15)
     assert full.exact == ((10, 0), (10, 0), (0, 0))
@@ -195,9 +191,7 @@ def test_nurbs(read):
 def test_joints_may_differ_by_less_than_the_tolerance(read):
     on = {"type": "line", "points": [[10.0000007, 5.0000007], [20, 5]]}
     assert len(read(text([LINE, on])).segments) == 2
-    with pytest.raises(
-        InputError, match=r"segments\[1\]\.points\[0\]: gap of 1\.1e-06 mm after segments\[0\]"
-    ):
+    with pytest.raises(InputError, match=r"segments\[1\]\.points\[0\]: gap of 1\.1e-06 mm after segments\[0\]"):
         read(text([LINE, {"type": "line", "points": [[10.0000011, 5], [20, 5]]}]))
 
 

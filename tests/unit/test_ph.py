@@ -9,9 +9,8 @@ import pytest
 import sympy
 
 from ph_post.errors import InputError
-from ph_post.geometry import fractional
-from ph_post.geometry.curves import PH, ph_hermite
-from ph_post.geometry.ph import absolute_rotation
+from ph_post.geometry import exact_polynomials
+from ph_post.geometry.ph import PH, absolute_rotation, ph_hermite
 
 EPS = np.finfo(float).eps
 T = sympy.Symbol("t")
@@ -26,10 +25,7 @@ def rational_preimage(degree, components):
 def symbolic(coefficients):
     """The polynomial with these Bernstein coefficients."""
     n = len(coefficients) - 1
-    terms = [
-        sympy.Rational(c) * sympy.binomial(n, k) * T**k * (1 - T) ** (n - k)
-        for k, c in enumerate(coefficients)
-    ]
+    terms = [sympy.Rational(c) * sympy.binomial(n, k) * T**k * (1 - T) ** (n - k) for k, c in enumerate(coefficients)]
     return sympy.expand(sympy.Add(*terms))
 
 
@@ -83,9 +79,9 @@ def test_arc_length_is_the_exact_polynomial(degree, components):
 def test_a_preimage_of_high_degree_keeps_its_digits():
     preimage = np.random.default_rng(3).normal(size=(21, 2))
     curve = PH([0, 0], preimage)
-    parts = fractional.rows(preimage.T)
-    speed = fractional.combine(*((1, fractional.product(part, part)) for part in parts))
-    integral = fractional.integrate(speed, Fraction(0))
+    parts = exact_polynomials.rows(preimage.T)
+    speed = exact_polynomials.combine(*((1, exact_polynomials.product(part, part)) for part in parts))
+    integral = exact_polynomials.integrate(speed, Fraction(0))
     for xi in (0.05, 0.5, 0.93):
         rest = list(integral)
         while len(rest) > 1:

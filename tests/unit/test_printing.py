@@ -11,17 +11,17 @@ from msgspec.structs import replace
 from support.firmware import travel
 from support.splicing import ENOUGH, compensate
 
-from ph_post.audit.verify import verify
 from ph_post.cli.main import main
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.header import declared_language
+from ph_post.edit.undo import undo
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import PartProgram
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.splice.header import declared_language
-from ph_post.gcode.splice.undo import undo
-from ph_post.io.machinefile import read_machine
+from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import read_program
 from ph_post.types import Machine
 from ph_post.units import MM
+from ph_post.verify.verify import verify
 
 ROOT = Path(__file__).resolve().parents[1]
 SLICED = sorted((ROOT / "slicers").glob("*.gcode"))
@@ -202,9 +202,7 @@ def test_an_extruding_arc_is_not_divided(words: str, stops: bool) -> None:
 @pytest.mark.parametrize("instead", ["\n", "\nM425 F1\n", "\nM425 F0\nM425 F0\n", "\nG1 X9 F600\n"])
 def test_the_command_that_was_added_is_verified(instead: str) -> None:
     found = compensate(SLICED[0].read_bytes(), printer(), dialect="marlin")
-    assert verify(
-        found.program, read_program(found.text, "a", language=found.program.language), tolerance=5e-6
-    ).ok
+    assert verify(found.program, read_program(found.text, "a", language=found.program.language), tolerance=5e-6).ok
     text = found.text.replace(b"\nM425 F0\n", instead.encode(), 1)
     after = read_program(text, "a", language=found.program.language)
     assert not verify(found.program, after, tolerance=5e-6).ok

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from support.tape import Tape
 
+from ph_post.analysis.turning_points import certify, find_turning_points
+from ph_post.edit.windows import divide
 from ph_post.errors import InputError
-from ph_post.gcode.paths.build import left_out, main_path, paths_of
-from ph_post.gcode.paths.parts import divide
-from ph_post.gcode.paths.record import ProgramPath
+from ph_post.gcode.paths import ProgramPath, left_out, main_path, paths_of
 from ph_post.geometry.track import Track
-from ph_post.turning import certify, find_turning_points
 from ph_post.types import Array
 
 MM = 1e-3
@@ -29,9 +28,7 @@ def reversals(path: ProgramPath) -> list[tuple[str, str, int, float]]:
     """Axis, sense, motion and share of every turning point."""
     points = find_turning_points(Track(path.path))
     motion, share = path.to_motions(np.array([point.s for point in points]))
-    return [
-        (p.axis, p.sense, int(m), round(float(u), 6)) for p, m, u in zip(points, motion, share, strict=True)
-    ]
+    return [(p.axis, p.sense, int(m), round(float(u), 6)) for p, m, u in zip(points, motion, share, strict=True)]
 
 
 def place(path: ProgramPath, s: Any) -> Array:
@@ -63,9 +60,7 @@ def test_two_turns_are_two_circles() -> None:
     assert kinds(path) == ["arc", "arc"]
     assert path.s[-1] == pytest.approx(5.0 * MM * 2.5 * np.pi, rel=1e-14)
     assert path.motion.tolist() == [0]
-    assert place(path, path.to_path(np.array([0]), np.array([0.2]))) == pytest.approx(
-        np.array([[0.0, 5.0]]), abs=1e-12
-    )
+    assert place(path, path.to_path(np.array([0]), np.array([0.2]))) == pytest.approx(np.array([[0.0, 5.0]]), abs=1e-12)
 
 
 def test_an_arc_in_the_zx_plane_turns_from_z_to_x() -> None:
@@ -175,9 +170,7 @@ def test_feeds_are_by_segment_and_do_not_break_the_curve() -> None:
     path = path_of(tape)
     feeds = [segment.feed for segment in path.path.segments]
     assert sorted(set(feeds)) == pytest.approx([0.01, 0.02])
-    assert place(path, path.to_path(np.array([20]), np.array([0.0]))) == pytest.approx(
-        points[20:21, :2], abs=2e-3
-    )
+    assert place(path, path.to_path(np.array([20]), np.array([0.0]))) == pytest.approx(points[20:21, :2], abs=2e-3)
 
 
 def test_inverse_time_becomes_feed() -> None:

@@ -7,12 +7,13 @@ import pytest
 from msgspec.structs import replace
 from support.motions import circle, look, make_machine
 
-from ph_post.analysis import Analysis
+from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import profile, shapes
 from ph_post.compensate.offsets import command_of
-from ph_post.compensate.plan import Draft, PlanOptions, make_plan
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import Planner, make_plan
 from ph_post.compensate.prove import prove
-from ph_post.compensate.strategies.base import Proposal, Wish
+from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.simulate.machine import simulate
 from ph_post.types import Crossing, Gap, Machine, Phase, Plan, Scenario, Servo
 
@@ -26,19 +27,19 @@ def stepper(**limits: float) -> Machine:
     return make_machine(feedback="none", servo=Servo(b=0.0, c=0.0), gap=gap, **limits)
 
 
-def draft_of(machine: Machine) -> tuple[Analysis, Draft]:
+def draft_of(machine: Machine) -> tuple[Analysis, Planner]:
     analysis = look(circle(RADIUS, FEED), machine)
-    return analysis, Draft(analysis, machine, PlanOptions(strategy="takeup", max_slowdown=0.5))
+    return analysis, Planner(analysis, machine, PlanOptions(strategy="takeup", max_slowdown=0.5))
 
 
-def stop_and_cross(axis: str, travel: float) -> Wish:
+def stop_and_cross(axis: str, travel: float) -> ProfileRequest:
     shape = profile.plateau(0.08, 0.06, 0.08, 0.0, order=3)
     crossing = Crossing(axis=axis, start=-0.025, duration=0.05, travel=travel)
     turn = shapes.share_of_way(shape, 0.5)
-    return Wish(shape=shape, t_star=0.11, turn=turn, may_leave=True, crossings=(crossing,))
+    return ProfileRequest(shape=shape, t_star=0.11, turn=turn, may_leave=True, crossings=(crossing,))
 
 
-def good(analysis: Analysis) -> list[Wish]:
+def good(analysis: Analysis) -> list[ProfileRequest]:
     """Stop at every turning point, and cross the gap the way the axis goes on."""
     wishes = []
     for window in analysis.windows:
@@ -54,9 +55,9 @@ def error(plan: Plan, analysis: Analysis, machine: Machine) -> float:
     return float(np.abs(np.hypot(*executed.T) - RADIUS).max())
 
 
-def proven(draft: Draft, wishes: list[Wish]) -> tuple[Plan, Plan]:
+def proven(draft: Planner, wishes: list[ProfileRequest]) -> tuple[Plan, Plan]:
     """The plan as proposed, and what the proof leaves of it."""
-    proposal = Proposal(wishes=tuple(wishes), proven=True)
+    proposal = StrategyResult(wishes=tuple(wishes), proven=True)
     plan = draft.plan("takeup", proposal)
     return plan, prove(plan, proposal, draft)
 
@@ -99,10 +100,10 @@ def test_a_jolt_to_a_loop_over_the_table_is_given_up() -> None:
     """A jolt inside the loop moves the table away."""
     machine = make_machine()
     analysis, draft = draft_of(machine)
-    wishes = [Wish(shape=None) for _ in analysis.windows]
+    wishes = [ProfileRequest(shape=None) for _ in analysis.windows]
     shape = profile.plateau(0.08, 0.06, 0.08, 0.0, order=3)
     jolt = Crossing(axis="X", start=0.0, duration=0.05, travel=0.0, push=5e-4, push_duration=0.1)
-    wishes[2] = Wish(shape=shape, t_star=0.11, may_leave=True, crossings=(jolt,))
+    wishes[2] = ProfileRequest(shape=shape, t_star=0.11, may_leave=True, crossings=(jolt,))
     _, kept = proven(draft, wishes)
     assert kept.profiles == (None,) * len(wishes)
     assert not kept.crossings

@@ -13,14 +13,13 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 from support.engine_cases import make_axis, make_machine
 
-from ph_post.diagnose.grid import find_quantum
-from ph_post.diagnose.quality import examine
-from ph_post.diagnose.record import Quality
-from ph_post.diagnose.repeats import find_repeats
-from ph_post.diagnose.response import linear_response
-from ph_post.diagnose.structure import is_structured
-from ph_post.diagnose.where import locate
+from ph_post.diagnose.residual_features import is_structured
+from ph_post.diagnose.residual_places import locate
+from ph_post.identify.linear_drive import linear_response
+from ph_post.identify.log_quality import examine, find_quantum
+from ph_post.identify.noise import find_repeats
 from ph_post.types import AxisLog, Log, Machine, Servo
+from ph_post.types.diagnosis import LogQuality
 from tests.support.measured import EMPS, needs_emps
 
 Array = NDArray[np.float64]
@@ -68,7 +67,7 @@ def white(n: int, size: float, seed: int = 2) -> Array:
     return size * np.random.default_rng(seed).standard_normal(n)
 
 
-def only(quality: Quality) -> tuple[float, float, str]:
+def only(quality: LogQuality) -> tuple[float, float, str]:
     (channel,) = quality.channels
     return channel.resolution, channel.noise, channel.noise_from
 
@@ -310,8 +309,7 @@ def test_a_slow_recorder_sees_nothing_of_a_fast_servo() -> None:
     command = sweeps(100.0, period=0.1)
     (fault,) = faults(record(command, command, period=0.1))
     assert fault == (
-        "samples are 100 ms apart; the servo of X answers within 21.9 ms and its motion between samples is "
-        "not seen"
+        "samples are 100 ms apart; the servo of X answers within 21.9 ms and its motion between samples is not seen"
     )
 
 
@@ -356,9 +354,11 @@ def test_the_measured_drive() -> None:
     data = matlab.loadmat(str(EMPS))
     t, command, motor, volts = (np.ravel(data[key]).astype(np.float64) for key in ("t", "qg", "qm", "vir"))
     log = Log(
-        name="emps", t=t, period=PERIOD,
+        name="emps",
+        t=t,
+        period=PERIOD,
         axes={"X": AxisLog(command=command, motor=motor, effort=35.15 * volts)},
-    )  # fmt: skip
+    )
     drive = make_machine([make_axis("motor", 95.1 / 1.3707e6, 6.39e-3, 0.0)], PERIOD)
     quality = examine(log, drive)
     position, force = quality.channels

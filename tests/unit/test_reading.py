@@ -13,10 +13,9 @@ from support.engine_cases import PERIOD, SOFT, effect, make_axis, make_command, 
 from support.engine_cases import WAVES as X
 
 from ph_post.cli.job import effect_warnings
-from ph_post.drive.effects import plant_of, still
-from ph_post.drive.plant import Plant, Reading
-from ph_post.drive.reading import read_table
-from ph_post.simulate.machine import run_plant, simulate, trace_of
+from ph_post.drive.effects import plant_of, unmoved_axes
+from ph_post.drive.plant import Plant, TableReading, read_table
+from ph_post.simulate.machine import axis_command, run_plant, simulate
 from ph_post.types import EffectSetting, Feedback, Run, Scenario
 
 CYCLE = effect("cyclic_error", amplitude_mm=0.003, period_mm=2.5, phase_deg=30.0)
@@ -117,8 +116,8 @@ def test_a_late_reading_is_read_late() -> None:
 def test_a_plant_runs_without_its_reading() -> None:
     command = make_command(X[:, None], PERIOD)
     plant = plant_of(make_axis("load", **SOFT, effects=ALL), Scenario())
-    assert plant.reading != Reading()
-    table = run_plant(trace_of(command, 0), plant, 1, PERIOD)[0]
+    assert plant.reading != TableReading()
+    table = run_plant(axis_command(command, 0), plant, 1, PERIOD)[0]
     assert np.array_equal(table, plain().executed[:, 0])
 
 
@@ -126,7 +125,7 @@ def test_an_axis_that_nothing_moves_counts_as_zero_and_is_told() -> None:
     axis = make_axis("load", **SOFT, effects=[SQUARE])
     alone = simulate(make_command(X[:, None], PERIOD), make_machine([axis], PERIOD))
     assert np.array_equal(alone.executed[:, 0], plain().executed[:, 0])
-    assert still(axis, ("X",)) == ("Y",)
+    assert unmoved_axes(axis, ("X",)) == ("Y",)
     machine = make_machine([axis, make_axis("load", **SOFT, name="Y")], PERIOD)
     said = "axis X: its squareness to Y does not show, because nothing moves Y"
     assert effect_warnings(machine, ("X",)) == [said]

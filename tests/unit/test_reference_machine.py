@@ -95,16 +95,24 @@ def test_contact_is_the_limit_of_a_stiff_mesh() -> None:
     def rate(t: float, y: np.ndarray) -> list[float]:
         u, T = 0.01 * math.sin(8.0 * t) - y[0], force(y)
         return [
-            y[1], (T - (d.c - d.eta * d.beta * d.b) * y[1]) / table,
-            y[3], (u - T) / motor - d.beta * y[3],
-        ]  # fmt: skip
+            y[1],
+            (T - (d.c - d.eta * d.beta * d.b) * y[1]) / table,
+            y[3],
+            (u - T) / motor - d.beta * y[3],
+        ]
 
     period, end = 1e-3, 0.4
     t = period * np.arange(round(end / period) + 1)
     stiff_run = solve_ivp(
-        rate, (0.0, end), [0.0, 0.0, 0.5 * d.gap, 0.0], method="LSODA", t_eval=t, rtol=1e-9, atol=1e-12,
+        rate,
+        (0.0, end),
+        [0.0, 0.0, 0.5 * d.gap, 0.0],
+        method="LSODA",
+        t_eval=t,
+        rtol=1e-9,
+        atol=1e-12,
         max_step=2e-4,
-    )  # fmt: skip
+    )
     run = simulate_axis(d, 0.01 * np.sin(8.0 * t), period)
     assert [event.kind for event in run.events] == ["opens", "picks up"]
     # The mesh yields by u / stiff, 1e-8 m, and takes damp / stiff = 0.5 ms to do so.
@@ -137,9 +145,7 @@ def test_motor_that_turns_back_meets_the_old_flank() -> None:
 
 def test_momentum_starts_with_the_motors_part() -> None:
     """v = η w after a plastic pick-up: table speed just after, motor speed just before."""
-    still, kept = (
-        swing(2e-3, 3.2, Drive.from_constants(**PAPER, rule=rule)) for rule in ("standstill", "momentum")
-    )
+    still, kept = (swing(2e-3, 3.2, Drive.from_constants(**PAPER, rule=rule)) for rule in ("standstill", "momentum"))
     assert still.events[1] == kept.events[1]
     k = math.floor(kept.events[1].t / 2e-3)
     w = (kept.motor[k] - kept.motor[k - 1]) / 2e-3

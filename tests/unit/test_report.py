@@ -9,8 +9,8 @@ import pytest
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.io.shipped import shipped_names
-from ph_post.report.thinning import rows_to_draw
+from ph_post.files.storage import shipped_names
+from ph_post.report.page import rows_to_draw
 
 SUPPRESS = ("--strategy", "suppress")
 WORN = Path(__file__).resolve().parents[2] / "samples" / "logs" / "worn_router.csv"
@@ -119,12 +119,14 @@ def test_what_does_not_go_together_is_refused_in_words(tmp_path, monkeypatch, ca
 @pytest.mark.parametrize(
     "command",
     [
-        ("inspect", "oval"), ("inspect", "oval", "-m", "mill"),
+        ("inspect", "oval"),
+        ("inspect", "oval", "-m", "mill"),
         ("convert", "oval", "-m", "mill", *SUPPRESS, "-o", "oval.ngc", "--no-simulation"),
         ("sweep", "-m", "mill", "--beta", "1,2", "--gain", "1e7,2e7,3e7", "-o", "mill.json"),
-        ("diff", "a.ngc", "b.ngc"), ("report", "a.ngc", "b.ngc"),
+        ("diff", "a.ngc", "b.ngc"),
+        ("report", "a.ngc", "b.ngc"),
     ],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_commands_draw_in_the_format_of_the_ending(tmp_path, monkeypatch, capsys, command, ending):
     monkeypatch.chdir(tmp_path)
@@ -172,8 +174,8 @@ def test_identify_draws_what_is_left_of_the_record(tmp_path, capsys):
 def test_what_is_thinned_keeps_what_the_table_tells_and_says_so(tmp_path, monkeypatch):
     page, whole = tmp_path / "thin.html", tmp_path / "whole.html"
     assert main(["report", "oval", "-m", "mill", *SUPPRESS, "-o", str(whole)]) == 0
-    monkeypatch.setattr("ph_post.report.motionpage.ROWS", 300)
-    monkeypatch.setattr("ph_post.report.motionpage.MARKS", 2)
+    monkeypatch.setattr("ph_post.report.motion_page.ROWS", 300)
+    monkeypatch.setattr("ph_post.report.motion_page.MARKS", 2)
     assert main(["report", "oval", "-m", "mill", *SUPPRESS, "-o", str(page)]) == 0
     data, known = data_of(page.read_text(encoding="utf-8")), data_of(whole.read_text(encoding="utf-8"))
     worst = sorted(known["points"], key=lambda point: -max(point["errors"]))[:2]

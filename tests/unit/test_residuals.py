@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 from support.diagnoses import trail
 
-from ph_post.report.residuals import by_position, envelope, reversals, root_mean_square, since_reversal
+from ph_post.report.diagnosis_page import by_position, envelope, reversals, root_mean_square, since_reversal
 
 
 def test_a_peak_of_one_sample_stays_in_the_envelope():

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from support.motions import circle, look, make_machine, make_path
 
-from ph_post.compensate.motion import Motion
-from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
-from ph_post.compensate.sample import place_and_feed, sample
-from ph_post.geometry.curves import PH, Bezier, Line
+from ph_post.compensate.motion import MotionLaw, place_and_feed, sample
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.geometry.curves import Bezier, Line
+from ph_post.geometry.ph import PH
 from ph_post.types import Command, Phase, Plan, frozen
 
 EPS = 2.0**-52
@@ -143,7 +144,7 @@ def test_place_and_feed_of_mixed_phases() -> None:
 
 def test_phases_survive_the_way_through_a_motion() -> None:
     _, plan = sampled(circle(0.05, feed=0.05))
-    again = Motion.from_phases(plan.phases).phases()
+    again = MotionLaw.from_phases(plan.phases).phases()
     for one, other in zip(plan.phases, again, strict=True):
         assert (one.duration, one.s, one.window) == (other.duration, other.s, other.window)
         assert one.start == pytest.approx(other.start, rel=1e-15)

@@ -4,7 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from ph_post.compensate import scurve
+from ph_post.compensate import speed_ramps
 
 EPS = 2.0**-52
 
@@ -19,25 +19,23 @@ def cases(count: int = 200) -> tuple[np.ndarray, ...]:
 def integrate(durations: np.ndarray, speeds: np.ndarray) -> mp.mpf:
     """Path of phases: the mean of the Bernstein coefficients times the duration, in 30 digits."""
     with mp.workdps(30):
-        return mp.fsum(
-            mp.mpf(float(t)) * mp.fsum(map(float, v)) / 3 for t, v in zip(durations, speeds, strict=True)
-        )
+        return mp.fsum(mp.mpf(float(t)) * mp.fsum(map(float, v)) / 3 for t, v in zip(durations, speeds, strict=True))
 
 
 def test_a_ramp_takes_the_least_time_that_its_limits_allow() -> None:
     # Pontryagin: full jerk up, full acceleration, full jerk down; 2 √(Δv / j) without the middle part.
-    assert scurve.ramp_time(np.array(0.0), np.array(1.0), np.array(10.0), np.array(4.0)) == 1.0
-    assert scurve.ramp_time(np.array(0.0), np.array(1.0), np.array(1.0), np.array(4.0)) == 1.25
+    assert speed_ramps.ramp_time(np.array(0.0), np.array(1.0), np.array(10.0), np.array(4.0)) == 1.0
+    assert speed_ramps.ramp_time(np.array(0.0), np.array(1.0), np.array(1.0), np.array(4.0)) == 1.25
 
 
 def test_phases_keep_the_limits_and_take_the_distance() -> None:
     v0, v1, a, j = cases()
     rng = np.random.default_rng(6)
-    distance = scurve.ramp_distance(v0, v1, a, j) * (1.0 + 10.0 ** rng.uniform(-9, 2, v0.size)) + 1e-6
+    distance = speed_ramps.ramp_distance(v0, v1, a, j) * (1.0 + 10.0 ** rng.uniform(-9, 2, v0.size)) + 1e-6
     ceiling = np.maximum(v0, v1) + 10.0 ** rng.uniform(-6, 1, v0.size)
-    peak = scurve.peak_speed(v0, v1, ceiling, distance, a, j)
+    peak = speed_ramps.peak_speed(v0, v1, ceiling, distance, a, j)
     assert np.all((peak >= np.maximum(v0, v1)) & (peak <= ceiling))
-    durations, speeds = scurve.curve_phases(v0, peak, v1, distance, a, j)
+    durations, speeds = speed_ramps.curve_phases(v0, peak, v1, distance, a, j)
     # Neighbouring phases meet in speed and acceleration; an end of zero acceleration is V0 = V1.
     np.testing.assert_allclose(speeds[:, 1:, 0], speeds[:, :-1, 2], rtol=0.0, atol=4 * EPS * ceiling.max())
     assert np.all(speeds[:, 0, 0] == v0)
@@ -57,9 +55,9 @@ def test_phases_keep_the_limits_and_take_the_distance() -> None:
 
 def test_the_peak_is_the_highest_that_fits() -> None:
     v0, v1, a, j = cases()
-    distance = scurve.ramp_distance(v0, v1, a, j) * 1.5 + 1e-5
-    peak = scurve.peak_speed(v0, v1, np.full(v0.size, 1e6), distance, a, j)
-    taken = scurve.ramp_distance(v0, peak, a, j) + scurve.ramp_distance(peak, v1, a, j)
+    distance = speed_ramps.ramp_distance(v0, v1, a, j) * 1.5 + 1e-5
+    peak = speed_ramps.peak_speed(v0, v1, np.full(v0.size, 1e6), distance, a, j)
+    taken = speed_ramps.ramp_distance(v0, peak, a, j) + speed_ramps.ramp_distance(peak, v1, a, j)
     assert np.all(np.abs(taken - distance) <= 1e-9 * distance)
 
 
@@ -78,19 +76,17 @@ def test_reachable_is_the_inverse_of_the_ramp(a: float, j: float, v: float, dist
         while left(high) < 0:
             high *= 2
         exact = V + mp.findroot(left, (mp.mpf(0), high), solver="anderson", tol=1e-60, maxsteps=400)
-    found = scurve.reachable(v, distance, a, j)
+    found = speed_ramps.reachable(v, distance, a, j)
     # The change of speed, not the speed, is what is given away by 1e-14.
     assert found <= float(exact) + EPS * v
     assert found == pytest.approx(float(exact), rel=4 * EPS, abs=3e-14 * float(exact - V))
 
 
-@pytest.mark.parametrize(
-    ("v0", "v1", "a", "j"), [(0.0, 1.0, 1.0, 4.0), (0.3, 0.9, 5.0, 2.0), (0.0, 1e-3, 1.0, 50.0)]
-)
+@pytest.mark.parametrize(("v0", "v1", "a", "j"), [(0.0, 1.0, 1.0, 4.0), (0.3, 0.9, 5.0, 2.0), (0.0, 1e-3, 1.0, 50.0)])
 def test_state_on_a_ramp_against_its_own_phases(v0: float, v1: float, a: float, j: float) -> None:
     one = np.ones(1)
-    length = scurve.ramp_distance(v0 * one, v1 * one, a * one, j * one)
-    durations, speeds = scurve.curve_phases(v0 * one, v1 * one, v1 * one, length, a * one, j * one)
+    length = speed_ramps.ramp_distance(v0 * one, v1 * one, a * one, j * one)
+    durations, speeds = speed_ramps.curve_phases(v0 * one, v1 * one, v1 * one, length, a * one, j * one)
     start = 0.0
     for time, (low, middle, high) in zip(durations[0][:3], speeds[0][:3], strict=True):
         for tau in (0.0, 0.3, 0.5, 0.9):
@@ -98,7 +94,7 @@ def test_state_on_a_ramp_against_its_own_phases(v0: float, v1: float, a: float, 
             speed = low + 2 * (middle - low) * tau + (low - 2 * middle + high) * tau**2
             slope = 2 * ((middle - low) + (low - 2 * middle + high) * tau) / time if time else 0.0
             if time:
-                found = scurve.state_on_ramp(v0 * one, v1 * one, (start + way) * one, a * one, j * one)
+                found = speed_ramps.state_on_ramp(v0 * one, v1 * one, (start + way) * one, a * one, j * one)
                 # From rest v ~ x^(2/3) and a ~ x^(1/3): a rounding of x shows more than once in them.
                 assert float(found[0][0]) == pytest.approx(speed, rel=1e-12, abs=1e-12 * v1)
                 assert float(found[1][0]) == pytest.approx(slope, rel=1e-7, abs=1e-7 * a)

@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.choose import allocate
-from ph_post.compensate.families import Case, Family
+from ph_post.compensate.families import DesignFamily, ReversalCase
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.search import Bounds, Found, Search
+from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign
 from ph_post.compensate.shapes import single
-from ph_post.compensate.surroundings import Surroundings
-from ph_post.compensate.trial import Design, Outcome
-from ph_post.gcode.paths.build import paths_of
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.compensate.trial import Design, Surroundings, TrialResult
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.paths import paths_of
+from ph_post.gcode.read import read_program
 
 PLAIN = np.array([1e-4, 1.5e-4, 0.8e-4])
 """Errors of the plain motion [m]: as the file has it, and in two other cases."""
@@ -29,8 +28,8 @@ PLACE = Surroundings(s=0.5, cruise=0.1, room=1.0, before=1.0, behind=1.0, flanks
 SHAPE = single([1.0, 1.0, 0.0, 1.0, 1.0])
 
 
-def case(budget: float = 0.2) -> Case:
-    return Case(place=PLACE, budget=budget, reversing=(), shortest={}, lead=False)
+def case(budget: float = 0.2) -> ReversalCase:
+    return ReversalCase(place=PLACE, budget=budget, reversing=(), shortest={}, lead=False)
 
 
 class Known:
@@ -39,7 +38,7 @@ class Known:
     def __init__(self, optimum: tuple[float, float], floor: float = 0.02, worse: float = 0.0) -> None:
         self.optimum, self.floor, self.worse = np.array(optimum), floor, worse
 
-    def run(self, design: Design) -> Outcome:
+    def run(self, design: Design) -> TrialResult:
         error = PLAIN.copy()
         if design.shape is not None:
             away = np.array([design.t_star, design.turn]) - self.optimum
@@ -48,20 +47,20 @@ class Known:
         return outcome(error, longer=0.0 if design.shape is None else design.t_star)
 
 
-def outcome(error: np.ndarray, longer: float = 0.1, use: float = 0.5, slowest: float = 0.02) -> Outcome:
-    return Outcome(error=error, rms=0.5 * error, use=use, longer=longer, slowest=slowest)
+def outcome(error: np.ndarray, longer: float = 0.1, use: float = 0.5, slowest: float = 0.02) -> TrialResult:
+    return TrialResult(error=error, rms=0.5 * error, use=use, longer=longer, slowest=slowest)
 
 
-def bowl() -> Family:
-    def make(x: np.ndarray, _case: Case) -> Design:
+def bowl() -> DesignFamily:
+    def make(x: np.ndarray, _case: ReversalCase) -> Design:
         return Design(shape=SHAPE, t_star=float(x[0]), turn=float(x[1]))
 
     low, high = np.array([0.01, 0.1]), np.array([1.0, 0.9])
-    return Family(name="bowl", low=low, high=high, seeds=(np.array([0.15, 0.5]),), make=make)
+    return DesignFamily(name="bowl", low=low, high=high, seeds=(np.array([0.15, 0.5]),), make=make)
 
 
-def search(trial: Any, budget: float = 0.2, nominal: int = 1, **bounds: Any) -> Search:
-    return Search(trial, case(budget), Bounds(**{"slowest": 0.0} | bounds), nominal)
+def search(trial: Any, budget: float = 0.2, nominal: int = 1, **bounds: Any) -> DesignSearch:
+    return DesignSearch(trial, case(budget), DesignBounds(**{"slowest": 0.0} | bounds), nominal)
 
 
 def test_a_search_finds_a_known_optimum() -> None:
@@ -91,11 +90,11 @@ def test_what_is_worse_in_any_case_is_no_candidate() -> None:
 )
 def test_what_breaks_a_bound_is_no_candidate(change: dict, bounds: dict) -> None:
     class Fixed:
-        def run(self, design: Design) -> Outcome:
+        def run(self, design: Design) -> TrialResult:
             return outcome(PLAIN) if design.shape is None else outcome(0.5 * PLAIN, **change)
 
     class Allowed:
-        def run(self, design: Design) -> Outcome:
+        def run(self, design: Design) -> TrialResult:
             return outcome(PLAIN) if design.shape is None else outcome(0.5 * PLAIN)
 
     assert search(Allowed()).look(bowl(), np.array([0.1, 0.5]), 0.2).allowed
@@ -124,12 +123,19 @@ def test_candidates_are_each_better_than_all_that_are_quicker() -> None:
     assert merit[-1] <= best / 0.97
 
 
-def found(longer: float, merit: float) -> Found:
+def found(longer: float, merit: float) -> TriedDesign:
     done = outcome(np.array([merit]), longer=longer)
-    return Found(
-        family=bowl(), x=np.zeros(2), budget=1.0, design=Design(), outcome=done, side=0.0, score=0.0,
-        merit=merit, allowed=True,
-    )  # fmt: skip
+    return TriedDesign(
+        family=bowl(),
+        x=np.zeros(2),
+        budget=1.0,
+        design=Design(),
+        outcome=done,
+        side=0.0,
+        score=0.0,
+        merit=merit,
+        allowed=True,
+    )
 
 
 def test_time_is_shared_out_as_well_as_by_trying_all_ways() -> None:
@@ -160,11 +166,11 @@ def test_where_nothing_helped_no_place_that_is_alike_is_searched(monkeypatch: py
     analysis = analyse(path.path, read_machine("mill"), 5e-6)
     searched: list[float] = []
 
-    def nothing(search: Search, *_: Any) -> list[Found]:
+    def nothing(search: DesignSearch, *_: Any) -> list[TriedDesign]:
         searched.append(search.case.place.room)
         return []
 
-    monkeypatch.setattr(Search, "explore", nothing)
+    monkeypatch.setattr(DesignSearch, "explore", nothing)
     make_plan(analysis, PlanOptions(strategy="takeup", carrier="program", effort=0.01))
     assert len(analysis.windows) >= 6
     # each place that is searched has more room than those before

@@ -8,14 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from ph_post.drive.servo import (
-    damping_case,
-    free_response,
-    is_stable,
-    propagate,
-    rates,
-    ringing,
-)
+from ph_post.drive.servo import damping_case, free_response, is_stable, propagate, rates, ringing
 from ph_post.types import Servo
 
 EPS = 2.0**-52

@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import betainc
 
 from ph_post.compensate import profile, shapes
-from ph_post.types import FeedProfile, Shape
+from ph_post.types import FeedProfile, ProfileShape
 
 EPS = 2.0**-52
 ORDERS = range(6)
@@ -85,14 +85,17 @@ def test_stop_and_dip_are_special_cases() -> None:
         assert one.share == other.share
         assert one.coefficients.tolist() == other.coefficients.tolist()
     assert [piece.coefficients.tolist() for piece in whole.pieces] == [
-        [1, 1, 1, 1, 0, 0, 0, 0], [0], [0, 0, 0, 0, 1, 1, 1, 1],
-    ]  # fmt: skip
+        [1, 1, 1, 1, 0, 0, 0, 0],
+        [0],
+        [0, 0, 0, 0, 1, 1, 1, 1],
+    ]
     assert shapes.lowest(whole) == 0.0
     assert shapes.is_non_negative(whole)
     assert shapes.extremes(profile.plateau(1.0, 1.0, 1.0, -0.25, 2)) == (-0.25, 1.0)
     assert [piece.coefficients.tolist() for piece in profile.plateau(1.0, 0.0, 1.0, 0.25, 0).pieces] == [
-        [1, 0.25], [0.25, 1],
-    ]  # fmt: skip
+        [1, 0.25],
+        [0.25, 1],
+    ]
     (only,) = profile.dip(0.25, 10).pieces
     assert only.share == 1.0
     assert only.coefficients.tolist() == profile.coefficients_from_ratio(0.25, 10).tolist()
@@ -114,15 +117,13 @@ def test_ramps_last_as_long_as_the_limits_ask(order: int) -> None:
     bent = max(-top.fun, bend(0.0)) / whole
     steep = density(0.5) / whole
     assert profile.ramp_duration(0.3, 2.0, math.inf, order) == pytest.approx(0.3 * steep / 2.0, rel=1e-12)
-    assert profile.ramp_duration(0.3, math.inf, 2.0, order) == pytest.approx(
-        math.sqrt(0.3 * bent / 2.0), rel=1e-12
-    )
+    assert profile.ramp_duration(0.3, math.inf, 2.0, order) == pytest.approx(math.sqrt(0.3 * bent / 2.0), rel=1e-12)
 
 
 def test_softening_scales_every_piece() -> None:
     shape = shapes.soften(profile.stop(1.0, 1.0, 2), 0.25)
     assert [piece.share for piece in shape.pieces] == pytest.approx([1 / 3] * 3)
-    assert shapes.told_ratio(shape) == 0.25
+    assert shapes.reported_ratio(shape) == 0.25
     assert shape.pieces[0].coefficients.tolist() == [1, 1, 1, 0.25, 0.25, 0.25]
 
 
@@ -135,12 +136,10 @@ def test_the_cut_at_a_share_of_the_way(share: float) -> None:
     assert shapes.mean(second) * (1.0 - tau) == pytest.approx((1.0 - share) * shapes.mean(shape), rel=1e-14)
     at = np.linspace(0.0, 1.0, 41)
     np.testing.assert_allclose(shapes.value(first, at), shapes.value(shape, tau * at), atol=1e-13)
-    np.testing.assert_allclose(
-        shapes.value(second, at), shapes.value(shape, tau + (1.0 - tau) * at), atol=1e-13
-    )
+    np.testing.assert_allclose(shapes.value(second, at), shapes.value(shape, tau + (1.0 - tau) * at), atol=1e-13)
 
 
-def shapes_time(shape: Shape, share: float) -> float:
+def shapes_time(shape: ProfileShape, share: float) -> float:
     """Instant at which that share of the way is covered, by bisection of a numerical integral."""
     low, high = 0.0, 1.0
     whole = way_by_quad(shape, 1.0)
@@ -150,7 +149,7 @@ def shapes_time(shape: Shape, share: float) -> float:
     return high
 
 
-def way_by_quad(shape: Shape, tau: float) -> float:
+def way_by_quad(shape: ProfileShape, tau: float) -> float:
     """Gauss's rule with 8 points, exact for the degree 7 of every piece."""
     edges = [0.0, *np.cumsum([piece.share for piece in shape.pieces])[:-1].tolist(), 1.0]
     parts = [(a, min(b, tau)) for a, b in pairwise(edges) if a < tau]

@@ -6,11 +6,11 @@ from pathlib import Path
 import mpmath as mp
 import pytest
 
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.io import shipped as module
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
-from ph_post.io.shipped import or_shipped, shipped, shipped_names
+from ph_post.files import storage as module
+from ph_post.files.path import read_path
+from ph_post.files.storage import or_shipped, shipped, shipped_names
 
 PATHS = ("butterfly", "circle", "figure1", "inflection", "oval", "pocket", "spatial")
 MACHINES = ("mill", "old_mill", "paper", "router", "stepper")
@@ -74,9 +74,7 @@ def test_names_with_a_folder_an_ending_or_a_dash_are_files():
 
 
 def test_an_unknown_name_is_told_the_nearest():
-    with pytest.raises(
-        InputError, match=r"^papper: no such file, and none of the shipped machines; expected paper$"
-    ):
+    with pytest.raises(InputError, match=r"^papper: no such file, and none of the shipped machines; expected paper$"):
         or_shipped("machines", "papper")
 
 
@@ -92,9 +90,7 @@ def bezier(points):
 
     def coordinate(axis):
         row = [mp.mpf(point[axis].numerator) / point[axis].denominator for point in points]
-        return lambda t: mp.fsum(
-            mp.binomial(degree, k) * t**k * (1 - t) ** (degree - k) * x for k, x in enumerate(row)
-        )
+        return lambda t: mp.fsum(mp.binomial(degree, k) * t**k * (1 - t) ** (degree - k) * x for k, x in enumerate(row))
 
     return coordinate(0), coordinate(1)
 

@@ -10,17 +10,17 @@ from support.exact_paths import Piece, exact_pieces
 from support.planned import Planned
 from support.siemens_exact import Cut, Walk, cuts_of, follow
 
-from ph_post.analysis import analyse
+from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.gcode.dialects.siemens import DIALECT
-from ph_post.gcode.jogs import read_jogs
-from ph_post.gcode.paths.curves import curves_of
-from ph_post.gcode.reading import read_as
-from ph_post.gcode.writer import make_program
+from ph_post.dialects.reading import read_as
+from ph_post.dialects.siemens.dialect import DIALECT
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.gcode.curves import curves_of
 from ph_post.geometry.track import Track
-from ph_post.io.machinefile import read_machine
-from ph_post.io.pathfile import read_path
+from ph_post.post.moves import read_jogs
+from ph_post.post.program import make_program
 from ph_post.types import Plan
 from ph_post.units import MM
 
@@ -30,10 +30,14 @@ MACHINES = sorted((ROOT / "samples" / "machines").glob("*.toml"))
 STRATEGIES = ("none", "suppress", "linear", "dwell", "auto")
 
 FAST = {
-    ("butterfly", "paper", "none"), ("oval", "mill", "dwell"), ("spatial", "router", "suppress"),
-    ("figure1", "stepper", "linear"), ("circle", "paper", "dwell"), ("pocket", "old_mill", "linear"),
+    ("butterfly", "paper", "none"),
+    ("oval", "mill", "dwell"),
+    ("spatial", "router", "suppress"),
+    ("figure1", "stepper", "linear"),
+    ("circle", "paper", "dwell"),
+    ("pocket", "old_mill", "linear"),
     ("inflection", "router", "none"),
-}  # fmt: skip
+}
 """Tried whenever tests run: each path once, the butterfly where ramps end just beside joints of it."""
 
 TOLERANCE = 1e-9
@@ -129,11 +133,7 @@ def _own_reading(text: str, walk: Walk) -> float:
         rows = np.flatnonzero(motions.block == line)
         assert rows.size
         points = np.concatenate(
-            [
-                curve.derivatives(u)[0] / MM
-                for row in rows.tolist()
-                for curve in curves_of(motions, row, columns)
-            ]
+            [curve.derivatives(u)[0] / MM for row in rows.tolist() for curve in curves_of(motions, row, columns)]
         )
         worst = max(worst, _distance(points - [float(c) for c in offset], part))
     return worst

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support.residuals import MM, UM, circles, decaying, irregular, moved, sweeps, to_and_fro, white
 
-from ph_post.diagnose.motion import motion_of
-from ph_post.diagnose.signature import best_period, by_direction, by_rotation, by_speed, drift
+from ph_post.diagnose.residual_features import best_period, by_direction, by_rotation, by_speed, drift
+from ph_post.identify.linear_drive import motion_of
 
 
 def test_a_size_that_goes_with_the_square_root_of_the_feed() -> None:

@@ -196,14 +196,20 @@ def test_motor_that_swings_back_within_a_sample() -> None:
 
 def _jumping(period: float) -> Case:
     axis = make_axis(
-        "load", 4e-4, 0.01, 2e-4, eta=0.3, beta=2.0, kd=8e-3, ki=2.0, pickup="contact",
+        "load",
+        4e-4,
+        0.01,
+        2e-4,
+        eta=0.3,
+        beta=2.0,
+        kd=8e-3,
+        ki=2.0,
+        pickup="contact",
         effects=[effect("torque_saturation", following_error_mm=1.0)],
-    )  # fmt: skip
+    )
     t = period * np.arange(round(0.4 / period) + 1)
     coarse = 2e-3 * np.arange(201)
-    return Case(
-        axis, np.interp(t, coarse, 0.01 * np.sign(np.sin(31.0 * coarse)) * np.sin(31.0 * coarse) ** 2), period
-    )
+    return Case(axis, np.interp(t, coarse, 0.01 * np.sign(np.sin(31.0 * coarse)) * np.sin(31.0 * coarse) ** 2), period)
 
 
 @pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
@@ -233,9 +239,7 @@ def test_motion_that_has_begun_before_the_first_sample(feedback: Feedback) -> No
 def test_scenario_stands_in_place_of_the_file() -> None:
     """Factors on gap, β and C, and the rule, as if the file had them."""
     plain = make_axis("load", **SOFT)
-    other = make_axis(
-        "load", **{**SOFT, "gap": 6e-4, "beta": 6.0, "eta": 0.4 / 1.25}, pickup="contact", flank=-1
-    )
+    other = make_axis("load", **{**SOFT, "gap": 6e-4, "beta": 6.0, "eta": 0.4 / 1.25}, pickup="contact", flank=-1)
     open_file = replace(plain, gap=replace(plain.gap, initial_flank="unknown", pickup=None))
     scenario = Scenario(pickup="contact", flank="-", gap=1.5, beta=1.5, gain=1.25)
     command = make_command(WAVES[:, None], PERIOD)

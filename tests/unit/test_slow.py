@@ -60,10 +60,13 @@ def add_force(plant: Plant, values: Values) -> Plant:
 
 
 PLUGGED = Effect(
-    name="plugged", kind="force", summary="one of the forces here", source="this test",
+    name="plugged",
+    kind="force",
+    summary="one of the forces here",
+    source="this test",
     parameters=(Parameter(name="which", gives="which", meaning="its name", choices=tuple(FORCES)),),
     apply=add_force,
-)  # fmt: skip
+)
 
 
 class Entry(NamedTuple):
@@ -77,9 +80,7 @@ class Entry(NamedTuple):
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [Entry("plugged", PLUGGED)]
-    monkeypatch.setattr(
-        "ph_post.registry.entry_points", lambda group: points if group == "ph_post.effects" else []
-    )
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: points if group == "ph_post.effects" else [])
     assert find_effect("plugged") is PLUGGED
 
 
@@ -116,9 +117,14 @@ def one_body(force: Force, begin: float = 0.0) -> tuple[NDArray[np.float64], lis
             return [y[1], (u - C * y[1] - force(begin + t, y[0], y[1], np.sign(y[1]))) / B]
 
         found = solve_ivp(
-            rate, (T[k], T[k + 1]), y, method="DOP853", rtol=1e-11, atol=1e-15,
+            rate,
+            (T[k], T[k + 1]),
+            y,
+            method="DOP853",
+            rtol=1e-11,
+            atol=1e-15,
             events=[lambda t, y: y[1]] if k else None,
-        )  # fmt: skip
+        )
         turns += [at[0] for at in found.y_events[0]] if k else []
         y = found.y[:, -1]
         places.append(y[0])
@@ -144,13 +150,16 @@ def two_bodies(force: Force, rule: Pickup) -> Integrated:
                 return [y[1], u(t, rest) / (ETA * B) - BETA * y[1]]
 
             stops = [event(lambda t, y, flank=flank: flank * y[1] + TINY)]
-            meets = [
-                event(lambda t, y, s=s, rest=rest: 0.5 * GAP + TINY - s * (y[0] - rest)) for s in (1, -1)
-            ]
+            meets = [event(lambda t, y, s=s, rest=rest: 0.5 * GAP + TINY - s * (y[0] - rest)) for s in (1, -1)]
             found = solve_ivp(
-                engaged if flank else opened, (t, T[k + 1]), y, method="DOP853", rtol=1e-12, atol=1e-16,
+                engaged if flank else opened,
+                (t, T[k + 1]),
+                y,
+                method="DOP853",
+                rtol=1e-12,
+                atol=1e-16,
                 events=stops if flank else meets,
-            )  # fmt: skip
+            )
             t, y = found.t[-1], found.y[:, -1]
             if found.status == 0:
                 break
@@ -216,9 +225,7 @@ def test_without_halving_the_error_is_of_second_order(monkeypatch: pytest.Monkey
     errors = []
     for parts in (1, 2, 4, 8):
         t = PERIOD / parts * np.arange((T.size - 1) * parts + 1)
-        found = run(
-            make_axis("load", gap=0.0, **SOFT, effects=plugged(name)), np.interp(t, T, WAVES), PERIOD / parts
-        )
+        found = run(make_axis("load", gap=0.0, **SOFT, effects=plugged(name)), np.interp(t, T, WAVES), PERIOD / parts)
         errors.append(np.abs(found.executed[::parts, 0] - expected).max())
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([2.0] * 3, abs=0.15)
 

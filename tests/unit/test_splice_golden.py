@@ -14,8 +14,8 @@ import pytest
 from support.canonical import canonical_calls
 from support.splicing import compensate
 
-from ph_post.gcode.splice.undo import undo
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.undo import undo
 
 SPLICED = Path(__file__).resolve().parents[1] / "spliced"
 CASES = sorted(folder for folder in SPLICED.iterdir() if folder.is_dir())

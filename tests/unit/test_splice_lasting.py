@@ -7,14 +7,13 @@ import pytest
 from msgspec.structs import replace
 from support.splicing import ENOUGH
 
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import EditOptions, Edits, StopEdit
+from ph_post.edit.offset_edits import SEAT, plan_offsets
+from ph_post.edit.preconditions import half_gap
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.splice.grid import half_gap
-from ph_post.gcode.splice.lasting import SEAT, plan_offsets
-from ph_post.gcode.splice.options import SpliceOptions
-from ph_post.gcode.splice.record import Edits, Stop
-from ph_post.io.machinefile import read_machine
+from ph_post.gcode.read import read_program
 from ph_post.types import Machine
 
 MM = 1e-3
@@ -23,7 +22,7 @@ HALF = {"X": 0.03 * MM, "Y": 0.04 * MM, "Z": 0.015 * MM}
 
 
 def plan(text: str, *, dialect: str = "linuxcnc", machine: Machine = STEPPER, **how: float) -> Edits:
-    options = SpliceOptions(**{"max_slowdown": ENOUGH, **how})
+    options = EditOptions(**{"max_slowdown": ENOUGH, **how})
     return plan_offsets(read_program(text.encode(), "part.ngc"), machine, find_dialect(dialect), options)
 
 
@@ -36,7 +35,7 @@ def of_axis(edits: Edits, axis: str) -> list[tuple[int, float, float]]:
     ]
 
 
-def _lasting(stop: Stop, axis: str) -> float:
+def _lasting(stop: StopEdit, axis: str) -> float:
     return sum(shift.travel for shift in stop.shifts if shift.axis == axis)
 
 
@@ -223,7 +222,7 @@ def test_too_few_decimals_are_refused() -> None:
     assert half_gap(STEPPER.axes["X"], fair, 1e-3) == pytest.approx(0.5 * STEPPER.axes["X"].gap.lost_motion)
     coarse = replace(coarse, capabilities=replace(coarse.capabilities, decimals=1))
     with pytest.raises(InputError, match="decimals of grbl are too few for an offset of axis X"):
-        plan_offsets(program, STEPPER, coarse, SpliceOptions())
+        plan_offsets(program, STEPPER, coarse, EditOptions())
 
 
 def test_double_compensation_is_warned_of() -> None:

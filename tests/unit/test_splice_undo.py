@@ -10,15 +10,20 @@ import pytest
 from msgspec.structs import replace
 from support.splicing import compensate
 
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit import write
+from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge
+from ph_post.edit.header import (
+    Declaration,
+    Payload,
+    declaration_lines,
+    payload_lines,
+    read_declaration,
+    read_payload,
+)
+from ph_post.edit.undo import undo
+from ph_post.edit.word_shifts import assemble, shift_numbers, unshift_numbers
 from ph_post.errors import InputError
-from ph_post.gcode.splice import write
-from ph_post.gcode.splice.header import Declaration, declaration_lines, read_declaration
-from ph_post.gcode.splice.merge import merge
-from ph_post.gcode.splice.payload import Payload, payload_lines, read_payload
-from ph_post.gcode.splice.record import Dip, Edits, Shift, Stop
-from ph_post.gcode.splice.rewrite import assemble, shift_numbers, unshift_numbers
-from ph_post.gcode.splice.undo import undo
-from ph_post.io.machinefile import read_machine
 from ph_post.types import sealed
 
 MM = 1e-3
@@ -27,11 +32,23 @@ STEPPER = read_machine("stepper")
 PROGRAM = b"%\nO12 (slot)\nG21 G90 G17 F600\nG0 X0 Y0\nG1 X10\nY3\nX0\nG0 X9\nM2\n%\n"
 
 FULL = Declaration(
-    version="0.1.0", digest="0123456789abcdef" * 4, machine="old mill, no. 2", machine_digest="ab" * 8,
-    options_digest="cd" * 8, units=INCH, offset={"X": 0.001181 * INCH, "Y": 0.0005 * INCH},
-    pulse={"Z": 0.0012 * INCH}, stops=12, dips=3, dwell=0.01, decimals=5, chord_tolerance=0.001 * MM,
-    block_time=5e-3, path_mode="G64 P0.00004 Q0", notes=("rapids are left alone",),
-)  # fmt: skip
+    version="0.1.0",
+    digest="0123456789abcdef" * 4,
+    machine="old mill, no. 2",
+    machine_digest="ab" * 8,
+    options_digest="cd" * 8,
+    units=INCH,
+    offset={"X": 0.001181 * INCH, "Y": 0.0005 * INCH},
+    pulse={"Z": 0.0012 * INCH},
+    stops=12,
+    dips=3,
+    dwell=0.01,
+    decimals=5,
+    chord_tolerance=0.001 * MM,
+    block_time=5e-3,
+    path_mode="G64 P0.00004 Q0",
+    notes=("rapids are left alone",),
+)
 
 
 @pytest.mark.parametrize("width", [70, 255])
@@ -132,9 +149,7 @@ def test_payloads_of_any_size(width: int, size: int) -> None:
 def word_of(end: int, digits: int, decimals: int) -> tuple[np.ndarray, ...]:
     """Columns of one word as the reader makes them: for others the compiler would run again."""
     kinds = (np.int32, np.int32, np.int64, np.int16)
-    return tuple(
-        sealed(np.array([one], kind)) for one, kind in zip((0, end, digits, decimals), kinds, strict=True)
-    )
+    return tuple(sealed(np.array([one], kind)) for one, kind in zip((0, end, digits, decimals), kinds, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -185,23 +200,21 @@ def test_spans_are_put_in_place_of_others() -> None:
     assert assemble(data, start, end, pool, bounds, lines, text).tobytes() == b"La1cdINE23"
 
 
-def _stop(axis: str, motion: int, share: float, pause: float = 0.01) -> Stop:
-    return Stop(
-        motion=motion, share=share, pause=pause,
-        shifts=(Shift(axis=axis, travel=1e-5, velocity=0.01, pause=0.01),),
-    )  # fmt: skip
+def _stop(axis: str, motion: int, share: float, pause: float = 0.01) -> StopEdit:
+    return StopEdit(
+        motion=motion,
+        share=share,
+        pause=pause,
+        shifts=(OffsetShift(axis=axis, travel=1e-5, velocity=0.01, pause=0.01),),
+    )
 
 
 def test_changes_of_different_axes_are_merged() -> None:
     offset = np.zeros((3, 3))
     x, y = offset.copy(), offset.copy()
     x[:, 0], y[:, 1] = 1e-5, 2e-5
-    a = Edits(
-        offset=x, stops=(_stop("X", 1, 0.5), _stop("X", 2, 1.0)), amplitude={"X": 1e-5}, warnings=("w",)
-    )
-    b = Edits(
-        offset=y, stops=(_stop("Y", 0, 1.0), _stop("Y", 2, 1.0, 0.03)), pulse={"Y": 1e-5}, warnings=("w", "v")
-    )
+    a = Edits(offset=x, stops=(_stop("X", 1, 0.5), _stop("X", 2, 1.0)), amplitude={"X": 1e-5}, warnings=("w",))
+    b = Edits(offset=y, stops=(_stop("Y", 0, 1.0), _stop("Y", 2, 1.0, 0.03)), pulse={"Y": 1e-5}, warnings=("w", "v"))
     both = merge(a, b)
     assert [(stop.motion, stop.share) for stop in both.stops] == [(0, 1.0), (1, 0.5), (2, 1.0)]
     assert [shift.axis for shift in both.stops[2].shifts] == ["X", "Y"]
@@ -221,5 +234,5 @@ def test_one_axis_or_one_stretch_twice_is_refused() -> None:
         merge(one, Edits(offset=offset, dips=(_dip(0.4, 0.7),)))
 
 
-def _dip(low: float, high: float) -> Dip:
-    return Dip(motion=np.array([1, 1]), share=np.array([low, high]), duration=np.array([1.0]))
+def _dip(low: float, high: float) -> DipEdit:
+    return DipEdit(motion=np.array([1, 1]), share=np.array([low, high]), duration=np.array([1.0]))

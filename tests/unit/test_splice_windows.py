@@ -10,14 +10,14 @@ import pytest
 from msgspec.structs import replace
 from scipy.integrate import quad
 
-from ph_post.compensate.jogs import DWELL, LEAST
+from ph_post.compensate.offsets import DWELL, LEAST
 from ph_post.compensate.options import PlanOptions
-from ph_post.gcode.paths.build import paths_of
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import PartProgram
-from ph_post.gcode.splice.record import Dip
-from ph_post.gcode.splice.windows import WindowEdits, plan_windows, planned_machine
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import DipEdit
+from ph_post.edit.windows import WindowEdits, plan_windows, planned_machine
+from ph_post.gcode.paths import paths_of
+from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import read_program
 from ph_post.types import Machine
 
 MM, MS = 1e-3, 1e-3
@@ -46,13 +46,11 @@ def planned(text: str, machine: str | Machine, **how: object) -> WindowEdits:
 
 
 def sampled(decimals: int = 3) -> str:
-    lines = [
-        f"G1 X{10.0 * a:.{decimals}f} Y{5.0 * math.sin(a):.{decimals}f} F900" for a in np.linspace(0, 6, 181)
-    ]
+    lines = [f"G1 X{10.0 * a:.{decimals}f} Y{5.0 * math.sin(a):.{decimals}f} F900" for a in np.linspace(0, 6, 181)]
     return "\n".join(["G21 G90 G17", "G0 X0 Y0", *lines[1:], "M2", ""])
 
 
-def travelled(dip: Dip, program: PartProgram) -> np.ndarray:
+def travelled(dip: DipEdit, program: PartProgram) -> np.ndarray:
     """Length of every block [m] of a dip on arcs and lines."""
     motions = program.motions
     chord = np.nan_to_num(np.linalg.norm((motions.end - motions.start)[:, :2], axis=1))
@@ -100,9 +98,7 @@ def test_blocks_last_no_longer_than_they_may_and_leave_no_slivers() -> None:
 
 def test_a_dip_ends_blocks_where_moves_end() -> None:
     program = program_of(sampled())
-    found = plan_windows(
-        program, paths_of(program), read_machine("mill"), PlanOptions(strategy="suppress"), 5e-6
-    )
+    found = plan_windows(program, paths_of(program), read_machine("mill"), PlanOptions(strategy="suppress"), 5e-6)
     for dip in found.edits.dips:
         inside = set(range(int(dip.motion[0]) + 1, int(dip.motion[-1])))
         ended = set(dip.motion[dip.share == 1.0].tolist())
@@ -180,9 +176,7 @@ def test_what_is_not_understood_is_left_alone_and_named() -> None:
     text = SLOT.replace("M2\n", "G5 X10 Y10 I5 J0 P-5 Q0\nG5 X20 Y20 P-5 Q0\nM2\n")
     found = planned(text, "mill", strategy="suppress")
     assert (found.edits.dips, found.plans) == ((), ())
-    assert any(
-        "windows left alone: a G5 of it goes on from the last one" in word for word in found.edits.warnings
-    )
+    assert any("windows left alone: a G5 of it goes on from the last one" in word for word in found.edits.warnings)
 
 
 def test_every_chain_is_planned() -> None:
@@ -196,9 +190,13 @@ def test_a_search_is_shared_out_and_told() -> None:
     text = SLOT.replace("M2\n", "T2 M6\n") + SLOT
     program, said = program_of(text), []
     plan_windows(
-        program, paths_of(program), read_machine("mill"), PlanOptions(strategy="takeup", effort=0.02), 5e-6,
+        program,
+        paths_of(program),
+        read_machine("mill"),
+        PlanOptions(strategy="takeup", effort=0.02),
+        5e-6,
         tell=said.append,
-    )  # fmt: skip
+    )
     assert any(word.startswith("lines 3 to 6: ") for word in said)
     assert any(word.startswith("lines 10 to 13: ") for word in said)
 
@@ -229,9 +227,7 @@ def test_a_dip_that_is_shorter_than_a_block_at_an_end_of_a_motion_is_left_alone(
     program = program_of("G21 G90 G17\nG0 X-20 Y-20\nG1 X0 F1000\nG3 X20 Y0 I0 J20\nG3 X0 Y20 I-20 J0\nM2\n")
     options = PlanOptions(strategy="suppress", ratio=0.9, degree=10, t_star=20.0 * MS)
     for block_time, dips in ((10.0 * MS, 1), (100.0 * MS, 0)):
-        found = plan_windows(
-            program, paths_of(program), read_machine("mill"), options, 5e-6, block_time=block_time
-        )
+        found = plan_windows(program, paths_of(program), read_machine("mill"), options, 5e-6, block_time=block_time)
         assert len(found.edits.dips) == dips
         short = [word for word in found.edits.warnings if "the dip would be shorter than a block" in word]
         assert len(short) == 1 - dips

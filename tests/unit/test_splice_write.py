@@ -9,12 +9,12 @@ import pytest
 from support.part_programs import distances, samples
 from support.splicing import Compensated, compensate, with_edits
 
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit
+from ph_post.edit.undo import undo
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
-from ph_post.gcode.reader.record import RAPID
-from ph_post.gcode.splice.record import Dip, Edits, Shift, Stop
-from ph_post.gcode.splice.undo import undo
-from ph_post.io.machinefile import read_machine
+from ph_post.gcode.program import RAPID
+from ph_post.gcode.read import read_program
 
 MM = 1e-3
 STEPPER = read_machine("stepper")
@@ -35,14 +35,14 @@ def changed(text: str, *, dialect: str = "linuxcnc", **edits: object) -> Compens
     return found
 
 
-def dip(motion: list[int], share: list[float], duration: list[float]) -> Dip:
-    return Dip(motion=np.array(motion), share=np.array(share), duration=np.array(duration))
+def dip(motion: list[int], share: list[float], duration: list[float]) -> DipEdit:
+    return DipEdit(motion=np.array(motion), share=np.array(share), duration=np.array(duration))
 
 
-def pulse(motion: int, share: float, size: float = 0.01 * MM) -> Stop:
-    out = Shift(axis="X", travel=size, velocity=0.004, pause=0.02)
-    back = Shift(axis="X", travel=-size, velocity=0.004, pause=0.02)
-    return Stop(motion=motion, share=share, pause=0.01, shifts=(out, back))
+def pulse(motion: int, share: float, size: float = 0.01 * MM) -> StopEdit:
+    out = OffsetShift(axis="X", travel=size, velocity=0.004, pause=0.02)
+    back = OffsetShift(axis="X", travel=-size, velocity=0.004, pause=0.02)
+    return StopEdit(motion=motion, share=share, pause=0.01, shifts=(out, back))
 
 
 def test_without_changes_the_bytes_are_the_same() -> None:
@@ -53,21 +53,27 @@ def test_without_changes_the_bytes_are_the_same() -> None:
 def test_a_pulse_behind_a_line() -> None:
     found = changed(START + "G1 X10\nY5\nM2\n", stops=(pulse(1, 1.0),))
     assert lines(found)[3:-1] == [
-        "G4 P0.01", "G1 X10.01 F240", "G4 P0.02", "G1 X10 F240", "G4 P0.02", "F600", "Y5",
-    ]  # fmt: skip
+        "G4 P0.01",
+        "G1 X10.01 F240",
+        "G4 P0.02",
+        "G1 X10 F240",
+        "G4 P0.02",
+        "F600",
+        "Y5",
+    ]
 
 
 def test_a_rest_changes_nothing_else() -> None:
-    rest = Stop(motion=1, share=1.0, pause=0.25, shifts=())
+    rest = StopEdit(motion=1, share=1.0, pause=0.25, shifts=())
     found = changed(START + "G2 X10 I5\nX20 I5\nM2\n", stops=(rest,))
     assert lines(found)[2:] == ["G2 X10 I5", "G4 P0.25", "X20 I5", "M2"]
 
 
 def test_shifts_that_are_no_whole_steps_come_back() -> None:
     shifts = tuple(
-        Shift(axis="X", travel=travel * 1e-9, velocity=0.004, pause=0.0) for travel in (0.6, 0.6, 0.6, -1.8)
+        OffsetShift(axis="X", travel=travel * 1e-9, velocity=0.004, pause=0.0) for travel in (0.6, 0.6, 0.6, -1.8)
     )
-    found = changed(START + "G1 X10\nM2\n", stops=(Stop(motion=1, share=1.0, pause=0.0, shifts=shifts),))
+    found = changed(START + "G1 X10\nM2\n", stops=(StopEdit(motion=1, share=1.0, pause=0.0, shifts=shifts),))
     assert [line.split()[1] for line in lines(found)[3:-2]] == [
         "X10.000001",
         "X10.000001",
@@ -93,8 +99,9 @@ def test_a_line_that_relies_on_the_mode_is_told_it(mode: str, line: str, expecte
     found = changed(f"{START}{mode}\n(a remark)\nM8\n{line}\nM2\n", stops=(pulse(1, 1.0),))
     assert expected in [one.replace("N7 G3 X", "N7 G3 X") for one in lines(found)]
     result = read_program(found.text, "result.ngc")
-    assert result.motions.angle[-1] == pytest.approx(read_program(
-        f"{START}{mode}\n{line}\nM2\n".encode(), "part.ngc").motions.angle[-1])  # fmt: skip
+    assert result.motions.angle[-1] == pytest.approx(
+        read_program(f"{START}{mode}\n{line}\nM2\n".encode(), "part.ngc").motions.angle[-1]
+    )
 
 
 def test_a_rapid_that_relies_on_the_mode_stays_one() -> None:
@@ -159,16 +166,23 @@ def test_parts_under_g93_share_its_time() -> None:
 def test_jogs_under_g91_are_steps() -> None:
     found = changed("G21 G91 F600\nG0 X1\nG1 X10\nG1 Y5\nM2\n", stops=(pulse(1, 1.0),))
     assert [line for line in lines(found) if line.startswith("G1 X")] == [
-        "G1 X10", "G1 X0.01 F240", "G1 X-0.01 F240",
-    ]  # fmt: skip
+        "G1 X10",
+        "G1 X0.01 F240",
+        "G1 X-0.01 F240",
+    ]
 
 
 def test_a_dip_keeps_its_times_and_leaves_the_rest() -> None:
     text = START + "G1 X10\nY10 (on)\nX5\nM2\n"
     found = changed(text, dips=(dip([1, 1, 1, 2, 2], [0.8, 0.9, 1.0, 0.1, 0.2], [0.2, 0.3, 0.3, 0.2]),))
     assert lines(found)[2:-2] == [
-        "G1 X8", "G1 X9 F300", "G1 X10 F200", "Y1 (on)", "G1 Y2 F300", "G1 Y10 F600",
-    ]  # fmt: skip
+        "G1 X8",
+        "G1 X9 F300",
+        "G1 X10 F200",
+        "Y1 (on)",
+        "G1 Y2 F300",
+        "G1 Y10 F600",
+    ]
     assert lines(found)[-2:] == ["X5", "M2"]
 
 
@@ -208,8 +222,8 @@ def test_places_within_a_rounding_of_an_end_are_moved_there() -> None:
 
 def test_a_lasting_change_at_a_place_that_is_moved_to_the_end() -> None:
     offset = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.0]]) * MM
-    shift = Shift(axis="X", travel=0.02 * MM, velocity=0.004, pause=0.02)
-    stop = Stop(motion=1, share=1.0 - 1e-9, pause=0.01, shifts=(shift,))
+    shift = OffsetShift(axis="X", travel=0.02 * MM, velocity=0.004, pause=0.02)
+    stop = StopEdit(motion=1, share=1.0 - 1e-9, pause=0.01, shifts=(shift,))
     found = changed("G0 X9 Y0\nG1 X5 Y5 F60\nG0 X0\nM2\n", offset=offset, stops=(stop,))
     assert lines(found)[1:4] == ["G1 X5 Y5 F60", "G4 P0.01", "G1 X5.02 F240"]
 
@@ -217,18 +231,24 @@ def test_a_lasting_change_at_a_place_that_is_moved_to_the_end() -> None:
 def test_a_rapid_that_carries_a_change_between_two_stops() -> None:
     # Y is shifted before the rapid, which takes X from none to -0.02 mm; then X goes to +0.02 mm.
     offset = np.array([[0.0, 0.0, 0.0], [0.02, -0.01, 0.0], [0.0, 0.0, 0.0]]) * MM
-    y = Shift(axis="Y", travel=-0.01 * MM, velocity=0.004, pause=0.02)
-    x = Shift(axis="X", travel=0.04 * MM, velocity=0.004, pause=0.02)
+    y = OffsetShift(axis="Y", travel=-0.01 * MM, velocity=0.004, pause=0.02)
+    x = OffsetShift(axis="X", travel=0.04 * MM, velocity=0.004, pause=0.02)
     stops = (
-        Stop(motion=1, share=0.0, pause=0.01, shifts=(y,)),
-        Stop(motion=1, share=1.0, pause=0.01, shifts=(x,)),
+        StopEdit(motion=1, share=0.0, pause=0.01, shifts=(y,)),
+        StopEdit(motion=1, share=1.0, pause=0.01, shifts=(x,)),
     )
     found = changed("G0 X9 Y0\nG0 X5 Y5\nG0 X0 Y0\nM2\n", offset=offset, stops=stops)
     moves = [line for line in lines(found) if line.startswith("G")]
     assert moves[1:] == [
-        "G4 P0.01", "G1 Y-0.01 F240", "G4 P0.02", "G0 X4.98 Y4.99", "G4 P0.01", "G1 X5.02 F240",
-        "G4 P0.02", "G0 X0 Y0",
-    ]  # fmt: skip
+        "G4 P0.01",
+        "G1 Y-0.01 F240",
+        "G4 P0.02",
+        "G0 X4.98 Y4.99",
+        "G4 P0.01",
+        "G1 X5.02 F240",
+        "G4 P0.02",
+        "G0 X0 Y0",
+    ]
 
 
 def test_a_rapid_is_not_divided() -> None:
@@ -264,8 +284,16 @@ def test_numbers_keep_their_manner() -> None:
     found = compensate(text.encode(), STEPPER)
     words = [line for line in lines(found) if re.match(r"(?i)X|G1 X10.0.000", line)]
     assert words == [
-        "X+.53", "X10.03", "X-0.040", "X007.53", "X-.04", "X.03", "X20.03", "x-0.03", "G1 X10.03000",
-    ]  # fmt: skip
+        "X+.53",
+        "X10.03",
+        "X-0.040",
+        "X007.53",
+        "X-.04",
+        "X.03",
+        "X20.03",
+        "x-0.03",
+        "G1 X10.03000",
+    ]
     assert undo(found.text, "part.ngc") == text.encode()
 
 

@@ -9,7 +9,8 @@ import pytest
 from support.motions import look, make_machine, make_path
 
 from ph_post.compensate.offsets import command_of
-from ph_post.compensate.plan import PlanOptions, make_plan
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
 from ph_post.errors import InputError
 from ph_post.geometry.curves import Arc
 from ph_post.types import Gap
@@ -61,9 +62,7 @@ def test_a_loop_over_the_table_refuses_a_step() -> None:
 def test_an_axis_with_a_scale_is_left_alone_beside_one_without() -> None:
     machine = make_machine(feedback="motor", gap=Gap(lost_motion=LOST))
     scale = make_machine().axes["Y"]
-    machine = type(machine)(
-        name="mixed", dialect="linuxcnc", servo_period=1e-3, axes={**machine.axes, "Y": scale}
-    )
+    machine = type(machine)(name="mixed", dialect="linuxcnc", servo_period=1e-3, axes={**machine.axes, "Y": scale})
     analysis = look(arc(), machine)
     plan = make_plan(analysis, PlanOptions(strategy="step", start="moving"))
     command = command_of(plan, analysis.track, machine.servo_period)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ph_post.diagnose.structure import coloured, is_structured
+from ph_post.diagnose.residual_features import coloured, is_structured
 
 ALL = np.ones(10_000, dtype=np.bool_)
 

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from support.motions import MM, circle, look, make_machine, make_path
 
-from ph_post.analysis import Analysis
+from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.limits import check_command
-from ph_post.compensate.plan import PlanOptions, cycle_time, make_plan
-from ph_post.compensate.sample import place_and_feed, sample
+from ph_post.compensate.motion import place_and_feed, sample
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import cycle_time, make_plan
 from ph_post.compensate.strategies import registry
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.compensate.violations import check_command
 from ph_post.errors import InputError
-from ph_post.geometry.curves import Arc, Nurbs
+from ph_post.geometry.curves import Arc
+from ph_post.geometry.nurbs import Nurbs
 from ph_post.types import Gap, Plan
 
 RADIUS, FEED = 0.05, 0.02
@@ -207,8 +209,7 @@ def test_retrograde_only_where_allowed() -> None:
         (PlanOptions(ratio=-2.0, allow_retrograde=True), "would not get through"),
         (
             PlanOptions(strategy="dance"),
-            "no such strategy; expected auto or dwell or linear or none or retrograde or step or suppress or "
-            "takeup",
+            "no such strategy; expected auto or dwell or linear or none or retrograde or step or suppress or takeup",
         ),
     ],
 )
@@ -253,9 +254,7 @@ def test_a_ramp_from_rest_shortens_a_profile_or_leaves_no_room() -> None:
 
 
 def test_an_axis_without_a_gap_is_left_alone() -> None:
-    none = Gap(
-        lost_motion=0.0, motor_angle=0.0, gear_ratio=1.0, travel_per_rad=1e-3, inertia_fraction=0.5, beta=1.0
-    )
+    none = Gap(lost_motion=0.0, motor_angle=0.0, gear_ratio=1.0, travel_per_rad=1e-3, inertia_fraction=0.5, beta=1.0)
     plan = make_plan(ring(gap=none), MOVING)
     assert dips(plan) == [None] * 4
     assert told(plan, "turning points #0, #2: left alone: no gap on X")
@@ -283,9 +282,11 @@ class Halve:
     summary = "half the feed in every window"
     feedbacks = frozenset({"load"})
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         half = profile.dip(0.5, 4)
-        return Proposal(wishes=tuple(Wish(shape=half) for _ in task.windows), warnings=("mind the gap",))
+        return StrategyResult(
+            wishes=tuple(ProfileRequest(shape=half) for _ in task.windows), warnings=("mind the gap",)
+        )
 
 
 class Entry:
@@ -308,9 +309,7 @@ def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
     assert dips(plan) == pytest.approx([0.5] * 4)
     assert plan.warnings[0] == "mind the gap"
     # Without a duration of its own a wish takes the whole window.
-    assert [found.s_star for found in plan.profiles] == pytest.approx(
-        [w.half_length for w in analysis.windows]
-    )
+    assert [found.s_star for found in plan.profiles] == pytest.approx([w.half_length for w in analysis.windows])
 
 
 def test_what_is_no_strategy_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

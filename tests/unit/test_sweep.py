@@ -15,18 +15,14 @@ from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, ax
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.drive import root_grid
-from ph_post.drive.forced import ANGLE, SPEED, free_motor_response
-from ph_post.drive.forced_grid import free_motor_responses
-from ph_post.drive.gap import motor_gap
-from ph_post.drive.interval import backlash_interval
-from ph_post.drive.intervaltable import look_up, tabulate
-from ph_post.drive.root_grid import close_brackets
-from ph_post.drive.settled import find_orbit
-from ph_post.drive.sweep import settled_orbits, with_motor
+from ph_post.drive.backlash import motor_gap
+from ph_post.drive.free_motor import ANGLE, SPEED, free_motor_response, free_motor_responses
+from ph_post.drive.intervalfile import interval_content, read_intervals
+from ph_post.drive.intervals import backlash_interval, look_up, tabulate
+from ph_post.drive.machinefile import read_machine
+from ph_post.drive.roots import close_brackets
+from ph_post.drive.steady_state import find_orbit, steady_intervals, with_motor
 from ph_post.errors import InputError, SolveError
-from ph_post.io.intervalfile import interval_content, read_intervals
-from ph_post.io.machinefile import read_machine
 from ph_post.types import Gap, Servo
 
 EPS = 2.0**-52
@@ -49,7 +45,7 @@ def test_responses_are_the_scalar_ones_on_every_branch() -> None:
 def test_durations_are_roots_of_the_printed_equations(beta: float, gain: float) -> None:
     """(19)-(22) at 50 digits, for some β and C of one grid."""
     betas, gains = np.array([0.5, 1.0, 3.0, 40.0]), np.array([2e4, 5e4, 142857.0, 1e6])
-    grid = settled_orbits(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA, betas, gains)
+    grid = steady_intervals(PAPER_SERVO, PAPER_GAP, AMPLITUDE, OMEGA, betas, gains)
     i, j = betas.tolist().index(beta), gains.tolist().index(gain)
     with mp.workdps(50):
         reference = Printed(PAPER_SERVO.b, PAPER_SERVO.c, gain, beta, AMPLITUDE, OMEGA)
@@ -73,7 +69,7 @@ def test_durations_are_roots_of_the_printed_equations(beta: float, gain: float) 
 def test_grid_is_the_scalar_solution_pair_by_pair(servo: Servo, amplitude: float, omega: float) -> None:
     """Also in where there is no orbit: slow motors do not cross the gap within half a period."""
     betas, gains = np.array([0.0, 0.7, 30.0, 1e4]), np.geomspace(10.0, 1e7, 13)
-    grid = settled_orbits(servo, PAPER_GAP, amplitude, omega, betas, gains)
+    grid = steady_intervals(servo, PAPER_GAP, amplitude, omega, betas, gains)
     missing = 0
     for i, j in itertools.product(range(betas.size), range(gains.size)):
         gap = with_motor(servo, PAPER_GAP, float(betas[i]), float(gains[j]))
@@ -90,20 +86,18 @@ def test_grid_is_the_scalar_solution_pair_by_pair(servo: Servo, amplitude: float
 def test_no_gap_takes_no_time_and_a_useless_loop_has_no_orbit() -> None:
     grids = (np.array([0.0, 1.0]), np.array([1e4, 1e5]))
     closed = replace(PAPER_GAP, lost_motion=0.0, motor_angle=0.0)
-    assert np.all(settled_orbits(PAPER_SERVO, closed, AMPLITUDE, OMEGA, *grids).duration == 0.0)
+    assert np.all(steady_intervals(PAPER_SERVO, closed, AMPLITUDE, OMEGA, *grids).duration == 0.0)
     unstable = Servo(b=0.0005, c=0.005, ki_over_kp=20.0)
-    assert np.all(np.isnan(settled_orbits(unstable, PAPER_GAP, AMPLITUDE, OMEGA, *grids).duration))
+    assert np.all(np.isnan(steady_intervals(unstable, PAPER_GAP, AMPLITUDE, OMEGA, *grids).duration))
 
 
 def test_brackets_close_to_rounding_or_are_refused(monkeypatch) -> None:
     wanted = np.array([1e-9, 0.3, 1.0, 7.0])
     roots = close_brackets(lambda x: x**4 - wanted**4, np.zeros(4), np.full(4, 10.0))
     assert roots == pytest.approx(wanted, rel=8 * EPS)
-    monkeypatch.setattr(root_grid, "STEPS", 3)
+    monkeypatch.setattr(roots, "STEPS", 3)
     with pytest.raises(SolveError, match="3 of 4 roots did not close in 3 steps"):
-        close_brackets(
-            lambda x: np.sinh(x) - np.sinh(wanted), np.array([0.0, 0.0, 0.0, 7.0]), np.full(4, 10.0)
-        )
+        close_brackets(lambda x: np.sinh(x) - np.sinh(wanted), np.array([0.0, 0.0, 0.0, 7.0]), np.full(4, 10.0))
 
 
 def table_of(gap: Gap = PAPER_GAP, radius=(0.2, 0.25, 0.3), feed=(0.12, 0.13, 0.14)):
@@ -186,9 +180,7 @@ def run(capsys, *arguments: str) -> tuple[int, str, str]:
 def test_sweep_has_the_contracts_keys_and_the_papers_number(capsys) -> None:
     """The paper's C by its own formula, N / (η r b)."""
     gain = 25.0 / (0.35 * 0.0005)
-    status, out, err = run(
-        capsys, "sweep", "-m", "paper", "--beta", "0,1", "--gain", f"1e5,{gain},1e-3", "--json"
-    )
+    status, out, err = run(capsys, "sweep", "-m", "paper", "--beta", "0,1", "--gain", f"1e5,{gain},1e-3", "--json")
     assert (status, err) == (0, "")
     view = json.loads(out)
     assert view["beta"] == [0.0, 1.0]
@@ -253,10 +245,10 @@ def test_bad_requests_are_one_line_and_exit_2(capsys, monkeypatch, tmp_path, arg
 def test_machines_without_such_an_axis_are_refused(capsys) -> None:
     grids = ("--beta", "1", "--gain", "1")
     assert run(capsys, "sweep", "-m", "stepper", *grids) == (
-        2, "",
-        "ph-post: stepper: no interval of this machine depends on β or C; expected an axis with "
-        'feedback "load"\n',
-    )  # fmt: skip
+        2,
+        "",
+        'ph-post: stepper: no interval of this machine depends on β or C; expected an axis with feedback "load"\n',
+    )
     status, _, err = run(capsys, "sweep", "-m", "router", "--axis", "X", *grids)
     assert (status, err.count("\n")) == (2, 1)
 
@@ -275,7 +267,7 @@ def test_machines_without_such_an_axis_are_refused(capsys) -> None:
         (lambda text: text.replace('"lag"', '"lags"'), 'key "lag" is missing'),
         (lambda text: changed(text, C=[1e5, math.inf]), "not a number"),
     ],
-)  # fmt: skip
+)
 def test_bad_tables_are_one_line_and_exit_2(capsys, tmp_path: Path, edit, words) -> None:
     table = tmp_path / "table.json"
     assert run(capsys, "sweep", "-m", "paper", "--beta", "1,2", "--gain", "1e5,2e5", "-o", str(table))[0] == 0
@@ -301,6 +293,4 @@ def test_the_gap_itself_is_kept() -> None:
     """Another C at the same Δθ_m and b is another η, and nothing else."""
     other = with_motor(PAPER_SERVO, PAPER_GAP, 2.0, 7e4)
     assert motor_gap(other) == motor_gap(PAPER_GAP)
-    assert other.gear_ratio / (
-        other.inertia_fraction * other.travel_per_rad * PAPER_SERVO.b
-    ) == pytest.approx(7e4)
+    assert other.gear_ratio / (other.inertia_fraction * other.travel_per_rad * PAPER_SERVO.b) == pytest.approx(7e4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.io.table import CHUNK, read_table, table_content, write_table
+from ph_post.files.table import CHUNK, read_table, table_content, write_table
 from ph_post.types import Command
 from ph_post.units import MM, MM_PER_MIN
 

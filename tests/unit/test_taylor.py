@@ -5,8 +5,9 @@ import pytest
 from support.motions import circle, look, make_machine, make_path
 from support.taylor import feed_error, taylor_sample
 
-from ph_post.compensate.plan import PlanOptions, make_plan
-from ph_post.compensate.sample import sample
+from ph_post.compensate.motion import sample
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
 from ph_post.errors import SolveError
 from ph_post.geometry.curves import Bezier, Line
 

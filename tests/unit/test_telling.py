@@ -14,18 +14,18 @@ from support.diagnoses import COULOMB as FOUND
 from support.engine_cases import make_axis, make_machine
 from support.residuals import MM, NOISE, PERIOD, UM, B, C, moved, servo, sweeps, white
 
-from ph_post.diagnose.findings import Outcome, settle_outcome
-from ph_post.diagnose.fit import base_model, fit_model, left_of
-from ph_post.diagnose.hum import humming
+from ph_post.diagnose.explanations import diagnosis_notes, explain, locate_residuals, propose_experiment
+from ph_post.diagnose.findings import AxisDiagnosis, fit_chosen_model
+from ph_post.diagnose.fit import base_model, fit_model, residuals_of
 from ph_post.diagnose.hypotheses.forces import COULOMB
-from ph_post.diagnose.model import problem_of
-from ph_post.diagnose.phrases import best_phrase, phrase
-from ph_post.diagnose.quality import examine
-from ph_post.diagnose.record import Place, Quality
-from ph_post.diagnose.seeds import with_part
-from ph_post.diagnose.select import Choice, Standing
-from ph_post.diagnose.telling import locate_left, next_of, notes_of, tell
+from ph_post.diagnose.residual_places import spectral_line
+from ph_post.diagnose.search import with_part
+from ph_post.diagnose.selection import ModelChoice, PartConfidence
+from ph_post.diagnose.sentences import best_phrase, phrase
+from ph_post.identify.free_run import problem_of
+from ph_post.identify.log_quality import examine
 from ph_post.types import AxisLog, Log, Machine
+from ph_post.types.diagnosis import LogQuality, ResidualPlace
 from tests.support.measured import EMPS, needs_emps
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ FRICTION = 7.0 * UM
 ORIGIN = 50.0 * UM
 
 
-def rubbing() -> tuple[Log, Machine, Quality]:
+def rubbing() -> tuple[Log, Machine, LogQuality]:
     """Return a loop with friction, b x'' + c x' + x = X - F sign(x'); c 1.5 % above the file's."""
     command = sweeps(30.0, 0.02, 0.06)
     m = moved(command, 0.0 * command)
@@ -43,7 +43,7 @@ def rubbing() -> tuple[Log, Machine, Quality]:
     return log, machine, examine(log, machine)
 
 
-def with_friction(log: Log, machine: Machine, quality: Quality, start: float) -> Outcome:
+def with_friction(log: Log, machine: Machine, quality: LogQuality, start: float) -> AxisDiagnosis:
     problem = problem_of(log, "X", machine.axes["X"], quality)
     assert problem is not None
     base = base_model(problem)
@@ -51,19 +51,19 @@ def with_friction(log: Log, machine: Machine, quality: Quality, start: float) ->
         fit_model(problem, base, problem.fit),
         fit_model(problem, with_part(base, COULOMB, (start,)), problem.fit),
     )
-    standing = Standing(rivals=(), confidence=0.99)
-    return settle_outcome(Choice(problem=problem, stages=stages, standings=(standing,)))
+    standing = PartConfidence(rivals=(), confidence=0.99)
+    return fit_chosen_model(ModelChoice(problem=problem, stages=stages, standings=(standing,)))
 
 
 @cache
-def told() -> tuple[Log, Machine, Quality, Outcome]:
+def told() -> tuple[Log, Machine, LogQuality, AxisDiagnosis]:
     log, machine, quality = rubbing()
     return log, machine, quality, with_friction(log, machine, quality, 5.0 * UM)
 
 
 def test_where_and_evidence_of_a_known_friction() -> None:
     log, machine, quality, outcome = told()
-    (one,) = tell(log, machine, quality, (outcome,))
+    (one,) = explain(log, machine, quality, (outcome,))
     assert one.where == {"coulomb_friction": "wherever X moves, by its direction"}
     first, second, last = one.evidence["coulomb_friction"]
     sizes = [float(size) for size in re.findall(r"([\d.]+) µm behind", first)]
@@ -76,11 +76,11 @@ def test_where_and_evidence_of_a_known_friction() -> None:
 def test_places_before_and_after() -> None:
     """Before, the lag by direction and what c lags more; afterwards nothing but noise."""
     log, machine, _, outcome = told()
-    before = locate_left(
-        log, machine, (outcome,), (left_of(outcome.choice.problem, base_model(outcome.choice.problem)),)
+    before = locate_residuals(
+        log, machine, (outcome,), (residuals_of(outcome.choice.problem, base_model(outcome.choice.problem)),)
     )
     assert {"direction", "speed"} <= {place.by for place in before}
-    assert locate_left(log, machine, (outcome,), (outcome.fitted.left,)) == ()
+    assert locate_residuals(log, machine, (outcome,), (outcome.fitted.left,)) == ()
 
 
 def test_the_axis_with_most_of_it_comes_first() -> None:
@@ -88,21 +88,19 @@ def test_the_axis_with_most_of_it_comes_first() -> None:
     problem = outcome.choice.problem
     other = replace(
         outcome,
-        choice=replace(
-            outcome.choice, problem=replace(problem, axis=make_axis("motor", B, C, 0.0, name="Y"))
-        ),
+        choice=replace(outcome.choice, problem=replace(problem, axis=make_axis("motor", B, C, 0.0, name="Y"))),
     )
     both = replace(log, axes={**log.axes, "Y": log.axes["X"]})
     drives = replace(machine, axes={**machine.axes, "Y": machine.axes["X"]})
     wave = np.sign(np.gradient(problem.command))
-    found = locate_left(both, drives, (outcome, other), ({"act": 1.0 * UM * wave}, {"act": 2.0 * UM * wave}))
+    found = locate_residuals(both, drives, (outcome, other), ({"act": 1.0 * UM * wave}, {"act": 2.0 * UM * wave}))
     assert found[0].axis == "Y"
     assert found[-1].axis == "X"
 
 
 def test_notes_tell_base_values_origins_and_what_could_not_show() -> None:
     log, _, _, outcome = told()
-    base, origin, barred = notes_of(log, (outcome,), (), "named")
+    base, origin, barred = diagnosis_notes(log, (outcome,), (), "named")
     (by,) = re.fullmatch(
         r"base values of X as the record has them: c is ([\d.]+) % larger, within the 2 % of the file", base
     ).groups()  # type: ignore[union-attr]
@@ -110,22 +108,20 @@ def test_notes_tell_base_values_origins_and_what_could_not_show() -> None:
     listed = "readings whose origin is not that of the command, which was left free: X_act by "
     assert origin.startswith(listed)
     assert float(origin.removeprefix(listed).removesuffix(" µm")) == pytest.approx(50.0, abs=0.1)
-    assert barred.startswith(
-        "this record could not have shown: load offset (needs a force or current channel)"
-    )
+    assert barred.startswith("this record could not have shown: load offset (needs a force or current channel)")
 
 
 def test_nothing_is_said_of_a_model_that_is_unknown() -> None:
     log, _, _, outcome = told()
-    assert not any("base values" in note for note in notes_of(log, (outcome,), (), "unknown"))
+    assert not any("base values" in note for note in diagnosis_notes(log, (outcome,), (), "unknown"))
 
 
 def test_what_is_left_is_told_in_times_the_noise() -> None:
     log, _, _, outcome = told()
     more = outcome.fitted.left["act"] + 5.0 * UM * np.sin(100.0 * log.t)
     rest = replace(outcome, fitted=replace(outcome.fitted, left={"act": more}))
-    place = Place(axis="X", by="speed", share=0.5, value=0.1, sentence="half of it lies somewhere")
-    first, *_ = notes_of(log, (rest,), (place,), "named")
+    place = ResidualPlace(axis="X", by="speed", share=0.5, value=0.1, sentence="half of it lies somewhere")
+    first, *_ = diagnosis_notes(log, (rest,), (place,), "named")
     found = re.fullmatch(
         r"what is left of X_act, ([\d.]+) µm rms, is ([\d.]+) times its noise: half of it lies somewhere",
         first,
@@ -139,13 +135,13 @@ def test_what_is_left_is_told_in_times_the_noise() -> None:
 
 def test_the_next_experiment() -> None:
     log, machine, _, _ = told()
-    assert next_of(log, machine, "named", (FOUND,)) is None
+    assert propose_experiment(log, machine, "named", (FOUND,)) is None
     doubtful = replace(FOUND, ambiguous_with=("backlash",))
-    apart = next_of(log, machine, "ambiguous", (FOUND, doubtful))
+    apart = propose_experiment(log, machine, "ambiguous", (FOUND, doubtful))
     assert apart is not None
     assert apart.name == "coulomb_friction_or_backlash_x"
     for verdict in ("unknown", "not-identifiable"):
-        mix = next_of(log, machine, verdict, ())
+        mix = propose_experiment(log, machine, verdict, ())
         assert mix is not None
         assert mix.name == "mix_x"
 
@@ -153,45 +149,53 @@ def test_the_next_experiment() -> None:
 def test_no_experiment_where_nothing_may_move() -> None:
     log, machine, _, _ = told()
     still = replace(log, axes={"X": replace(log.axes["X"], command=0.0 * log.t)})
-    assert next_of(still, machine, "not-identifiable", ()) is None
+    assert propose_experiment(still, machine, "not-identifiable", ()) is None
 
 
 def test_a_hum_has_its_frequency() -> None:
     t = PERIOD * np.arange(20_000)
     counted = t > 0.5
     hum = 2.0 * UM * np.sin(2.0 * np.pi * 49.7 * t + 0.3) + white(t.size, NOISE, 1)
-    (place,) = humming("X", hum, counted, NOISE, PERIOD)
+    (place,) = spectral_line("X", hum, counted, NOISE, PERIOD)
     assert place.value == pytest.approx(49.7, abs=0.02)
     assert place.share == pytest.approx(1.0, abs=0.02)
     assert place.sentence.endswith("of the excess is at 49.7 Hz, whatever the axis does")
-    assert list(humming("X", white(t.size, NOISE, 1), counted, 0.5 * NOISE, PERIOD)) == []
+    assert list(spectral_line("X", white(t.size, NOISE, 1), counted, 0.5 * NOISE, PERIOD)) == []
 
 
 EXCESS = "80 % of the excess"
 PHRASES = {
     "within 40 ms after X reversals": (
-        "reversal", 0.04, "lies within 40 ms after X reversals, 12 % of the samples; equal both ways",
+        "reversal",
+        0.04,
+        "lies within 40 ms after X reversals, 12 % of the samples; equal both ways",
     ),
     "at speeds up to 10.6 mm/s": ("speed", 0.0106, "lies at speeds up to 10.6 mm/s, 39 % of the samples"),
     "at X -3 to 12.5 mm": ("position", 0.0, "lies where X is -3 mm to 12.5 mm, 9 % of the samples"),
     "everywhere in proportion to the speed of X": (
-        "speed", 1e-4, "is in proportion to the velocity: 0.386 ms behind the model",
+        "speed",
+        1e-4,
+        "is in proportion to the velocity: 0.386 ms behind the model",
     ),
     "everywhere in proportion to the speed of X, differently each way": (
-        "speed", 1e-4, "is in proportion to the velocity, differently each way: 1 ms times it to plus",
+        "speed",
+        1e-4,
+        "is in proportion to the velocity, differently each way: 1 ms times it to plus",
     ),
     "everywhere in proportion to the position of Y": (
-        "position of Y", 1e-4, "is in proportion to the position of Y: 0.741 µm per mm",
+        "position of Y",
+        1e-4,
+        "is in proportion to the position of Y: 0.741 µm per mm",
     ),
     "all along X, again and again every 5 mm": ("period", 5.0 * MM, "comes again every 5 mm of travel"),
     "everywhere, by the same amount": ("offset", 1e-6, "is an offset of 1 µm, always there"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("words", PHRASES)
 def test_places_in_a_phrase(words: str) -> None:
     by, value, sentence = PHRASES[words]
-    place = Place(axis="X", by=by, share=0.8, value=value, sentence=f"{EXCESS} {sentence}")
+    place = ResidualPlace(axis="X", by=by, share=0.8, value=value, sentence=f"{EXCESS} {sentence}")
     assert phrase(place) == words
 
 
@@ -200,8 +204,8 @@ def test_the_phrase_is_of_what_the_effect_does_not_of_when_it_happened() -> None
         "lies from 1 s to 2 s, 4 % of the samples",
         "is in proportion to the acceleration: 1 µm per m/s²",
     )
-    when = Place(axis="X", by="time", share=0.9, value=1.0, sentence=f"{EXCESS} {lies}")
-    how = Place(axis="X", by="acceleration", share=0.4, value=1e-6, sentence=f"{EXCESS} {goes}")
+    when = ResidualPlace(axis="X", by="time", share=0.9, value=1.0, sentence=f"{EXCESS} {lies}")
+    how = ResidualPlace(axis="X", by="acceleration", share=0.4, value=1e-6, sentence=f"{EXCESS} {goes}")
     words = best_phrase("elastic_windup", "X", (when, how), {})
     assert words == "everywhere in proportion to the acceleration of X"
     assert best_phrase("elastic_windup", "X", (when,), {}) == "where X accelerates"
@@ -218,12 +222,9 @@ def test_the_measured_drive() -> None:
     machine = make_machine([make_axis("motor", 95.1 / 1.3707e6, 6.39e-3, 0.0)], PERIOD)
     quality = examine(log, machine)
     outcome = with_friction(log, machine, quality, 10.0 * UM)
-    (one,) = tell(log, machine, quality, (outcome,))
+    (one,) = explain(log, machine, quality, (outcome,))
     lags, force, _ = one.evidence["coulomb_friction"]
-    sizes = [
-        float(size)
-        for size in re.findall(r"X_motor is ([\d.]+) µm behind at .*, ([\d.]+) µm behind", lags)[0]
-    ]
+    sizes = [float(size) for size in re.findall(r"X_motor is ([\d.]+) µm behind at .*, ([\d.]+) µm behind", lags)[0]]
     assert sizes == pytest.approx([14.9, 14.9], rel=0.03)
     step = re.search(r"the force channel steps by ([\d.]+) N where X reverses", force)
     assert step is not None

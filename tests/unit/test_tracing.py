@@ -11,17 +11,15 @@ import pytest
 from msgspec.structs import replace
 
 from ph_post.cli.main import main
+from ph_post.dialects.linuxcnc import spline_deviation
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.freecad import JobRecord, answer, read_job
 from ph_post.errors import InputError
-from ph_post.gcode.dialects.linuxcnc import spline_deviation
-from ph_post.gcode.registry import find_dialect
-from ph_post.gcode.tracing.cubics import cubic_track
-from ph_post.gcode.tracing.record import Move
-from ph_post.gcode.tracing.runs import find_runs
-from ph_post.gcode.tracing.write import trace_moves
+from ph_post.files.storage import SourceText
 from ph_post.geometry.nurbs import Nurbs
-from ph_post.io.freecadjob import JobRecord, answer, read_job
-from ph_post.io.machinefile import read_machine
-from ph_post.io.source import Source
+from ph_post.post.spline_moves import cubic_track, trace_moves
+from ph_post.post.tracing import Move, find_runs
 
 LINUXCNC = find_dialect("linuxcnc")
 PERIOD, TOLERANCE = 1e-3, 2e-5
@@ -31,10 +29,11 @@ ROOT_HALF = np.sqrt(0.5)
 ELLIPSE = {
     "degree": 2,
     "knots": [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4],
-    "points": [[A * x, B * y] for x, y in
-               [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)]],
+    "points": [
+        [A * x, B * y] for x, y in [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)]
+    ],
     "weights": [1, ROOT_HALF] * 4 + [1],
-}  # fmt: skip
+}
 """The textbook's ellipse of four rational quadratics [mm]."""
 
 
@@ -98,9 +97,7 @@ def test_each_spline_is_one_that_linuxcnc_plays_within_a_micrometre():
         words = move.words
         end = np.array([words.get("X", 0.0), words.get("Y", 0.0)])
         if move.name == "G5":
-            control.append(
-                [at, at + np.array([words["I"], words["J"]]), end + np.array([words["P"], words["Q"]]), end]
-            )
+            control.append([at, at + np.array([words["I"], words["J"]]), end + np.array([words["P"], words["Q"]]), end])
         if "X" in words:
             at = end
     assert spline_deviation(np.array(control) * 1e-3).max() < 1e-6
@@ -238,13 +235,12 @@ def test_a_job_that_cannot_be_compensated_is_refused_before_it_is_posted(dialect
         ("{", "Input data was truncated"),
         ('{"format": "ph-post-path"}', "Invalid enum value 'ph-post-path' - at `$.format`"),
         (
-            '{"format": "ph-post-freecad", "version": 1, "tolerance": 1, "operations":'
-            ' [{"moves": [["G1", 3]]}]}',
+            '{"format": "ph-post-freecad", "version": 1, "tolerance": 1, "operations": [{"moves": [["G1", 3]]}]}',
             "Expected `object`, got `int` - at `$.operations[0].moves[0][1]`",
         ),
     ],
 )
 def test_no_job_is_refused_in_one_line(text, got):
     with pytest.raises(InputError) as refusal:
-        read_job(Source(name="job.json", stem="job", text=text, digest=""))
+        read_job(SourceText(name="job.json", stem="job", text=text, digest=""))
     assert str(refusal.value) == f"job.json: not a job of FreeCAD's post-processor; got {got}"

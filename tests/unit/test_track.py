@@ -9,7 +9,9 @@ import pytest
 
 from ph_post.errors import InputError
 from ph_post.geometry import bernstein
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, Polynomial
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.nurbs import Nurbs
+from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
 from ph_post.types import Path, Segment
 
@@ -105,9 +107,7 @@ def test_values_are_those_of_the_curves(mixed):
         width = np.array([one.xi1 - one.xi0 for one in mixed.pieces])[piece[mine]]
         for order in range(5):
             scale = max(1.0, np.abs(exact[order]).max())
-            assert found[order, mine] == pytest.approx(
-                exact[order] * width[:, None] ** order, abs=1e-12 * scale
-            )
+            assert found[order, mine] == pytest.approx(exact[order] * width[:, None] ** order, abs=1e-12 * scale)
 
 
 def test_to_xi_reaches_the_end_exactly():

@@ -9,11 +9,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ph_post import turning
-from ph_post.geometry.curves import PH, Arc, Bezier, Line, Nurbs, PiecewiseCurve, Polynomial
-from ph_post.geometry.stationary import Stationary, find_stationary
+from ph_post.analysis import turning_points as turning
+from ph_post.analysis.turning_points import certify, find_turning_points
+from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
+from ph_post.geometry.nurbs import Nurbs
+from ph_post.geometry.ph import PH
+from ph_post.geometry.piecewise import PiecewiseCurve
+from ph_post.geometry.reversals import StationaryPoints, find_stationary_points
 from ph_post.geometry.track import Track
-from ph_post.turning import certify, find_turning_points
 from ph_post.types import TurningPoint
 from ph_post.units import MM
 
@@ -101,8 +104,12 @@ def oval(noise: float = 0.0, seed: int = 0) -> list[Bezier]:
     quarter = np.array([[1.0, 0.0], [1.0, QUARTER], [QUARTER, 1.0], [0.0, 1.0]])
     curves = []
     for k in range(4):
-        turn = np.array([[math.cos(k * math.pi / 2), -math.sin(k * math.pi / 2)],
-                         [math.sin(k * math.pi / 2), math.cos(k * math.pi / 2)]]).round()  # fmt: skip
+        turn = np.array(
+            [
+                [math.cos(k * math.pi / 2), -math.sin(k * math.pi / 2)],
+                [math.sin(k * math.pi / 2), math.cos(k * math.pi / 2)],
+            ]
+        ).round()
         points = (quarter @ turn.T) * np.array([0.03, 0.02]) + np.array([0.1, 0.2])
         curves.append(Bezier(points + noise * rng.choice([-1, 0, 1], points.shape) * np.spacing(points)))
     return curves
@@ -354,21 +361,19 @@ def test_certificate_isolates_every_root() -> None:
     for (low, high), root in zip(by_axis["Y"].intervals, (Fraction(1, 4), Fraction(3, 4)), strict=True):
         assert low <= root <= high
         assert high - low < Fraction(1, 10**18)
-    assert (
-        certificate.words[0] == "2 turning points, counted exactly: found, nothing missing, nothing invented."
-    )
+    assert certificate.words[0] == "2 turning points, counted exactly: found, nothing missing, nothing invented."
 
 
 @pytest.mark.parametrize("fault", ["missing", "invented", "moved"])
 def test_certificate_tells_what_floating_point_got_wrong(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(track: Track) -> Stationary:
-        right = find_stationary(track)
+    def wrong(track: Track) -> StationaryPoints:
+        right = find_stationary_points(track)
         if fault == "missing":
-            return Stationary(axis=right.axis[1:], piece=right.piece[1:], u=right.u[1:])
+            return StationaryPoints(axis=right.axis[1:], piece=right.piece[1:], u=right.u[1:])
         if fault == "moved":
-            return Stationary(axis=right.axis, piece=right.piece, u=right.u + 1e-10)
+            return StationaryPoints(axis=right.axis, piece=right.piece, u=right.u + 1e-10)
         axis, piece = np.append(right.axis, 1), np.append(right.piece, 0)
-        return Stationary(axis=axis, piece=piece, u=np.append(right.u, 0.9))
+        return StationaryPoints(axis=axis, piece=piece, u=np.append(right.u, 0.9))
 
     monkeypatch.setattr(turning, "find_stationary", wrong)
     certificate = certify(Track.from_curves([Bezier([[0.0, 0.0], [0.01, 0.02], [0.02, 0.0]])]))

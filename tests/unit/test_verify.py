@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from support.compensated import bracket, headed, planes, relative
 
-from ph_post.audit.frechet import follow
-from ph_post.audit.verdict import KEPT, Findings
-from ph_post.audit.verify import verify
 from ph_post.cli.main import main
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.machinefile import read_machine
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.read import read_program
 from ph_post.units import MM
+from ph_post.verify.polylines import follow
+from ph_post.verify.verdict import KEPT, Findings
+from ph_post.verify.verify import verify
 
 TOLERANCE = 0.005 * MM
 

@@ -8,10 +8,10 @@ the kind of failure that this must give.
 import pytest
 from support.compensated import bracket, planes, relative
 
-from ph_post.audit.verify import verify
 from ph_post.errors import InputError
-from ph_post.gcode.reader.read import read_program
+from ph_post.gcode.read import read_program
 from ph_post.units import MM
+from ph_post.verify.verify import verify
 
 TOLERANCE = 0.005 * MM
 

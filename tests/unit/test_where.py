@@ -28,15 +28,15 @@ from support.residuals import (
     white,
 )
 
-from ph_post.diagnose.motion import motion_of
-from ph_post.diagnose.record import Place
-from ph_post.diagnose.where import locate
+from ph_post.diagnose.residual_places import locate
+from ph_post.identify.linear_drive import motion_of
+from ph_post.types.diagnosis import ResidualPlace
 
 Array = NDArray[np.float64]
 MOTIONS = {"to and fro": cache(to_and_fro), "irregular": cache(irregular)}
 
 
-def places(m: Moved, residual: Array, seed: int = 1) -> tuple[Place, ...]:
+def places(m: Moved, residual: Array, seed: int = 1) -> tuple[ResidualPlace, ...]:
     return locate(m.log, "X", residual + white(m.x.size, NOISE, seed), m.counted, NOISE, m.machine)
 
 
@@ -52,40 +52,60 @@ class Case(NamedTuple):
 CASES = {
     "behind reversals": Case(
         # 2 x 2 µm that die out: above the mean for about ln(...) time constants
-        "reversal", 0.045, lambda m: 2.0 * UM * decaying(m.v, 0.02),
+        "reversal",
+        0.045,
+        lambda m: 2.0 * UM * decaying(m.v, 0.02),
         ("after X reversals", "equal in both directions", "independent of position"),
-        share=0.85, rel=0.35,
+        share=0.85,
+        rel=0.35,
     ),
     "by direction": Case(
-        "direction", 2.0 * UM, lambda m: 2.0 * UM * np.sign(m.v),
+        "direction",
+        2.0 * UM,
+        lambda m: 2.0 * UM * np.sign(m.v),
         ("µm while moving to plus, opposite to minus",),
     ),
     "by velocity": Case("speed", 1e-4, lambda m: 1e-4 * m.v, ("ms ahead of the model",)),
     "by velocity to minus": Case(
-        "speed", 1e-4, lambda m: np.where(m.v < 0.0, 1e-4 * m.v, 0.0),
+        "speed",
+        1e-4,
+        lambda m: np.where(m.v < 0.0, 1e-4 * m.v, 0.0),
         ("differently each way", "ms times it to plus, 0.1 ms to minus"),
     ),
     "by acceleration": Case("acceleration", 2e-5, lambda m: 2e-5 * m.a, ("20 µm per m/s²",)),
     "by position, periodic": Case(
-        "period", 5.0 * MM, lambda m: 2.0 * UM * np.sin(2.0 * np.pi * m.x / (5.0 * MM) + 1.0),
-        ("comes again every ", "equal in both directions"), rel=0.001,
+        "period",
+        5.0 * MM,
+        lambda m: 2.0 * UM * np.sin(2.0 * np.pi * m.x / (5.0 * MM) + 1.0),
+        ("comes again every ", "equal in both directions"),
+        rel=0.001,
     ),
     "by position, linear": Case("position", 2e-4, lambda m: 2e-4 * (m.x - 0.02), ("of X: 0.2 µm per mm",)),
     "by position, local": Case(
-        "position", 10.0 * MM, lambda m: 2.0 * UM * np.exp(-0.5 * ((m.x - 10.0 * MM) / (2.0 * MM)) ** 2),
-        ("where X is",), share=0.9, rel=0.1,
+        "position",
+        10.0 * MM,
+        lambda m: 2.0 * UM * np.exp(-0.5 * ((m.x - 10.0 * MM) / (2.0 * MM)) ** 2),
+        ("where X is",),
+        share=0.9,
+        rel=0.1,
     ),
     "by the other axis": Case("position of Y", -2e-4, lambda m: -2e-4 * m.y, ("of Y: -0.2 µm per mm",)),
     "by time, a drift": Case(
-        "time", 8.0 * UM * (1.0 - math.exp(-3.0)), lambda m: 8.0 * UM * (1.0 - np.exp(-m.t / 20.0)),
-        ("drift over time",), rel=0.03,
+        "time",
+        8.0 * UM * (1.0 - math.exp(-3.0)),
+        lambda m: 8.0 * UM * (1.0 - np.exp(-m.t / 20.0)),
+        ("drift over time",),
+        rel=0.03,
     ),
     "by time, once": Case(
-        "time", 20.0, lambda m: 3.0 * UM * ((m.t > 20.0) & (m.t < 22.0)) * np.sin(300.0 * m.t),
-        ("from 19.7 s to 22.6",), rel=0.05,
+        "time",
+        20.0,
+        lambda m: 3.0 * UM * ((m.t > 20.0) & (m.t < 22.0)) * np.sin(300.0 * m.t),
+        ("from 19.7 s to 22.6",),
+        rel=0.05,
     ),
     "always": Case("offset", -1.5 * UM, lambda m: np.full(m.x.size, -1.5 * UM), ("an offset of -1.5",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -22,18 +22,21 @@ from support.engine_cases import (
 )
 
 from ph_post.drive.effects import plant_of
-from ph_post.drive.plant import Plant, Widening
-from ph_post.drive.widening import gap_at, table_behind
+from ph_post.drive.plant import GapProfile, Plant, gap_at, table_behind
 from ph_post.simulate.assess import scenarios
-from ph_post.simulate.machine import Trace, run_plant, simulate
+from ph_post.simulate.machine import AxisCommand, run_plant, simulate
 from ph_post.types import EffectSetting, Feedback, Run, Scenario
 
 
 def worn(slope: float = 0.0, bump: float = 0.0, reference: float = 3.0) -> EffectSetting:
     return effect(
-        "position_dependent_backlash", slope_mm_per_mm=slope, reference_mm=reference, bump_mm=bump,
-        centre_mm=-8.0, width_mm=6.0,
-    )  # fmt: skip
+        "position_dependent_backlash",
+        slope_mm_per_mm=slope,
+        reference_mm=reference,
+        bump_mm=bump,
+        centre_mm=-8.0,
+        width_mm=6.0,
+    )
 
 
 SLOPE, BUMP, BOTH = worn(slope=5e-3), worn(bump=0.3), worn(slope=-8e-3, bump=0.2)
@@ -43,9 +46,12 @@ DRY = effect("coulomb_friction", following_error_mm=0.2)
 
 
 def run(
-    *effects: EffectSetting, feedback: Feedback = "load", command: NDArray[np.float64] = WAVES,
-    period: float = PERIOD, **more: float,
-) -> Run:  # fmt: skip
+    *effects: EffectSetting,
+    feedback: Feedback = "load",
+    command: NDArray[np.float64] = WAVES,
+    period: float = PERIOD,
+    **more: float,
+) -> Run:
     axis = make_axis(feedback, **{**SOFT, **more}, effects=effects)
     return simulate(make_command(command[:, None], period), make_machine([axis], period))
 
@@ -58,9 +64,7 @@ def test_against_an_integration(effects: tuple[EffectSetting, ...], feedback: Fe
     ours = simulate(make_command(WAVES[:, None], PERIOD), make_machine([axis], PERIOD))
     expected = reference(Case(axis, WAVES, PERIOD))
     assert [kind for _, kind in contacts_of(ours, "X")] == [kind for _, kind in contacts(expected.events)]
-    assert [t for t, _ in contacts_of(ours, "X")] == pytest.approx(
-        [t for t, _ in contacts(expected.events)], abs=1e-7
-    )
+    assert [t for t, _ in contacts_of(ours, "X")] == pytest.approx([t for t, _ in contacts(expected.events)], abs=1e-7)
     assert ours.executed[:, 0] == pytest.approx(expected.table, abs=1e-9)
     assert ours.motor[:, 0] == pytest.approx(expected.motor, abs=1e-9)
     plain = run(*effects[1:], feedback=feedback)
@@ -119,9 +123,13 @@ def test_a_spring_takes_the_gap_as_it_goes_along(feedback: Feedback) -> None:
     """Half the gap is set at each sample: one of one size is that gap, and shorter samples tell the same."""
     windup = effect("elastic_windup", resonance_hz=60.0, damping_ratio=0.1)
     flat = effect(
-        "position_dependent_backlash", slope_mm_per_mm=0.0, reference_mm=0.0, bump_mm=0.1, centre_mm=0.0,
+        "position_dependent_backlash",
+        slope_mm_per_mm=0.0,
+        reference_mm=0.0,
+        bump_mm=0.1,
+        centre_mm=0.0,
         width_mm=1e6,
-    )  # fmt: skip
+    )
     wide, plain = run(windup, flat, feedback=feedback), run(windup, feedback=feedback, gap=5e-4)
     assert wide.executed == pytest.approx(plain.executed, abs=1e-9)
     sloping = run(windup, SLOPE, feedback=feedback).executed
@@ -139,9 +147,13 @@ def test_no_size_is_no_effect(feedback: Feedback) -> None:
 @pytest.mark.parametrize("feedback", ["load", "motor", "none"])
 def test_a_wide_bump_is_a_wider_gap(feedback: Feedback) -> None:
     flat = effect(
-        "position_dependent_backlash", slope_mm_per_mm=0.0, reference_mm=0.0, bump_mm=0.1, centre_mm=0.0,
+        "position_dependent_backlash",
+        slope_mm_per_mm=0.0,
+        reference_mm=0.0,
+        bump_mm=0.1,
+        centre_mm=0.0,
         width_mm=1e6,
-    )  # fmt: skip
+    )
     wide, plain = run(flat, feedback=feedback), run(feedback=feedback, gap=5e-4)
     assert wide.executed == pytest.approx(plain.executed, abs=1e-11)
     assert wide.motor == pytest.approx(plain.motor, abs=1e-11)
@@ -155,9 +167,12 @@ def test_a_gap_that_is_only_a_bump_is_one() -> None:
 
 def test_the_gap_by_hand() -> None:
     plant = Plant(
-        feedback="motor", b=1.0, c=1.0, gap=2e-5,
-        widening=Widening(slope=1e-4, reference=0.1, bump=4e-5, centre=0.3, width=0.02),
-    )  # fmt: skip
+        feedback="motor",
+        b=1.0,
+        c=1.0,
+        gap=2e-5,
+        widening=GapProfile(slope=1e-4, reference=0.1, bump=4e-5, centre=0.3, width=0.02),
+    )
     places = np.array([0.1, 0.3, 0.32, -0.5])
     by_hand = [2e-5, 2e-5 + 2e-5 + 4e-5, 2e-5 + 2.2e-5 + 4e-5 * 0.6065306597126334, 0.0]
     assert gap_at(plant, places) == pytest.approx(by_hand, abs=1e-18)
@@ -180,9 +195,7 @@ def test_a_scenario_multiplies_all_of_the_gap(feedback: Feedback) -> None:
     command, machine = make_command(WAVES[:, None], PERIOD), make_machine([axis], PERIOD)
     larger = plant_of(axis, Scenario(gap=1.5))
     places = np.linspace(-0.02, 0.02, 41)
-    assert gap_at(larger, places) == pytest.approx(
-        1.5 * gap_at(plant_of(axis, Scenario()), places), abs=1e-18
-    )
+    assert gap_at(larger, places) == pytest.approx(1.5 * gap_at(plant_of(axis, Scenario()), places), abs=1e-18)
     none = simulate(command, machine, Scenario(gap=0.0))
     assert np.array_equal(none.executed, run(feedback=feedback, gap=0.0).executed)
 
@@ -209,6 +222,6 @@ def test_in_the_slow_engine(feedback: Feedback) -> None:
     """With a Python function that adds nothing."""
     plant = plant_of(make_axis(feedback, **SOFT, effects=[BOTH]), Scenario())
     slow = replace(plant, forces=(lambda t, x, v, way: 0.0,))
-    ours, theirs = (run_plant(Trace(WAVES, 0.0, 0.0), one, 1, PERIOD) for one in (plant, slow))
+    ours, theirs = (run_plant(AxisCommand(WAVES, 0.0, 0.0), one, 1, PERIOD) for one in (plant, slow))
     assert theirs[0] == pytest.approx(ours[0], abs=1e-12)
     assert theirs[1] == pytest.approx(ours[1], abs=1e-12)

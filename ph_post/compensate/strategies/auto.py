@@ -1,14 +1,14 @@
-"""The best of all at every turning point, by simulation of every machine that the file leaves possible."""
+"""The best of all strategies at every turning point, by simulation of every machine that the file leaves possible."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
-from ph_post.compensate.families import PLATEAU, Case, Family, dips
-from ph_post.compensate.joglayout import lacks_stops
-from ph_post.compensate.jogs import carries_offset
-from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.families import PLATEAU, DesignFamily, ReversalCase, dips
+from ph_post.compensate.layout import lacks_stops
+from ph_post.compensate.offsets import carries_offset
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import crossing_families, jog_families
 from ph_post.types import Feedback
@@ -30,7 +30,7 @@ class Automatic:
     summary = "the best of all at every turning point, in simulation and within the limits"
     feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the best design at every turning point."""
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
         options = task.options
@@ -45,7 +45,7 @@ class Automatic:
         return proposal
 
 
-def _families(task: Task, case: Case) -> Sequence[Family]:
+def _families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Crossings first; a stop alone helps only inside a loop."""
     lowest = BACKWARDS if task.options.allow_retrograde else 0.0
     crossing = crossing_families(task, case)
@@ -53,13 +53,13 @@ def _families(task: Task, case: Case) -> Sequence[Family]:
     return (*crossing, PLATEAU, dips(SIMPLE, lowest)) if inside else crossing
 
 
-def _written_families(task: Task, case: Case) -> Sequence[Family]:
+def _written_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     lasting = any(carries_offset(axis) for axis, _ in case.reversing)
     jogs = jog_families(task, case)
     return jogs if lasting else (*jogs, *_feed_families(task, case))
 
 
-def _feed_families(task: Task, _case: Case) -> Sequence[Family]:
+def _feed_families(task: PlanningTask, _case: ReversalCase) -> Sequence[DesignFamily]:
     lowest = BACKWARDS if task.options.allow_retrograde else 0.0
     return (PLATEAU, *(dips(degree, lowest) for degree in DEGREES))
 

@@ -1,8 +1,8 @@
-"""What a strategy is.
+"""The contract of a strategy.
 
 A strategy says, for every window, which profile it would like there. It knows the windows, the backlash
-intervals, the drives and the user's options; it knows nothing of the limits: where its wish does not fit it
-is shortened or softened for it, and the plan says so.
+intervals, the drives and the user's options; it knows nothing of the limits: a profile that does not fit is
+shortened or softened by the planner, and the plan says so.
 
 To add one: write a class with the members of :class:`Strategy`, make one instance of it, and register that as
 entry point of the group ``ph_post.strategies``.
@@ -16,10 +16,10 @@ from typing import Protocol, runtime_checkable
 
 import msgspec
 
-from ph_post.analysis import Analysis
-from ph_post.compensate.feedalong import FeedAlong
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate.motion import FeedAlong
 from ph_post.compensate.options import PlanOptions
-from ph_post.drive.local import sized_machine
+from ph_post.drive.axes import sized_machine
 from ph_post.errors import InputError
 from ph_post.types import (
     BacklashInterval,
@@ -28,7 +28,7 @@ from ph_post.types import (
     Jog,
     Machine,
     Path,
-    Shape,
+    ProfileShape,
     TurningPoint,
     Window,
 )
@@ -38,7 +38,7 @@ def silent(_text: str) -> None:
     """Tell nobody."""
 
 
-class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a strategy is asked about.
 
     `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
@@ -86,7 +86,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.analysis.notes
 
 
-class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The profile wanted in one window.
 
     `shape` is V / V_c, None to leave the window alone; `t_star` [s] is the half duration wanted,
@@ -104,7 +104,7 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     strategy chooses among others.
     """
 
-    shape: Shape | None
+    shape: ProfileShape | None
     t_star: float = math.inf
     least: float = 0.0
     turn: float = 0.5
@@ -115,7 +115,7 @@ class Wish(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     note: str = ""
 
 
-class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A strategy's answer: one wish a window, and warnings about the job as a whole.
 
     `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
@@ -124,9 +124,9 @@ class Proposal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     program can only if the motion stops at each of their reversals.
     """
 
-    wishes: tuple[Wish, ...]
+    wishes: tuple[ProfileRequest, ...]
     proven: bool = False
-    shorter: Callable[[float], Proposal] | None = None
+    shorter: Callable[[float], StrategyResult] | None = None
     shifted: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -154,7 +154,7 @@ class Strategy(Protocol):
     def feedbacks(self) -> frozenset[Feedback]:
         """Feedback loops whose backlash it can shrink."""
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Say which profile is wanted in every window."""
 
 
@@ -168,7 +168,8 @@ def require_loop(strategy: Strategy, axes: Iterable[str], machine: Machine) -> N
     loops = {name: machine.axes[name].feedback for name in axes}
     if not strategy.feedbacks.intersection(loops.values()):
         raise InputError(
-            "--strategy", f"{strategy.name} cannot shrink the backlash of these loops",
+            "--strategy",
+            f"{strategy.name} cannot shrink the backlash of these loops",
             expected=f"feedback {' or '.join(sorted(strategy.feedbacks))}",
             got=", ".join(f"{axis}: {loop}" for axis, loop in loops.items()),
-        )  # fmt: skip
+        )

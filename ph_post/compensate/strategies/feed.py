@@ -1,4 +1,4 @@
-"""What the strategies that only modulate the feed have in common: where they act, and what they cannot do."""
+"""Shared parts of the strategies that only modulate the feed: the windows they act in, and the options they refuse."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from ph_post.compensate import profile, shapes
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
-from ph_post.drive.local import axis_at
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.drive.axes import axis_at
 from ph_post.errors import InputError
-from ph_post.types import Feedback, Shape, TurningPoint, Window
+from ph_post.types import Feedback, ProfileShape, TurningPoint, Window
 
 FEEDBACKS: frozenset[Feedback] = frozenset(("load", "motor", "none"))
 """A modulated feed shrinks the error inside a loop; outside one it shortens the way travelled meanwhile."""
@@ -21,33 +21,33 @@ INTERVALS = 4.0
 """Half duration by default, in backlash intervals: section 6 has t_star = 0.5 s for 0.119 s."""
 
 
-def propose(task: Task, want: Callable[[Window, float], Wish]) -> Proposal:
+def propose(task: PlanningTask, want: Callable[[Window, float], ProfileRequest]) -> StrategyResult:
     """Ask for a profile in every window in which an axis crosses its gap.
 
     Parameters
     ----------
-    task : Task
+    task : PlanningTask
     want : callable
         The wish in a window whose longest backlash interval is so many seconds; 0 where none is known, but
         the user has chosen a duration.
 
     Returns
     -------
-    Proposal
+    StrategyResult
         With a warning where a loop is not closed over the table.
     """
     wishes = tuple(_wish(task, window, want) for window in task.windows)
-    return Proposal(wishes=wishes, warnings=_offset_warning(task, wishes))
+    return StrategyResult(wishes=wishes, warnings=_offset_warning(task, wishes))
 
 
-def wish_in_intervals(task: Task, shape: Shape, longest: float) -> Wish:
+def wish_in_intervals(task: PlanningTask, shape: ProfileShape, longest: float) -> ProfileRequest:
     """Want a shape for some backlash intervals, or as long as the user has it."""
     if task.options.t_star is not None:
-        return Wish(shape=shape, t_star=task.options.t_star, may_leave=True)
-    return Wish(shape=shape, t_star=INTERVALS * longest, least=longest)
+        return ProfileRequest(shape=shape, t_star=task.options.t_star, may_leave=True)
+    return ProfileRequest(shape=shape, t_star=INTERVALS * longest, least=longest)
 
 
-def chosen_shape(options: PlanOptions, ratio: float) -> Shape:
+def chosen_shape(options: PlanOptions, ratio: float) -> ProfileShape:
     """Eq. (26) as the options want it, with V(½) / V_c = `ratio` where they do not say.
 
     Raises
@@ -65,7 +65,7 @@ def chosen_shape(options: PlanOptions, ratio: float) -> Shape:
     return passable(shapes.single(coefficients), "--coefficients", options)
 
 
-def passable(shape: Shape, where: str, options: PlanOptions) -> Shape:
+def passable(shape: ProfileShape, where: str, options: PlanOptions) -> ProfileShape:
     """Return a shape that gets the tool through its window, forwards all the way unless allowed otherwise.
 
     Raises
@@ -75,14 +75,18 @@ def passable(shape: Shape, where: str, options: PlanOptions) -> Shape:
     """
     if not options.allow_retrograde and not shapes.is_non_negative(shape):
         raise InputError(
-            where, "the feed would become negative", expected="V >= 0, or --allow-retrograde",
+            where,
+            "the feed would become negative",
+            expected="V >= 0, or --allow-retrograde",
             got=f"V = {shapes.lowest(shape):.6g} V_c",
-        )  # fmt: skip
+        )
     if shapes.mean(shape) <= 0.0:
         raise InputError(
-            where, "the tool would not get through the window", expected="a mean feed above 0",
+            where,
+            "the tool would not get through the window",
+            expected="a mean feed above 0",
             got=f"{shapes.mean(shape):.6g} V_c",
-        )  # fmt: skip
+        )
     return shape
 
 
@@ -111,31 +115,31 @@ def _refuse_both(options: PlanOptions, degree: int) -> None:
         )
 
 
-def _wish(task: Task, window: Window, want: Callable[[Window, float], Wish]) -> Wish:
+def _wish(task: PlanningTask, window: Window, want: Callable[[Window, float], ProfileRequest]) -> ProfileRequest:
     members = [task.turning_points[index] for index in window.members]
     if not any(_lost_motion(task, point) for point in members):
         axes = " and ".join(sorted({point.axis for point in members}))
-        return Wish(shape=None, note=f"no gap on {axes}")
+        return ProfileRequest(shape=None, note=f"no gap on {axes}")
     durations = [found.duration for found in (task.intervals[p.index] for p in members) if found is not None]
     longest = max(durations, default=0.0)
     if longest == 0.0 and task.options.t_star is None:
         why = next((task.notes[p.index] for p in members if task.notes[p.index]), "no backlash interval")
-        return Wish(shape=None, note=why)
+        return ProfileRequest(shape=None, note=why)
     return want(window, longest)
 
 
-def _lost_motion(task: Task, point: TurningPoint) -> float:
+def _lost_motion(task: PlanningTask, point: TurningPoint) -> float:
     return axis_at(task.machine.axes[point.axis], point.position).gap.lost_motion
 
 
-def modulated_axes(task: Task, wishes: tuple[Wish, ...]) -> list[str]:
+def modulated_axes(task: PlanningTask, wishes: tuple[ProfileRequest, ...]) -> list[str]:
     """Names of the axes that reverse in a window for which a profile is wanted."""
     pairs = zip(task.windows, wishes, strict=True)
     modulated = {i for window, wish in pairs if wish.shape is not None for i in window.members}
     return sorted({task.turning_points[i].axis for i in modulated})
 
 
-def _offset_warning(task: Task, wishes: tuple[Wish, ...]) -> tuple[str, ...]:
+def _offset_warning(task: PlanningTask, wishes: tuple[ProfileRequest, ...]) -> tuple[str, ...]:
     """Say which axes keep a lasting offset whatever the feed does."""
     axes = modulated_axes(task, wishes)
     open_axes = [name for name in axes if task.machine.axes[name].feedback != "load"]

@@ -1,4 +1,4 @@
-"""The straight dip of the literature: the feed falls and rises linearly in time. A baseline to beat.
+"""The straight dip of the literature: the feed falls and rises linearly in time. A baseline.
 
 Its acceleration jumps at both ends and at the turning point, so that on a machine with a jerk limit most of
 it is softened away. After [1]_.
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from ph_post.compensate import profile
 from ph_post.compensate.strategies import feed
-from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 
 RATIO = 0.25
 """V / V_c at the turning point by default, as of `suppress`."""
@@ -26,7 +26,7 @@ class LinearDip:
     summary = "a piecewise linear feed dip about every turning point, a baseline"
     feedbacks = feed.FEEDBACKS
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""
         options = task.options
         feed.refuse_options(options, self.name, "degree", "coefficients")

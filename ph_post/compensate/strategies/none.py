@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.types import Feedback
 
 
@@ -13,9 +13,9 @@ class PlainFeed:
     summary = "the plain program, nothing added"
     feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want no profile anywhere, and have nothing to say about it."""
-        return Proposal(wishes=tuple(Wish(shape=None) for _ in task.windows))
+        return StrategyResult(wishes=tuple(ProfileRequest(shape=None) for _ in task.windows))
 
 
 STRATEGY = PlainFeed()

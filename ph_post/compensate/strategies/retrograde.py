@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from ph_post.compensate import shapes
 from ph_post.compensate.strategies import feed
-from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 from ph_post.errors import InputError
 
 RATIO = -0.3
@@ -25,7 +25,7 @@ class Retrograde:
     summary = "a feed dip below zero: the tool moves back for a while; needs --allow-retrograde"
     feedbacks = feed.FEEDBACKS
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap.
 
         Raises

@@ -1,7 +1,7 @@
-"""What controllers do about backlash: shift the axis by its gap as soon as its command turns back.
+"""Backlash compensation as controllers do it: shift the axis by its gap as soon as its command turns back.
 
 The axis moves by half the gap either way at no more than half its acceleration limit, beginning at the
-commanded reversal, whatever the feed. LinuxCNC's BACKLASH is of this kind. Here to be beaten.
+commanded reversal, whatever the feed. LinuxCNC's BACKLASH is of this kind. A baseline.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from ph_post.compensate.families import whole_crossing
-from ph_post.compensate.layout import reversing
+from ph_post.compensate.layout import reversing_axes
 from ph_post.compensate.offsets import smoothstep
-from ph_post.compensate.strategies.base import Proposal, Task, Wish
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import refuse_offsets
 from ph_post.errors import InputError
@@ -25,14 +25,14 @@ DEGREE = 3
 """Degree of the shift in time; 5 and 7 are smoother and take longer."""
 
 
-class Step:
+class StepCompensation:
     """Shift every axis that is not closed over the table by its gap, behind each reversal."""
 
     name = "step"
     summary = "the position step that controllers add at a reversal; a baseline"
     feedbacks: frozenset[Feedback] = frozenset(("motor", "none"))
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want a shift in every window, and no profile."""
         refuse_options(task.options, self.name, "ratio", "coefficients", "t_star")
         refuse_offsets(task, self.name)
@@ -40,13 +40,11 @@ class Step:
         if degree % 2 == 0:
             raise InputError("--degree", "not a degree of a shift", expected="3, 5 or 7", got=str(degree))
         sized = task.sized
-        drives = [
-            reversing(sized, [task.turning_points[k] for k in window.members]) for window in task.windows
-        ]
+        drives = [reversing_axes(sized, [task.turning_points[k] for k in window.members]) for window in task.windows]
         order = (degree - 1) // 2
-        return Proposal(
+        return StrategyResult(
             wishes=tuple(
-                Wish(
+                ProfileRequest(
                     shape=None,
                     crossings=tuple(_shift(axis, sign, order) for axis, sign in own if _fits(axis)),
                 )
@@ -67,4 +65,4 @@ def _shift(axis: Axis, direction: int, order: int) -> Crossing:
     return Crossing(axis=crossing.axis, start=0.0, duration=duration, travel=crossing.travel, order=order)
 
 
-STRATEGY = Step()
+STRATEGY = StepCompensation()

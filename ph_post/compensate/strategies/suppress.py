@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ph_post.compensate.strategies import feed
-from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 
 RATIO = 0.25
 """V(½) / V_c by default: the shallow minimum of the error among profiles that keep V >= 0; section 6."""
@@ -16,7 +16,7 @@ class FeedSuppression:
     summary = "a smooth feed dip about every turning point, never negative unless allowed"
     feedbacks = feed.FEEDBACKS
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""
         shape = feed.chosen_shape(task.options, RATIO)
         return feed.propose(task, lambda _, longest: feed.wish_in_intervals(task, shape, longest))

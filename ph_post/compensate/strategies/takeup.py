@@ -1,7 +1,7 @@
 """Take the gap up: the reversing axis is commanded through it while the path slows down or stops.
 
 With a scale on the table the motor is driven across the gap by a short command that the table does not
-follow, and met by the path on the other flank. Without one the command is shifted by the gap, and stays
+follow, and met by the path on the other side. Without one the command is shifted by the gap, and stays
 shifted until the next reversal. A part program does both by short moves of one axis at full stops.
 """
 
@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
-from ph_post.compensate.families import BARE, CROSSING, OFFSET, Case, Family
-from ph_post.compensate.jogfamilies import JOG, PULSE
-from ph_post.compensate.jogs import carries_offset
-from ph_post.compensate.strategies.base import Proposal, Task
+from ph_post.compensate.families import BARE, CROSSING, JOG, OFFSET, PULSE, DesignFamily, ReversalCase
+from ph_post.compensate.offsets import carries_offset
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
 from ph_post.types import Feedback
@@ -26,7 +25,7 @@ class TakeUp:
     summary = "the reversing axis is commanded through its gap while the path slows down or stops"
     feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
 
-    def profiles(self, task: Task) -> Proposal:
+    def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the crossing that is best in simulation at every turning point."""
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
         refuse_feed_only(task, self.name)
@@ -35,7 +34,7 @@ class TakeUp:
         return choose(task, crossing_families, offsets=True, lead=task.options.inverse_dynamics)
 
 
-def refuse_feed_only(task: Task, name: str) -> None:
+def refuse_feed_only(task: PlanningTask, name: str) -> None:
     """Refuse a strategy that adds to the path where nothing may be.
 
     Raises
@@ -47,7 +46,7 @@ def refuse_feed_only(task: Task, name: str) -> None:
         raise InputError("--feed-only", f"strategy {name} modifies the path", expected="it left out")
 
 
-def refuse_offsets(task: Task, name: str) -> None:
+def refuse_offsets(task: PlanningTask, name: str) -> None:
     """Refuse a strategy that adds to the path where nothing may be, or can be.
 
     Raises
@@ -58,12 +57,13 @@ def refuse_offsets(task: Task, name: str) -> None:
     refuse_feed_only(task, name)
     if task.options.carrier == "program":
         raise InputError(
-            "--strategy", f"strategy {name} modifies single samples of the path",
+            "--strategy",
+            f"strategy {name} modifies single samples of the path",
             expected="--table, as a part program cannot carry that",
-        )  # fmt: skip
+        )
 
 
-def crossing_families(task: Task, case: Case) -> Sequence[Family]:
+def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Families that cross the gap: those that stop only where no least feed forbids it."""
     inside = any(axis.feedback == "load" for axis, _ in case.reversing)
     if not inside:
@@ -71,7 +71,7 @@ def crossing_families(task: Task, case: Case) -> Sequence[Family]:
     return () if task.options.min_feed else (CROSSING,)
 
 
-def jog_families(task: Task, case: Case) -> Sequence[Family]:
+def jog_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Families of what a part program can carry: they stop, and so need that no least feed forbids it."""
     if task.options.min_feed:
         return ()

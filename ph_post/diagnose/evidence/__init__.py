@@ -1,4 +1,4 @@
-"""Evidence for an effect: what physics predicts, and the numbers of the record beside it."""
+"""Evidence for an effect: the prediction of physics beside the numbers of the log."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 from ph_post.diagnose.evidence import drives, forces, readings
-from ph_post.diagnose.evidence.exhibit import Exhibit, rms
+from ph_post.diagnose.evidence.base import Evidence, rms
 from ph_post.diagnose.sentences import length
 
-SIGNATURES: Final[Mapping[str, Callable[[Exhibit], Iterator[str]]]] = {
+SIGNATURES: Final[Mapping[str, Callable[[Evidence], Iterator[str]]]] = {
     "backlash": drives.backlash,
     "position_dependent_backlash": drives.by_place,
     "servo_mismatch": drives.servo,
@@ -36,14 +36,14 @@ VISIBLE: Final = 0.02
 """Part by which a residual must fall for the gain to be told."""
 
 
-def evidence_of(name: str, exhibit: Exhibit) -> tuple[str, ...]:
+def evidence_of(name: str, exhibit: Evidence) -> tuple[str, ...]:
     """Say what speaks for an effect, in sentences.
 
     Parameters
     ----------
     name : str
         Of the effect; of one that is not in the catalogue only the gain is told.
-    exhibit : Exhibit
+    exhibit : Evidence
 
     Returns
     -------
@@ -54,7 +54,7 @@ def evidence_of(name: str, exhibit: Exhibit) -> tuple[str, ...]:
     return (*sentences, *_gain(exhibit))
 
 
-def _gain(exhibit: Exhibit) -> Iterator[str]:
+def _gain(exhibit: Evidence) -> Iterator[str]:
     """Yield how much smaller the residuals are with the effect than without."""
     said = []
     for one in exhibit.problem.observed:

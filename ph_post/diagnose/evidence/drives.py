@@ -1,4 +1,4 @@
-"""Evidence of gap, servo and motor."""
+"""Evidence of backlash, servo and motor effects."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.diagnose.evidence.exhibit import (
-    Exhibit,
-    against,
-    alike,
-    behind,
+from ph_post.diagnose.evidence.base import (
+    Evidence,
     between_ways,
+    compared,
     half_between,
+    lag_or_lead,
     lag_words,
     rms,
-    settled,
+    settled_levels,
+    similar_sizes,
     slopes,
 )
 from ph_post.diagnose.fit import PRIOR
+from ph_post.diagnose.residual_features import by_speed, reversal_sizes
 from ph_post.diagnose.sentences import UM, length, velocity
-from ph_post.diagnose.signature import by_speed, reversal_sizes
 from ph_post.types import Array
 from ph_post.units import MM, MS
 
@@ -33,25 +33,25 @@ MOST: Final = 3
 """Places at which a gap is told."""
 
 
-def backlash(exhibit: Exhibit) -> Iterator[str]:
+def backlash(exhibit: Evidence) -> Iterator[str]:
     """Yield what a gap shows: travel lost between the sides, whatever the speed."""
     yield from _between_sides(exhibit)
     if exhibit.problem.plant.feedback == "load":
         yield from _crossing(exhibit)
         return
-    levels = settled(exhibit, _before(exhibit), exhibit.use())
+    levels = settled_levels(exhibit, _before(exhibit), exhibit.use())
     if levels:
         words = ", ".join(f"{length(-2.0 * one.half)} at {velocity(one.speed)}" for one in levels)
-        yield against(
+        yield compared(
             "a gap is the same at every speed",
             f"{exhibit.reading} differs between the directions by {words}{_beside(exhibit)}",
-            alike(levels[0].half, levels[-1].half),
-        )  # fmt: skip
+            similar_sizes(levels[0].half, levels[-1].half),
+        )
     if not exhibit.has("motor"):
         yield "the motor's side was not recorded: that the table alone lags rests on the shape of its lag"
 
 
-def by_place(exhibit: Exhibit) -> Iterator[str]:
+def by_place(exhibit: Evidence) -> Iterator[str]:
     """Yield what shows that a gap is another at every place."""
     found = _at_places(exhibit)
     if len(found) > 1:
@@ -62,14 +62,14 @@ def by_place(exhibit: Exhibit) -> Iterator[str]:
             if exhibit.problem.plant.feedback == "load"
             else f"the gap that {exhibit.reading} shows is"
         )
-        yield against(
-            "such a gap depends on the position", f"{what} {words}", not alike(min(sizes), max(sizes))
+        yield compared(
+            "such a gap depends on the position", f"{what} {words}", not similar_sizes(min(sizes), max(sizes))
         )
     else:
         yield "the axis passes too few places in both directions to tell the gap of each"
 
 
-def servo(exhibit: Exhibit) -> Iterator[str]:
+def servo(exhibit: Evidence) -> Iterator[str]:
     """Yield by how much b and c left the file, and how the residual goes with the motion."""
     plant = exhibit.problem.plant
     said = []
@@ -80,16 +80,16 @@ def servo(exhibit: Exhibit) -> Iterator[str]:
             continue
         word = "larger" if ratio > 0.0 else "smaller"
         said.append(f"{name} is {100.0 * abs(ratio):.3g} % {word}, {abs(ratio) / PRIOR:.2g} times that")
-    yield against(f"the file's values are good to {100.0 * PRIOR:g} %", " and ".join(said))
+    yield compared(f"the file's values are good to {100.0 * PRIOR:g} %", " and ".join(said))
     motion = exhibit.motion
     late, bend, _ = slopes(_before(exhibit), exhibit.use(), motion.velocity, motion.acceleration)
-    yield against(
+    yield compared(
         "a wrong c shows with the velocity, a wrong b with the acceleration",
         f"{exhibit.reading} {lag_words(late, bend)}",
     )
 
 
-def windup(exhibit: Exhibit) -> Iterator[str]:
+def windup(exhibit: Evidence) -> Iterator[str]:
     """Yield what a spring between motor and table shows: it gives way by the acceleration."""
     gives = 1.0 / exhibit.values["resonance"] ** 2
     physics = f"a spring of this resonance gives way by the acceleration, {gives / UM:.3g} µm per m/s²"
@@ -99,34 +99,35 @@ def windup(exhibit: Exhibit) -> Iterator[str]:
         use = exhibit.use("motor", "act")
         way = motion.direction.astype(np.float64)
         slope = slopes(apart, use, motion.acceleration, motion.velocity, way)[0]
-        yield against(physics, f"motor and table part by {slope / UM:.3g} µm per m/s²")
+        yield compared(physics, f"motor and table part by {slope / UM:.3g} µm per m/s²")
         return
     slope = -slopes(_before(exhibit), exhibit.use(), motion.acceleration, motion.velocity)[0]
-    yield against(physics, f"{exhibit.reading} lags by {slope / UM:.3g} µm per m/s²")
+    yield compared(physics, f"{exhibit.reading} lags by {slope / UM:.3g} µm per m/s²")
     yield f"only {exhibit.reading} was recorded: motor and table cannot be laid side by side"
 
 
-def impact(exhibit: Exhibit) -> Iterator[str]:
+def impact(exhibit: Evidence) -> Iterator[str]:
     """Yield what shows that the table jumps ahead once the gap is crossed."""
     motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
     near = use & (motion.since < AFTER)
     inside, outside = rms(residual, near), rms(residual, use & ~near)
     if inside is not None and outside is not None:
-        yield against(
+        yield compared(
             "a pick-up with momentum shows behind reversals only, once the gap is crossed",
             f"{length(inside)} rms within {AFTER / MS:g} ms after reversals of {exhibit.axis}, "
-            f"{length(outside)} elsewhere", inside > 1.5 * outside,
-        )  # fmt: skip
+            f"{length(outside)} elsewhere",
+            inside > 1.5 * outside,
+        )
     if inside is not None:
         ahead = float(np.mean(residual[near] * motion.direction[near]))
-        yield against(
+        yield compared(
             "the table runs ahead of one that starts from standstill",
-            f"{exhibit.reading} is {behind(ahead)} there on average",
+            f"{exhibit.reading} is {lag_or_lead(ahead)} there on average",
             ahead > 0.0,
         )
 
 
-def saturation(exhibit: Exhibit) -> Iterator[str]:
+def saturation(exhibit: Evidence) -> Iterator[str]:
     """Yield whether the error is only where the motor would have to do more than it can."""
     problem, residual, use = exhibit.problem, _before(exhibit), exhibit.use()
     asked = np.abs(problem.plant.c * exhibit.motion.velocity + problem.plant.b * exhibit.motion.acceleration)
@@ -139,7 +140,7 @@ def saturation(exhibit: Exhibit) -> Iterator[str]:
     if above is not None and below is not None:
         numbers += f": {length(above)} rms where it asks for more, {length(below)} elsewhere"
     agrees = above is None or below is None or above > 1.5 * below
-    yield against("a limit shows only where the motor would have to do more", numbers, agrees)
+    yield compared("a limit shows only where the motor would have to do more", numbers, agrees)
     if exhibit.has("force"):
         effort = np.abs(exhibit.values_of("force")[exhibit.use("force")])
         top = float(np.max(effort))
@@ -150,40 +151,40 @@ def saturation(exhibit: Exhibit) -> Iterator[str]:
         )
 
 
-def _beside(exhibit: Exhibit) -> str:
+def _beside(exhibit: Evidence) -> str:
     """Say what of a gap the file knows."""
     gap = exhibit.problem.plant.gap
     return f", beside the {length(gap)} that the file has" if gap > 0.0 else ""
 
 
-def _before(exhibit: Exhibit) -> Array:
+def _before(exhibit: Evidence) -> Array:
     return exhibit.before[exhibit.channel]
 
 
-def _between_sides(exhibit: Exhibit) -> Iterator[str]:
+def _between_sides(exhibit: Evidence) -> Iterator[str]:
     """Yield what is between the readings of both sides."""
     if not (exhibit.has("motor") and exhibit.has("act")):
         return
     apart = exhibit.values_of("motor") - exhibit.values_of("act")
     gap = between_ways(exhibit, apart, exhibit.use("motor", "act"))
     if gap is not None:
-        yield against(
+        yield compared(
             "a gap lies between motor and table",
-            f"{exhibit.column('motor')} less {exhibit.column('act')} differs by {length(gap)} between the "
-            "directions", gap > 0.0,
-        )  # fmt: skip
+            f"{exhibit.column('motor')} less {exhibit.column('act')} differs by {length(gap)} between the directions",
+            gap > 0.0,
+        )
     if exhibit.problem.plant.feedback == "load":
         return
     sides = [between_ways(exhibit, exhibit.before[one], exhibit.use(one)) for one in ("motor", "act")]
     if sides[0] is not None and sides[1] is not None:
-        yield against(
+        yield compared(
             "the motor does not feel it",
-            f"the motor's side shows a step of {length(abs(sides[0]))} where the table's shows "
-            f"{length(abs(sides[1]))}", abs(sides[0]) < 0.5 * abs(sides[1]),
-        )  # fmt: skip
+            f"the motor's side shows a step of {length(abs(sides[0]))} where the table's shows {length(abs(sides[1]))}",
+            abs(sides[0]) < 0.5 * abs(sides[1]),
+        )
 
 
-def _crossing(exhibit: Exhibit) -> Iterator[str]:
+def _crossing(exhibit: Evidence) -> Iterator[str]:
     """Yield how a gap shows behind a loop over the table: while it is crossed."""
     motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
     near = use & (motion.since < AFTER)
@@ -195,14 +196,14 @@ def _crossing(exhibit: Exhibit) -> Iterator[str]:
     if len(scaling.feeds) > 1:
         ends = ((scaling.feeds[k], scaling.sizes[k]) for k in (0, -1))
         numbers += "; " + ", ".join(f"{length(size)} at {velocity(feed)}" for feed, size in ends)
-    yield against(
+    yield compared(
         "a loop over the table takes a gap back: it shows while it is crossed",
         numbers,
         inside > 1.5 * outside,
     )
 
 
-def _at_places(exhibit: Exhibit) -> list[tuple[float, float]]:
+def _at_places(exhibit: Evidence) -> list[tuple[float, float]]:
     """Places along the travel [m], and the size of what goes with the direction there [m]."""
     motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
     if exhibit.problem.plant.feedback == "load":

@@ -1,72 +1,161 @@
-"""Evidence of forces on an axis: how they go with speed, direction, position and the path."""
+"""Evidence of forces on an axis, and of errors that repeat along its travel."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
+from scipy import optimize
 
-from ph_post.diagnose.evidence.exhibit import (
-    Exhibit,
-    Level,
-    against,
-    alike,
+from ph_post.diagnose.evidence.base import (
+    FEWEST,
+    Evidence,
+    SpeedLevel,
     between_ways,
+    compared,
     correlation,
     effort_parts,
     level_words,
-    settled,
+    settled_levels,
+    similar_sizes,
     slopes,
 )
-from ph_post.diagnose.evidence.waves import wave_words
-from ph_post.diagnose.sentences import length, percent
-from ph_post.types import Array
-from ph_post.units import MS
+from ph_post.diagnose.residual_features import SAME_FEED, best_period
+from ph_post.diagnose.sentences import length, percent, velocity
+from ph_post.types import Array, BoolArray
+from ph_post.units import MM, MS
+
+NEAR: Final = (0.97, 1.03)
+"""Parts of a period within which it is refined."""
+
+APART: Final = 0.03
+"""Part by which the period that stands out may differ from the fitted one."""
 
 
-def coulomb(exhibit: Exhibit) -> Iterator[str]:
+def wave_words(exhibit: Evidence, physics: str, same: bool = False) -> Iterator[str]:
+    """Yield the period that stands out, what turn it belongs to, and its size slow and fast.
+
+    Parameters
+    ----------
+    exhibit : Evidence
+    physics : str
+        What is predicted.
+    same : bool
+        Whether its size is predicted to be the same at all speeds.
+    """
+    residual, use, x = exhibit.before[exhibit.channel], exhibit.use(), exhibit.motion.position
+    found = best_period(residual, x, use)
+    if found is None:
+        return
+    period, fitted = _refined(residual, x, found.period, use), exhibit.values["period"]
+    named, share = "", found.share
+    if abs(period - fitted) > APART * fitted:
+        # What stands out may be another effect, or this one blurred by its own lag.
+        angle = 2.0 * math.pi * x / fitted
+        period, named = fitted, " by the fit"
+        share = correlation(residual, use, np.sin(angle), np.cos(angle))
+    size = length(amplitude(residual, x, period, use))
+    numbers = f"{size} every {period / MM:.3g} mm{named} ({turns(exhibit)}), {percent(share)} of the residual"
+    sizes = _sizes(exhibit, residual, use, period)
+    agrees = True
+    if sizes is not None:
+        (slow, small), (fast, large) = sizes
+        numbers += f"; {length(small)} at {velocity(slow)}, {length(large)} at {velocity(fast)}"
+        agrees = not same or similar_sizes(small, large)
+    yield compared(physics, numbers, agrees)
+
+
+def turns(exhibit: Evidence) -> str:
+    """Lay a period beside the travel of a turn of screw and motor, where the file tells them."""
+    gap = exhibit.problem.axis.gap
+    if gap.travel_per_rad is None:
+        return "the file tells no screw lead"
+    lead = 2.0 * math.pi * gap.travel_per_rad
+    words = f"the screw's lead is {lead / MM:.4g} mm"
+    if gap.gear_ratio is not None and gap.gear_ratio != 1.0:
+        words += f" and a turn of the motor {lead / gap.gear_ratio / MM:.4g} mm"
+    return words
+
+
+def _refined(residual: Array, position: Array, period: float, use: BoolArray) -> float:
+    """Find the period near one that explains most beside a constant and a line, fitted together [m]."""
+
+    def missed(share: float) -> float:
+        angle = 2.0 * math.pi * position / (period * share)
+        return -correlation(residual, use, np.sin(angle), np.cos(angle), position)
+
+    found = optimize.minimize_scalar(missed, bounds=NEAR, method="bounded", options={"xatol": 1e-4})
+    return period * float(found.x)
+
+
+def amplitude(residual: Array, position: Array, period: float, use: BoolArray) -> float:
+    """Amplitude of a sine of this period, beside a constant and a line."""
+    angle = 2.0 * math.pi * position / period
+    sine, cosine, *_ = slopes(residual, use, np.sin(angle), np.cos(angle), position)
+    return math.hypot(sine, cosine)
+
+
+def _sizes(
+    exhibit: Evidence, residual: Array, use: BoolArray, period: float
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Mean speed and amplitude of the slower and of the faster half; None where the speed is one."""
+    speed = np.abs(exhibit.motion.velocity)
+    moving = use & (speed > 1e-3 * float(np.max(speed)))
+    if np.count_nonzero(moving) < 2 * FEWEST:
+        return None
+    middle = float(np.median(speed[moving]))
+    found = []
+    for inside in (moving & (speed <= middle), moving & (speed > middle)):
+        x = exhibit.motion.position[inside]
+        if x.size < FEWEST or np.ptp(x) < period:
+            return None
+        size = amplitude(residual, exhibit.motion.position, period, inside)
+        found.append((float(np.mean(speed[inside])), size))
+    return (found[0], found[1]) if found[1][0] > SAME_FEED * found[0][0] else None
+
+
+def coulomb(exhibit: Evidence) -> Iterator[str]:
     """Yield what friction shows that does not know the speed: lags alike, a force that steps."""
     levels = _levels(exhibit)
     if levels:
-        agrees = alike(levels[0].half, levels[-1].half)
-        yield against("Coulomb friction does not grow with speed", _where(exhibit, levels), agrees)
+        agrees = similar_sizes(levels[0].half, levels[-1].half)
+        yield compared("Coulomb friction does not grow with speed", _where(exhibit, levels), agrees)
     yield from _step_of_effort(exhibit)
     yield from _both_sides(exhibit)
 
 
-def stribeck(exhibit: Exhibit) -> Iterator[str]:
+def stribeck(exhibit: Evidence) -> Iterator[str]:
     """Yield whether friction is larger at slow speeds."""
     levels = _levels(exhibit, 5)
     if len(levels) > 2:
         shown = (levels[0], levels[len(levels) // 2], levels[-1])
         agrees = abs(shown[0].half) > abs(shown[-1].half)
-        yield against("Stribeck friction is larger at slow speeds", _where(exhibit, shown), agrees)
+        yield compared("Stribeck friction is larger at slow speeds", _where(exhibit, shown), agrees)
     elif levels:
-        yield (
-            "Stribeck friction is larger at slow speeds; the record has one speed only, "
-            f"{_where(exhibit, levels)}"
-        )
+        yield (f"Stribeck friction is larger at slow speeds; the record has one speed only, {_where(exhibit, levels)}")
     yield from _step_of_effort(exhibit)
 
 
-def viscous(exhibit: Exhibit) -> Iterator[str]:
+def viscous(exhibit: Evidence) -> Iterator[str]:
     """Yield whether friction is in proportion to speed."""
     levels = _levels(exhibit)
     if len(levels) > 1 and levels[0].half != 0.0:
         times, faster = levels[-1].half / levels[0].half, levels[-1].speed / levels[0].speed
         numbers = f"{_where(exhibit, levels)}: {times:.2g} times as much at {faster:.2g} times the speed"
-        yield against("viscous friction grows in proportion to speed", numbers, alike(times, faster))
+        yield compared("viscous friction grows in proportion to speed", numbers, similar_sizes(times, faster))
     motion, use = exhibit.motion, exhibit.use()
     way = motion.direction.astype(np.float64)
     per_speed, step, *_ = slopes(_before(exhibit), use, motion.velocity, way, motion.acceleration)
-    yield against(
+    yield compared(
         "it is nothing at standstill",
         f"{exhibit.reading} is late by {-per_speed / MS:.3g} ms times the speed, and {length(abs(step))} go "
         "with the direction alone",
     )
 
 
-def asymmetry(exhibit: Exhibit) -> Iterator[str]:
+def asymmetry(exhibit: Evidence) -> Iterator[str]:
     """Yield the lag in proportion to speed each way."""
     motion, residual = exhibit.motion, _before(exhibit)
     found = []
@@ -77,13 +166,14 @@ def asymmetry(exhibit: Exhibit) -> Iterator[str]:
         found.append(-slopes(residual, use, motion.velocity, motion.acceleration)[0] / MS)
     plus, minus = (f"{'lags' if late >= 0.0 else 'leads'} by {abs(late):.3g} ms" for late in found)
     numbers = f"{exhibit.reading} {plus} times the speed to plus and {minus} times it to minus"
-    yield against(
-        "friction that differs by direction lags by another factor each way", numbers,
-        not alike(found[0], found[1]),
-    )  # fmt: skip
+    yield compared(
+        "friction that differs by direction lags by another factor each way",
+        numbers,
+        not similar_sizes(found[0], found[1]),
+    )
 
 
-def load(exhibit: Exhibit) -> Iterator[str]:
+def load(exhibit: Evidence) -> Iterator[str]:
     """Yield what a constant force shows: the mean of both directions, at standstill too."""
     parts = effort_parts(exhibit)
     if parts is None:
@@ -93,13 +183,13 @@ def load(exhibit: Exhibit) -> Iterator[str]:
         still = _standing(exhibit)
         if still is not None:
             numbers += f", at standstill {exhibit.effort(still)}"
-        yield against("a constant load is held by the motor all the time", numbers)
+        yield compared("a constant load is held by the motor all the time", numbers)
     shift = float(np.mean(_before(exhibit)[exhibit.use()]))
     if abs(shift) > exhibit.noise(exhibit.channel):
-        yield against("it pushes the axis off its place", f"{exhibit.reading} is off by {length(shift)}")
+        yield compared("it pushes the axis off its place", f"{exhibit.reading} is off by {length(shift)}")
 
 
-def cogging(exhibit: Exhibit) -> Iterator[str]:
+def cogging(exhibit: Evidence) -> Iterator[str]:
     """Yield what shows a force over and over along the travel."""
     yield from wave_words(exhibit, "cogging comes again with the motor's magnets and changes with the feed")
     if exhibit.has("force"):
@@ -108,10 +198,10 @@ def cogging(exhibit: Exhibit) -> Iterator[str]:
         columns = (motion.direction.astype(np.float64), motion.velocity, motion.acceleration)
         sine, cosine, *_ = slopes(exhibit.values_of("force"), use, np.sin(angle), np.cos(angle), *columns)
         size = exhibit.effort(float(np.hypot(sine, cosine)))
-        yield against("the motor works against it", f"the {exhibit.effort_name} has {size} of that period")
+        yield compared("the motor works against it", f"the {exhibit.effort_name} has {size} of that period")
 
 
-def cutting(exhibit: Exhibit) -> Iterator[str]:
+def cutting(exhibit: Evidence) -> Iterator[str]:
     """Yield whether the residual goes with the direction of the path, not with that of the axis alone."""
     problem, residual, use = exhibit.problem, _before(exhibit), exhibit.use()
     path = np.sqrt(np.sum(problem.velocity**2, axis=1))
@@ -123,54 +213,54 @@ def cutting(exhibit: Exhibit) -> Iterator[str]:
         f"path's direction explains {percent(by_path)} of the residual, the sign of {exhibit.axis} alone "
         f"{percent(by_sign)}"
     )
-    yield against("a cutting force acts along the path, on each axis by its part of it", numbers,
-                  by_path > by_sign)  # fmt: skip
+    yield compared("a cutting force acts along the path, on each axis by its part of it", numbers, by_path > by_sign)
     if exhibit.too:
         yield f"it acts on all axes that cut; here on {', '.join(exhibit.too)} too"
     else:
         yield "it acts on all axes that cut; here it was found on this axis alone"
 
 
-def _before(exhibit: Exhibit) -> Array:
+def _before(exhibit: Evidence) -> Array:
     return exhibit.before[exhibit.channel]
 
 
-def _levels(exhibit: Exhibit, groups: int = 2) -> tuple[Level, ...]:
-    return settled(exhibit, _before(exhibit), exhibit.use(), groups)
+def _levels(exhibit: Evidence, groups: int = 2) -> tuple[SpeedLevel, ...]:
+    return settled_levels(exhibit, _before(exhibit), exhibit.use(), groups)
 
 
-def _where(exhibit: Exhibit, levels: tuple[Level, ...]) -> str:
+def _where(exhibit: Evidence, levels: tuple[SpeedLevel, ...]) -> str:
     return f"{exhibit.reading} is {level_words(levels)}"
 
 
-def _step_of_effort(exhibit: Exhibit) -> Iterator[str]:
+def _step_of_effort(exhibit: Evidence) -> Iterator[str]:
     parts = effort_parts(exhibit)
     if parts is not None:
         step = exhibit.effort(2.0 * parts[0])
-        yield against(
-            "the motor must overcome friction", f"the {exhibit.effort_name} channel steps by {step} where "
-            f"{exhibit.axis} reverses",
-        )  # fmt: skip
+        yield compared(
+            "the motor must overcome friction",
+            f"the {exhibit.effort_name} channel steps by {step} where {exhibit.axis} reverses",
+        )
 
 
-def _both_sides(exhibit: Exhibit) -> Iterator[str]:
+def _both_sides(exhibit: Evidence) -> Iterator[str]:
     """Yield whether motor and table are both held back."""
     if exhibit.has("motor") and exhibit.has("act"):
         motor = between_ways(exhibit, exhibit.before["motor"], exhibit.use("motor"))
         table = between_ways(exhibit, exhibit.before["act"], exhibit.use("act"))
         if motor is not None and table is not None:
-            yield against(
+            yield compared(
                 "friction holds the motor's side back like the table's, a gap the table's only",
                 f"the directions differ by {length(abs(motor))} on the motor's side, "
-                f"{length(abs(table))} on the table's", alike(motor, table),
-            )  # fmt: skip
+                f"{length(abs(table))} on the table's",
+                similar_sizes(motor, table),
+            )
     elif exhibit.problem.side == "unknown":
         yield "the record does not say on which side the position was read: a gap would look much the same"
     elif not exhibit.has("force"):
         yield "neither a second position nor a force was recorded that could confirm it"
 
 
-def _standing(exhibit: Exhibit) -> float | None:
+def _standing(exhibit: Evidence) -> float | None:
     """Mean effort at standstill."""
     still = exhibit.use("force") & (np.abs(exhibit.problem.speed) < 1e-6)
     still &= np.abs(exhibit.motion.velocity) < 1e-3 * np.max(np.abs(exhibit.motion.velocity))

@@ -1,4 +1,4 @@
-"""Evidence of what is read, and when: screw, scale, heat, squareness, delay."""
+"""Evidence of reading errors: screw, scale, temperature, squareness and delay."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ph_post.diagnose.evidence.exhibit import FEWEST, Exhibit, against, alike, lag_words, slopes
-from ph_post.diagnose.evidence.waves import amplitude, wave_words
+from ph_post.diagnose.evidence.base import FEWEST, Evidence, compared, lag_words, similar_sizes, slopes
+from ph_post.diagnose.evidence.forces import amplitude, wave_words
+from ph_post.diagnose.residual_features import by_rotation, drift
 from ph_post.diagnose.sentences import length
-from ph_post.diagnose.signature import by_rotation, drift
 from ph_post.units import MM, MS
 
 SPAN = 100.0 * MM
@@ -18,21 +18,21 @@ SPAN = 100.0 * MM
 AXES = ("X", "Y", "Z")
 
 
-def cyclic(exhibit: Exhibit) -> Iterator[str]:
+def cyclic(exhibit: Evidence) -> Iterator[str]:
     """Yield what an error of the screw shows: its period, whatever the feed."""
     yield from wave_words(exhibit, "a cyclic error comes again with the screw, the same at every feed", True)
     if exhibit.has("motor") and exhibit.has("act"):
         period, x = exhibit.values["period"], exhibit.motion.position
         sides = (amplitude(exhibit.before[one], x, period, exhibit.use(one)) for one in ("motor", "act"))
         motor, table = sides
-        yield against(
+        yield compared(
             "it lies behind the motor",
             f"{length(motor)} of that period on the motor's side, {length(table)} on the table's",
             motor < 0.5 * table,
         )
 
 
-def scale(exhibit: Exhibit) -> Iterator[str]:
+def scale(exhibit: Evidence) -> Iterator[str]:
     """Yield whether an error is in proportion to the position."""
     x, use, residual = exhibit.motion.position, exhibit.use("act"), exhibit.before["act"]
     middle = 0.5 * float(np.min(x[use]) + np.max(x[use]))
@@ -43,22 +43,23 @@ def scale(exhibit: Exhibit) -> Iterator[str]:
     if all(np.count_nonzero(part) > FEWEST and np.ptp(x[part]) > 0.0 for part in parts):
         low, high = (slopes(residual, part, x)[0] * SPAN for part in parts)
         numbers += f", {length(low)} in the lower half of the travel and {length(high)} in the upper"
-        agrees = alike(low, high)
-    yield against("a scale error is in proportion to the position", numbers, agrees)
+        agrees = similar_sizes(low, high)
+    yield compared("a scale error is in proportion to the position", numbers, agrees)
     if exhibit.has("motor"):
         motor = slopes(exhibit.before["motor"], exhibit.use("motor"), x)[0] * SPAN
-        yield against(
-            "the motor's side does not see it", f"{exhibit.column('motor')} gains {length(motor)} in 100 mm",
+        yield compared(
+            "the motor's side does not see it",
+            f"{exhibit.column('motor')} gains {length(motor)} in 100 mm",
             abs(motor) < 0.5 * abs(whole),
-        )  # fmt: skip
+        )
 
 
-def thermal(exhibit: Exhibit) -> Iterator[str]:
+def thermal(exhibit: Evidence) -> Iterator[str]:
     """Yield the course of a slow drift that levels out."""
     t, use = exhibit.motion.t, exhibit.use("act")
     found = drift(exhibit.before["act"], t, use)
     lasts = float(np.ptp(t[use]))
-    yield against(
+    yield compared(
         "thermal growth is slow and levels out",
         f"{exhibit.column('act')} drifts by {length(found.change)} in {lasts:.3g} s, half of it after "
         f"{found.half:.3g} s",
@@ -71,28 +72,29 @@ def thermal(exhibit: Exhibit) -> Iterator[str]:
         )
 
 
-def squareness(exhibit: Exhibit) -> Iterator[str]:
+def squareness(exhibit: Evidence) -> Iterator[str]:
     """Yield whether an error goes with the position of another axis, both ways round."""
     other = AXES[int(exhibit.values["other"])]
     y, use, residual = exhibit.motion.others[other], exhibit.use("act"), exhibit.before["act"]
     slope = slopes(residual, use, y)[0] * SPAN
-    yield against(
+    yield compared(
         f"out of square, {exhibit.axis} goes with the position of {other}, at any feed",
         f"{exhibit.column('act')} goes off by {length(slope)} in 100 mm of {other}",
     )
     if by_rotation(residual, exhibit.motion, use) is not None:
         sides = [slopes(residual, use & (exhibit.motion.turn == way), y)[0] * SPAN for way in (-1, 1)]
-        yield against(
+        yield compared(
             "it is the same both ways round",
-            f"{length(sides[0])} in 100 mm clockwise, {length(sides[1])} counterclockwise", alike(*sides),
-        )  # fmt: skip
+            f"{length(sides[0])} in 100 mm clockwise, {length(sides[1])} counterclockwise",
+            similar_sizes(*sides),
+        )
 
 
-def delay(exhibit: Exhibit) -> Iterator[str]:
+def delay(exhibit: Evidence) -> Iterator[str]:
     """Yield whether the lag is one time at any speed and acceleration."""
     motion, use = exhibit.motion, exhibit.use()
     late, bend, _ = slopes(exhibit.before[exhibit.channel], use, motion.velocity, motion.acceleration)
-    yield against(
+    yield compared(
         "a delay is a lag in proportion to the velocity, hardly to the acceleration",
         f"{exhibit.reading} {lag_words(late, bend)}",
     )

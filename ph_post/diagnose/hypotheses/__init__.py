@@ -1,4 +1,4 @@
-"""Named hypotheses: what may be missing from an axis, and how that would show."""
+"""The hypotheses of a diagnosis: the effects that may be missing from an axis."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from ph_post.diagnose.hypotheses.base import Hypothesis
 from ph_post.diagnose.hypotheses.drives import drive_hypotheses
 from ph_post.diagnose.hypotheses.forces import force_hypotheses
 from ph_post.diagnose.hypotheses.readings import reading_hypotheses
-from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import is_effect
+from ph_post.identify.free_run import AxisProblem
 
 OF_THE_AXIS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")}
 """Effects that are numbers of the axis itself, and not registered as effects; which."""
 
 
-def hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+def hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """List what may be missing from an axis and could show in its record."""
     return tuple(one for one in every_hypothesis(problem) if not why_not(problem, one))
 
 
-def every_hypothesis(problem: Problem) -> tuple[Hypothesis, ...]:
+def every_hypothesis(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """List all hypotheses, whether or not they can act on an axis."""
     return (*drive_hypotheses(problem), *force_hypotheses(problem), *reading_hypotheses(problem))
 
 
-def why_not(problem: Problem, hypothesis: Hypothesis) -> str:
+def why_not(problem: AxisProblem, hypothesis: Hypothesis) -> str:
     """Say why a hypothesis cannot act on an axis or show in its record; empty where it can."""
     name = hypothesis.name
     if name not in OF_THE_AXIS and not is_effect(name):
@@ -33,7 +33,7 @@ def why_not(problem: Problem, hypothesis: Hypothesis) -> str:
     return hypothesis.bars(problem)
 
 
-def barred(problem: Problem) -> dict[str, str]:
+def barred(problem: AxisProblem) -> dict[str, str]:
     """Names that cannot act on an axis or show in its record, and why."""
     reasons: dict[str, list[str]] = {}
     for one in every_hypothesis(problem):

@@ -1,7 +1,7 @@
-"""What a hypothesis is: a name, and how its numbers change a plant.
+"""The hypothesis record, and starting values read from a residual.
 
-To add one for an effect of one's own: make a :class:`Hypothesis` and put it into the list of its module. What
-it changes is a pure function of plant and numbers; where it starts may look at the residual.
+To add a hypothesis for your own effect, make a :class:`Hypothesis` and add it to the list of its module.
+Its change of the plant is a pure function of plant and numbers; its starting values may use the residual.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import msgspec
+import numpy as np
+from scipy import signal
 
-from ph_post.diagnose.model import Problem
-from ph_post.diagnose.record import Channel
 from ph_post.drive.plant import Plant
+from ph_post.identify.free_run import AxisProblem
 from ph_post.types import Array
+from ph_post.types.diagnosis import Channel
 
 Residuals = Mapping[Channel, Array]
 Numbers = tuple[float, ...]
@@ -23,7 +25,7 @@ MICRON: Final = 1e-6
 """The step from which a length is told apart from zero [m]."""
 
 
-class Number(msgspec.Struct, frozen=True, kw_only=True):
+class HypothesisNumber(msgspec.Struct, frozen=True, kw_only=True):
     """One number of a hypothesis: its bounds, its natural `scale`, and whether the reading is linear in it.
 
     `linear` numbers start at what a straight fit to the residual gives; of a `logarithm` only the scale tells
@@ -38,7 +40,7 @@ class Number(msgspec.Struct, frozen=True, kw_only=True):
     logarithm: bool = False
 
 
-def always(_problem: Problem) -> str:
+def always(_problem: AxisProblem) -> str:
     """Find nothing against a hypothesis on any axis."""
     return ""
 
@@ -52,11 +54,11 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
         Its name in the catalogue.
     variant : str
         What tells two hypotheses of one name apart.
-    numbers : tuple of Number
+    numbers : tuple of HypothesisNumber
     apply : callable
         Plant and numbers to plant.
     starts : callable
-        Problem and residuals to numbers to start from; of a linear one the value is a size worth trying.
+        AxisProblem and residuals to numbers to start from; of a linear one the value is a size worth trying.
     values : callable
         Numbers to the values of the effect's parameters [SI], the leading one first.
     bars : callable
@@ -70,12 +72,12 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    numbers: tuple[Number, ...]
+    numbers: tuple[HypothesisNumber, ...]
     apply: Callable[[Plant, Numbers], Plant]
-    starts: Callable[[Problem, Residuals], Sequence[Numbers]]
-    values: Callable[[Problem, Numbers], dict[str, float]]
+    starts: Callable[[AxisProblem, Residuals], Sequence[Numbers]]
+    values: Callable[[AxisProblem, Numbers], dict[str, float]]
     variant: str = ""
-    bars: Callable[[Problem], str] = always
+    bars: Callable[[AxisProblem], str] = always
     within: tuple[str, ...] = ()
     replaces: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
@@ -84,3 +86,122 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     def label(self) -> str:
         """Name and variant."""
         return f"{self.name}/{self.variant}" if self.variant else self.name
+
+
+BINS: Final = 2048
+"""Bins of position over the travel."""
+
+FINER: Final = 4
+"""Zeros behind them, in their own lengths, so that a period falls near a line of the spectrum."""
+
+LINES: Final = 300.0
+"""Most periods that the travel is searched for."""
+
+SHORTEST: Final = 3e-4
+"""Shortest period looked for [m]."""
+
+
+def position_residual(left: Residuals) -> Array:
+    """Return the residual of the table's reading, or of the motor's where there is no other [m]."""
+    return left["act"] if "act" in left else left["motor"]
+
+
+def reversal_step(problem: AxisProblem, left: Residuals) -> float:
+    """Mean of the residual against the direction of motion [m]: half of what reversals leave."""
+    values = position_residual(left)
+    moving = problem.counted & (np.abs(problem.speed) > 0.1 * np.max(np.abs(problem.speed)))
+    if not moving.any():
+        return 0.0
+    return float(-np.mean((values - np.mean(values[moving]))[moving] * np.sign(problem.speed[moving])))
+
+
+def predicted_position(problem: AxisProblem, left: Residuals) -> Array:
+    """Return the reading of the table, or of the motor where there is no other, less its residual [m]."""
+    channel: Channel = "act" if "act" in left else "motor"
+    values: Array = next(one.values for one in problem.observed if one.channel == channel)
+    predicted: Array = values - left[channel]
+    return predicted
+
+
+def force_periods(problem: AxisProblem, left: Residuals, most: int = 4) -> list[float]:
+    """List the periods over position of a force that explains most of the residual [m].
+
+    Each wave of force is passed through the loop, which shifts and shrinks it with the speed, and the share
+    of the residual that it then explains is what counts.
+    """
+    plant, values = problem.plant, position_residual(left)
+    place = predicted_position(problem, left)
+    use = problem.counted & np.isfinite(place)
+    span = float(np.ptp(place[use])) if use.any() else 0.0
+    if plant.b == 0.0 or span <= 0.0:
+        return []
+    top, bottom = signal.bilinear([1.0], [plant.b, plant.c, 1.0], fs=1.0 / problem.period)
+    finest = min(1.0 / SHORTEST, LINES / span)
+    lines = np.arange(1.0 / longest_period(problem), finest, 0.4 / span)
+    place = np.where(np.isfinite(place), place, 0.0)
+    wanted = values[use] - np.mean(values[use])
+    shares = []
+    for line in lines:
+        wave = signal.lfilter(top, bottom, np.exp(2j * np.pi * line * place))[use]
+        both = np.stack([wave.real, wave.imag], axis=1)
+        sizes = np.linalg.lstsq(both, wanted, rcond=None)[0]
+        shares.append(float(wanted @ (both @ sizes)))
+    power = np.array(shares)
+    inner = power[1:-1]
+    peaks = np.flatnonzero((inner >= power[:-2]) & (inner > power[2:])) + 1
+    best = peaks[np.argsort(power[peaks])[::-1][:most]]
+    return [float(1.0 / lines[k]) for k in best]
+
+
+def periods(problem: AxisProblem, left: Residuals, most: int = 3) -> list[float]:
+    """List the periods over position that the residual holds most of [m], and the screw's own.
+
+    By the position itself, not the command: at speed these are apart by more than a short period.
+    """
+    found: list[float] = []
+    travel = problem.axis.gap.travel_per_rad
+    if travel is not None:
+        found.append(2.0 * np.pi * travel)
+    values, place = position_residual(left), predicted_position(problem, left)
+    use = problem.counted & np.isfinite(place)
+    span = float(np.ptp(place[use])) if use.any() else 0.0
+    if span > 0.0:
+        found += _spectral_periods(place[use] - np.min(place[use]), values[use], span, most)
+    return [period for period in found if SHORTEST <= period <= longest_period(problem)]
+
+
+def longest_period(problem: AxisProblem) -> float:
+    """Return the longest period that the travel still holds one and a half times [m]."""
+    return float(np.ptp(problem.command)) / 1.5
+
+
+def _spectral_periods(place: Array, values: Array, span: float, most: int) -> list[float]:
+    bins = int(np.clip(2.0 * span / SHORTEST, 64, BINS))
+    row = np.minimum((place / span * bins).astype(np.int64), bins - 1)
+    counts = np.bincount(row, minlength=bins)
+    sums = np.bincount(row, weights=values - np.mean(values), minlength=bins)
+    means = np.divide(sums, counts, out=np.zeros(bins), where=counts > 0)
+    power = np.abs(np.fft.rfft(means * np.sqrt(np.minimum(counts, 50.0)), FINER * bins)) ** 2
+    power[: FINER // 2] = 0.0
+    peaks = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
+    best = peaks[np.argsort(power[peaks])[::-1][:most]]
+    return [float(FINER * span / k) for k in best]
+
+
+def speeds(problem: AxisProblem) -> tuple[float, ...]:
+    """Speeds at which the axis moves: quantiles of those above standstill [m/s]."""
+    moving = np.abs(problem.speed[problem.counted])
+    moving = moving[moving > 1e-3 * np.max(moving, initial=0.0)]
+    if moving.size == 0:
+        return (1e-3,)
+    return tuple(float(v) for v in np.quantile(moving, (0.05, 0.25, 0.5)))
+
+
+def middle(problem: AxisProblem) -> float:
+    """Middle of the travel [m]."""
+    return float(0.5 * (np.min(problem.command) + np.max(problem.command)))
+
+
+def reach(problem: AxisProblem) -> float:
+    """Half the travel [m]."""
+    return float(0.5 * np.ptp(problem.command))

@@ -1,4 +1,4 @@
-"""Hypotheses about gap, servo and motor."""
+"""Hypotheses about backlash, servo and motor."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
+from ph_post.diagnose.hypotheses.base import (
+    MICRON,
+    Hypothesis,
+    HypothesisNumber,
+    Numbers,
+    Residuals,
+    middle,
+    predicted_position,
+    reach,
+    reversal_step,
+)
 from ph_post.diagnose.hypotheses.forces import by_effect, named
-from ph_post.diagnose.hypotheses.scan import middle, predicted_position, reach, reversal_step
-from ph_post.diagnose.model import Problem
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
+from ph_post.identify.free_run import AxisProblem
 
 MOST_GAP: Final = 5e-3
 """Widest gap tried [m]."""
@@ -26,7 +35,7 @@ LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
 """Torque limits that are tried, in parts of the largest torque that is asked for."""
 
 
-def _shows_gap(problem: Problem) -> str:
+def _shows_gap(problem: AxisProblem) -> str:
     if problem.plant.feedback == "load" or problem.side == "unknown":
         return ""
     reads = any(one.channel == "act" for one in problem.observed)
@@ -37,7 +46,7 @@ def _wider(plant: Plant, numbers: Numbers) -> Plant:
     return replace(plant, gap=max(plant.gap + numbers[0], 0.0))
 
 
-def _gaps(problem: Problem, left: Residuals) -> list[Numbers]:
+def _gaps(problem: AxisProblem, left: Residuals) -> list[Numbers]:
     step = 2.0 * reversal_step(problem, left)
     tried = [step, 10.0 * MICRON, 50.0 * MICRON, 200.0 * MICRON]
     if problem.plant.gap > 0.0:
@@ -47,7 +56,7 @@ def _gaps(problem: Problem, left: Residuals) -> list[Numbers]:
 
 BACKLASH = Hypothesis(
     name="backlash",
-    numbers=(Number(name="more", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),),
+    numbers=(HypothesisNumber(name="more", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),),
     apply=_wider,
     starts=_gaps,
     values=lambda problem, n: {"lost_motion": max(problem.plant.gap + n[0], 0.0)},
@@ -56,7 +65,7 @@ BACKLASH = Hypothesis(
 )
 
 
-def _slope_values(problem: Problem, numbers: Numbers) -> dict[str, float]:
+def _slope_values(problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
     """Slope over the travel, and the place at which the gap is that of the file."""
     slope, more = numbers
     reference = middle(problem) - more / slope if slope else 0.0
@@ -73,8 +82,8 @@ def _sloped(problem_middle: float) -> Hypothesis:
         name="position_dependent_backlash",
         variant="slope",
         numbers=(
-            Number(name="slope", low=-0.05, high=0.05, scale=1e-5),
-            Number(name="more", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
+            HypothesisNumber(name="slope", low=-0.05, high=0.05, scale=1e-5),
+            HypothesisNumber(name="more", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
         ),
         apply=apply,
         starts=_slopes,
@@ -88,7 +97,7 @@ def _sloped(problem_middle: float) -> Hypothesis:
 NO_BUMP: Final = {"bump": 0.0, "centre": 0.0, "width": 0.01}
 
 
-def _slopes(problem: Problem, left: Residuals) -> list[Numbers]:
+def _slopes(problem: AxisProblem, left: Residuals) -> list[Numbers]:
     step = max(2.0 * abs(reversal_step(problem, left)), 5.0 * MICRON)
     steep = step / max(reach(problem), 1e-3)
     return [(sign * steep, more) for sign in (1.0, -1.0) for more in (0.0, step)]
@@ -100,7 +109,7 @@ def _bump(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("position_dependent_backlash").apply(plant, values)
 
 
-def _bumps(problem: Problem, left: Residuals) -> list[Numbers]:
+def _bumps(problem: AxisProblem, left: Residuals) -> list[Numbers]:
     step = max(2.0 * abs(reversal_step(problem, left)), 10.0 * MICRON)
     centre, half = middle(problem), reach(problem)
     width = math.log(max(0.3 * half, 1e-3))
@@ -114,9 +123,9 @@ def _bumped(half: float) -> Hypothesis:
         name="position_dependent_backlash",
         variant="bump",
         numbers=(
-            Number(name="bump", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
-            Number(name="centre", low=-10.0, high=10.0, scale=1e-3),
-            Number(name="width", low=math.log(5e-4), high=widest, scale=0.1, logarithm=True),
+            HypothesisNumber(name="bump", low=-MOST_GAP, high=MOST_GAP, scale=MICRON),
+            HypothesisNumber(name="centre", low=-10.0, high=10.0, scale=1e-3),
+            HypothesisNumber(name="width", low=math.log(5e-4), high=widest, scale=0.1, logarithm=True),
         ),
         apply=_bump,
         starts=_bumps,
@@ -130,14 +139,14 @@ def _mismatch(plant: Plant, numbers: Numbers) -> Plant:
     return replace(plant, b=plant.b * math.exp(numbers[0]), c=plant.c * math.exp(numbers[1]))
 
 
-def _no_servo(problem: Problem) -> str:
+def _no_servo(problem: AxisProblem) -> str:
     return "an ideal stepper has no servo" if problem.plant.b == 0.0 else ""
 
 
 MISMATCH = Hypothesis(
     name="servo_mismatch",
     numbers=tuple(
-        Number(name=name, low=-FARTHEST, high=FARTHEST, scale=0.02, linear=True) for name in ("b", "c")
+        HypothesisNumber(name=name, low=-FARTHEST, high=FARTHEST, scale=0.02, linear=True) for name in ("b", "c")
     ),
     apply=_mismatch,
     starts=lambda _problem, _left: [(0.03, 0.03)],
@@ -156,7 +165,7 @@ def _windup(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("elastic_windup").apply(plant, values)
 
 
-def _rigid(problem: Problem) -> str:
+def _rigid(problem: AxisProblem) -> str:
     if problem.plant.windup_frequency:
         return "the file has it already"
     if problem.plant.feedback == "load":
@@ -168,8 +177,8 @@ def _rigid(problem: Problem) -> str:
 WINDUP = Hypothesis(
     name="elastic_windup",
     numbers=(
-        Number(name="frequency", low=math.log(6.0), high=math.log(6000.0), scale=0.02, logarithm=True),
-        Number(name="damping", low=0.0, high=0.95, scale=0.05),
+        HypothesisNumber(name="frequency", low=math.log(6.0), high=math.log(6000.0), scale=0.02, logarithm=True),
+        HypothesisNumber(name="damping", low=0.0, high=0.95, scale=0.05),
     ),
     apply=_windup,
     starts=lambda _problem, _left: [
@@ -180,7 +189,7 @@ WINDUP = Hypothesis(
 )
 
 
-def _no_impact(problem: Problem) -> str:
+def _no_impact(problem: AxisProblem) -> str:
     plant = problem.plant
     if plant.feedback != "load":
         return "outside of the loop nothing is picked up"
@@ -191,7 +200,7 @@ def _no_impact(problem: Problem) -> str:
 
 IMPACT = Hypothesis(
     name="engagement_impact",
-    numbers=(Number(name="kept", low=0.0, high=1.0, scale=0.1),),
+    numbers=(HypothesisNumber(name="kept", low=0.0, high=1.0, scale=0.1),),
     apply=by_effect("engagement_impact", "kept"),
     starts=lambda _problem, _left: [(0.97,), (0.85,), (0.7,), (0.55,), (0.4,), (0.2,)],
     values=named("kept"),
@@ -203,7 +212,7 @@ def _saturated(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("torque_saturation").apply(plant, {"limit": numbers[0]})
 
 
-def _limits(problem: Problem, left: Residuals) -> list[Numbers]:
+def _limits(problem: AxisProblem, left: Residuals) -> list[Numbers]:
     """Return parts of the largest following error that the model asks its motor to answer.
 
     They lie close: a limit a hundredth too low is reached so much longer that nothing fits.
@@ -214,13 +223,13 @@ def _limits(problem: Problem, left: Residuals) -> list[Numbers]:
     return [(float(share * largest),) for share in LIMITS]
 
 
-def _no_torque(problem: Problem) -> str:
+def _no_torque(problem: AxisProblem) -> str:
     return "an open loop is not limited by it" if problem.plant.feedback == "none" else _no_servo(problem)
 
 
 SATURATION = Hypothesis(
     name="torque_saturation",
-    numbers=(Number(name="limit", low=1e-7, high=1.0, scale=1e-5),),
+    numbers=(HypothesisNumber(name="limit", low=1e-7, high=1.0, scale=1e-5),),
     apply=_saturated,
     starts=_limits,
     values=named("limit"),
@@ -228,7 +237,7 @@ SATURATION = Hypothesis(
 )
 
 
-def drive_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+def drive_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about gap, servo and motor on one axis; a slope is told about the middle of its travel."""
     uneven = (_sloped(middle(problem)), _bumped(reach(problem)))
     return (BACKLASH, *uneven, MISMATCH, WINDUP, IMPACT, SATURATION)

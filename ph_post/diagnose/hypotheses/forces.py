@@ -1,20 +1,78 @@
-"""Hypotheses that are forces on the axis."""
+"""Hypotheses about forces on the axis, and about waves along its travel."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
-from ph_post.diagnose.hypotheses.scan import force_periods, longest_period, reversal_step, speeds
-from ph_post.diagnose.hypotheses.waves import GUESS, wave_hypothesis
-from ph_post.diagnose.model import Problem
+from ph_post.diagnose.hypotheses.base import (
+    MICRON,
+    Hypothesis,
+    HypothesisNumber,
+    Numbers,
+    Residuals,
+    force_periods,
+    longest_period,
+    reversal_step,
+    speeds,
+)
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
+from ph_post.identify.free_run import AxisProblem
+
+GUESS: Final = 3.0 * MICRON
+"""A size worth trying, of an error or of a force as F/K [m]."""
+
+
+def wave_hypothesis(
+    name: str,
+    size: str,
+    high: float,
+    longest: float,
+    periods: Callable[[AxisProblem, Residuals], Sequence[float]],
+    bars: Callable[[AxisProblem], str],
+) -> Hypothesis:
+    """Return the hypothesis of a wave along the travel; its numbers are sine, cosine and log of the period.
+
+    Parameters
+    ----------
+    name, size : str
+        Of the effect, and of its leading parameter.
+    high : float
+        Largest sine or cosine [m].
+    longest : float
+        Longest period [m]: the travel must hold some.
+    periods : callable
+        AxisProblem and residuals to periods worth trying [m].
+    bars : callable
+        As of every hypothesis.
+    """
+
+    def parameters(numbers: Numbers) -> dict[str, float]:
+        sine, cosine, period = numbers
+        whole, phase = math.hypot(sine, cosine), math.atan2(cosine, sine)
+        return {size: whole, "period": math.exp(period), "phase": phase}
+
+    def apply(plant: Plant, numbers: Numbers) -> Plant:
+        return find_effect(name).apply(plant, parameters(numbers))
+
+    low, top = math.log(1e-4), math.log(max(longest, 2e-4))
+    return Hypothesis(
+        name=name,
+        numbers=(
+            *(HypothesisNumber(name=n, low=-high, high=high, scale=MICRON, linear=True) for n in ("sine", "cosine")),
+            HypothesisNumber(name="period", low=low, high=top, scale=0.003, logarithm=True),
+        ),
+        apply=apply,
+        starts=lambda problem, left: [(GUESS, GUESS, math.log(one)) for one in periods(problem, left)],
+        values=lambda _problem, numbers: parameters(numbers),
+        bars=bars,
+    )
+
 
 MOST_FORCE: Final = 5e-3
 """Largest force tried, F/K [m]."""
@@ -26,8 +84,8 @@ FASTEST: Final = 0.05
 """Speed over which static friction has died out on any machine's ways [m/s]."""
 
 
-def _force(name: str = "force", low: float = 0.0) -> Number:
-    return Number(name=name, low=low, high=MOST_FORCE, scale=MICRON, linear=True)
+def _force(name: str = "force", low: float = 0.0) -> HypothesisNumber:
+    return HypothesisNumber(name=name, low=low, high=MOST_FORCE, scale=MICRON, linear=True)
 
 
 def by_effect(name: str, *gives: str) -> Callable[[Plant, Numbers], Plant]:
@@ -39,20 +97,20 @@ def by_effect(name: str, *gives: str) -> Callable[[Plant, Numbers], Plant]:
     return apply
 
 
-def named(*gives: str) -> Callable[[Problem, Numbers], dict[str, float]]:
+def named(*gives: str) -> Callable[[AxisProblem, Numbers], dict[str, float]]:
     """Return what calls numbers by these names."""
 
-    def values(_problem: Problem, numbers: Numbers) -> dict[str, float]:
+    def values(_problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
         return dict(zip(gives, numbers, strict=True))
 
     return values
 
 
-def _step(problem: Problem, left: Residuals) -> float:
+def _step(problem: AxisProblem, left: Residuals) -> float:
     return max(abs(reversal_step(problem, left)), GUESS)
 
 
-def _no_friction(problem: Problem) -> str:
+def _no_friction(problem: AxisProblem) -> str:
     return "an ideal stepper feels no force" if problem.plant.b == 0.0 else ""
 
 
@@ -72,7 +130,7 @@ def _stribeck(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("stribeck_friction").apply(plant, values)
 
 
-def _has_stribeck(problem: Problem) -> str:
+def _has_stribeck(problem: AxisProblem) -> str:
     return _no_friction(problem) or ("the file has it already" if problem.plant.static else "")
 
 
@@ -81,7 +139,7 @@ STRIBECK = Hypothesis(
     numbers=(
         _force(),
         _force("more"),
-        Number(name="speed", low=math.log(1e-5), high=math.log(FASTEST), scale=0.3, logarithm=True),
+        HypothesisNumber(name="speed", low=math.log(1e-5), high=math.log(FASTEST), scale=0.3, logarithm=True),
     ),
     apply=_stribeck,
     starts=lambda problem, left: [(_step(problem, left), GUESS, math.log(v)) for v in speeds(problem)],
@@ -96,7 +154,7 @@ STRIBECK = Hypothesis(
 
 VISCOUS = Hypothesis(
     name="viscous_friction",
-    numbers=(Number(name="coefficient", low=0.0, high=MOST_LAG, scale=1e-5, linear=True),),
+    numbers=(HypothesisNumber(name="coefficient", low=0.0, high=MOST_LAG, scale=1e-5, linear=True),),
     apply=by_effect("viscous_friction", "coefficient"),
     starts=lambda _problem, _left: [(1e-4,)],
     values=named("coefficient"),
@@ -112,7 +170,7 @@ def _asymmetry(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("friction_asymmetry").apply(plant, {"plus": plus, "minus": minus})
 
 
-def _by_direction(_problem: Problem, numbers: Numbers) -> dict[str, float]:
+def _by_direction(_problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
     """Return the difference, which is what c does not hold, and both coefficients."""
     plus, minus = numbers
     return {"difference": plus - minus, "plus": plus, "minus": minus}
@@ -121,7 +179,7 @@ def _by_direction(_problem: Problem, numbers: Numbers) -> dict[str, float]:
 ASYMMETRY = Hypothesis(
     name="friction_asymmetry",
     numbers=tuple(
-        Number(name=name, low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True) for name in ("plus", "minus")
+        HypothesisNumber(name=name, low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True) for name in ("plus", "minus")
     ),
     apply=_asymmetry,
     starts=lambda _problem, _left: [(1e-4, -1e-4)],
@@ -135,7 +193,7 @@ ASYMMETRY = Hypothesis(
 DIFFERENCE = replace(
     ASYMMETRY,
     variant="about c",
-    numbers=(Number(name="difference", low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True),),
+    numbers=(HypothesisNumber(name="difference", low=-MOST_LAG, high=MOST_LAG, scale=1e-5, linear=True),),
     apply=lambda plant, n: _asymmetry(plant, (0.5 * n[0], -0.5 * n[0])),
     starts=lambda _problem, _left: [(1e-4,)],
     values=lambda problem, n: _by_direction(problem, (0.5 * n[0], -0.5 * n[0])),
@@ -143,7 +201,7 @@ DIFFERENCE = replace(
 )
 
 
-def _needs_effort(problem: Problem) -> str:
+def _needs_effort(problem: AxisProblem) -> str:
     """Say where a load shows no more than a wrong origin: it also keeps a table in the loop on a flank."""
     in_gap = problem.plant.feedback == "load" and problem.plant.gap > 0.0
     shows = problem.has_effort or in_gap
@@ -160,7 +218,7 @@ LOAD = Hypothesis(
 )
 
 
-def _one_axis(problem: Problem) -> str:
+def _one_axis(problem: AxisProblem) -> str:
     moving = np.ptp(problem.velocity, axis=0) > 0.0
     alone = "with one axis moving it is friction" if np.count_nonzero(moving) < 2 else ""
     return _no_friction(problem) or alone
@@ -189,15 +247,13 @@ CUTTING_BY_FEED = replace(
     CUTTING,
     variant="by feed",
     within=("viscous_friction",),
-    numbers=(*CUTTING.numbers, Number(name="exponent", low=0.05, high=1.1, scale=0.1)),
+    numbers=(*CUTTING.numbers, HypothesisNumber(name="exponent", low=0.05, high=1.1, scale=0.1)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
     values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
 )
 
 
-def force_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+def force_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about forces on one axis."""
-    cogs = wave_hypothesis(
-        "cogging", "force", MOST_FORCE, longest_period(problem), force_periods, _no_friction
-    )
+    cogs = wave_hypothesis("cogging", "force", MOST_FORCE, longest_period(problem), force_periods, _no_friction)
     return (COULOMB, STRIBECK, VISCOUS, DIFFERENCE, ASYMMETRY, LOAD, cogs, CUTTING, CUTTING_BY_FEED)

@@ -1,4 +1,4 @@
-"""Hypotheses about what is read, and when."""
+"""Hypotheses about the readings: scale, screw, temperature, squareness and delay."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from ph_post.diagnose.hypotheses.base import MICRON, Hypothesis, Number, Numbers, Residuals
-from ph_post.diagnose.hypotheses.forces import by_effect, named
-from ph_post.diagnose.hypotheses.scan import longest_period, periods
-from ph_post.diagnose.hypotheses.waves import wave_hypothesis
-from ph_post.diagnose.model import Problem
+from ph_post.diagnose.hypotheses.base import (
+    MICRON,
+    Hypothesis,
+    HypothesisNumber,
+    Numbers,
+    Residuals,
+    longest_period,
+    periods,
+)
+from ph_post.diagnose.hypotheses.forces import by_effect, named, wave_hypothesis
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
+from ph_post.identify.free_run import AxisProblem
 
 MOST_ERROR: Final = 5e-3
 """Largest error of a reading tried [m]."""
@@ -28,13 +34,13 @@ LONGEST_DELAY: Final = 0.1
 """[s]"""
 
 
-def _needs_table(problem: Problem) -> str:
+def _needs_table(problem: AxisProblem) -> str:
     return "" if any(one.channel == "act" for one in problem.observed) else "needs a reading of the table"
 
 
 SCALE = Hypothesis(
     name="scale_error",
-    numbers=(Number(name="error", low=-0.1, high=0.1, scale=1e-5, linear=True),),
+    numbers=(HypothesisNumber(name="error", low=-0.1, high=0.1, scale=1e-5, linear=True),),
     apply=by_effect("scale_error", "error"),
     starts=lambda _problem, _left: [(1e-4,)],
     values=named("error"),
@@ -47,7 +53,7 @@ def _drift(plant: Plant, numbers: Numbers) -> Plant:
     return find_effect("thermal_growth").apply(plant, values)
 
 
-def _drifts(problem: Problem, _left: Residuals) -> list[Numbers]:
+def _drifts(problem: AxisProblem, _left: Residuals) -> list[Numbers]:
     length = float(problem.t[-1] - problem.t[0])
     tried = (max(share * length, SHORTEST_DRIFT) for share in (0.15, 0.5, 2.0))
     return [(10.0 * MICRON, math.log(constant)) for constant in tried]
@@ -56,8 +62,8 @@ def _drifts(problem: Problem, _left: Residuals) -> list[Numbers]:
 THERMAL = Hypothesis(
     name="thermal_growth",
     numbers=(
-        Number(name="growth", low=-MOST_ERROR, high=MOST_ERROR, scale=MICRON, linear=True),
-        Number(name="time", low=math.log(SHORTEST_DRIFT), high=math.log(1e5), scale=0.1, logarithm=True),
+        HypothesisNumber(name="growth", low=-MOST_ERROR, high=MOST_ERROR, scale=MICRON, linear=True),
+        HypothesisNumber(name="time", low=math.log(SHORTEST_DRIFT), high=math.log(1e5), scale=0.1, logarithm=True),
     ),
     apply=_drift,
     starts=_drifts,
@@ -74,13 +80,13 @@ def _squareness(other: str) -> Hypothesis:
     def apply(plant: Plant, numbers: Numbers) -> Plant:
         return find_effect("squareness").apply(plant, {"angle": numbers[0], "other": choice})
 
-    def bars(problem: Problem) -> str:
+    def bars(problem: AxisProblem) -> str:
         return _needs_table(problem) if other in problem.others else f"{other} is not in the record"
 
     return Hypothesis(
         name="squareness",
         variant=other,
-        numbers=(Number(name="angle", low=-0.1, high=0.1, scale=1e-5, linear=True),),
+        numbers=(HypothesisNumber(name="angle", low=-0.1, high=0.1, scale=1e-5, linear=True),),
         apply=apply,
         starts=lambda _problem, _left: [(1e-4,)],
         values=lambda _problem, n: {"angle": n[0], "other": choice},
@@ -95,14 +101,14 @@ def _delay(where: float) -> Hypothesis:
     return Hypothesis(
         name="transport_delay",
         variant=("command", "reading")[int(where)],
-        numbers=(Number(name="delay", low=0.0, high=LONGEST_DELAY, scale=1e-4, linear=True),),
+        numbers=(HypothesisNumber(name="delay", low=0.0, high=LONGEST_DELAY, scale=1e-4, linear=True),),
         apply=apply,
         starts=lambda _problem, _left: [(1e-3,)],
         values=lambda _problem, n: {"delay": n[0], "where": where},
     )
 
 
-def _loop_reads_late(problem: Problem) -> str:
+def _loop_reads_late(problem: AxisProblem) -> str:
     if problem.plant.feedback == "none":
         return "an open loop reads nothing"
     return _needs_table(problem)
@@ -114,9 +120,7 @@ LATE_READING = replace(_delay(1.0), bars=_loop_reads_late)
 SQUARENESS: Final = tuple(_squareness(other) for other in AXES)
 
 
-def reading_hypotheses(problem: Problem) -> tuple[Hypothesis, ...]:
+def reading_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
     """Hypotheses about what is read of one axis."""
-    cycles = wave_hypothesis(
-        "cyclic_error", "amplitude", MOST_ERROR, longest_period(problem), periods, _needs_table
-    )
+    cycles = wave_hypothesis("cyclic_error", "amplitude", MOST_ERROR, longest_period(problem), periods, _needs_table)
     return (cycles, SCALE, THERMAL, *SQUARENESS, LATE_COMMAND, LATE_READING)

@@ -1,4 +1,4 @@
-"""Physical effects beyond the gap, one file each, and the plant of an axis with its effects."""
+"""Physical effects beyond backlash, one file each, and the plant of an axis with its effects."""
 
 from __future__ import annotations
 
@@ -7,22 +7,20 @@ from collections.abc import Collection, Mapping
 import msgspec
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import Effect
+from ph_post.drive.effects.base import Effect, effect_values
 from ph_post.drive.effects.registry import find_effect, is_effect
-from ph_post.drive.effects.values import effect_values
-from ph_post.drive.plant import Plant, base_plant
-from ph_post.drive.widening import widened
+from ph_post.drive.plant import Plant, base_plant, scale_profile
 from ph_post.types import Axis, EffectSetting, Scenario
 
 
-class Acting(msgspec.Struct, frozen=True, kw_only=True):
+class ActiveEffect(msgspec.Struct, frozen=True, kw_only=True):
     """An effect that acts on an axis, and its values in SI units."""
 
     effect: Effect
     values: Mapping[str, float]
 
 
-def acting(axis: Axis) -> tuple[Acting, ...]:
+def active_effects(axis: Axis) -> tuple[ActiveEffect, ...]:
     """Effects of an axis that act, in the order of the file.
 
     Raises
@@ -32,13 +30,13 @@ def acting(axis: Axis) -> tuple[Acting, ...]:
     """
     where = f"axis {axis.name}: effects"
     return tuple(
-        Acting(effect=effect, values=effect_values(effect, axis, setting.parameters, f"{where}[{number}]"))
+        ActiveEffect(effect=effect, values=effect_values(effect, axis, setting.parameters, f"{where}[{number}]"))
         for number, setting in enumerate(axis.effects)
         if (effect := _felt(axis, setting)) is not None
     )
 
 
-def not_acting(axis: Axis) -> tuple[str, ...]:
+def ignored_effects(axis: Axis) -> tuple[str, ...]:
     """Names of an axis' effects that change nothing: reserved ones, and those its loop does not feel.
 
     Whoever simulates says so.
@@ -46,7 +44,7 @@ def not_acting(axis: Axis) -> tuple[str, ...]:
     return tuple(setting.name for setting in axis.effects if _felt(axis, setting) is None)
 
 
-def still(axis: Axis, axes: Collection[str]) -> tuple[str, ...]:
+def unmoved_axes(axis: Axis, axes: Collection[str]) -> tuple[str, ...]:
     """Names of the axes whose position an axis is read with, and which are not among those that move.
 
     They count as standing at 0. Whoever simulates says so.
@@ -68,8 +66,8 @@ def plant_of(axis: Axis, scenario: Scenario) -> Plant:
     A scenario's factor of the gap is one of all that the gap is at any place.
     """
     plant = base_plant(axis, scenario)
-    for one in acting(axis):
+    for one in active_effects(axis):
         plant = one.effect.apply(plant, one.values)
     if plant.widening is None or scenario.gap == 1.0:
         return plant
-    return replace(plant, widening=widened(plant.widening, scenario.gap))
+    return replace(plant, widening=scale_profile(plant.widening, scenario.gap))

@@ -1,4 +1,4 @@
-"""What an effect is.
+"""The definition of an effect, its values in SI units, and the literature that effects share.
 
 An effect is one definition that the machine file, the simulator and whoever fits it to a measurement share:
 its parameters in the units of the shop, with their bounds, and what it does to a :class:`Plant`.
@@ -27,11 +27,13 @@ engine (:mod:`ph_post.simulate.slow`), a thousand times as long and more; the ot
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Literal
+from typing import Any, Final, Literal
 
 import msgspec
 
+from ph_post.consistency import consistent_value
 from ph_post.drive.plant import Plant
+from ph_post.errors import InputError
 from ph_post.types import Axis, Feedback
 from ph_post.units import DEGREE, HERTZ, MM, MM_PER_MIN, MS
 
@@ -87,7 +89,7 @@ class Parameter(msgspec.Struct, frozen=True, kw_only=True):
     default: float | str | None = None
 
 
-class Fault(msgspec.Struct, frozen=True, kw_only=True):
+class EffectFault(msgspec.Struct, frozen=True, kw_only=True):
     """Values that do not go together: which of them is wrong (its `gives`), and why."""
 
     gives: str
@@ -95,7 +97,7 @@ class Fault(msgspec.Struct, frozen=True, kw_only=True):
     expected: str
 
 
-def no_fault(axis: Axis, values: Values) -> Fault | None:  # noqa: ARG001
+def no_fault(axis: Axis, values: Values) -> EffectFault | None:  # noqa: ARG001
     """Find nothing wrong with values that are each within their bounds."""
     return None
 
@@ -130,7 +132,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True):
     source: str
     parameters: tuple[Parameter, ...]
     apply: Callable[[Plant, Values], Plant]
-    fault: Callable[[Axis, Values], Fault | None] = no_fault
+    fault: Callable[[Axis, Values], EffectFault | None] = no_fault
     once: bool = False
     feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
 
@@ -170,3 +172,84 @@ RADIAN = constant("rad", 1.0)
 DEGREES = constant("°", DEGREE)
 NEWTON = per_stiffness("N", 1.0)
 N_S_PER_MM = per_stiffness("N s/mm", 1.0 / MM)
+
+
+FRICTION: Final = (
+    "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit: A survey of models, analysis tools and "
+    "compensation methods for the control of machines with friction, Automatica 30 (1994), "
+    "doi:10.1016/0005-1098(94)90209-7"
+)
+
+FEED_DRIVES: Final = (
+    "Y. Altintas, A. Verl, C. Brecher, L. Uriarte, G. Pritschow: Machine tool feed drives, "
+    "CIRP Annals 60 (2011), doi:10.1016/j.cirp.2011.05.010"
+)
+
+TEST_CODE: Final = "ISO 230-1: Test code for machine tools, part 1: Geometric accuracy, 2012"
+
+POSITIONING: Final = "ISO 230-2: Test code for machine tools, part 2: Positioning accuracy, 2014"
+
+THERMAL: Final = "ISO 230-3: Test code for machine tools, part 3: Determination of thermal effects, 2020"
+
+CUTTING: Final = (
+    "Y. Altintas: Manufacturing Automation: Metal Cutting Mechanics, Machine Tool Vibrations, "
+    "and CNC Design, 2nd ed., Cambridge University Press 2012"
+)
+
+
+def effect_values(effect: Effect, axis: Axis, given: Mapping[str, Any], where: str) -> dict[str, float]:
+    """Return what `apply` takes, in SI units.
+
+    Parameters
+    ----------
+    effect : Effect
+    axis : Axis
+        Whose constants the units of forces and torques need.
+    given : mapping
+        Numbers and choices by key, each of the right type and within its bounds.
+    where : str
+        Where the effect stands, for the refusal.
+
+    Raises
+    ------
+    InputError
+        Where a value is missing, given twice and differently, or at odds with another, or the axis lacks a
+        constant that its unit needs.
+
+    Examples
+    --------
+    >>> from ph_post.drive.effects.transport_delay import EFFECT
+    >>> from ph_post.types import Gap, Limits, Servo
+    >>> limits, gap = Limits(velocity=1.0, acceleration=1.0, jerk=1.0), Gap(lost_motion=0.0)
+    >>> axis = Axis(name="X", feedback="load", servo=Servo(b=1.0, c=1.0), gap=gap, limits=limits)
+    >>> effect_values(EFFECT, axis, {"delay_ms": 4}, "here")
+    {'delay': 0.004, 'where': 0.0}
+    """
+    values: dict[str, float] = {}
+    for gives, parameters in effect.ways().items():
+        found = ((one.name, _in_si(one, axis, given, where)) for one in parameters)
+        value = consistent_value(found, lambda key: f"{where}.{key}")
+        if value is None:
+            names = " or ".join(one.name for one in parameters)
+            raise InputError(where, f'key "{parameters[0].name}" is missing', expected=names)
+        values[gives] = value
+    fault = effect.fault(axis, values)
+    if fault is not None:
+        ways = effect.ways()[fault.gives]
+        told = next((one for one in ways if one.name in given), ways[0])
+        got = given.get(told.name, told.default)
+        raise InputError(f"{where}.{told.name}", fault.what, expected=fault.expected, got=f"{got}")
+    return values
+
+
+def _in_si(parameter: Parameter, axis: Axis, given: Mapping[str, Any], where: str) -> float | None:
+    number = given.get(parameter.name, parameter.default)
+    if number is None:
+        return None
+    if parameter.unit is None:
+        return float(parameter.choices.index(number))
+    scale = parameter.unit.scale(axis)
+    if scale is None:
+        what = f"{parameter.unit.symbol} cannot be converted on this axis"
+        raise InputError(f"{where}.{parameter.name}", what, expected=parameter.unit.needs, got=f"{number:g}")
+    return float(number) * scale

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.effects.base import (
     DEGREES,
+    FEED_DRIVES,
     MILLIMETRE,
     NEWTON,
     POSITIVE,
@@ -14,7 +15,6 @@ from ph_post.drive.effects.base import (
     Unit,
     Values,
 )
-from ph_post.drive.effects.sources import FEED_DRIVES
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 from ph_post.units import DEGREE

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import MILLIMETRE, NEWTON, NOT_NEGATIVE, Effect, Parameter, Values
-from ph_post.drive.effects.sources import FRICTION
+from ph_post.drive.effects.base import FRICTION, MILLIMETRE, NEWTON, NOT_NEGATIVE, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 
@@ -20,9 +19,7 @@ EFFECT = Effect(
     summary="a force of one size against the motion; several add up",
     source=FRICTION,
     parameters=(
-        Parameter(
-            name="force_n", gives="force", unit=NEWTON, bounds=NOT_NEGATIVE, meaning="size of the force"
-        ),
+        Parameter(name="force_n", gives="force", unit=NEWTON, bounds=NOT_NEGATIVE, meaning="size of the force"),
         Parameter(
             name="following_error_mm",
             gives="force",

@@ -1,10 +1,11 @@
-"""Cutting force: what the tool pushes back with along the path, by the feed."""
+"""Cutting force: the tool's resistance along the path, by the feed."""
 
 from __future__ import annotations
 
 from msgspec.structs import replace
 
 from ph_post.drive.effects.base import (
+    CUTTING,
     FEED,
     MILLIMETRE,
     NEWTON,
@@ -15,7 +16,6 @@ from ph_post.drive.effects.base import (
     Parameter,
     Values,
 )
-from ph_post.drive.effects.sources import CUTTING
 from ph_post.drive.plant import Plant
 
 

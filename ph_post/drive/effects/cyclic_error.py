@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import DEGREES, MILLIMETRE, POSITIVE, Effect, Parameter, Values
-from ph_post.drive.effects.sources import POSITIONING
+from ph_post.drive.effects.base import DEGREES, MILLIMETRE, POSITIONING, POSITIVE, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 

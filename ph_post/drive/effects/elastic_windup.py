@@ -5,8 +5,7 @@ from __future__ import annotations
 from msgspec import Meta
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import HZ, ONE, POSITIVE, Effect, Parameter, Values
-from ph_post.drive.effects.sources import FEED_DRIVES
+from ph_post.drive.effects.base import FEED_DRIVES, HZ, ONE, POSITIVE, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 

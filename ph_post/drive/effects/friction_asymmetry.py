@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import N_S_PER_MM, SECOND, Effect, Fault, Parameter, Values
-from ph_post.drive.effects.sources import FRICTION
+from ph_post.drive.effects.base import FRICTION, N_S_PER_MM, SECOND, Effect, EffectFault, Parameter, Values
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 
@@ -18,7 +17,7 @@ def _apply(plant: Plant, values: Values) -> Plant:
     )
 
 
-def _fault(axis: Axis, values: Values) -> Fault | None:
+def _fault(axis: Axis, values: Values) -> EffectFault | None:
     """Refuse what would drive the axis, or its table alone, instead of braking it."""
     b, c = axis.servo.b, axis.servo.c
     fraction, beta = axis.gap.inertia_fraction, axis.gap.beta
@@ -30,10 +29,10 @@ def _fault(axis: Axis, values: Values) -> Fault | None:
         if coefficient >= 0.0:
             continue
         if c + coefficient <= 0.0:
-            return Fault(gives=gives, what="the axis would have no damping", expected=f"> -c = {-c:g} s")
+            return EffectFault(gives=gives, what="the axis would have no damping", expected=f"> -c = {-c:g} s")
         if c + coefficient < own:
             least = f">= b * inertia_fraction / motor_time_constant_s - c = {own - c:g} s"
-            return Fault(gives=gives, what="the load would have negative damping", expected=least)
+            return EffectFault(gives=gives, what="the load would have negative damping", expected=least)
     return None
 
 
@@ -43,9 +42,7 @@ EFFECT = Effect(
     summary="friction by speed, beyond what is in c, that differs with the direction; may be negative",
     source=FRICTION,
     parameters=(
-        Parameter(
-            name="plus_n_s_per_mm", gives="plus", unit=N_S_PER_MM, meaning="force over speed, moving to plus"
-        ),
+        Parameter(name="plus_n_s_per_mm", gives="plus", unit=N_S_PER_MM, meaning="force over speed, moving to plus"),
         Parameter(
             name="plus_following_error_s",
             gives="plus",

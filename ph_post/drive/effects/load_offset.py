@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import MILLIMETRE, NEWTON, Effect, Parameter, Values
-from ph_post.drive.effects.sources import FEED_DRIVES
+from ph_post.drive.effects.base import FEED_DRIVES, MILLIMETRE, NEWTON, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 
@@ -19,9 +18,7 @@ EFFECT = Effect(
     summary="a constant force, such as a weight; positive pushes towards minus; several add up",
     source=FEED_DRIVES,
     parameters=(
-        Parameter(
-            name="force_n", gives="force", unit=NEWTON, meaning="the force, positive against plus motion"
-        ),
+        Parameter(name="force_n", gives="force", unit=NEWTON, meaning="the force, positive against plus motion"),
         Parameter(name="following_error_mm", gives="force", unit=MILLIMETRE, meaning="F/K, signed likewise"),
     ),
     apply=_apply,

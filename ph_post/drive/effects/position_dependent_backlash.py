@@ -6,9 +6,17 @@ import math
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import MILLIMETRE, ONE, POSITIVE, Effect, Fault, Parameter, Values
-from ph_post.drive.effects.sources import POSITIONING
-from ph_post.drive.plant import Plant, Widening
+from ph_post.drive.effects.base import (
+    MILLIMETRE,
+    ONE,
+    POSITIONING,
+    POSITIVE,
+    Effect,
+    EffectFault,
+    Parameter,
+    Values,
+)
+from ph_post.drive.plant import GapProfile, Plant
 from ph_post.types import Axis
 
 STEEPEST = 1.0
@@ -18,15 +26,15 @@ STEEPEST = 1.0
 def _apply(plant: Plant, values: Values) -> Plant:
     if values["slope"] == 0.0 and values["bump"] == 0.0:
         return plant
-    return replace(plant, widening=Widening(**values))
+    return replace(plant, widening=GapProfile(**values))
 
 
-def _fault(_axis: Axis, values: Values) -> Fault | None:
+def _fault(_axis: Axis, values: Values) -> EffectFault | None:
     bump = abs(values["bump"]) * math.exp(-0.5) / values["width"]
     if abs(values["slope"]) + bump < STEEPEST:
         return None
     gives = "slope" if abs(values["slope"]) >= bump else "bump"
-    return Fault(gives=gives, what="the gap changes by as much as the axis travels", expected="a flatter gap")
+    return EffectFault(gives=gives, what="the gap changes by as much as the axis travels", expected="a flatter gap")
 
 
 EFFECT = Effect(
@@ -35,9 +43,7 @@ EFFECT = Effect(
     summary="the gap is that of the axis + slope (x - x_0) + bump exp(-((x - x_c)/w)²/2), never below 0",
     source=POSITIONING,
     parameters=(
-        Parameter(
-            name="slope_mm_per_mm", gives="slope", unit=ONE, default=0.0, meaning="wider for each mm to plus"
-        ),
+        Parameter(name="slope_mm_per_mm", gives="slope", unit=ONE, default=0.0, meaning="wider for each mm to plus"),
         Parameter(
             name="reference_mm",
             gives="reference",
@@ -45,12 +51,8 @@ EFFECT = Effect(
             default=0.0,
             meaning="x_0, where the slope adds nothing",
         ),
-        Parameter(
-            name="bump_mm", gives="bump", unit=MILLIMETRE, default=0.0, meaning="wider in the worn place"
-        ),
-        Parameter(
-            name="centre_mm", gives="centre", unit=MILLIMETRE, default=0.0, meaning="x_c, the worn place"
-        ),
+        Parameter(name="bump_mm", gives="bump", unit=MILLIMETRE, default=0.0, meaning="wider in the worn place"),
+        Parameter(name="centre_mm", gives="centre", unit=MILLIMETRE, default=0.0, meaning="x_c, the worn place"),
         Parameter(
             name="width_mm",
             gives="width",

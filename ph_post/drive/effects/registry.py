@@ -1,4 +1,4 @@
-"""Effects by name: those of this package, those that others register as entry points, and those reserved."""
+"""Effects by name: those of this package, those that others register as entry points, and reserved names."""
 
 from __future__ import annotations
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from msgspec import Meta
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import ONE, Effect, Parameter, Values
-from ph_post.drive.effects.sources import POSITIONING
+from ph_post.drive.effects.base import ONE, POSITIONING, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 
@@ -20,9 +19,7 @@ EFFECT = Effect(
     summary="the table's reading is 1 + ε times its position; several add up",
     source=POSITIONING,
     parameters=(
-        Parameter(
-            name="error", gives="error", unit=ONE, bounds=Meta(gt=-1, lt=1), meaning="ε, 1e-5 is 10 µm/m"
-        ),
+        Parameter(name="error", gives="error", unit=ONE, bounds=Meta(gt=-1, lt=1), meaning="ε, 1e-5 is 10 µm/m"),
     ),
     apply=_apply,
 )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from msgspec import Meta
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import RADIAN, Effect, Fault, Parameter, Values
-from ph_post.drive.effects.sources import TEST_CODE
+from ph_post.drive.effects.base import RADIAN, TEST_CODE, Effect, EffectFault, Parameter, Values
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 
@@ -18,11 +17,11 @@ def _apply(plant: Plant, values: Values) -> Plant:
     return replace(plant, reading=replace(plant.reading, others=(*plant.reading.others, other)))
 
 
-def _fault(axis: Axis, values: Values) -> Fault | None:
+def _fault(axis: Axis, values: Values) -> EffectFault | None:
     if AXES[int(values["other"])] != axis.name:
         return None
     wanted = " or ".join(f'"{name}"' for name in AXES if name != axis.name)
-    return Fault(gives="other", what="an axis is square to another one", expected=wanted)
+    return EffectFault(gives="other", what="an axis is square to another one", expected=wanted)
 
 
 EFFECT = Effect(

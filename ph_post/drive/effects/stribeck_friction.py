@@ -5,16 +5,16 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from ph_post.drive.effects.base import (
+    FRICTION,
     MILLIMETRE,
     MM_PER_S,
     NEWTON,
     NOT_NEGATIVE,
     Effect,
-    Fault,
+    EffectFault,
     Parameter,
     Values,
 )
-from ph_post.drive.effects.sources import FRICTION
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 
@@ -30,10 +30,10 @@ def _apply(plant: Plant, values: Values) -> Plant:
     )
 
 
-def _fault(_axis: Axis, values: Values) -> Fault | None:
+def _fault(_axis: Axis, values: Values) -> EffectFault | None:
     if values["static_force"] >= values["force"]:
         return None
-    return Fault(gives="static_force", what="less friction at rest than in motion", expected=">= the force")
+    return EffectFault(gives="static_force", what="less friction at rest than in motion", expected=">= the force")
 
 
 EFFECT = Effect(
@@ -42,12 +42,8 @@ EFFECT = Effect(
     summary="Coulomb friction that is larger at rest: F + (F_s - F) exp(-(v/v_s)²)",
     source=f"{FRICTION}; the Gaussian form",
     parameters=(
-        Parameter(
-            name="force_n", gives="force", unit=NEWTON, bounds=NOT_NEGATIVE, meaning="F, far above v_s"
-        ),
-        Parameter(
-            name="following_error_mm", gives="force", unit=MILLIMETRE, bounds=NOT_NEGATIVE, meaning="F/K"
-        ),
+        Parameter(name="force_n", gives="force", unit=NEWTON, bounds=NOT_NEGATIVE, meaning="F, far above v_s"),
+        Parameter(name="following_error_mm", gives="force", unit=MILLIMETRE, bounds=NOT_NEGATIVE, meaning="F/K"),
         Parameter(
             name="static_force_n",
             gives="static_force",

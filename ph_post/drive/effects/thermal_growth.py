@@ -1,11 +1,10 @@
-"""Thermal growth: what warms up moves the reading, slowly, and then no more."""
+"""Thermal growth: warm-up moves the reading slowly towards a limit."""
 
 from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import MILLIMETRE, POSITIVE, SECOND, Effect, Parameter, Values
-from ph_post.drive.effects.sources import THERMAL
+from ph_post.drive.effects.base import MILLIMETRE, POSITIVE, SECOND, THERMAL, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 
@@ -20,9 +19,7 @@ EFFECT = Effect(
     summary="the table's reading drifts by G (1 - exp(-t/τ)) from the beginning on; several add up",
     source=THERMAL,
     parameters=(
-        Parameter(
-            name="growth_mm", gives="growth", unit=MILLIMETRE, meaning="G, what it comes to in the end"
-        ),
+        Parameter(name="growth_mm", gives="growth", unit=MILLIMETRE, meaning="G, what it comes to in the end"),
         Parameter(name="time_constant_s", gives="time_constant", unit=SECOND, bounds=POSITIVE, meaning="τ"),
     ),
     apply=_apply,

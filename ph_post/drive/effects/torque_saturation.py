@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import MILLIMETRE, POSITIVE, STIFFNESS, Effect, Parameter, Unit, Values
-from ph_post.drive.effects.sources import FEED_DRIVES
+from ph_post.drive.effects.base import (
+    FEED_DRIVES,
+    MILLIMETRE,
+    POSITIVE,
+    STIFFNESS,
+    Effect,
+    Parameter,
+    Unit,
+    Values,
+)
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 
@@ -30,12 +38,8 @@ def _apply(plant: Plant, values: Values) -> Plant:
     return replace(plant, saturation=min(plant.saturation, values["limit"]))
 
 
-_NEWTON_METRE = Unit(
-    symbol="N m", scale=_per_torque, needs=f"gear_ratio, the travel and the stiffness ({STIFFNESS})"
-)
-_RAD_PER_S2 = Unit(
-    symbol="rad/s²", scale=_per_acceleration, needs="b > 0, gear_ratio, the travel and inertia_fraction"
-)
+_NEWTON_METRE = Unit(symbol="N m", scale=_per_torque, needs=f"gear_ratio, the travel and the stiffness ({STIFFNESS})")
+_RAD_PER_S2 = Unit(symbol="rad/s²", scale=_per_acceleration, needs="b > 0, gear_ratio, the travel and inertia_fraction")
 
 EFFECT = Effect(
     name="torque_saturation",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import MILLISECOND, NOT_NEGATIVE, Effect, Fault, Parameter, Values
+from ph_post.drive.effects.base import MILLISECOND, NOT_NEGATIVE, Effect, EffectFault, Parameter, Values
 from ph_post.drive.plant import Plant
 from ph_post.types import Axis
 
@@ -17,9 +17,9 @@ def _apply(plant: Plant, values: Values) -> Plant:
     return replace(plant, command_delay=plant.command_delay + values["delay"])
 
 
-def _fault(axis: Axis, values: Values) -> Fault | None:
+def _fault(axis: Axis, values: Values) -> EffectFault | None:
     if axis.feedback == "none" and values["where"] == _READING:
-        return Fault(gives="where", what="an open loop reads nothing", expected='"command"')
+        return EffectFault(gives="where", what="an open loop reads nothing", expected='"command"')
     return None
 
 
@@ -29,9 +29,7 @@ EFFECT = Effect(
     summary="command or reading late by a fixed time; several in one place add up",
     source="K. J. Åström, B. Wittenmark: Computer-Controlled Systems, 3rd ed., Prentice Hall 1997",
     parameters=(
-        Parameter(
-            name="delay_ms", gives="delay", unit=MILLISECOND, bounds=NOT_NEGATIVE, meaning="by how much"
-        ),
+        Parameter(name="delay_ms", gives="delay", unit=MILLISECOND, bounds=NOT_NEGATIVE, meaning="by how much"),
         Parameter(
             name="where",
             gives="where",

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ph_post.drive.effects.base import N_S_PER_MM, NOT_NEGATIVE, SECOND, Effect, Parameter, Values
-from ph_post.drive.effects.sources import FRICTION
+from ph_post.drive.effects.base import FRICTION, N_S_PER_MM, NOT_NEGATIVE, SECOND, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
 
 

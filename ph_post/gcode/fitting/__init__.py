@@ -1,1 +1,1 @@
-"""Curves through the short straight moves that sample them: our own mathematics, array by array."""
+"""Fit lines, arcs and Hermite interpolants to short straight moves."""

@@ -1,4 +1,4 @@
-"""True lines and arcs in a run of short moves: stretches that one circle explains, ending where it ends."""
+"""Find the arcs that explain short straight moves."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.gcode.fitting.record import ROUND, STRAIGHT
-from ph_post.simulate.compiling import compiled, inner
+from ph_post.compiling import compiled, inner
+from ph_post.gcode.fitting.samples import ROUND, STRAIGHT
 from ph_post.types import Array, BoolArray, IntArray
 
 STEPS: Final = 5
@@ -293,7 +293,7 @@ def find_arcs(
     Parameters
     ----------
     points, along, tangent, corners, lines
-        See :func:`ph_post.gcode.fitting.tangents.find_tangents`; the tangents at the ends of what is found
+        See :func:`ph_post.gcode.fitting.polyline.find_tangents`; the tangents at the ends of what is found
         are set to its own.
     cuts : BoolArray, shape (n,)
         Vertices that no piece may run across.

@@ -1,12 +1,4 @@
-"""Hermite interpolants through what no line or arc explains: PH quintics in a plane, cubics in space.
-
-References
-----------
-.. [1] Farouki, Neff, Hermite interpolation by Pythagorean hodograph quintics,
-   Math. Comp. 64 (1995) 1589-1609.
-.. [2] Moon, Farouki, Choi, Construction and shape analysis of PH quintic Hermite interpolants, Computer Aided
-   Geometric Design 18 (2001) 93-115.
-"""
+"""Hermite interpolants through vertices that no line or arc explains: PH quintics in a plane, cubics in space."""
 
 from __future__ import annotations
 
@@ -15,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.gcode.fitting.record import ROUND, SMOOTH, STRAIGHT
-from ph_post.simulate.compiling import compiled, inner
+from ph_post.compiling import compiled, inner
+from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT
 from ph_post.types import Array, BoolArray, IntArray
 
 AHEAD: Final = 0.3
@@ -261,7 +253,7 @@ def _write(
         _fits(points, along, turn, i, j, control[number], degree[number], tolerance, foot)
 
 
-def fill(
+def fill_pieces(
     points: Array,
     along: Array,
     turn: Array,
@@ -276,7 +268,7 @@ def fill(
     Parameters
     ----------
     points, along, turn, tangent, lines
-        See :func:`ph_post.gcode.fitting.tangents.find_tangents`.
+        See :func:`ph_post.gcode.fitting.polyline.find_tangents`.
     stops : BoolArray, shape (n,)
         Vertices that no piece may run across.
     taken : IntArray, shape (n,)
@@ -287,7 +279,7 @@ def fill(
     Returns
     -------
     kind, first, last : IntArray, shape (p,)
-        Kinds as in :mod:`ph_post.gcode.fitting.record`; what is taken counts as ROUND.
+        Kinds as in :mod:`ph_post.gcode.fitting.samples`; what is taken counts as ROUND.
     foot : Array, shape (n,)
         Parameters nearest to the vertices inside interpolants.
     """

@@ -63,11 +63,7 @@ def is_top(face):
 def bores(shape, low, high):
     return faces(
         shape,
-        lambda f: (
-            isinstance(f.Surface, Part.Cylinder)
-            and low <= f.Surface.Radius <= high
-            and f.BoundBox.ZLength > 9
-        ),
+        lambda f: isinstance(f.Surface, Part.Cylinder) and low <= f.Surface.Radius <= high and f.BoundBox.ZLength > 9,
     )
 
 

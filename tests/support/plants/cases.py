@@ -123,14 +123,12 @@ def _axis(name: str, plant: Plant, known_flank: bool) -> list[str]:
 
 def save(case: Case, path: Path) -> None:
     """Write a case whole or not at all."""
-    told = {
-        key: getattr(case, key) for key in ("effects", "channels", "feedback", "seed", "known_flank")
-    } | {
+    told = {key: getattr(case, key) for key in ("effects", "channels", "feedback", "seed", "known_flank")} | {
         "truths": [asdict(each) for each in case.truths],
         "floors": dict(case.floors),
         "alike": dict(case.alike),
         "track": [[isinstance(s, Mirrored), asdict(s)] for s in case.track.stretches],
-    }  # fmt: skip
+    }
     for key in ("plants", "bases", "files"):
         told[key] = [_told(plant) for plant in getattr(case, key)]
     arrays = {f"cmd {i}": values for i, values in enumerate(case.commands)}
@@ -156,16 +154,19 @@ def load(path: Path) -> Case:
         track._add((Mirrored if mirrored else Stretch)(**piece))
     for key in ("plants", "bases", "files"):
         told[key] = tuple(
-            Plant(**plant | {"effects": tuple(Hidden(*pair) for pair in plant["effects"])})
-            for plant in told[key]
+            Plant(**plant | {"effects": tuple(Hidden(*pair) for pair in plant["effects"])}) for plant in told[key]
         )
     t = arrays.pop("t")
     commands = tuple(arrays.pop(f"cmd {i}") for i in range(len(told["plants"])))
     return Case(
-        **told | {
+        **told
+        | {
             "effects": tuple(told["effects"]),
             "channels": tuple(told["channels"]),
             "truths": tuple(Truth(**each) for each in told["truths"]),
         },
-        track=track, t=t, commands=commands, readings=arrays,
-    )  # fmt: skip
+        track=track,
+        t=t,
+        commands=commands,
+        readings=arrays,
+    )

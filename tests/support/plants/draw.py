@@ -19,9 +19,14 @@ LEAST, MOST = 3.0, 100.0
 """Noise floors that a hidden effect shall add to the recorded channels."""
 
 CHANNEL_SETS: tuple[tuple[str, ...], ...] = (
-    ("act",), ("act", "motor"), ("act", "force"), ("act", "motor", "force"), ("motor",), ("motor", "force"),
+    ("act",),
+    ("act", "motor"),
+    ("act", "force"),
+    ("act", "motor", "force"),
+    ("motor",),
+    ("motor", "force"),
     ("unknown",),
-)  # fmt: skip
+)
 OFF = (0.0, 0.01, 0.02)
 """By how much the file's b, c and gap are off at most; drawn from these where it is not given."""
 
@@ -43,10 +48,16 @@ def draw_plant(rng: np.random.Generator, feedback: str, effects: Sequence[str], 
     gap = _log_uniform(rng, 1e-5, 8e-5) if gapped else 0.0
     electronic = float(rng.uniform(0.2, 0.9) * c) if rng.random() < 0.5 else 0.0
     return Plant(
-        feedback, b, c, gap=gap, eta=float(rng.uniform(0.3, 0.7)), beta=float(rng.uniform(0.5, 5.0)),
-        stiffness=_log_uniform(rng, 3e5, 3e6), flank=flank,
+        feedback,
+        b,
+        c,
+        gap=gap,
+        eta=float(rng.uniform(0.3, 0.7)),
+        beta=float(rng.uniform(0.5, 5.0)),
+        stiffness=_log_uniform(rng, 3e5, 3e6),
+        flank=flank,
         electronic=0.0 if "torque_saturation" in effects else electronic,
-    )  # fmt: skip
+    )
 
 
 def draw_sensor(rng: np.random.Generator, force: bool, shifted: bool) -> Sensor:
@@ -141,10 +152,21 @@ def draw_case(
     readings = {name: drawing.sensors[name].read(values, rng) for name, values in true.items()}
     commands = tuple(drawing.observer.command(plants))
     return Case(
-        effects=tuple(effects), channels=tuple(channels), feedback=feedback, seed=seed, truths=tuple(truths),
-        plants=tuple(plants), bases=bases, files=files, known_flank=drawing.known_flank, track=drawing.track,
-        t=np.arange(len(commands[0])) * 1e-3, commands=commands, readings=readings, floors=drawing.floors,
-    )  # fmt: skip
+        effects=tuple(effects),
+        channels=tuple(channels),
+        feedback=feedback,
+        seed=seed,
+        truths=tuple(truths),
+        plants=tuple(plants),
+        bases=bases,
+        files=files,
+        known_flank=drawing.known_flank,
+        track=drawing.track,
+        t=np.arange(len(commands[0])) * 1e-3,
+        commands=commands,
+        readings=readings,
+        floors=drawing.floors,
+    )
 
 
 def _file(base: Plant, rng: np.random.Generator, wrong: float) -> Plant:

@@ -224,9 +224,14 @@ def _behind(plant: Plant, forces: Forces, n: int, windup: Any) -> Motion:
     whole = body.motion(body.rows)
     keep = slice(None, None, FINER)
     return Motion(
-        grid[keep], whole.command[keep], table[keep], motor[keep], whole.velocity[keep], whole.drive[keep],
+        grid[keep],
+        whole.command[keep],
+        table[keep],
+        motor[keep],
+        whole.velocity[keep],
+        whole.drive[keep],
         whole.events,
-    )  # fmt: skip
+    )
 
 
 def _play(plant: Plant, motor: Floats) -> Floats:

@@ -62,9 +62,9 @@ class _Signature:
         self.wanted = list(case.floors)
         self.plain = self.observe(self.base)
         self.signature = self.observe(case.plants[self.axis]) - self.plain
-        self.nuisances = np.column_stack([
-            (self.observe(self.off(self.base, *shift)) - self.plain) for shift in ((1.0, 0.0), (0.0, 1.0))
-        ])  # fmt: skip
+        self.nuisances = np.column_stack(
+            [(self.observe(self.off(self.base, *shift)) - self.plain) for shift in ((1.0, 0.0), (0.0, 1.0))]
+        )
         others = [observer.motion(each, i).table for i, each in enumerate(case.plants) if i != self.axis]
         self.ground = Ground(
             self.base,

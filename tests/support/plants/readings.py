@@ -43,9 +43,7 @@ def _wander(t: Floats, table: Floats, of: Hidden) -> Floats:
 
 
 ON_READING: Mapping[str, Callable[[Floats, Floats, Hidden], Floats]] = {
-    "cyclic_error": lambda t, x, of: (
-        x + of["amplitude"] * np.sin(2.0 * np.pi * x / of["period"] + of.get("phase"))
-    ),
+    "cyclic_error": lambda t, x, of: x + of["amplitude"] * np.sin(2.0 * np.pi * x / of["period"] + of.get("phase")),
     "scale_error": lambda t, x, of: x * (1.0 + of["error"]),
     "thermal_growth": lambda t, x, of: x + of["growth"] * (1.0 - np.exp(-t / of["time_constant"])),
     "transport_delay": _late,
@@ -109,6 +107,4 @@ class Sensor:
         return float(np.sqrt(self.noise**2 + self.step**2 / 12.0))
 
     def read(self, true: Floats, rng: np.random.Generator) -> Floats:
-        return self.step * np.round(
-            (true + self.zero + self.noise * rng.standard_normal(len(true))) / self.step
-        )
+        return self.step * np.round((true + self.zero + self.noise * rng.standard_normal(len(true))) / self.step)

@@ -74,9 +74,12 @@ def _frictions(of: Scene) -> Iterator[Rival]:
     def stribeck(plant: Plant, free: Sequence[float]) -> Plant:
         force, more = (max(value, 0.0) * size for value in free)
         return with_effect(
-            plant, "stribeck_friction", force=force, static_force=force + more,
+            plant,
+            "stribeck_friction",
+            force=force,
+            static_force=force + more,
             stribeck_velocity=fade(plant, more),
-        )  # fmt: skip
+        )
 
     def extra(ground: Ground) -> Added:
         ratio = ground.motion.velocity / fade(ground.plant, size)
@@ -133,9 +136,7 @@ def _drives(base: Plant, of: Scene) -> Iterator[Rival]:
         return with_effect(plant, "elastic_windup", resonance=resonance, damping_ratio=0.1)
 
     if base.feedback != "load":
-        yield Rival(
-            "elastic_windup", windup, (1.0,), lambda g: [g.read(-size / pace.acceleration * g.acceleration)]
-        )
+        yield Rival("elastic_windup", windup, (1.0,), lambda g: [g.read(-size / pace.acceleration * g.acceleration)])
     elif not base.gap and not Forced.of(base):
         yield Rival("elastic_windup", windup, (1.0,))
     yield from _delays(of)
@@ -144,9 +145,7 @@ def _drives(base: Plant, of: Scene) -> Iterator[Rival]:
         held = min(max(3.0 * size * free[0], 0.0), 0.6 * of.peak)
         return with_effect(plant, "torque_saturation", limit=of.peak - held)
 
-    yield Rival(
-        "torque_saturation", saturation, (1.0,), lambda g: [g.held(max(of.peak - 3.0 * size, 0.4 * of.peak))]
-    )
+    yield Rival("torque_saturation", saturation, (1.0,), lambda g: [g.held(max(of.peak - 3.0 * size, 0.4 * of.peak))])
 
 
 def _delays(of: Scene) -> Iterator[Rival]:
@@ -183,9 +182,7 @@ def _gaps(base: Plant, of: Scene) -> Iterator[Rival]:
     if base.gap <= 0.0:
         return
     if inside:
-        yield Rival(
-            "engagement_impact", lambda plant, free: replace(plant, kept=min(max(free[0], 0.0), 1.0)), (0.5,)
-        )
+        yield Rival("engagement_impact", lambda plant, free: replace(plant, kept=min(max(free[0], 0.0), 1.0)), (0.5,))
     slant, most = unit / of.pace.place, base.gap / of.pace.place
 
     def position(plant: Plant, free: Sequence[float]) -> Plant:

@@ -35,8 +35,8 @@ SCREW = 2.0 * 2.0 * math.pi / 5e-3
 def judge(trial: Trial, case: Case) -> Result:
     """Hand the texts of a case to the diagnosis, as a person would, and keep what it says."""
     from ph_post.diagnose.diagnose import diagnose
-    from ph_post.io.machinefile import read_machine
-    from ph_post.io.readlog import read_log
+    from ph_post.drive.machinefile import read_machine
+    from ph_post.identify.readlog import read_log
 
     begun = time.monotonic()
     with TemporaryDirectory() as folder:
@@ -62,8 +62,14 @@ def judge(trial: Trial, case: Case) -> Result:
         "feedback": trial.feedback,
         "seed": trial.seed,
         "truths": [
-            {"name": t.name, "axis": t.axis, "parameter": t.parameter, "value": t.value, "ratio": t.ratio,
-             "found": found_value(t, findings, case)}
+            {
+                "name": t.name,
+                "axis": t.axis,
+                "parameter": t.parameter,
+                "value": t.value,
+                "ratio": t.ratio,
+                "found": found_value(t, findings, case),
+            }
             for t in case.truths
         ],
         "apart": {},
@@ -73,18 +79,34 @@ def judge(trial: Trial, case: Case) -> Result:
         "holdout": last,
         "steps": [[s.added, s.fit_rms, s.holdout_rms] for s in said.steps],
         "seconds": round(time.monotonic() - begun, 1),
-    }  # fmt: skip
+    }
 
 
 def metric(value: float, unit: str, plant: Plant) -> float:
     """A value in SI, forces as F/K [m]; NaN where the unit is not known."""
     K = plant.stiffness
     sizes = {
-        "": 1.0, "1": 1.0, "mm/mm": 1.0, "m/m": 1.0, "s": 1.0, "s²": 1.0, "rad": 1.0, "mm": 1e-3, "um": 1e-6,
-        "µm": 1e-6, "ms": 1e-3, "deg": math.pi / 180.0, "Hz": 2.0 * math.pi, "N": 1.0 / K,
-        "N s/mm": 1e3 / K, "N·s/mm": 1e3 / K, "N m": SCREW / K, "rad/s²": plant.eta * plant.b / SCREW,
-        "mm/s": 1e-3, "mm/min": 1e-3 / 60.0,
-    }  # fmt: skip
+        "": 1.0,
+        "1": 1.0,
+        "mm/mm": 1.0,
+        "m/m": 1.0,
+        "s": 1.0,
+        "s²": 1.0,
+        "rad": 1.0,
+        "mm": 1e-3,
+        "um": 1e-6,
+        "µm": 1e-6,
+        "ms": 1e-3,
+        "deg": math.pi / 180.0,
+        "Hz": 2.0 * math.pi,
+        "N": 1.0 / K,
+        "N s/mm": 1e3 / K,
+        "N·s/mm": 1e3 / K,
+        "N m": SCREW / K,
+        "rad/s²": plant.eta * plant.b / SCREW,
+        "mm/s": 1e-3,
+        "mm/min": 1e-3 / 60.0,
+    }
     return value * sizes.get(unit, math.nan)
 
 
@@ -141,15 +163,7 @@ def answered(result: Result) -> str:
     truths = {(truth["name"], truth["axis"]) for truth in result["truths"]}
     if verdict == "named":
         found = names_of(result)
-        return (
-            "right"
-            if found == truths
-            else "more"
-            if found > truths
-            else "part"
-            if found & truths
-            else "wrong"
-        )
+        return "right" if found == truths else "more" if found > truths else "part" if found & truths else "wrong"
     if verdict == "ambiguous":
         return "ambiguous" if {name for name, _ in truths} <= mentioned(result) else "ambiguous, not with it"
     return str(verdict)
@@ -158,8 +172,7 @@ def answered(result: Result) -> str:
 def near(result: Result) -> bool:
     """Whether every leading parameter lies within 10 % of the truth."""
     return all(
-        truth["found"] is not None
-        and abs(truth["found"] - truth["value"]) <= NEAR * max(abs(truth["value"]), 1e-300)
+        truth["found"] is not None and abs(truth["found"] - truth["value"]) <= NEAR * max(abs(truth["value"]), 1e-300)
         for truth in result["truths"]
     )
 
@@ -177,18 +190,14 @@ def summary(results: Iterable[Result]) -> str:
     """Tables in Markdown: what became of every kind of case, then of every effect."""
     results = list(results)
     heads = ["of", "cases", "right", "within 10 %", "held-out ≤ 1.3 floors", "otherwise"]
-    kinds = _table(
-        "class", heads, results, lambda r: f"{r['kind']}, {class_of(r)}" if r["truths"] else class_of(r)
-    )
+    kinds = _table("class", heads, results, lambda r: f"{r['kind']}, {class_of(r)}" if r["truths"] else class_of(r))
     clear = [r for r in results if r["kind"] == "single"]
     by_name = _table("effect", heads, clear, lambda r: f"{r['effects'][0]}, {class_of(r)}")
     by_set = _table("recorded", heads, clear, lambda r: f"{r['channels']}, {r['feedback']}, {class_of(r)}")
     return "\n".join([*kinds, "", *by_name, "", *by_set, ""])
 
 
-def _table(
-    title: str, heads: Sequence[str], results: Iterable[Result], group: Callable[[Result], str]
-) -> list[str]:
+def _table(title: str, heads: Sequence[str], results: Iterable[Result], group: Callable[[Result], str]) -> list[str]:
     groups: dict[str, list[Result]] = defaultdict(list)
     for result in results:
         groups[group(result)].append(result)

@@ -85,9 +85,7 @@ def _stribeck(rng: np.random.Generator, of: Setting) -> Change:
     def change(plant: Plant, size: float) -> Plant:
         # Steeper than this the table would hop at slow feeds.
         slow = max(fade, 0.9 * (more - 1.0) * size / plant.c)
-        return with_effect(
-            plant, "stribeck_friction", force=size, static_force=more * size, stribeck_velocity=slow
-        )
+        return with_effect(plant, "stribeck_friction", force=size, static_force=more * size, stribeck_velocity=slow)
 
     return change
 
@@ -106,9 +104,7 @@ def _asymmetry(rng: np.random.Generator, of: Setting) -> Change:
 
 def _viscous(rng: np.random.Generator, of: Setting) -> Change:
     def change(plant: Plant, size: float) -> Plant:
-        return with_effect(
-            plant, "viscous_friction", coefficient=max(size / of.pace.velocity, 0.08 * plant.c)
-        )
+        return with_effect(plant, "viscous_friction", coefficient=max(size / of.pace.velocity, 0.08 * plant.c))
 
     return change
 
@@ -172,9 +168,7 @@ def _position(rng: np.random.Generator, of: Setting) -> Change:
 
     def change(plant: Plant, size: float) -> Plant:
         slope = min(unit * size / of.pace.place, plant.gap / (3.0 * of.pace.place))
-        return with_effect(
-            plant, "position_dependent_backlash", slope=way * slope, reference=round(of.pace.middle, 4)
-        )
+        return with_effect(plant, "position_dependent_backlash", slope=way * slope, reference=round(of.pace.middle, 4))
 
     return change
 
@@ -182,9 +176,7 @@ def _position(rng: np.random.Generator, of: Setting) -> Change:
 def _cyclic(rng: np.random.Generator, of: Setting) -> Change:
     period = float(rng.choice([1e-3, 2e-3, 2.5e-3, 4e-3, 5e-3, 6e-3, 10e-3]))
     phase = float(rng.uniform(-math.pi, math.pi))
-    return lambda plant, size: with_effect(
-        plant, "cyclic_error", amplitude=1.4 * size, period=period, phase=phase
-    )
+    return lambda plant, size: with_effect(plant, "cyclic_error", amplitude=1.4 * size, period=period, phase=phase)
 
 
 def _cogging(rng: np.random.Generator, of: Setting) -> Change:
@@ -198,16 +190,12 @@ def _cogging(rng: np.random.Generator, of: Setting) -> Change:
 def _thermal(rng: np.random.Generator, of: Setting) -> Change:
     way, constant = _sign(rng), float(rng.uniform(0.15, 1.2)) * of.duration
     share = 1.5 / (1.0 - math.exp(-of.duration / constant))
-    return lambda plant, size: with_effect(
-        plant, "thermal_growth", growth=way * share * size, time_constant=constant
-    )
+    return lambda plant, size: with_effect(plant, "thermal_growth", growth=way * share * size, time_constant=constant)
 
 
 def _delay(rng: np.random.Generator, of: Setting) -> Change:
     reading = float(of.table_seen and rng.random() < 0.5)
-    return lambda plant, size: with_effect(
-        plant, "transport_delay", delay=size / of.pace.velocity, reading=reading
-    )
+    return lambda plant, size: with_effect(plant, "transport_delay", delay=size / of.pace.velocity, reading=reading)
 
 
 def _saturation(rng: np.random.Generator, of: Setting) -> Change:
@@ -224,9 +212,7 @@ def _cutting(rng: np.random.Generator, of: Setting) -> Change:
         _sign(rng) if rng.random() < 0.3 else 1.0,
     )
     share = way * (feed / of.pace.velocity) ** exponent
-    return lambda plant, size: with_effect(
-        plant, "cutting_force", force=share * size, feed=feed, exponent=exponent
-    )
+    return lambda plant, size: with_effect(plant, "cutting_force", force=share * size, feed=feed, exponent=exponent)
 
 
 def _hum(rng: np.random.Generator, of: Setting) -> Change:

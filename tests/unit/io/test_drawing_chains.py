@@ -9,22 +9,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.amount import examples
 
-from ph_post.io.drawing import shapes
-from ph_post.io.drawing.chains import in_order, join
-from ph_post.io.drawing.extents import extents_of
-from ph_post.io.drawing.joints import SAME, gap_of
-from ph_post.io.drawing.record import Run
-from ph_post.io.drawing.shapes import backwards, transformed
+from ph_post.files.drawing import shapes
+from ph_post.files.drawing.chains import SAME, gap_of, in_order, join
+from ph_post.files.drawing.convert import extents_of
+from ph_post.files.drawing.shapes import Subpath, backwards, transformed
 
 JOIN = 0.01
 
 
 def run(*parts, layer="0"):
-    return Run(shapes=parts, layer=layer, name="")
+    return Subpath(shapes=parts, layer=layer, name="")
 
 
 def points_of(shape, count=65):
-    from ph_post.io.drawing.extents import _curve
+    from ph_post.files.drawing.convert import _curve
 
     curve = _curve(shape)
     low, high = curve.domain
@@ -37,10 +35,7 @@ def lines(*corners):
 
 def gaps(contour):
     pairs = list(pairwise(contour.shapes))
-    return [
-        gap_of(a, b)
-        for a, b in [*pairs, *([(contour.shapes[-1], contour.shapes[0])] if contour.closed else [])]
-    ]
+    return [gap_of(a, b) for a, b in [*pairs, *([(contour.shapes[-1], contour.shapes[0])] if contour.closed else [])]]
 
 
 def test_loose_sides_in_any_order_and_direction_become_one_square_run_as_the_first():
@@ -53,9 +48,7 @@ def test_loose_sides_in_any_order_and_direction_become_one_square_run_as_the_fir
 
 
 def test_a_chain_is_found_from_its_middle():
-    (contour,) = join(
-        [*lines((5, 0), (6, 1)), *lines((6, 1), (8, 0)), *lines((0, 0), (5, 0))], JOIN, SAME
-    ).contours
+    (contour,) = join([*lines((5, 0), (6, 1)), *lines((6, 1), (8, 0)), *lines((0, 0), (5, 0))], JOIN, SAME).contours
     assert [shape.start[0] for shape in contour.shapes] == [0, 5, 6]
 
 
@@ -75,9 +68,11 @@ def test_gaps_close_and_nothing_moves_by_more_than_the_tolerance(offsets, kinds)
         b = np.add(corners[(k + 1) % 6], offsets[2 * k + 1])
         middle = 1.2 * (a + b) / 2
         made = {
-            "l": shapes.line(a, b), "a": shapes.bulged(a, b, 0.4), "b": shapes.bezier([a, middle, b]),
+            "l": shapes.line(a, b),
+            "a": shapes.bulged(a, b, 0.4),
+            "b": shapes.bezier([a, middle, b]),
             "n": shapes.nurbs([0, 0, 0, 1, 1, 1], [a, middle, b], [1, 0.7, 1]),
-        }  # fmt: skip
+        }
         before.append(made[kind])
     joining = join([run(shape) for shape in before], 0.0125, SAME)
     (contour,) = joining.contours
@@ -124,10 +119,7 @@ def test_a_near_circle_is_closed_and_short_curves_are_no_loops():
 
 
 def test_contours_of_a_layer_follow_the_nearest_start():
-    loose = [
-        run(shapes.line((x, 0), (x + 1, 0)), layer=layer)
-        for x, layer in ((9, "A"), (1, "B"), (4, "A"), (7, "B"))
-    ]
+    loose = [run(shapes.line((x, 0), (x + 1, 0)), layer=layer) for x, layer in ((9, "A"), (1, "B"), (4, "A"), (7, "B"))]
     contours = join(loose, JOIN, SAME).contours
 
     def starts(*wish):
@@ -167,8 +159,11 @@ def test_maps_and_turning_round_keep_the_curve(turn, sx, sy, first, sweep):
 
 
 def test_extents_are_where_the_curves_turn():
-    box = extents_of([
-        shapes.arc((3, 4), (-3, 4), (0, 0), "ccw"), shapes.bezier([(0, 0), (0, -4), (6, -4), (6, 0)]),
-        shapes.transformed(shapes.unit_arc(0, math.tau), np.diag([7.0, 2.0, 1.0, 1.0])),
-    ])  # fmt: skip
+    box = extents_of(
+        [
+            shapes.arc((3, 4), (-3, 4), (0, 0), "ccw"),
+            shapes.bezier([(0, 0), (0, -4), (6, -4), (6, 0)]),
+            shapes.transformed(shapes.unit_arc(0, math.tau), np.diag([7.0, 2.0, 1.0, 1.0])),
+        ]
+    )
     assert box == pytest.approx(np.array([(-7, -3, 0), (7, 5, 0)]), abs=1e-12)

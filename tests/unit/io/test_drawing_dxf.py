@@ -14,10 +14,9 @@ from support.amount import examples
 from support.drawings import block, dxf, ellipse, entity, insert, lwpolyline, point, sampled, spline
 
 from ph_post.errors import InputError
-from ph_post.io.drawing import record
-from ph_post.io.drawing.convert import Wish, import_drawing
-from ph_post.io.drawing.dxf import read_dxf
-from ph_post.io.drawing.read import read_drawing
+from ph_post.files.drawing import shapes
+from ph_post.files.drawing.convert import ImportOptions, import_drawing, read_drawing
+from ph_post.files.drawing.dxf import read_dxf
 
 WORLD = 1e-9
 """How well an imported curve has to lie where the drawing has it [mm]."""
@@ -25,7 +24,7 @@ WORLD = 1e-9
 
 def path_of(text, **wish):
     drawing = read_dxf(text.encode(), "a.dxf", wish.get("layers", ()))
-    return import_drawing(drawing, "a.dxf", "a", Wish(**wish)).path
+    return import_drawing(drawing, "a.dxf", "a", ImportOptions(**wish)).path
 
 
 def shape_of(text, **wish):
@@ -37,9 +36,7 @@ def test_an_arc_runs_counterclockwise_between_its_angles():
     kinds, points = shape_of(dxf(entity("ARC", point((3, 4, 0)), (40, 2.5), (50, 300.0), (51, 80.0))))
     angle = np.radians(300 + np.linspace(0, 140, 33))
     assert kinds == ["arc"]
-    assert points[0] == pytest.approx(
-        np.column_stack([3 + 2.5 * np.cos(angle), 4 + 2.5 * np.sin(angle)]), abs=WORLD
-    )
+    assert points[0] == pytest.approx(np.column_stack([3 + 2.5 * np.cos(angle), 4 + 2.5 * np.sin(angle)]), abs=WORLD)
 
 
 def test_an_arc_seen_from_behind_is_mirrored():
@@ -48,16 +45,12 @@ def test_an_arc_seen_from_behind_is_mirrored():
     )
     angle = np.radians(np.linspace(10, 100, 33))
     assert kinds == ["arc"]
-    assert points[0] == pytest.approx(
-        np.column_stack([-3 - 2 * np.cos(angle), 4 + 2 * np.sin(angle)]), abs=WORLD
-    )
+    assert points[0] == pytest.approx(np.column_stack([-3 - 2 * np.cos(angle), 4 + 2 * np.sin(angle)]), abs=WORLD)
 
 
 def test_a_tilted_circle_is_exact_in_space():
     normal = np.array([0.48, 0.6, 0.64])
-    kinds, points = shape_of(
-        dxf(entity("CIRCLE", point((3, 4, 5)), (40, 2.0), point(normal, 210))), axes="XYZ"
-    )
+    kinds, points = shape_of(dxf(entity("CIRCLE", point((3, 4, 5)), (40, 2.0), point(normal, 210))), axes="XYZ")
     assert kinds == ["nurbs"]
     center = np.array(ezdxf.math.OCS(normal).to_wcs((3, 4, 5)).xyz)
     assert np.linalg.norm(points[0] - center, axis=1) == pytest.approx(2.0, abs=WORLD)
@@ -96,8 +89,11 @@ def test_a_spline_is_the_spline(data, degree, count, rational):
     coordinate = st.floats(-100, 100).map(lambda x: round(x, 3))
     control = np.array(data.draw(st.lists(st.tuples(coordinate, coordinate), min_size=count, max_size=count)))
     control[:, 0] += 40.0 * np.arange(count)  # so that no two points are one
-    inner = sorted(data.draw(st.lists(st.floats(0.05, 0.95), min_size=count - degree - 1,
-                                      max_size=count - degree - 1, unique=True)))  # fmt: skip
+    inner = sorted(
+        data.draw(
+            st.lists(st.floats(0.05, 0.95), min_size=count - degree - 1, max_size=count - degree - 1, unique=True)
+        )
+    )
     knots = [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
     weights = data.draw(st.lists(st.floats(0.2, 5), min_size=count, max_size=count)) if rational else []
     kinds, points = shape_of(dxf(spline(degree, knots, control, weights)))
@@ -129,7 +125,7 @@ def test_a_periodic_spline_runs_once_round_and_closes():
 def test_a_spline_of_fit_points_is_the_cubic_through_them():
     fit = np.array([(0, 0), (10, 4), (22, -3), (30, 5), (31, 9)], dtype=float)
     drawing = read_dxf(dxf(spline(3, [], fit=fit)).encode(), "a.dxf")
-    made = import_drawing(drawing, "a.dxf", "a", Wish())
+    made = import_drawing(drawing, "a.dxf", "a", ImportOptions())
     chords = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fit, axis=0), axis=1)))
     reference = scipy.interpolate.CubicSpline(chords, fit, bc_type="natural")
     (segment,) = made.path.segments
@@ -176,20 +172,36 @@ def test_a_bulge_is_the_arc_of_its_angle(bulge):
 
 def test_polylines_of_old_and_in_space():
     old = [
-        (0, "POLYLINE"), (8, "0"), (66, 1), (70, 1), *point((0, 0, 0)),
-        *(pair for x, y, b in ((0, 0, 0), (10, 0, 1), (10, 8, 0)) for pair in
-          [(0, "VERTEX"), (8, "0"), *point((x, y, 0)), (42, b)]),
-        (0, "SEQEND"), (8, "0"),
-    ]  # fmt: skip
+        (0, "POLYLINE"),
+        (8, "0"),
+        (66, 1),
+        (70, 1),
+        *point((0, 0, 0)),
+        *(
+            pair
+            for x, y, b in ((0, 0, 0), (10, 0, 1), (10, 8, 0))
+            for pair in [(0, "VERTEX"), (8, "0"), *point((x, y, 0)), (42, b)]
+        ),
+        (0, "SEQEND"),
+        (8, "0"),
+    ]
     kinds, points = shape_of(dxf(old, version="AC1009"))
     assert kinds == ["line", "arc", "line"]
     assert points[1][16] == pytest.approx((14, 4), abs=WORLD)
     space = [
-        (0, "POLYLINE"), (8, "0"), (66, 1), (70, 8), *point((0, 0, 0)),
-        *(pair for place in ((0, 0, 0), (10, 0, 1), (10, 8, 3)) for pair in
-          [(0, "VERTEX"), (8, "0"), *point(place), (70, 32)]),
-        (0, "SEQEND"), (8, "0"),
-    ]  # fmt: skip
+        (0, "POLYLINE"),
+        (8, "0"),
+        (66, 1),
+        (70, 8),
+        *point((0, 0, 0)),
+        *(
+            pair
+            for place in ((0, 0, 0), (10, 0, 1), (10, 8, 3))
+            for pair in [(0, "VERTEX"), (8, "0"), *point(place), (70, 32)]
+        ),
+        (0, "SEQEND"),
+        (8, "0"),
+    ]
     kinds, points = shape_of(dxf(space, version="AC1009"), axes="XYZ")
     assert points[:, -1].tolist() == pytest.approx(np.array([(10, 0, 1), (10, 8, 3)]), abs=1e-12)
     with pytest.raises(InputError, match="not flat; expected one height, or --axes XYZ"):
@@ -244,8 +256,11 @@ def test_blocks_agree_with_ezdxfs_own_explosion():
 
 
 def test_what_lies_on_layer_0_of_a_block_is_on_the_layer_of_its_insert():
-    part = block("PART", entity("LINE", point((0, 0)), point((1, 0), 11)),
-                 entity("LINE", point((0, 1)), point((1, 1), 11), layer="B"))  # fmt: skip
+    part = block(
+        "PART",
+        entity("LINE", point((0, 0)), point((1, 0), 11)),
+        entity("LINE", point((0, 1)), point((1, 1), 11), layer="B"),
+    )
     drawing = read_dxf(dxf(insert("PART", (0, 0), layer="A"), blocks=[part]).encode(), "a.dxf")
     assert [run.layer for run in drawing.runs] == ["A", "B"]
     rows = (("row", 71, 3), ("column", 70, 2))
@@ -258,9 +273,12 @@ def test_what_lies_on_layer_0_of_a_block_is_on_the_layer_of_its_insert():
 def test_what_is_hidden_is_left_out_and_named_unless_it_is_asked_for():
     line = [point((0, 0)), point((1, 0), 11)]
     text = dxf(
-        entity("LINE", *line), entity("LINE", *line, layer="OFF"), entity("LINE", *line, layer="Frozen"),
-        entity("LINE", *line, (60, 1)), layers=[("OFF", 0, -7), ("FROZEN", 1, 7)],
-    )  # fmt: skip
+        entity("LINE", *line),
+        entity("LINE", *line, layer="OFF"),
+        entity("LINE", *line, layer="Frozen"),
+        entity("LINE", *line, (60, 1)),
+        layers=[("OFF", 0, -7), ("FROZEN", 1, 7)],
+    )
     drawing = read_dxf(text.encode(), "a.dxf")
     assert [run.layer for run in drawing.runs] == ["0"]
     assert drawing.left_out == {"hidden (layer off or frozen, or invisible)": 3}
@@ -270,26 +288,33 @@ def test_what_is_hidden_is_left_out_and_named_unless_it_is_asked_for():
 def test_what_is_not_understood_is_named_with_its_count():
     text = dxf(
         entity("LINE", point((0, 0)), point((1, 0), 11), (39, 2.0)),
-        entity("TEXT", point((0, 0)), (40, 1), (1, "a")), entity("TEXT", point((0, 0)), (40, 1), (1, "b")),
-        entity("POINT", point((0, 0))), entity("3DFACE", *(point((k, k, 0), 10 + k) for k in range(4))),
+        entity("TEXT", point((0, 0)), (40, 1), (1, "a")),
+        entity("TEXT", point((0, 0)), (40, 1), (1, "b")),
+        entity("POINT", point((0, 0))),
+        entity("3DFACE", *(point((k, k, 0), 10 + k) for k in range(4))),
         spline(3, [0, 0, 0, 0, 1, 1, 1], [(0, 0), (1, 1), (2, 0), (3, 0)]),
         spline(3, [0, 0, 0, 0, 1, 1, 1, 1], [(0, 0), (1, 1), (2, 0), (3, 0)], [1, -1, 1, 1]),
         spline(1, [0, 0, 1, 1, 2, 2], [(0, 0), (1, 1), (2, 0), (3, 0)]),
-        lwpolyline([(0, 0, 0), (0, 0, 0)]), entity("CIRCLE", point((0, 0)), (40, -1.0)),
+        lwpolyline([(0, 0, 0), (0, 0, 0)]),
+        entity("CIRCLE", point((0, 0)), (40, -1.0)),
         insert("NONE", (0, 0)),
-    )  # fmt: skip
+    )
     drawing = read_dxf(text.encode(), "a.dxf")
     assert drawing.left_out == {
-        "thickness of a LINE": 1, "TEXT": 2, "POINT": 1, "3DFACE": 1,
+        "thickness of a LINE": 1,
+        "TEXT": 2,
+        "POINT": 1,
+        "3DFACE": 1,
         "SPLINE, which has 7 knots for 4 points of degree 3": 1,
         "SPLINE, whose weights are not one positive number a point": 1,
         "SPLINE, which a repeated knot tears": 1,
-        "LWPOLYLINE without length": 1, "CIRCLE, whose radius is not positive": 1,
+        "LWPOLYLINE without length": 1,
+        "CIRCLE, whose radius is not positive": 1,
         "INSERT of a block that is not in the file": 1,
-    }  # fmt: skip
+    }
     assert len(drawing.runs) == 1
     with pytest.raises(InputError, match="--strict is given; got 1 thickness of a LINE, 2 TEXT"):
-        import_drawing(drawing, "a.dxf", "a", Wish(strict=True))
+        import_drawing(drawing, "a.dxf", "a", ImportOptions(strict=True))
 
 
 @pytest.mark.parametrize(
@@ -298,7 +323,7 @@ def test_what_is_not_understood_is_named_with_its_count():
 )
 def test_the_drawings_unit_is_kept(code, unit, factor):
     text = dxf(entity("LINE", point((0, 0)), point((1.1, 0.7), 11)), units=code)
-    made = import_drawing(read_dxf(text.encode(), "a.dxf"), "a.dxf", "a", Wish())
+    made = import_drawing(read_dxf(text.encode(), "a.dxf"), "a.dxf", "a", ImportOptions())
     assert made.unit == unit
     assert sampled(made.path, 2)[0][1] == pytest.approx(np.array((1.1, 0.7)) * factor, rel=1e-15)
     assert made.path.feed == pytest.approx(1000e-3 / 60, rel=1e-15)
@@ -314,7 +339,7 @@ def test_a_drawing_without_a_unit_is_refused_until_one_is_named(code):
 
 def test_blocks_that_hold_themselves_or_too_much_end(monkeypatch):
     # The limit is what counts, not its size: a hundred thousand take half a minute.
-    monkeypatch.setattr(record, "MAX_ENTITIES", 2000)
+    monkeypatch.setattr(shapes, "MAX_ENTITIES", 2000)
     a, b = block("A", insert("B", (0, 0))), block("B", insert("A", (0, 0)))
     with pytest.raises(InputError, match=r"block [AB] holds itself"):
         read_dxf(dxf(insert("A", (0, 0)), blocks=[a, b]).encode(), "a.dxf")
@@ -345,9 +370,7 @@ def test_damaged_values_are_told_and_nothing_breaks(tmp_path):
     drawing = read_dxf(text.encode(), "a.dxf")
     assert len(drawing.runs) == 1
     assert sum(drawing.left_out.values()) == 3
-    far = dxf(
-        insert("P", (0, 0), 1e300, 1e300), blocks=[block("P", entity("CIRCLE", point((9, 0)), (40, 1e200)))]
-    )
+    far = dxf(insert("P", (0, 0), 1e300, 1e300), blocks=[block("P", entity("CIRCLE", point((9, 0)), (40, 1e200)))])
     (tmp_path / "far.dxf").write_text(far)
     with pytest.raises(InputError, match="a coordinate is not a number"):
         read_drawing(tmp_path / "far.dxf")

@@ -12,9 +12,9 @@ from support.drawings import sampled
 from svgelements import CubicBezier, QuadraticBezier
 
 from ph_post.errors import InputError
-from ph_post.io.drawing import record
-from ph_post.io.drawing.convert import Wish, import_drawing
-from ph_post.io.drawing.svg import read_svg
+from ph_post.files.drawing import shapes
+from ph_post.files.drawing.convert import ImportOptions, import_drawing
+from ph_post.files.drawing.svg import read_svg
 
 WORLD = 1e-9
 """How well an imported curve has to lie where the drawing has it [mm]."""
@@ -33,7 +33,7 @@ def read(text, **wish):
 
 
 def import_of(text, **wish):
-    return import_drawing(read(text, **wish), "a.svg", "a", Wish(**{"join": 1e-6, "nearest": False, **wish}))
+    return import_drawing(read(text, **wish), "a.svg", "a", ImportOptions(**{"join": 1e-6, "nearest": False, **wish}))
 
 
 def shape_of(text, **wish):
@@ -56,17 +56,17 @@ def test_a_path_of_every_command():
     curves = [
         CubicBezier(35 + 25j, 36 + 30j, 40 + 30j, 42 + 25j),
         CubicBezier(42 + 25j, 44 + 20j, 46 + 19j, 48 + 25j),
-        CubicBezier(48 + 25j, 50 + 31j, 52 + 28j, 55 + 25j), QuadraticBezier(55 + 25j, 60 + 20j, 65 + 25j),
-        QuadraticBezier(65 + 25j, 70 + 30j, 75 + 25j), QuadraticBezier(75 + 25j, 80 + 20j, 85 + 30j),
-    ]  # fmt: skip
+        CubicBezier(48 + 25j, 50 + 31j, 52 + 28j, 55 + 25j),
+        QuadraticBezier(55 + 25j, 60 + 20j, 65 + 25j),
+        QuadraticBezier(65 + 25j, 70 + 30j, 75 + 25j),
+        QuadraticBezier(75 + 25j, 80 + 20j, 85 + 30j),
+    ]
     for mine, curve in zip(points[6:12], curves, strict=True):
         theirs = [(p.x, p.y) for p in map(curve.point, np.linspace(0, 1, 33))]
         assert mine == pytest.approx(up(theirs), abs=WORLD)
     # half a turn over the right hand side, clockwise on the page and so in our view
     angle = np.linspace(math.pi / 2, -math.pi / 2, 33)
-    assert points[12] == pytest.approx(
-        np.column_stack([85 + 5 * np.cos(angle), 45 + 5 * np.sin(angle)]), abs=WORLD
-    )
+    assert points[12] == pytest.approx(np.column_stack([85 + 5 * np.cos(angle), 45 + 5 * np.sin(angle)]), abs=WORLD)
     assert points[13][16] == pytest.approx(up((80, 35)), abs=WORLD)
 
 
@@ -94,9 +94,15 @@ def spec_center(start, end, rx, ry, turn, large, sweep):
 
 @settings(max_examples=examples(30), deadline=None)
 @given(
-    start=place, end=place, rx=st.floats(0.5, 200), ry=st.floats(0.5, 200), turn=st.floats(-180, 180),
-    large=st.booleans(), sweep=st.booleans(), circle=st.booleans(),
-)  # fmt: skip
+    start=place,
+    end=place,
+    rx=st.floats(0.5, 200),
+    ry=st.floats(0.5, 200),
+    turn=st.floats(-180, 180),
+    large=st.booleans(),
+    sweep=st.booleans(),
+    circle=st.booleans(),
+)
 def test_an_arc_is_the_specifications(start, end, rx, ry, turn, large, sweep, circle):
     if math.dist(start, end) < 0.1:
         return
@@ -120,9 +126,11 @@ def test_an_arc_is_the_specifications(start, end, rx, ry, turn, large, sweep, ci
 @settings(max_examples=examples(25), deadline=None)
 @given(
     control=st.lists(place, min_size=4, max_size=4, unique=True),
-    shift=place, turn=st.floats(-360, 360), skew=st.floats(-60, 60),
+    shift=place,
+    turn=st.floats(-360, 360),
+    skew=st.floats(-60, 60),
     scale=st.tuples(st.floats(0.1, 4), st.floats(-4, -0.1)),
-)  # fmt: skip
+)
 def test_transforms_of_groups_and_shapes_apply_from_the_inside_out(control, shift, turn, skew, scale):
     outer = f"translate({shift[0]},{shift[1]}) rotate({turn} 3 4)"
     inner = f"skewX({skew}) scale({scale[0]} {scale[1]}) matrix(1 0.5 -0.25 2 3 4)"
@@ -146,9 +154,7 @@ def test_a_rounded_rectangle_a_circle_and_an_ellipse():
     assert points[1][16] == pytest.approx(up((40 - middle, 20 + middle)), abs=WORLD)
     kinds, points = shape_of(svg('<rect x="10" y="20" width="30" height="10" rx="30" ry="2"/>'))
     assert kinds == ["nurbs", "line", "nurbs", "nurbs", "line", "nurbs"]
-    assert points[0][16] == pytest.approx(
-        up((25 + 15 * math.sqrt(0.5), 20 + 2 * (1 - math.sqrt(0.5)))), abs=WORLD
-    )
+    assert points[0][16] == pytest.approx(up((25 + 15 * math.sqrt(0.5), 20 + 2 * (1 - math.sqrt(0.5)))), abs=WORLD)
     kinds, points = shape_of(svg('<circle cx="50%" cy="10mm" r="1pc"/>', 'width="4in" height="3in"'))
     assert kinds == ["arc"]
     assert np.linalg.norm(points[0] - (50.8, 76.2 - 10), axis=1) == pytest.approx(25.4 / 6, abs=WORLD)
@@ -159,10 +165,12 @@ def test_a_rounded_rectangle_a_circle_and_an_ellipse():
 
 
 def test_polygons_lines_and_subpaths_are_contours():
-    made = import_of(svg(
-        '<polygon points="0,0 10,0 10,10"/><polyline points="20 0 30 0 30 10"/><line x1="1" x2="5" y2="3"/>'
-        '<path d="M50 0h5v5z m20 0 h5v5z l-3 -3"/>'
-    ))  # fmt: skip
+    made = import_of(
+        svg(
+            '<polygon points="0,0 10,0 10,10"/><polyline points="20 0 30 0 30 10"/><line x1="1" x2="5" y2="3"/>'
+            '<path d="M50 0h5v5z m20 0 h5v5z l-3 -3"/>'
+        )
+    )
     shown = [(contour.closed, len(contour.shapes)) for contour in made.contours]
     assert shown == [(True, 3), (False, 2), (False, 1), (True, 3), (True, 3), (False, 1)]
 
@@ -178,7 +186,7 @@ def test_polygons_lines_and_subpaths_are_contours():
         ('width="100mm" height="100mm" viewBox="0 0 200 100" preserveAspectRatio="none"', (5, 90)),
         ('width="100mm" height="100mm" viewBox="0 0 200 100" preserveAspectRatio="xMinYMax slice"', (10, 90)),
     ],
-)  # fmt: skip
+)
 def test_the_view_box_and_the_size_place_the_drawing(size, place):
     _, points = shape_of(svg('<path d="M10 10h1"/>', size))
     assert points[0][0] == pytest.approx(place, abs=1e-12)
@@ -211,12 +219,13 @@ def test_layers_symbols_and_what_is_used():
     )
     text = svg(body, more=f'{INKSCAPE} xmlns:xlink="http://www.w3.org/1999/xlink"')
     made = import_of(text)
-    ends = [
-        (contour.layer, *contour.shapes[0].start[:2], *contour.shapes[0].end[:2]) for contour in made.contours
-    ]
+    ends = [(contour.layer, *contour.shapes[0].start[:2], *contour.shapes[0].end[:2]) for contour in made.contours]
     assert ends == [
-        ("cut", 10, 60, 14, 60), ("cut", 35, 60, 40, 60), ("0", 0, 80, 2, 80), ("0", 50, 40, 60, 40),
-    ]  # fmt: skip
+        ("cut", 10, 60, 14, 60),
+        ("cut", 35, 60, 40, 60),
+        ("0", 0, 80, 2, 80),
+        ("0", 50, 40, 60, 40),
+    ]
     assert made.drawing.left_out == {"hidden (display or visibility)": 1}
     assert [contour.layer for contour in import_of(text, layers=("off",)).contours] == ["off"]
     plain = import_of(svg('<g id="a"><g id="b"><path d="M0 0h1"/></g></g><path d="M0 5h1"/>'))
@@ -237,12 +246,19 @@ def test_what_is_not_understood_is_named_with_its_count():
         '<path d="M0 0h3" style="mask:url(#m);stroke:none;fill:red"/><path d=""/>'
     )
     assert read(svg(body)).left_out == {
-        "style sheet that moves or hides": 1, "clip-path (the shape is taken whole)": 1,
-        "text": 2, "image": 1,
-        "circle with a length in em": 1, "rect without length": 1, "hidden (display or visibility)": 1,
-        "path with a CSS transform": 1, "use of what is not in the file": 1, "foo": 1,
-        "mask (the shape is taken whole)": 1, "path without length": 1,
-    }  # fmt: skip
+        "style sheet that moves or hides": 1,
+        "clip-path (the shape is taken whole)": 1,
+        "text": 2,
+        "image": 1,
+        "circle with a length in em": 1,
+        "rect without length": 1,
+        "hidden (display or visibility)": 1,
+        "path with a CSS transform": 1,
+        "use of what is not in the file": 1,
+        "foo": 1,
+        "mask (the shape is taken whole)": 1,
+        "path without length": 1,
+    }
 
 
 @pytest.mark.parametrize(
@@ -261,7 +277,7 @@ def test_what_is_not_understood_is_named_with_its_count():
         ('<g id="g"><use href="#g"/></g>', "#g uses itself"),
         ("<g>" * 300 + "</g>" * 300, "nested too deeply"),
     ],
-)  # fmt: skip
+)
 def test_damage_is_refused_with_its_line(body, told):
     with pytest.raises(InputError) as refusal:
         read(svg(body))
@@ -270,7 +286,7 @@ def test_damage_is_refused_with_its_line(body, told):
 
 def test_use_upon_use_ends(monkeypatch):
     # The limit is what counts, not its size: a hundred thousand take a minute.
-    monkeypatch.setattr(record, "MAX_ENTITIES", 2000)
+    monkeypatch.setattr(shapes, "MAX_ENTITIES", 2000)
     levels = "".join(f'<g id="g{k}">{f"<use href={chr(34)}#g{k + 1}{chr(34)}/>" * 10}</g>' for k in range(8))
     with pytest.raises(InputError, match="too large; expected at most 2000 entities"):
         read(svg(f'<defs>{levels}<path id="g8" d="M0 0h1"/></defs><use href="#g0"/>'))
@@ -282,7 +298,5 @@ def test_entities_are_refused_before_they_grow(encoding):
     for text in (bomb, '<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + svg("<text>&x;</text>")):
         with pytest.raises(InputError, match=r"^a.svg:1: the drawing declares an XML entity"):
             read_svg(text.encode(encoding), "a.svg")
-    plain = (
-        '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
-    )
+    plain = '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
     assert len(read_svg((plain + svg('<path d="M0 0h1"/>')).encode(), "a.svg").runs) == 1

@@ -7,8 +7,8 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from ph_post.errors import InputError
-from ph_post.io.logmat import mat_variables
-from ph_post.io.readlog import read_log
+from ph_post.files.logsheet import mat_variables
+from ph_post.identify.readlog import read_log
 
 VALUES = {
     "column": np.arange(5.0)[:, None],

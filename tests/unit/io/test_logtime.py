@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.io.logsheet import Sheet
-from ph_post.io.logtime import clock_of
+from ph_post.files.logcolumns import clock_of
+from ph_post.files.logsheet import Sheet
 
 
 def sheet():
-    return Sheet(
-        name="a", stem="a", digest="", names=(), rows=0, load=dict, where=lambda row: f"a:{row}", header="a:0"
-    )  # fmt: skip
+    return Sheet(name="a", stem="a", digest="", names=(), rows=0, load=dict, where=lambda row: f"a:{row}", header="a:0")
 
 
-@pytest.mark.parametrize(
-    ("rate", "decimals"), [(1000, 3), (3000, 3), (3000, 6), (700, 3), (400, 3), (8000, 9)]
-)
+@pytest.mark.parametrize(("rate", "decimals"), [(1000, 3), (3000, 3), (3000, 6), (700, 3), (400, 3), (8000, 9)])
 def test_rounded_times_are_at_one_period(rate, decimals):
     k = np.arange(20000)
     clock = clock_of(np.round(5.0 + k / rate, decimals), sheet())
@@ -56,8 +52,7 @@ def test_times_of_day_keep_their_period():
         (np.r_[0:50, 51, 50, 52:300] * 0.001, "a:51: time runs backwards; expected t > 0.051 s; got 0.05 s"),
         (
             np.r_[0:100, 100.3:300] * 0.001,
-            "a:100: the sampling period is not constant; "
-            "expected t = 0.1 s, at a period of 0.001 s; got 0.1003 s",
+            "a:100: the sampling period is not constant; expected t = 0.1 s, at a period of 0.001 s; got 0.1003 s",
         ),
         (-0.001 * np.arange(300), "a:1: time runs backwards; expected t > 0 s; got -0.001 s"),
     ],

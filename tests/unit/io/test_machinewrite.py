@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from ph_post.diagnose.record import Diagnosis, Estimate, Finding, GapStep, Quality
+from ph_post.drive.machinefile import machine_of, machine_source
 from ph_post.errors import SolveError
-from ph_post.io.machinefile import machine_of, machine_source
-from ph_post.io.machinewrite import better_machine
-from ph_post.io.source import Source, source_of
+from ph_post.files.storage import SourceText, source_of
+from ph_post.identify.machinechange import diagnosed_machine
 from ph_post.types import AxisLog, EffectSetting, Log, frozen
+from ph_post.types.diagnosis import Diagnosis, Estimate, Finding, LogQuality, ResidualStep
 
 LIMITS = "max_velocity_mm_s = 100\nmax_acceleration_mm_s2 = 500\nmax_jerk_mm_s3 = 5000\n"
 CONTROLLER = '[controller]\ndialect = "linuxcnc"\nservo_period_ms = 1.0\n\n'
@@ -21,7 +21,7 @@ FORCE = {"force": Estimate(value=20.412345678, stderr=0.104, unit="N")}
 
 
 def source(text):
-    return Source(name="mine.toml", stem="mine", text=text, digest="0")
+    return SourceText(name="mine.toml", stem="mine", text=text, digest="0")
 
 
 def motor(body="", tail=""):
@@ -42,19 +42,32 @@ def log():
 
 def finding(name="coulomb_friction", parameters=FORCE, setting=COULOMB, **other):
     return Finding(
-        name=name, axis="X", parameters=parameters, where="", evidence=(), confidence=0.99,
-        setting=setting, **other,
-    )  # fmt: skip
+        name=name,
+        axis="X",
+        parameters=parameters,
+        where="",
+        evidence=(),
+        confidence=0.99,
+        setting=setting,
+        **other,
+    )
 
 
 def diagnosis(machine, *findings):
-    steps = [GapStep(added=None, fit_rms=7.2e-6, holdout_rms=8.04e-6)]
-    steps += [GapStep(added=f"{one.name}:{one.axis}", fit_rms=1.9e-6, holdout_rms=3e-6) for one in findings]
-    quality = Quality(period=1.0, jitter=0.0, first=0, channels=())
+    steps = [ResidualStep(added=None, fit_rms=7.2e-6, holdout_rms=8.04e-6)]
+    steps += [ResidualStep(added=f"{one.name}:{one.axis}", fit_rms=1.9e-6, holdout_rms=3e-6) for one in findings]
+    quality = LogQuality(period=1.0, jitter=0.0, first=0, channels=())
     return Diagnosis(
-        verdict="named", findings=findings, noise_floor=0.0, steps=tuple(steps), quality=quality, places=(),
-        remaining=(), trails=(), machine=machine,
-    )  # fmt: skip
+        verdict="named",
+        findings=findings,
+        noise_floor=0.0,
+        steps=tuple(steps),
+        quality=quality,
+        places=(),
+        remaining=(),
+        trails=(),
+        machine=machine,
+    )
 
 
 def with_axis(machine, **changes):
@@ -68,14 +81,14 @@ def changed_lines(original, text):
 
 def test_nothing_found_is_the_same_text():
     original = machine_source("mill")
-    assert better_machine(original, diagnosis(machine_of(original)), log()) == original.text
+    assert diagnosed_machine(original, diagnosis(machine_of(original)), log()) == original.text
 
 
 def test_an_effect_stands_behind_its_axis_and_says_where_it_comes_from():
     original = motor(PLAIN)
     machine = machine_of(original)
     better = with_axis(machine, effects=(COULOMB,))
-    text = better_machine(original, diagnosis(better, finding()), log())
+    text = diagnosed_machine(original, diagnosis(better, finding()), log())
     assert text == original.text.replace(
         "5000\n\n# the saddle",
         "5000\n\n# coulomb_friction, diagnosed from run.csv (sha256 abc123)\n"
@@ -93,7 +106,7 @@ def test_a_number_changes_where_it_stands_and_keeps_its_comment():
     better = with_axis(machine, gap=replace(machine.axes["X"].gap, lost_motion=31.234567891e-6))
     size = {"lost_motion": Estimate(value=31.234567891e-3, stderr=4.04e-4, unit="mm")}
     found = finding("backlash", size, None, keys={"lost_motion_mm": 31.234567891e-3})
-    text = better_machine(original, diagnosis(better, found), log())
+    text = diagnosed_machine(original, diagnosis(better, found), log())
     assert changed_lines(original, text) == [
         "- lost_motion_mm = 0.030   # indicator",
         "+ # backlash, diagnosed from run.csv (sha256 abc123)",
@@ -107,7 +120,7 @@ def test_a_second_diagnosis_replaces_the_standard_error_of_the_first():
     machine = machine_of(original)
     better = with_axis(machine, gap=replace(machine.axes["X"].gap, lost_motion=31e-6))
     size = {"lost_motion_mm": Estimate(value=0.031, stderr=4e-4, unit="mm")}
-    text = better_machine(original, diagnosis(better, finding("backlash", size, None)), log())
+    text = diagnosed_machine(original, diagnosis(better, finding("backlash", size, None)), log())
     assert "lost_motion_mm = 0.031   # +- 0.0004 mm; indicator\n" in text
 
 
@@ -117,11 +130,9 @@ def test_a_gap_given_as_an_angle_is_changed_as_an_angle():
     gap = machine.axes["X"].gap
     better = with_axis(machine, gap=replace(gap, lost_motion=4e-3, motor_angle=0.1))
     size = {"lost_motion": Estimate(value=4.0, stderr=0.04, unit="mm")}
-    text = better_machine(original, diagnosis(better, finding("backlash", size, None)), log())
+    text = diagnosed_machine(original, diagnosis(better, finding("backlash", size, None)), log())
     stated = tomllib.loads(text)["axes"]["X"]
-    assert stated["backlash_motor_rad"] == pytest.approx(
-        4e-3 * 25.0 / 1.0, rel=1e-6
-    )  # r Δθ_m / N, N = 25, r = 1 m
+    assert stated["backlash_motor_rad"] == pytest.approx(4e-3 * 25.0 / 1.0, rel=1e-6)  # r Δθ_m / N, N = 25, r = 1 m
     assert "lost_motion_mm" not in stated
     assert "backlash_motor_rad = 0.1         # +- 1 %; Δθ_m\n" in text
 
@@ -134,10 +145,8 @@ def test_physical_constants_change_so_that_b_c_and_stiffness_come_out():
     machine = machine_of(original)
     servo = machine.axes["X"].servo
     assert servo.stiffness == pytest.approx(500.0 * 0.5 * 2.0 / 0.001)
-    better = with_axis(
-        machine, servo=replace(servo, b=servo.b * 1.1, c=servo.c * 0.9, stiffness=servo.stiffness * 1.2)
-    )
-    text = better_machine(original, diagnosis(better, finding("servo_mismatch", {}, None)), log())
+    better = with_axis(machine, servo=replace(servo, b=servo.b * 1.1, c=servo.c * 0.9, stiffness=servo.stiffness * 1.2))
+    text = diagnosed_machine(original, diagnosis(better, finding("servo_mismatch", {}, None)), log())
     stated = tomllib.loads(text)["axes"]["X"]
     N, r, J, B = (stated[key] for key in "NrJB")
     gain = stated["k_p"] * stated["k_a"] * stated["k_t"]
@@ -153,10 +162,11 @@ def test_uncertainties_and_control_gains_are_added_behind_the_axis_keys():
     machine = machine_of(original)
     axis = machine.axes["X"]
     better = with_axis(
-        machine, uncertainty=replace(axis.uncertainty, backlash=0.012345678),
+        machine,
+        uncertainty=replace(axis.uncertainty, backlash=0.012345678),
         servo=replace(axis.servo, kd_over_kp=0.001),
-    )  # fmt: skip
-    text = better_machine(original, diagnosis(better), log())
+    )
+    text = diagnosed_machine(original, diagnosis(better), log())
     assert "max_jerk_mm_s3 = 5000\nbacklash_uncertainty = 0.01234568\n[axes.X.control]\n" in text
     assert "ki_over_kp_per_s = 1.0\n# fitted to run.csv (sha256 abc123)\nkd_over_kp_s = 0.001\n" in text
 
@@ -167,7 +177,7 @@ OLD = '\n[[axes.X.effects]]   # first\nname = "coulomb_friction" # dry\nforce_n 
 def test_an_effect_that_is_there_gets_the_new_number():
     original = motor(PLAIN, OLD)
     better = with_axis(machine_of(original), effects=(COULOMB,))
-    text = better_machine(original, diagnosis(better, finding()), log())
+    text = diagnosed_machine(original, diagnosis(better, finding()), log())
     assert changed_lines(original, text) == [
         "+ # coulomb_friction, diagnosed from run.csv (sha256 abc123)",
         "+ # gap between model and record on held-out data 8.04 -> 3 um",
@@ -179,7 +189,7 @@ def test_an_effect_that_is_there_gets_the_new_number():
 def test_an_effect_that_is_given_in_another_unit_is_replaced():
     original = motor(PLAIN, OLD.replace("force_n = 10", "following_error_mm = 0.01"))
     better = with_axis(machine_of(original), effects=(COULOMB,))
-    text = better_machine(original, diagnosis(better, finding()), log())
+    text = diagnosed_machine(original, diagnosis(better, finding()), log())
     assert tomllib.loads(text)["axes"]["X"]["effects"] == [{"name": "coulomb_friction", "force_n": 20.41235}]
 
 
@@ -187,7 +197,7 @@ def test_an_effect_that_goes_is_taken_out_and_another_added():
     offset = EffectSetting(name="load_offset", parameters={"force_n": -3.0})
     original = motor(PLAIN, OLD)
     better = with_axis(machine_of(original), effects=(offset,))
-    text = better_machine(original, diagnosis(better, finding("load_offset", {}, offset)), log())
+    text = diagnosed_machine(original, diagnosis(better, finding("load_offset", {}, offset)), log())
     assert tomllib.loads(text)["axes"]["X"]["effects"] == [{"name": "load_offset", "force_n": -3.0}]
 
 
@@ -206,16 +216,18 @@ def test_an_effect_that_goes_is_taken_out_and_another_added():
         f"[axes.X]\nfeedback = 'motor'\n{PLAIN}{LIMITS}\n{CONTROLLER}",
     ],
     ids=["inline", "dotted", "inline effects", "spaced, other line ends", "no last end", "controller last"],
-)  # fmt: skip
+)
 def test_it_reads_back_however_the_file_is_written(text):
     original = source(text)
     machine = machine_of(original)
     axis = machine.axes["X"]
     better = with_axis(
-        machine, effects=(COULOMB,), gap=replace(axis.gap, lost_motion=31e-6),
+        machine,
+        effects=(COULOMB,),
+        gap=replace(axis.gap, lost_motion=31e-6),
         uncertainty=replace(axis.uncertainty, gain=0.01),
-    )  # fmt: skip
-    written = better_machine(original, diagnosis(better, finding()), log())
+    )
+    written = diagnosed_machine(original, diagnosis(better, finding()), log())
     again = machine_of(source(written)).axes["X"]
     assert again.gap.lost_motion == pytest.approx(31e-6, rel=1e-6)
     assert again.uncertainty.gain == 0.01
@@ -233,10 +245,11 @@ def test_shipped_machines_take_a_gap_and_an_effect(name):
     angle = None if gap.motor_angle is None else gap.motor_angle * factor
     delay = EffectSetting(name="transport_delay", parameters={"delay_ms": 4.0})
     better = with_axis(
-        machine, gap=replace(gap, lost_motion=gap.lost_motion * factor, motor_angle=angle),
+        machine,
+        gap=replace(gap, lost_motion=gap.lost_motion * factor, motor_angle=angle),
         effects=(*machine.axes["X"].effects, delay),
-    )  # fmt: skip
-    text = better_machine(original, diagnosis(better, finding("transport_delay", {}, delay)), log())
+    )
+    text = diagnosed_machine(original, diagnosis(better, finding("transport_delay", {}, delay)), log())
     gone = [line for line in changed_lines(original, text) if line.startswith("-")]
     assert len(gone) == 1  # the gap
 
@@ -244,4 +257,4 @@ def test_shipped_machines_take_a_gap_and_an_effect(name):
 def test_a_machine_that_differs_in_what_no_diagnosis_changes_is_not_written():
     original = motor(PLAIN)
     with pytest.raises(SolveError, match="axis X"):
-        better_machine(original, diagnosis(with_axis(machine_of(original), feedback="none")), log())
+        diagnosed_machine(original, diagnosis(with_axis(machine_of(original), feedback="none")), log())

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from support.amount import examples
 
 from ph_post.cli.main import main
+from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
-from ph_post.gcode.controller.run import run_program
-from ph_post.gcode.reader.read import read_program
-from ph_post.io.logfile import log_content
-from ph_post.io.machinefile import read_machine
-from ph_post.io.readlog import read_log
+from ph_post.files.table import log_content
+from ph_post.gcode.read import read_program
+from ph_post.identify.readlog import read_log
+from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.machine import simulate
 from ph_post.types import Run, Scenario, frozen
 
@@ -54,11 +54,7 @@ def test_cells_may_be_separated_in_many_ways(tmp_path, delimiter, end):
 
 def test_byte_order_mark_blank_lines_quotes_and_remarks(tmp_path):
     names = tuple(f'"{name}"' for name in NAMES)
-    data = (
-        b"\xef\xbb\xbf"
-        + text(names=names, head="# made by: hand: mine\n#just words\n\n")
-        + b"\n# end: yes\n\n"
-    )
+    data = b"\xef\xbb\xbf" + text(names=names, head="# made by: hand: mine\n#just words\n\n") + b"\n# end: yes\n\n"
     assert recorded(read_log(put(tmp_path, data))).remarks == {"made by": "hand: mine", "end": "yes"}
 
 
@@ -148,9 +144,7 @@ def test_halsampler_without_numbers_takes_its_period_from_a_remark(tmp_path):
 
 def test_rows_without_names_and_time_need_a_machine(tmp_path):
     file = put(tmp_path, "".join(halsampler(tag=False)))
-    with pytest.raises(
-        InputError, match=r'run\.csv:1: column "t" is missing; .* got columns 1 to 3, without names'
-    ):
+    with pytest.raises(InputError, match=r'run\.csv:1: column "t" is missing; .* got columns 1 to 3, without names'):
         read_log(file, columns=["X_cmd=1", "X_act=2"])
 
 
@@ -214,10 +208,16 @@ def test_a_simulated_run_reads_back_as_it_was(tmp_path_factory, table, period):
     commanded = np.tile(np.array(table), (200, 1))
     t = period * np.arange(len(commanded))
     run = Run(
-        axes=("X", "Y", "Z"), period=period, scenario=Scenario(), t=frozen(t), s=frozen(t),
-        commanded=frozen(commanded), executed=frozen(commanded * 0.999), motor=frozen(commanded * 1.001),
+        axes=("X", "Y", "Z"),
+        period=period,
+        scenario=Scenario(),
+        t=frozen(t),
+        s=frozen(t),
+        commanded=frozen(commanded),
+        executed=frozen(commanded * 0.999),
+        motor=frozen(commanded * 1.001),
         events=(),
-    )  # fmt: skip
+    )
     file = tmp_path_factory.mktemp("logs") / "run.csv"
     file.write_bytes(log_content(run, {"machine": "mine"}))
     log = read_log(file)
@@ -314,7 +314,7 @@ def test_a_column_that_is_mapped_is_not_taken_under_its_own_name_too(tmp_path):
         (X * 1e-3, "has another scale than X_cmd: is it in another unit?; expected a travel of 19.9956 mm"),
         (np.where(K % 2, 5.0, -5.0), "does not follow X_cmd: is it the same axis, program and sign?"),
     ],
-)  # fmt: skip
+)
 def test_a_reading_of_something_else_is_refused(tmp_path, reading, words):
     rows = [(a, b, f"{x:.7f}") for (a, b, _), x in zip(ROWS, reading, strict=True)]
     with pytest.raises(InputError) as refusal:

@@ -1,0 +1,1 @@
+"""Geometry and drives of a path together: turning points, osculating windows and backlash intervals."""

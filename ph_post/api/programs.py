@@ -1,0 +1,250 @@
+"""Compensate a part program, and verify the result before anyone gets it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.strategies.base import silent
+from ph_post.dialects.base import require_spliceable
+from ph_post.dialects.reading import read_anew
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.axes import check_axes, has_backlash
+from ph_post.edit.edits import EditOptions, Edits, merge
+from ph_post.edit.header import Declaration, declare, read_declaration
+from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.undo import undo
+from ph_post.edit.windows import WindowPlan, plan_windows, shifts_axes
+from ph_post.edit.write import apply_edits
+from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.paths import line_words, paths_of
+from ph_post.gcode.program import PartProgram
+from ph_post.post.remarks import package_version
+from ph_post.simulate.contour import ContourError
+from ph_post.simulate.controllers.deviation import program_error
+from ph_post.simulate.controllers.run import moved_axes, run_program
+from ph_post.types import Machine, frozen
+from ph_post.verify.verdict import Verdict
+from ph_post.verify.verify import verify
+
+SHOWN: Final = 3
+"""Failures that are told where a program does not pass."""
+
+NOTED: Final = 20
+"""Warnings that the head of a program holds, where it is to hold them."""
+
+
+class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
+    """What is asked of a compensation.
+
+    `plan` tells the strategy and its limits, `apply_edits` how it is written; with `force` a program that was
+    compensated otherwise before is taken back to its original first. With `noted` the head of the program
+    holds the warnings too, for those who see nothing but the program.
+    """
+
+    plan: PlanOptions
+    splice: EditOptions
+    force: bool = False
+    noted: bool = False
+
+    def digest(self, dialect: str) -> str:
+        """Hash of all that decides what is written, but the program and the machine's own file."""
+        return hashlib.sha256(msgspec.json.encode([self.plan, self.splice, dialect])).hexdigest()
+
+
+class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part program before and after.
+
+    `before` is the original, recovered where the input was compensated before; `after` what is to be
+    written, the same where nothing is changed. `declaration` is what the head then says, `edits` are the
+    changes and `windows` the plans behind those of axes inside their loops; `verdict` is the judge's, None
+    where nothing was changed. `done` says that the input was this very compensation already.
+    """
+
+    before: PartProgram
+    after: PartProgram
+    declaration: Declaration | None = None
+    edits: Edits | None = None
+    windows: tuple[WindowPlan, ...] = ()
+    verdict: Verdict | None = None
+    done: bool = False
+
+
+def compensate_program(
+    program: PartProgram, machine: Machine, request: ProgramRequest, tell: Callable[[str], None] = silent
+) -> CompensatedProgram:
+    """Compensate a part program for a machine.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+        Its dialect tells the words of new lines.
+    request : ProgramRequest
+    tell : callable, optional
+        Told what a long job is at.
+
+    Returns
+    -------
+    CompensatedProgram
+
+    Raises
+    ------
+    InputError
+        Where the machine lacks an axis that the program moves, the program was compensated for something else
+        before, or a change cannot be written.
+    PhPostError
+        Where the outcome does not pass :func:`ph_post.verify.verify.verify`: nothing is to be written then.
+    """
+    dialect = find_dialect(machine.dialect)
+    require_spliceable(dialect, program.name)
+    original = _original(program, machine, request)
+    if original is not program and not request.force:
+        return CompensatedProgram(before=original, after=program, done=True)
+    check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
+    edits, windows = _plan(original, machine, request, tell)
+    if not _changes(edits):
+        return CompensatedProgram(before=original, after=original, edits=edits, windows=windows)
+    tell("writing")
+    declaration = _declaration(original, edits, machine, request)
+    data = apply_edits(original, edits, dialect, declaration)
+    tell("verifying")
+    after = read_anew(original, data)
+    verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
+    if not verdict.ok:
+        raise _refusal(original.name, verdict)
+    return CompensatedProgram(
+        before=original, after=after, declaration=declaration, edits=edits, windows=windows, verdict=verdict
+    )
+
+
+def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -> PartProgram:
+    """Return the program as it was before any compensation: the input itself where there was none."""
+    found = read_declaration(program.data)
+    if found is None:
+        return program
+    asked = (package_version(), machine.digest, request.digest(machine.dialect))
+    had = (found.version, found.machine_digest, found.options_digest)
+    same = had[0] == asked[0] and all(new.startswith(old) for old, new in zip(had, asked, strict=True))
+    if not same and not request.force:
+        raise InputError(
+            program.name,
+            f"compensated before, by ph-post {found.version} for {found.machine}",
+            expected="the original, or --force to begin again from it, or --undo",
+        )
+    return read_anew(program, undo(program.data, program.name))
+
+
+def _plan(
+    program: PartProgram, machine: Machine, request: ProgramRequest, tell: Callable[[str], None]
+) -> tuple[Edits, tuple[WindowPlan, ...]]:
+    """Plan lasting offsets of axes behind their loop, then what the strategy does for the others.
+
+    They share the time allowed by the number of their axes.
+    """
+    lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    if request.plan.strategy == "none":
+        return lasting, ()
+    drives = [machine.axes[name] for name in moved_axes(program)]
+    gaps = [axis.feedback for axis in drives if has_backlash(axis)]
+    behind = sum(feedback != "load" for feedback in gaps) if shifts_axes(request.plan) else 0
+    if behind:
+        tell("planning lasting offsets")
+        share = request.splice.max_slowdown * behind / len(gaps)
+        options = replace(request.splice, max_slowdown=share)
+        lasting = plan_offsets(program, machine, find_dialect(machine.dialect), options)
+    if behind == len(gaps):
+        return lasting, ()
+    share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
+    tell("fitting the path")
+    found = plan_windows(
+        program,
+        paths_of(program),
+        machine,
+        replace(request.plan, max_slowdown=share),
+        request.splice.tolerance,
+        tell,
+        request.splice.block_time,
+    )
+    return merge(lasting, found.edits), found.plans
+
+
+def _changes(edits: Edits) -> bool:
+    return bool(edits.stops or edits.dips or np.any(edits.offset))
+
+
+def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: ProgramRequest) -> Declaration:
+    dialect = find_dialect(machine.dialect)
+    mode = dialect.path_mode(request.splice.chord_tolerance) if edits.dips and dialect.path_mode else ""
+    return declare(
+        program,
+        edits,
+        machine,
+        dialect,
+        request.splice,
+        options_digest=request.digest(machine.dialect),
+        path_mode=mode,
+        notes=_notes(program, edits) if request.noted else (),
+    )
+
+
+def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:
+    """Warnings for the head of a program; beyond the first ones their number."""
+    passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through as it is" for note in program.notes)
+    words = [f"warning: {word}" for word in (*passed, *edits.warnings)]
+    more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
+    return (*words[:NOTED], *more)
+
+
+def _refusal(name: str, verdict: Verdict) -> PhPostError:
+    first = "; ".join(one.sentence() for one in verdict.failures[:SHOWN])
+    more = f" and {verdict.found - SHOWN} more" if verdict.found > SHOWN else ""
+    return PhPostError(
+        f"{name}: the compensated program does not pass its own check, and is not written: {first}{more}"
+    )
+
+
+class Performance(msgspec.Struct, frozen=True, kw_only=True):
+    """What a program does on a model of its controller and of the machine.
+
+    `time` [s] from rest to rest. `error` [m] is the largest at the values of the machine file, `error_worst`
+    that on all machines which the file leaves possible; None where they were not asked for or nothing counts.
+    """
+
+    time: float
+    error: ContourError | None = None
+    error_worst: ContourError | None = None
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """The original and the compensated program, both measured against the path of the original."""
+
+    before: Performance
+    after: Performance
+
+
+def weigh(
+    delivery: CompensatedProgram, machine: Machine, *, errors: bool, tell: Callable[[str], None] = silent
+) -> Outcome:
+    """Run both programs of a delivery on the models, the drives only where `errors` are wanted."""
+    tell("running the original on a model of the controller")
+    before = _perform(delivery.before, machine, delivery.before, errors)
+    if delivery.after.data == delivery.before.data:
+        return Outcome(before=before, after=before)
+    tell("running the compensated program on a model of the controller")
+    return Outcome(before=before, after=_perform(delivery.after, machine, delivery.before, errors))
+
+
+def _perform(program: PartProgram, machine: Machine, original: PartProgram, errors: bool) -> Performance:
+    command = run_program(program, machine)
+    time = float(command.t[-1]) if command.t.size else 0.0
+    if not errors or not command.t.size:
+        return Performance(time=time)
+    found = program_error(command, machine, original)
+    return Performance(time=time, error=found.error, error_worst=found.error_worst)

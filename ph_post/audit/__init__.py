@@ -1,1 +1,0 @@
-"""Judges of what was written: verify, diff and rehearse, independent of the writer."""

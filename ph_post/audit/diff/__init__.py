@@ -1,1 +1,0 @@
-"""What differs between two programs, whoever wrote them: text, tool path, feed, time and states."""

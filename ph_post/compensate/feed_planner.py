@@ -1,0 +1,431 @@
+"""Plan the feed along one path on one machine so that every sample keeps the limits.
+
+A site is a stretch of path with one profile on it. It begins and ends at the feed V_c, which is the lowest
+that the plain plan has on it, so that a plateau of that feed can be had there without going any faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate import shapes
+from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve, largest
+from ph_post.compensate.motion import FeedAlong, MotionLaw
+from ph_post.compensate.nominal import Schedule, add_plateaus, first_nodes, plan_feed
+from ph_post.compensate.shapes import soften
+from ph_post.compensate.strategies.base import ProfileRequest
+from ph_post.compensate.violations import ViolationSpans, find_violations, rounding
+from ph_post.errors import LimitError
+from ph_post.geometry.track import Track
+from ph_post.types import Array, BoolArray, IntArray, Machine, Phase, ProfileShape, Window, frozen
+from ph_post.units import MM, MS
+
+STEADY = 0.95
+"""Part of the feed at the turning point that the plain plan must keep all over a site."""
+
+SLOWEST = 0.5
+"""Likewise where a site would otherwise be too short for the backlash interval."""
+
+SAME_PLACE = 1e-12
+"""Lengths of path below this [m] are none."""
+
+
+class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A profile's place: 2 `half` [m] of path with `s` [m] inside, entered and left at `cruise` [m/s].
+
+    `window` is the index of its window; `shape` is the one wanted; `wish` is what the strategy asked for, the
+    share of the way before the turning point included; `notes` say what was cut off.
+    """
+
+    window: int
+    s: float
+    half: float
+    cruise: float
+    shape: ProfileShape
+    wish: ProfileRequest
+    notes: tuple[str, ...] = ()
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Where it begins and ends along the path [m]; over the seam of a closed one it counts on."""
+        turn = self.wish.turn
+        return self.s - 2.0 * turn * self.half, self.s + 2.0 * (1.0 - turn) * self.half
+
+
+class SiteSpan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Part of a site that lies on the path without a break: [s0, s1] [m] and the profile's part there."""
+
+    site: int
+    s0: float
+    s1: float
+    cruise: float
+    shape: ProfileShape
+
+    def phases(self, cruise: float, start: float = 0.0, window: int = -1) -> list[Phase]:
+        """Phases of the stretch, one a piece, where it is entered at `cruise` [m/s] and at `start` [s]."""
+        duration = (self.s1 - self.s0) / (cruise * shapes.mean(self.shape))
+        found = []
+        t, s = start, self.s0
+        for piece in self.shape.pieces:
+            speed = cruise * piece.coefficients
+            part = duration * piece.share
+            found.append(Phase(start=t, duration=part, s=s, speed=speed, window=window))
+            t, s = t + part, s + part * float(speed.mean())
+        return found
+
+
+def find_site(index: int, window: Window, wish: ProfileRequest, feed: FeedAlong, room: float) -> Site | str:
+    """Fit a wish into its window.
+
+    Parameters
+    ----------
+    index : int
+        Index of the window.
+    window : Window
+    wish : ProfileRequest
+        With a shape.
+    feed : FeedAlong
+    room : float
+        Half the distance to the next window with a profile [m].
+
+    Returns
+    -------
+    Site or str
+        The site, or the reason why there is none.
+    """
+    assert wish.shape is not None
+    cruise = feed.at(window.s)
+    if cruise <= 0.0:
+        return "the motion stops here"
+    mean = shapes.mean(wish.shape)
+    room = max(min(room, window.s - feed.first, feed.last - window.s), 0.0)
+    # What a side may take is what the longer one takes; in the middle of the way both are alike.
+    longer = 2.0 * max(wish.turn, 1.0 - wish.turn)
+    wanted = longer * cruise * mean * wish.t_star
+    most = wanted if wish.may_leave else min(wanted, window.half_length)
+    side = feed.steady_half(window.s, min(most, room), STEADY * cruise)
+    needed = min(most, longer * cruise * mean * wish.least)
+    if side < needed * (1.0 - 1e-9):
+        # Where the feed changes quickly a lower plateau is better than none.
+        side = min(needed, room)
+        if side < needed or feed.lowest(window.s, side) < SLOWEST * cruise:
+            return f"no room: {needed / MM:.3g} mm of steady feed on either side are needed"
+    lowest, half = feed.lowest(window.s, side), side / longer
+    if side <= SAME_PLACE or lowest < SLOWEST * cruise:
+        return "no room for it: the path starts or ends here, or the motion stops"
+    notes = tuple(_notes(window, wish, side, most, half / (lowest * mean)))
+    return Site(window=index, s=window.s, half=half, cruise=lowest, shape=wish.shape, wish=wish, notes=notes)
+
+
+def _notes(window: Window, wish: ProfileRequest, side: float, most: float, t_star: float) -> list[str]:
+    notes = [wish.note] if wish.note else []
+    if side < most * (1.0 - 1e-6):
+        notes.append(
+            f"profile shortened from {most / MM:.4g} mm to {side / MM:.4g} mm on either side, where the feed "
+            "changes, the path ends or the next profile begins"
+        )
+    if side > window.half_length * (1.0 + 1e-9):
+        notes.append("the profile is longer than the window in which the osculating circle stands for the path")
+    if t_star < wish.least * (1.0 - 1e-9):
+        notes.append(
+            f"the window holds t* = {t_star / MS:.4g} ms only, less than the backlash interval of "
+            f"{wish.least / MS:.4g} ms"
+        )
+    return notes
+
+
+def site_spans(number: int, site: Site, shape: ProfileShape, length: float) -> list[SiteSpan] | str:
+    """Lay a site's profile on the path, in two parts where it runs over the seam of a closed one.
+
+    Returns
+    -------
+    list of SiteSpan or str
+        The stretches, or the reason why the profile cannot be had.
+    """
+    s0, s1 = site.ends
+    for turn in (-length, 0.0, length):
+        if s0 + turn >= -SAME_PLACE and s1 + turn <= length + SAME_PLACE:
+            low, high = max(s0 + turn, 0.0), min(s1 + turn, length)
+            return [SiteSpan(site=number, s0=low, s1=high, cruise=site.cruise, shape=shape)]
+    seam = length if s1 > length else 0.0
+    first, second = shapes.split(shape, (seam - s0) / (s1 - s0), SAME_PLACE / (s1 - s0))
+    if not (shapes.is_non_negative(first) and shapes.is_non_negative(second)):
+        return "the feed would become negative on the seam of the path, where the motion begins"
+    return [
+        SiteSpan(site=number, s0=s0 - seam + length, s1=length, cruise=site.cruise, shape=first),
+        SiteSpan(site=number, s0=0.0, s1=s1 - seam, cruise=site.cruise, shape=second),
+    ]
+
+
+_PHASES = 4
+"""Sampling phases looked at: which one the samples will have is not known before the whole plan is."""
+
+_LEAST_SAMPLES = 12
+"""Periods on a stretch; where the servo period is too long for that many, shorter differences stand in."""
+
+
+def stretch_usage(track: Track, limits: AxisLimits, parts: Sequence[SiteSpan]) -> Array:
+    """Largest ratio of what the axes do to what they may, on each stretch, shape (stretches,)."""
+    if not parts:
+        return np.zeros(0)
+    motion, first_phase = _one_after_the_other(parts)
+    start, duration = motion.start[first_phase], np.add.reduceat(motion.duration, first_phase)
+    step = np.minimum(limits.period, duration / _LEAST_SAMPLES) / _PHASES
+    counts = np.floor(duration / step * (1.0 - 1e-6)).astype(np.int64) + 1
+    number = np.repeat(np.arange(len(parts)), counts)
+    within = np.arange(number.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    s, _ = motion.place_and_feed(start[number] + within * step[number])
+    position = track.derivatives(*track.locate(s), 0)[0]
+    worst = np.zeros(len(parts))
+    difference = position
+    for order in (1, 2, 3):
+        difference = difference[_PHASES:] - difference[:-_PHASES]
+        first, last = number[: len(difference)], number[order * _PHASES :]
+        period = _PHASES * step[first]
+        ratio = largest(np.abs(difference) / limits.of_order(order)) / period**order
+        whole = first == last
+        np.maximum.at(worst, first[whole], ratio[whole])
+    return worst
+
+
+def _one_after_the_other(parts: Sequence[SiteSpan]) -> tuple[MotionLaw, IntArray]:
+    """Make one motion of the stretches, which jumps from each to the next; also where each of them begins."""
+    phases: list[Phase] = []
+    first = np.zeros(len(parts), dtype=np.int64)
+    for number, part in enumerate(parts):
+        first[number] = len(phases)
+        phases += part.phases(part.cruise)
+    return MotionLaw.from_phases(phases), first
+
+
+FLAT = 0.03
+"""A profile softened to less than this part of its depth is left out."""
+
+_MARGIN = 2e-3
+"""Part of every limit that the plan leaves unused, for what changes between the places it looks at."""
+
+_MOST_FOR_ROUNDING = 0.1
+"""The plan leaves no more than this part of a limit to the rounding of the samples."""
+
+_SLOWER = 0.98
+"""Beyond what the samples ask for, a stretch is slowed by this: the next plan meets it at other phases."""
+
+_SLOWEST_STEP = 0.3
+"""No stretch is slowed by more than this factor at once."""
+
+_ROUNDS = 60
+"""Rounds of planning, checking and slowing; one or two are usual."""
+
+_PATIENCE = 12
+"""Rounds after which everything is slowed, not only the stretches that break a limit."""
+
+_HALVINGS = 8
+"""Bisections of a profile's depth: to 1/256 of it."""
+
+
+class ValidMotion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A motion that keeps the limits.
+
+    `sites` are those it was planned for, with V_c as it came out; `depth` (sites,) is how much of each
+    profile was kept: 1 all of it, 0 none; `refused` tells why a profile was left out, by its number;
+    `factor` how much slower than the caps allow the motion is, at their points.
+    """
+
+    motion: MotionLaw
+    sites: tuple[Site, ...]
+    depth: Array
+    refused: dict[int, str]
+    factor: Array
+
+
+class _Candidate(NamedTuple):
+    """A motion not yet known to keep the limits."""
+
+    motion: MotionLaw
+    sites: tuple[Site, ...]
+
+
+class FeedPlanner:
+    """Plans motions along one path on one machine; what it learns about its limits it keeps.
+
+    Parameters
+    ----------
+    track : Track
+    machine : Machine
+    stops : Array
+        Arc lengths at which the motion stops [m].
+    moving : bool
+        Whether the motion begins and ends at feed; at a rapid segment it rests all the same.
+    planned : Machine, optional
+        With the limits to plan the plain feed for, where they are not those to be kept.
+
+    Attributes
+    ----------
+    looped : bool
+        Whether the motion runs through the seam of a closed path.
+    factor : Array
+        How much slower than the caps allow the motion has to be, at their points, as far as is known.
+    """
+
+    def __init__(
+        self, track: Track, machine: Machine, stops: Array, moving: bool, planned: Machine | None = None
+    ) -> None:
+        self.track = track
+        self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
+        aimed = axis_limits(track.path.axes, planned or machine, machine.servo_period)
+        self.caps = build_limit_curve(track, _planned(aimed, track))
+        self.factor = np.ones(self.caps.s.size)
+        segments = track.path.segments
+        first, last = moving and not segments[0].rapid, moving and not segments[-1].rapid
+        self.looped = first and last and track.closed
+        self._nodes = first_nodes(track.length, stops, (first, last))
+
+    def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> ValidMotion:
+        """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as wished.
+
+        Where samples break a limit the feed is lowered, or the profile softened, and all is planned again; as
+        a last resort everything is slowed down.
+
+        Raises
+        ------
+        LimitError
+            If no motion was found; not known to happen.
+        """
+        depth = np.ones(len(sites)) if depth is None else depth.copy()
+        refused: dict[int, str] = {}
+        for attempt in range(_ROUNDS):
+            draft = self._draft(sites, depth, refused)
+            broken = find_violations(self.track, self.limits, draft.motion)
+            if not broken.factor.size:
+                return ValidMotion(
+                    motion=draft.motion,
+                    sites=draft.sites,
+                    depth=depth,
+                    refused=refused,
+                    factor=self.factor.copy(),
+                )
+            guilty, elsewhere = self._guilty(draft, broken, depth)
+            self._soften(draft, guilty, depth, refused)
+            self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)
+        left = f"{broken.factor.size} stretches of samples still break one"
+        raise LimitError(f"no motion keeps the limits of the axes: {left}")
+
+    def _draft(self, sites: tuple[Site, ...], depth: Array, refused: dict[int, str]) -> _Candidate:
+        """Plan the feed with a plateau for every profile, and put the profiles on them."""
+        laid: list[SiteSpan] = []
+        for number in np.flatnonzero(depth).tolist():
+            parts = self._lay(number, sites[number], depth[number])
+            if isinstance(parts, str):
+                refused[number], depth[number] = parts, 0.0
+            else:
+                laid += parts
+        s0, s1, level = np.array([(part.s0, part.s1, part.cruise) for part in laid]).reshape(-1, 3).T
+        nodes = add_plateaus(self._nodes, s0, s1, level, np.arange(len(laid)))
+        schedule = plan_feed(self.caps.slowed(self.factor), nodes)
+        cruise = {number: site.cruise for number, site in enumerate(sites)}
+        for row in np.flatnonzero(schedule.window >= 0).tolist():
+            cruise[laid[schedule.window[row]].site] = float(schedule.speed[row, 0])
+        planned = (msgspec.structs.replace(site, cruise=cruise[k]) for k, site in enumerate(sites))
+        return _Candidate(assemble(schedule, sites, laid), tuple(planned))
+
+    def _lay(self, number: int, site: Site, depth: float) -> list[SiteSpan] | str:
+        """Put a profile on the path so deep, or say why that cannot be done."""
+        return site_spans(number, site, soften(site.shape, 1.0 - depth), self.track.length)
+
+    def _guilty(self, draft: _Candidate, broken: ViolationSpans, depth: Array) -> tuple[IntArray, BoolArray]:
+        """Tell whose fault it is.
+
+        Returns
+        -------
+        guilty : IntArray
+            Numbers of the sites whose profiles break limits that a constant feed in their place would keep.
+        elsewhere : BoolArray
+            Which of the broken stretches no such profile has a part in.
+        """
+        motion = draft.motion
+        first, last = motion.phase_at(broken.t0), motion.phase_at(broken.t1)
+        between = [set(motion.window[i : j + 1].tolist()) for i, j in zip(first, last, strict=True)]
+        suspects = set().union(*between) - {-1}
+        rows = [k for k, site in enumerate(draft.sites) if site.window in suspects and depth[k] > 0.0]
+        numbers = np.array(rows, dtype=np.int64)
+        guilty = numbers[self._usage(draft, numbers, np.zeros(depth.size)) <= 1.0]
+        windows = {draft.sites[k].window for k in guilty.tolist()}
+        return guilty, np.array([not windows & found for found in between], dtype=np.bool_)
+
+    def _usage(self, draft: _Candidate, numbers: IntArray, depth: Array) -> Array:
+        """Largest use of a limit on each of the sites `numbers`, were their profiles of that depth."""
+        parts: list[SiteSpan] = []
+        for number in numbers.tolist():
+            found = self._lay(number, draft.sites[number], depth[number])
+            parts += [] if isinstance(found, str) else found
+        worst = np.zeros(len(draft.sites))
+        np.maximum.at(worst, [part.site for part in parts], stretch_usage(self.track, self.limits, parts))
+        return np.asarray(worst[numbers])
+
+    def _soften(self, draft: _Candidate, guilty: IntArray, depth: Array, refused: dict[int, str]) -> None:
+        """Make guilty profiles as shallow as the limits ask for, by bisection on dense samples."""
+        if not guilty.size:
+            return
+        low, high = np.zeros(depth.size), depth.copy()
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            fits = np.zeros(depth.size, dtype=np.bool_)
+            fits[guilty] = self._usage(draft, guilty, middle) <= 1.0
+            low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+        # What looked right on dense samples and broke a limit all the same is made a little shallower.
+        depth[guilty] = np.minimum(low[guilty], 0.9 * depth[guilty])
+        for number in guilty[depth[guilty] < FLAT].tolist():
+            depth[number] = 0.0
+            refused[number] = "every profile worth having breaks a limit of the axes"
+
+    def _slow(self, broken: ViolationSpans, everything: bool) -> None:
+        """Lower the caps on the stretches, and a little everywhere if nothing else helped."""
+        s = self.caps.s
+        first = np.maximum(np.searchsorted(s, broken.s0, side="right") - 1, 0)
+        last = np.minimum(np.searchsorted(s, broken.s1, side="left"), s.size - 1)
+        for i, j, factor in zip(np.minimum(first, last), np.maximum(first, last), broken.factor, strict=True):
+            self.factor[i : j + 1] *= max(_SLOWER * factor, _SLOWEST_STEP)
+        if everything:
+            self.factor *= _SLOWER * max(float(broken.factor.min(initial=1.0)), _SLOWEST_STEP)
+
+
+def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[SiteSpan]) -> MotionLaw:
+    """Replace the plateaus of a schedule by the profiles laid on them, a phase for every piece."""
+    plateaus = np.flatnonzero(schedule.window >= 0)
+    count = np.ones(schedule.s.size, dtype=np.int64)
+    count[plateaus] = [len(laid[number].shape.pieces) for number in schedule.window[plateaus].tolist()]
+    # Constant speed is of degree 0, so that it is told and evaluated without rounding.
+    group = 1 * np.all(schedule.speed == schedule.speed[:, :1], axis=1)
+    row = np.where(group == 1, np.cumsum(group), np.cumsum(1 - group)) - 1
+    speeds = [schedule.speed[group == 0], schedule.speed[group == 1][:, :1]]
+    source = np.repeat(np.arange(count.size), count)
+    duration, s, group, row = schedule.duration[source], schedule.s[source], group[source], row[source]
+    window = np.full(source.size, -1)
+    tables: dict[int, list[Array]] = {}
+    for k, at in zip(plateaus.tolist(), (np.cumsum(count) - count)[plateaus].tolist(), strict=True):
+        part = laid[schedule.window[k]]
+        for i, phase in enumerate(part.phases(float(schedule.speed[k, 0])), at):
+            table = tables.setdefault(phase.speed.size, [])
+            duration[i], s[i], window[i] = phase.duration, phase.s, sites[part.site].window
+            group[i], row[i] = len(speeds) + list(tables).index(phase.speed.size), len(table)
+            table.append(phase.speed)
+    speeds += [np.array(table) for table in tables.values()]
+    return MotionLaw(duration, s, speeds, group, row, window)
+
+
+def _planned(limits: AxisLimits, track: Track) -> AxisLimits:
+    """Limits for the planner, a little inside those of the machine."""
+    feeds = [track.path.feed if one.feed is None else one.feed for one in track.path.segments]
+    every = np.arange(len(track.pieces))
+    extent = float(np.abs(track.derivatives(every, np.zeros(every.size))).max())
+    # The duration is not known yet; a few times the one at the lowest feed will not be far off.
+    noise = rounding(extent, track.length, 4.0 * track.length / min(feeds), max(feeds))
+    planned = []
+    for order, limit in enumerate(limits.values, start=1):
+        shown = np.minimum(noise * (2.0 / limits.period) ** order, _MOST_FOR_ROUNDING * limit)
+        planned.append((1.0 - _MARGIN) * limit - shown)
+    return AxisLimits(values=frozen(planned), period=limits.period)

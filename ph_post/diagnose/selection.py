@@ -1,0 +1,250 @@
+"""Select the effects missing from one axis: forward selection, backward check, and exchange of each part.
+
+A hypothesis is judged by samples that it was not fitted to. Its score is its gain there in nats, counted by
+independent samples, less a price for each of its numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.fit import FittedModel, Model, ModelPart, base_model, fit_model
+from ph_post.diagnose.hypotheses import hypotheses
+from ph_post.diagnose.search import (
+    BENT,
+    PRICE,
+    HypothesisSearch,
+    ScoredHypothesis,
+    at_floor,
+    does_enough,
+    explains,
+    gain_over,
+    has_structure,
+    rank,
+    samples_per_independent,
+    score_over,
+    with_noise,
+    with_part,
+    without_part,
+)
+from ph_post.identify.free_run import AxisProblem, split_evenly, with_known_side
+
+EARNS: Final = 8.0
+"""Nats above that from which an effect is believed."""
+
+EQUAL: Final = 5.0
+"""Nats within which two hypotheses explain a record equally."""
+
+BLUR: Final = 0.15
+"""Where a model leaves more than noise: the part of a score within which two are equal."""
+
+LOYAL: Final = 0.4
+"""Where a model leaves more than noise: what a special case may lack of a score and still be taken."""
+
+MOST: Final = 4
+"""Effects that are looked for on one axis."""
+
+
+class PartConfidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """How a part of a model stands among the other names that could take its place.
+
+    `rivals` explain the record as well; `confidence` is the part's weight among all that were tried, nothing
+    included; `better` is the fit with another name in its place, where that is better.
+    """
+
+    rivals: tuple[str, ...]
+    confidence: float
+    better: FittedModel | None = None
+
+
+class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What was chosen for one axis.
+
+    `stages` are the fits after nothing, one, two, … effects, the first at the file's values refitted within
+    their priors; `standings` by part how it holds its place.
+    """
+
+    problem: AxisProblem
+    stages: tuple[FittedModel, ...]
+    standings: tuple[PartConfidence, ...]
+
+    @property
+    def fitted(self) -> FittedModel:
+        """The last stage."""
+        return self.stages[-1]
+
+
+def choose(problem: AxisProblem, stage: Callable[[str], None]) -> ModelChoice:
+    """Find what is missing from one axis."""
+    problem = with_known_side(problem)
+    base = _base(problem)
+    again = split_evenly(problem, base.left)
+    if not np.array_equal(again.fit, problem.fit):
+        problem, base = again, _base(again)
+    found = _choose_from(problem, base, stage)
+    if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
+        return found
+    # The origin was held because a load would explain its shift: that was wrong if a free one needs less.
+    other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), stage)
+    fewer = len(other.fitted.model.parts) < len(found.fitted.model.parts)
+    return other if _settled(other) and (fewer or not _settled(found)) else found
+
+
+def _settled(choice: ModelChoice) -> bool:
+    """Whether a choice leaves no more than noise of any channel."""
+    return at_floor(choice.problem, choice.fitted) and not has_structure(choice.problem, choice.fitted)
+
+
+def _choose_from(problem: AxisProblem, base: FittedModel, stage: Callable[[str], None]) -> ModelChoice:
+    """Add one effect after the other to the file's values, as long as each earns its place."""
+    name = problem.axis.name
+    problem = with_noise(problem, base)
+    search = HypothesisSearch(problem)
+    stages = [base]
+    while len(stages) <= MOST and _wants_a_name(problem, stages):
+        stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
+        worthy = [
+            one
+            for one in search.ranked(stages[-1])
+            if one.score > EARNS
+            and explains(problem, stages[-1], one.fitted)
+            and does_enough(problem, one.fitted)
+            and not _refines(problem, stages[-1].model, one)
+        ]
+        if not worthy:
+            break
+        best = _simplest(problem, worthy)
+        stages = _settle(problem, [*stages, best.fitted])
+    stage(f"axis {name}: comparing names")
+    stages, standings = _exchange(search, stages)
+    return ModelChoice(problem=problem, stages=tuple(stages), standings=standings)
+
+
+def _wants_a_name(problem: AxisProblem, stages: Sequence[FittedModel]) -> bool:
+    """Whether more than noise is left; before any name also a little more, or base values that gave way."""
+    if stages[1:]:
+        return has_structure(problem, stages[-1])
+    bent = max(map(abs, stages[0].model.off), default=0.0) > BENT
+    return bent or has_structure(problem, stages[0], 0.0)
+
+
+def _margin(problem: AxisProblem, fitted: FittedModel, score: float) -> float:
+    """Nats within which others are as good: more where the model leaves more than noise."""
+    return EQUAL if at_floor(problem, fitted) else max(EQUAL, BLUR * score)
+
+
+def _refines(problem: AxisProblem, model: Model, one: ScoredHypothesis) -> bool:
+    """Whether a name would refine one that is there, in a model that leaves more than noise anyway."""
+    there = {part.hypothesis.name for part in model.parts}
+    return bool(there & set(one.hypothesis.within)) and not at_floor(problem, one.fitted)
+
+
+def _simplest(problem: AxisProblem, worthy: Sequence[ScoredHypothesis]) -> ScoredHypothesis:
+    """Return the best, or in its stead a special case of it that is as good."""
+    best = worthy[0]
+    margin = EQUAL if at_floor(problem, best.fitted) else max(EQUAL, LOYAL * best.score)
+    special = (one for one in worthy if one.hypothesis.name in best.hypothesis.within)
+    return next((one for one in special if one.score > best.score - margin), best)
+
+
+def _base(problem: AxisProblem) -> FittedModel:
+    """Fit the file's values within their priors, and say whether the origin of the readings is the file's.
+
+    A load shifts the positions and the effort, an origin the positions alone: if a load explains the shift as
+    well, or there is none, the origin is held from then on.
+    """
+    model = base_model(problem)
+    free = fit_model(problem, model, problem.fit)
+    load = next((one for one in hypotheses(problem) if one.name == "load_offset"), None)
+    if load is None or not problem.has_effort:
+        return free
+    held = replace(free.model, origin_free=False)
+    start = with_part(held, load, (0.0,))
+    loaded = fit_model(problem, start, problem.fit)
+    if gain_over(problem, free, loaded) < -EQUAL * samples_per_independent(problem, free):
+        return free
+    return fit_model(problem, held, problem.fit)
+
+
+def _settle(problem: AxisProblem, stages: list[FittedModel]) -> list[FittedModel]:
+    """Take out what is no longer needed."""
+    last = stages[-1]
+    for number in range(len(last.model.parts) - 1):
+        less = fit_model(problem, without_part(last.model, number), problem.fit)
+        needed = explains(problem, less, last) or not at_floor(problem, last)
+        if score_over(problem, less, last) <= 0.0 or not needed:
+            return _restage(problem, less, stages[0])
+    return stages
+
+
+def _restage(problem: AxisProblem, last: FittedModel, base: FittedModel) -> list[FittedModel]:
+    """Make the stages up to a model: its parts one after the other, in their order."""
+    stages = [base]
+    for count in range(1, len(last.model.parts) + 1):
+        model = replace(last.model, parts=last.model.parts[:count])
+        fitted = last if count == len(last.model.parts) else fit_model(problem, model, problem.fit)
+        stages.append(fitted)
+    return stages
+
+
+def _exchange(
+    search: HypothesisSearch, stages: list[FittedModel]
+) -> tuple[list[FittedModel], tuple[PartConfidence, ...]]:
+    """Try every other name in the place of each part, and keep what is better; list what is as good."""
+    problem = search.problem
+    standings: list[PartConfidence] = []
+    for _ in range(3):
+        last = stages[-1]
+        standings = [_stand(search, stages, number) for number in range(len(last.model.parts))]
+        better = next((one.better for one in standings if one.better is not None), None)
+        if better is None:
+            break
+        stages = _settle(problem, _restage(problem, better, stages[0]))
+    return stages, tuple(standings)
+
+
+def _stand(search: HypothesisSearch, stages: list[FittedModel], number: int) -> PartConfidence:
+    """Hold one part of the last model against every other name."""
+    problem, last = search.problem, stages[-1]
+    part = last.model.parts[number]
+    alone = len(last.model.parts) == 1
+    less = stages[0] if alone else fit_model(problem, without_part(last.model, number), problem.fit)
+    others = [
+        one
+        for one in search.tried(less, every=alone)
+        if explains(problem, less, one[1]) and not (alone and one[0].label == part.hypothesis.label)
+    ]
+    ranking = rank(problem, less, [(part.hypothesis, last), *others])
+    mine = next(one.score for one in ranking if one.fitted is last)
+    best = _simplest(problem, ranking)
+    equal = _equals(problem, last, part, mine, ranking)
+    scores = [
+        one.score
+        for one in ranking
+        if one.hypothesis.label != part.hypothesis.label and part.hypothesis.name not in one.hypothesis.within
+    ]
+    weights = [np.exp(min(score - mine, 50.0)) for score in (mine, 0.0, *scores)]
+    return PartConfidence(
+        rivals=equal,
+        confidence=float(1.0 / np.sum(weights)),
+        better=best.fitted if best.score > mine + max(PRICE, 0.5 * _margin(problem, last, mine)) else None,
+    )
+
+
+def _equals(
+    problem: AxisProblem, last: FittedModel, part: ModelPart, mine: float, ranking: Sequence[ScoredHypothesis]
+) -> tuple[str, ...]:
+    """Names whose score is that of a part, but for those that merely contain it."""
+    name = part.hypothesis.name
+    margin = _margin(problem, last, mine)
+    found = (
+        one.hypothesis.name
+        for one in ranking
+        if one.score > mine - margin and one.hypothesis.name != name and name not in one.hypothesis.within
+    )
+    return tuple(dict.fromkeys(found))

@@ -1,0 +1,1 @@
+"""Controller dialects: one module or folder each, their common contract, and the registry."""

@@ -1,0 +1,1 @@
+"""Fanuc 30i, 31i, 32i and 0i for mills: dialect and reader."""

@@ -1,0 +1,251 @@
+"""Edit lines of Fanuc programs in place so that the RS274 reader understands them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark, refuse_line
+from ph_post.gcode.program import PlaceArray
+
+_COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+_WORD: Final = re.compile(rb"([A-Z])[ \t]*([-+]?[ \t]*(?:\d+\.?\d*|\.\d+))")
+MACRO: Final = rb"IF|WHILE|GOTO|END|DO[ \t]*\d|THEN|SETVN|POPEN|PCLOS|PRNT"
+"""Pattern of the words of macro statements."""
+
+_MACRO: Final = re.compile(MACRO)
+_LOOP: Final = re.compile(rb"(DO|END)[ \t]*(\d+)")
+_JUMP: Final = re.compile(rb"GOTO[ \t]*(\d*)")
+
+_LENGTHS: Final = frozenset((b"X", b"Y", b"Z", b"I", b"J", b"K", b"R"))
+_MODES: Final[Mapping[float, tuple[bytes, str]]] = {
+    7.1: (b"G68", "cylindrical interpolation"),
+    12.1: (b"G68", "polar interpolation"),
+    13.1: (b"G69", ""),
+    **dict.fromkeys((68.2, 68.3, 68.4), (b"G68", "tilted plane")),
+    **dict.fromkeys((2.1, 3.1), (b"G33", "thread on a circle")),
+    **dict.fromkeys((2.2, 3.2), (b"G33", "involute")),
+    **dict.fromkeys((2.3, 3.3), (b"G33", "exponential interpolation")),
+    **dict.fromkeys((2.4, 3.4), (b"G33", "arc in space")),
+    6.1: (b"G33", "spline interpolation"),
+}
+"""In the words of RS274's reader a turned frame, its end, or a motion that is not understood; and a name."""
+
+_QUIET: Final = frozenset((5.0, 5.1, 8.0, 22.0, 23.0, 25.0, 26.0))
+"""Look-ahead, contour control, limit checks: they move nothing."""
+_ARCS: Final = frozenset((2.0, 3.0))
+
+
+class PassedLines(msgspec.Struct, frozen=True, kw_only=True):
+    """Lines that are passed through, and why."""
+
+    first: int
+    last: int
+    what: str
+
+
+def masked(data: bytes) -> bytes:
+    """Text in capitals with blanks in the place of its comments.
+
+    Examples
+    --------
+    >>> masked(b"g1 (fast) x1. ; so")
+    b'G1        X1.     '
+    """
+    return _COMMENT.sub(lambda found: b" " * len(found[0]), data).upper()
+
+
+def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:
+    """Words of a masked text: the letter, the number without its blanks, and where it begins and ends.
+
+    Examples
+    --------
+    >>> words_of(b"G1 X- 5.")
+    [(b'G', b'1', 0, 2), (b'X', b'-5.', 3, 8)]
+    """
+    return [(found[1], found[2].translate(None, b" \t"), *found.span()) for found in _WORD.finditer(bare)]
+
+
+class Editor:
+    """One line in the making.
+
+    Parameters
+    ----------
+    text, bare : bytes
+        The line, and the same masked.
+    calculator : bool
+        Whether lengths without a decimal point are in millimetres.
+
+    Attributes
+    ----------
+    text : bytes
+        Its translation, as long as the line.
+    remark : Remark or None
+        What is not understood.
+    dwell : int or None
+        Of a dwell: which power of ten its P is divided by to be in seconds; -1 where nobody knows.
+    calls, begins_nurbs : bool
+        Whether it is a G66, or a G06.2.
+    """
+
+    def __init__(self, text: bytes, bare: bytes, *, calculator: bool) -> None:
+        self._text = bytearray(text)
+        self._bare = bare
+        self._calculator = calculator
+        self._words = words_of(bare)
+        self._codes = {float(number): (start, end) for letter, number, start, end in self._words if letter == b"G"}
+        self.remark: Remark | None = None
+        self.dwell: int | None = None
+        self.calls = 66.0 in self._codes or 66.1 in self._codes
+        self.begins_nurbs = 6.2 in self._codes
+
+    @property
+    def text(self) -> bytes:
+        """The line as it is now."""
+        return bytes(self._text)
+
+    def translate(self) -> None:
+        """Change what has to be changed."""
+        if _MACRO.search(self._bare):
+            self._whole("macro statement")
+            return
+        if {65.0, 66.0, 66.1, 67.0} & self._codes.keys() or self._has(b"M", 198):
+            self._whole("call of a macro or subprogram")
+            return
+        self._frame_words()
+        self._modes()
+        if 4.0 in self._codes:
+            self._dwell()
+        elif not self.begins_nurbs:
+            self._lengths()
+
+    def _has(self, letter: bytes, value: float) -> bool:
+        return any(one == letter and float(number) == value for one, number, _, _ in self._words)
+
+    def _whole(self, what: str) -> None:
+        self._note(what, 0, len(self._bare))
+        self._text[:] = NOT_UNDERSTOOD.encode().ljust(len(self._text))
+
+    def _note(self, what: str, start: int, end: int) -> None:
+        if self.remark is None:
+            shown = self._bare[start:end].decode("ascii", "replace").strip()
+            column = start + 1 + len(self._bare[start:end]) - len(self._bare[start:end].lstrip())
+            self.remark = Remark(what=f"{what}: {shown}", column=column)
+
+    def _put(self, start: int, end: int, new: bytes = b"") -> None:
+        self._text[start:end] = new.ljust(end - start)
+
+    def _frame_words(self) -> None:
+        """``:1234`` is an O number, ``<NAME>`` a program's name."""
+        number = re.match(rb"[ \t]*:", self._bare)
+        if number is not None:
+            self._put(number.end() - 1, number.end(), b"O")
+        for found in re.finditer(rb"O?[ \t]*<[^>]*>", self._bare):
+            self._put(*found.span())
+
+    def _modes(self) -> None:
+        """Hide what moves nothing, and what changes the meaning of the moves put in words that say so."""
+        for code, (start, end) in self._codes.items():
+            if code in _QUIET:
+                self._quiet(code, start, end)
+            elif code in _MODES:
+                word, name = _MODES[code]
+                ends = code == 7.1 and self._has(b"C", 0.0)
+                self._put(start, end, b"G69" if ends else word)
+                if name and not ends:
+                    self._note(name, start, end)
+
+    def _quiet(self, code: float, start: int, end: int) -> None:
+        self._put(start, end)
+        letters = b"PQR" if code == 5.0 else b"PQRXYZABC" if code == 5.1 else b"PXYZIJK"
+        for letter, _, first, last in self._words:
+            if letter in letters:
+                self._put(first, last)
+        self._words = [word for word in self._words if word[0] not in letters]
+
+    def _dwell(self) -> None:
+        """``X`` and ``U`` are seconds, ``P`` milliseconds; a whole X counts in unknown increments."""
+        for letter, number, start, end in self._words:
+            if letter == b"P":
+                self.dwell = 3
+            elif letter in (b"X", b"U"):
+                self._put(start, start + 1, b"P")
+                plain = b"." in number or float(number) == 0.0 or self._calculator
+                self.dwell = 0 if plain else -1
+                if not plain:
+                    self._note("dwell without a decimal point", start, end)
+
+    def _lengths(self) -> None:
+        """Take the sense from motions whose lengths have no decimal point, or whose P means nothing here."""
+        words = [] if self._calculator else [word for word in self._words if self._is_bare(word)]
+        if _ARCS & self._codes.keys():
+            words += [word for word in self._words if word[0] == b"P"]
+        if not words or {10.0, 28.0, 30.0, 53.0} & self._codes.keys():
+            return
+        letter, _, start, end = words[0]
+        what = "number without a decimal point" if letter != b"P" else "word that no other on the line uses"
+        self._note(what, start, end)
+        if {92.0, 52.0} & self._codes.keys():
+            for one in self._words:
+                if one[0] in b"XYZ":
+                    self._put(one[2], one[3])
+            return
+        # A further axis is what makes the reader give the position up, whatever else the line says.
+        present = {one[0] for one in self._words}
+        spare = next((axis for axis in (b"A", b"B", b"C", b"U") if axis not in present), b"A")
+        for _, _, first, last in words:
+            self._put(first, last)
+        self._put(start, end, spare + b"0")
+
+    @staticmethod
+    def _is_bare(word: tuple[bytes, bytes, int, int]) -> bool:
+        letter, number, _, _ = word
+        return letter in _LENGTHS and b"." not in number and float(number) != 0.0
+
+
+def jumps_and_loops(
+    bares: Mapping[int, bytes], bare: bytes, lines: PlaceArray, data: bytes, name: str
+) -> list[PassedLines]:
+    """Find what loops repeat and jumps repeat or skip.
+
+    Raises
+    ------
+    InputError
+        Where the target of a jump is computed, or is no line of the program.
+    """
+    found: list[PassedLines] = []
+    open_at: dict[bytes, int] = {}
+    for number, text in sorted(bares.items()):
+        for word, label in _LOOP.findall(text):
+            if word == b"DO":
+                open_at.setdefault(label, number)
+            elif label in open_at:
+                found.append(PassedLines(first=open_at.pop(label), last=number, what="loop of a macro"))
+        for label in _JUMP.findall(text):
+            target = _target(label, bare)
+            if target is None:
+                raise refuse_line(
+                    data,
+                    lines,
+                    name,
+                    number,
+                    "jump to a line that is not known",
+                    "GOTO and the N of a line",
+                    text.strip().decode("ascii", "replace"),
+                )
+            line = int(np.searchsorted(lines, target, "right")) - 1
+            found.append(PassedLines(first=min(number, line), last=max(number, line), what="jump of a macro"))
+    end = lines.size - 2
+    return found + [PassedLines(first=line, last=end, what="loop of a macro") for line in open_at.values()]
+
+
+def _target(label: bytes, bare: bytes) -> int | None:
+    """Place of the line with that N, None where there is none, or no number."""
+    if not label:
+        return None
+    place = re.compile(rb"^[ \t]*/?[ \t]*N[ \t]*0*%d(?!\d)" % int(label), re.MULTILINE).search(bare)
+    return None if place is None else place.end() - 1

@@ -1,0 +1,270 @@
+"""Read Fanuc programs: RS274 with a dozen words of its own, and NURBS by G06.2.
+
+The words are documented in :mod:`ph_post.dialects.fanuc.dialect`. A length without a decimal point may be
+millimetres or increments (parameter 3401): its motion is not understood, unless the dialect says that such
+numbers are millimetres. Custom macros (``#1=``, ``IF``, ``WHILE``, ``GOTO``, G65 to G67) are not run: the lines
+that they may repeat, skip or move are passed through. NURBS become the rational Bézier curves between knots.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.dialects.fanuc.lines import MACRO, Editor, PassedLines, jumps_and_loops, masked, words_of
+from ph_post.dialects.reading import (
+    FORGOTTEN,
+    NOT_UNDERSTOOD,
+    Remark,
+    lines_of,
+    motion_rows,
+    read_translated,
+    text_of,
+)
+from ph_post.gcode.program import AXES, NURBS, PartProgram, PlaceArray
+from ph_post.geometry.exact_polynomials import floats
+from ph_post.geometry.nurbs import bezier_spans
+from ph_post.types import Array, frozen, sealed
+from ph_post.units import INCH, MM
+
+_MODE: Final = re.compile(rb"G(20|21|90|91)(?![\d.])")
+_ENDS: Final = re.compile(rb"[GMSTO%#]")
+"""Nothing but points and knots stands between the first block and the last."""
+_ORDERS: Final = range(2, 5)
+_DEFAULT_ORDER: Final = 4
+
+
+class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A NURBS and its lines: `lines[j]` is that of span j, `curves` (order, control (k, 3) [m], weights).
+
+    `why` tells why it is not understood. `feed` is its F word, `first` and `last` are all its lines.
+    """
+
+    first: int
+    last: int
+    lines: tuple[int, ...] = ()
+    curves: tuple[tuple[int, Array, Array], ...] = ()
+    feed: bytes = b""
+    units: float = MM
+    why: str = ""
+
+    @classmethod
+    def gather(
+        cls, bare: bytes, lines: PlaceArray, number: int, modes: tuple[float, bool], *, calculator: bool
+    ) -> NurbsBlocks:
+        """Read the blocks from the one with G06.2, line `number`, to the last knot.
+
+        `modes` are the units [m], and whether positions are absolute.
+        """
+        found: list[tuple[int, dict[str, bytes]]] = []
+        last = number
+        for line in range(number, lines.size - 1):
+            text = bare[lines[line] : lines[line + 1]]
+            if line > number and _ENDS.search(text):
+                break
+            words = {letter.decode(): value for letter, value, _, _ in words_of(text)}
+            words.pop("N", None)
+            if words:
+                found.append((line, words))
+                last = line
+        units, absolute = modes
+        why = _fault(found, absolute=absolute, calculator=calculator)
+        if why:
+            return cls(first=number, last=last, why=why)
+        return _cut(found, number, last, units)
+
+    def write(self, texts: list[bytes], remarks: dict[int, Remark]) -> None:
+        """Put straight moves to the ends of the spans in the place of the lines; the curves follow later."""
+        for number in range(self.first, self.last + 1):
+            if self.why and texts[number].strip():
+                texts[number] = FORGOTTEN.encode()
+                remarks[number] = Remark(what=self.why)
+            elif not self.why:
+                texts[number] = b""
+        if self.why:
+            return
+        texts[self.first] = b"G1" + self.feed
+        for line, (_, control, _) in zip(self.lines, self.curves, strict=True):
+            named = [(axis, value) for axis, value in zip(AXES, control[-1], strict=True) if not np.isnan(value)]
+            places = " ".join(f"{axis}{value / self.units:.12f}" for axis, value in named)
+            texts[line] = f"G1 {places}".encode()
+
+
+def find_nurbs(bare: bytes, lines: PlaceArray, numbers: Sequence[int], *, calculator: bool) -> list[NurbsBlocks]:
+    """Read the NURBS that begin on lines `numbers`, which rise, each in the modes in force there."""
+    found = []
+    units, absolute, done = MM, True, 0
+    for number in numbers:
+        end = int(lines[number + 1])
+        for code in _MODE.findall(bare, done, end):
+            units = {b"20": INCH, b"21": MM}.get(code, units)
+            absolute = {b"90": True, b"91": False}.get(code, absolute)
+        done = end
+        found.append(NurbsBlocks.gather(bare, lines, number, (units, absolute), calculator=calculator))
+    return found
+
+
+def _fault(found: Sequence[tuple[int, dict[str, bytes]]], *, absolute: bool, calculator: bool) -> str:
+    """Why blocks are no NURBS that is understood, empty where they are."""
+    if not absolute:
+        return "NURBS in incremental positions: G06.2 under G91"
+    order = float(found[0][1].get("P", b"4"))
+    if order not in _ORDERS:
+        return f"NURBS of an order that is none: P{order:g}"
+    axes = {axis for axis in AXES if axis in found[0][1]}
+    points = [words for _, words in found if axes & words.keys()]
+    allowed = [{*"GPKRF", *axes}, *({*"KR", *axes} for _ in points[1:]), *("K" for _ in found)]
+    whole = len(found) == len(points) + order and points == [words for _, words in found[: len(points)]]
+    if len(axes) < 2 or not whole or len(points) < order:
+        return "NURBS that is not whole"
+    for (_, words), letters in zip(found, allowed, strict=False):
+        if not words.keys() <= {*letters} or "K" not in words or (axes & words.keys()) not in (axes, set()):
+            return "NURBS that is not whole"
+        bare = [w for letter, w in words.items() if letter in "XYZKR" and b"." not in w and float(w) != 0.0]
+        if bare and not calculator:
+            return f"number without a decimal point in a NURBS: {bare[0].decode()}"
+    return _knot_fault([float(words["K"]) for _, words in found], points, int(order))
+
+
+def _knot_fault(knots: list[float], points: Sequence[dict[str, bytes]], order: int) -> str:
+    if sorted(knots) != knots or len({*knots[:order]}) > 1 or len({*knots[-order:]}) > 1:
+        return "NURBS whose knots fall, or do not stand as often as its order at both ends"
+    if any(knots.count(knot) > order - 1 for knot in knots[order:-order]) or knots[0] == knots[-1]:
+        return "NURBS with a knot that stands too often"
+    if min(float(words.get("R", b"1")) for words in points) <= 0.0:
+        return "NURBS with a weight that is not positive"
+    return ""
+
+
+def _cut(found: Sequence[tuple[int, dict[str, bytes]]], first: int, last: int, units: float) -> NurbsBlocks:
+    """Cut a NURBS at its knots; each curve belongs to a line of its own."""
+    order = int(float(found[0][1].get("P", b"4")))
+    points = [words for _, words in found[: len(found) - order]]
+    axes = [axis for axis in AXES if axis in points[0]]
+    weights = [_exact(words.get("R", b"1")) for words in points]
+    lifted = tuple(
+        (*(_exact(words[axis]) * weight for axis in axes), weight)
+        for words, weight in zip(points, weights, strict=True)
+    )
+    knots = tuple(_exact(words["K"]) for _, words in found)
+    curves = []
+    for _, span in bezier_spans(order - 1, knots, lifted):
+        values = floats(span)
+        control = np.full((order, len(AXES)), np.nan)
+        control[:, [AXES.index(axis) for axis in axes]] = values[:, :-1] / values[:, -1:] * units
+        curves.append((order, frozen(control), frozen(values[:, -1])))
+    lines = tuple(found[order + j][0] for j in range(len(curves)))
+    given = found[0][1].get("F", b"")
+    feed = b" F" + given if given else b""
+    return NurbsBlocks(first=first, last=last, lines=lines, curves=tuple(curves), units=units, feed=feed)
+
+
+def _exact(number: bytes) -> Fraction:
+    return Fraction(number.decode())
+
+
+def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgram:
+    """Put the curves in the place of the straight moves that stand for them."""
+    spans = {line: curve for one in nurbs for line, curve in zip(one.lines, one.curves, strict=True)}
+    if not spans:
+        return program
+    motions = program.motions
+    kind, start = motions.kind.copy(), motions.start.copy()
+    drawn = dict(motions.nurbs)
+    for line, row in motion_rows(motions, spans):
+        order, control, weights = spans[line]
+        place = np.where(np.isnan(control), start[row], control)
+        start[row] = np.where(np.isnan(start[row]), place[0], start[row])
+        kind[row], drawn[row] = NURBS, (order, frozen(place), weights)
+    changed = msgspec.structs.replace(motions, kind=sealed(kind), start=sealed(start), nurbs=drawn)
+    return msgspec.structs.replace(program, motions=changed)
+
+
+_ODD: Final = re.compile(
+    rb"[XYZIJKR][ \t]*[-+]?[ \t]*\d+(?![\d.])"
+    rb"|G0*[45789](?!\d)|G\d+\.\d|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<|" + MACRO,
+    re.MULTILINE,
+)
+"""What a line has that RS274 reads otherwise or not at all, or may have."""
+
+_NO_CALL: Final = re.compile(rb"G67(?!\d)")
+
+
+def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgram:
+    """Read a Fanuc program.
+
+    Parameters
+    ----------
+    data, name
+        As for :func:`ph_post.gcode.read.read_program`.
+    calculator : bool
+        Whether a length without a decimal point is in millimetres (parameter 3401, bit 0).
+
+    Raises
+    ------
+    InputError
+        As that, and for a jump whose target is not in the program.
+    """
+    lines = lines_of(data, name)
+    texts = [text_of(data, lines, number) for number in range(lines.size - 1)]
+    bare = masked(data)
+    odd = np.unique(np.searchsorted(lines, [found.start() for found in _ODD.finditer(bare)], "right") - 1)
+    bares = {int(number): bare[lines[number] : lines[number + 1]].rstrip(b"\r\n") for number in odd}
+    remarks: dict[int, Remark] = {}
+    dwells: dict[int, int] = {}
+    curved: list[int] = []
+    for stretch in jumps_and_loops(bares, bare, lines, data, name):
+        _pass(stretch, texts, remarks)
+    for number in sorted(bares):
+        if number in remarks:
+            continue
+        editor = Editor(texts[number], bares[number], calculator=calculator)
+        editor.translate()
+        texts[number] = editor.text
+        if editor.remark is not None:
+            remarks[number] = editor.remark
+        if editor.dwell is not None:
+            dwells[number] = editor.dwell
+        if editor.calls:
+            _pass(_modal_call(number, bare, lines), texts, remarks)
+        if editor.begins_nurbs:
+            curved.append(number)
+    nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
+    for one in nurbs:
+        one.write(texts, remarks)
+    found = read_translated(data, lines, name, texts, remarks, in_place=True)
+    return _in_seconds(with_nurbs(found, nurbs), dwells)
+
+
+def _pass(stretch: PassedLines, texts: list[bytes], remarks: dict[int, Remark]) -> None:
+    """Pass a stretch of lines through as it is."""
+    for number in range(stretch.first, stretch.last + 1):
+        if texts[number].strip():
+            texts[number] = NOT_UNDERSTOOD.encode().ljust(len(texts[number]))
+            remarks[number] = Remark(what=stretch.what)
+
+
+def _modal_call(number: int, bare: bytes, lines: np.ndarray) -> PassedLines:
+    """Find the lines from a G66, which calls a macro after every motion, to its G67."""
+    end = _NO_CALL.search(bare, int(lines[number]))
+    last = lines.size - 2 if end is None else int(np.searchsorted(lines, end.start(), "right")) - 1
+    return PassedLines(first=number, last=last, what="macro called by every motion: G66")
+
+
+def _in_seconds(program: PartProgram, dwells: dict[int, int]) -> PartProgram:
+    """Give dwells their times in seconds, NaN where its power of ten is below 0: it is not known."""
+    if not dwells:
+        return program
+    words = program.words
+    value, places = words.value.copy(), words.decimals.copy()
+    for number, power in dwells.items():
+        rows = np.flatnonzero((words.block == number) & (words.letter == ord("P")))
+        value[rows] = np.nan if power < 0 else value[rows] / 10.0**power
+        places[rows] = -1 if power < 0 else places[rows] + power
+    changed = msgspec.structs.replace(words, value=value, decimals=places)
+    return msgspec.structs.replace(program, words=changed)

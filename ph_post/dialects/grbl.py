@@ -1,0 +1,49 @@
+"""Grbl 1.1 (grblHAL takes all of it too): an eight-bit controller, fed line by line through a serial port.
+
+Where the facts are from, in the repository "grbl" of gnea. README.md lists the words; `grbl/gcode.c` takes
+G93 and G94, G61 but no G61.1, G91.1 as it is that way anyhow, G40 as there is no other, and F, I, J, K, L, N,
+P, R, S, T, X, Y, Z each once a line; it refuses G5, G64, G90.1, G43 but for G43.1, and Q. `grbl/protocol.h`
+has a line buffer of 80 characters with the end, in which blanks and comments are not kept; `grbl/serial.h`
+and `config.h` have a receive buffer of 128 and 115,200 baud.
+"""
+
+from __future__ import annotations
+
+from ph_post.dialects.base import Dialect, metric_opening
+from ph_post.types import Capabilities
+
+_DECIMALS = 4
+"""0.1 µm. Grbl computes in single precision, which has no more at the size of such machines, and a shorter
+line is a faster one."""
+
+_MAX_LINE = 70
+"""Grbl's line buffer holds 80 characters with the end; senders and offshoots leave less."""
+
+_STREAM_RATE = 11_520.0
+"""115,200 baud, ten bits a byte."""
+
+_PLANNER_BLOCKS = 16
+"""Moves that Grbl holds in its planner."""
+
+
+DIALECT = Dialect(
+    name="grbl",
+    capabilities=Capabilities(
+        arcs=True,
+        cubic_splines=False,
+        inverse_time=True,
+        decimals=_DECIMALS,
+        max_line=_MAX_LINE,
+        blending=False,
+    ),
+    feed_digits=6,
+    terse=True,
+    # Under G93 Grbl 1.1 breaks an arc into chords, multiplies F by their number and then takes it for mm/min
+    # (mc_arc in its motion_control.c): only straight moves keep their time.
+    inverse_time_arcs=False,
+    opening=metric_opening,
+    closing=("M2",),
+    stream_rate=_STREAM_RATE,
+    stream_window=_PLANNER_BLOCKS,
+)
+"""The Grbl dialect."""

@@ -1,0 +1,62 @@
+"""grblHAL: Grbl's successor on 32-bit controllers, with longer lines, cubic splines and a larger planner.
+
+Where the facts are from, in grblHAL's own repository "core": README.md lists the words (G5 and G5.1, G61,
+G91.1 and no G90.1; G64 is there in gcode.c, but only with ENABLE_PATH_BLENDING, which config.h tells not to
+enable yet); protocol.h has a line buffer of 256 characters; motion_control.c computes in single precision,
+breaks an arc into chords with F times their number under G93, as Grbl does, and a G5 into moves that each
+would take the whole time of a G93; config.h has the steps of that.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from ph_post.dialects.base import Dialect, metric_opening
+from ph_post.types import Array, Capabilities
+
+_DECIMALS: Final = 4
+"""0.1 µm, as for Grbl: single precision has no more at the size of such machines."""
+
+_MAX_LINE: Final = 255
+"""One less than the line buffer holds."""
+
+_WIDEST_STEP: Final = 0.2
+"""A G5 is played as straight moves over steps of the parameter, twice 0.1 wide at most. They are shortened
+only where the middle is off by a tenth of a millimetre, which is no help: the widest step has to do."""
+
+_STEPS: Final = 10
+"""Moves of a G5 that is flat enough not to be shortened any further."""
+
+
+def spline_deviation(control: Array) -> Array:
+    """How far straight moves over the widest step leave cubic Béziers [m] at most, (m, 4, 2) to (m,).
+
+    A chord over a step h leaves a curve by no more than h² / 8 times its largest second derivative, which a
+    cubic has at an end.
+    """
+    second = 6.0 * np.diff(control, n=2, axis=1)
+    return np.asarray(_WIDEST_STEP**2 / 8.0 * np.sqrt((second * second).sum(axis=-1)).max(axis=1))
+
+
+DIALECT = Dialect(
+    name="grblhal",
+    capabilities=Capabilities(
+        arcs=True,
+        cubic_splines=True,
+        inverse_time=True,
+        decimals=_DECIMALS,
+        max_line=_MAX_LINE,
+        blending=False,
+    ),
+    feed_digits=6,
+    terse=False,
+    inverse_time_arcs=False,
+    inverse_time_splines=False,
+    opening=metric_opening,
+    closing=("M2",),
+    spline_deviation=spline_deviation,
+    spline_pieces=_STEPS,
+)
+"""The grblHAL dialect."""

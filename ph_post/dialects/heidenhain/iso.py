@@ -1,0 +1,227 @@
+"""Heidenhain's ISO language, read as far as motion goes.
+
+Followed are G00 to G03 with X, Y, Z under G90 and G91, the circle's centre I, J, K, which lasts and is
+absolute, R, F, G29, G40 to G42, tools, M functions that are the same on every machine, G04 (dwell) and G62
+(tolerance). Datum shifts and turned frames are noticed (G53, G54, G28, G72, G73, G80, G247). Everything else
+is named and passed through, as in :mod:`ph_post.gcode.fronts.klartext`.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from typing import Final
+
+from ph_post.dialects.heidenhain.tnc import (
+    AXES,
+    JUMPED,
+    NUMBER,
+    REPEATED,
+    NotFollowed,
+    Places,
+    Tnc,
+    TncSource,
+    joined,
+    number_of,
+)
+from ph_post.gcode.program import PartProgram
+
+_HEAD: Final = re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$")
+_WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
+_LABEL: Final = re.compile(r"G98\s*L\s*(\d+)")
+_IF: Final = r"D\s*(?:09|9|10|11|12)(?!\d)"
+_CALLS: Final = {
+    REPEATED: re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*[1-9]"),
+    JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
+}
+_CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
+_CENTRES: Final = {"I": "X", "J": "Y", "K": "Z"}
+_PLANES: Final = {17: "Z", 18: "Y", 19: "X"}
+_SIDES: Final = {40: False, 41: True, 42: True}
+_CORNERS: Final = frozenset((24, 25, 26, 27))
+_SHIFTS: Final = frozenset((53, 54, 247))
+_TURNS: Final = frozenset((28, 72, 73, 80))
+_MIRROR, _SCALING = 28, 72
+_MOTIONS: Final = frozenset((0, 1, 2, 3))
+_CUTS: Final = frozenset((5, 6, 7, 10, 11, 12, 13, 15, 16))
+"""Arcs without a sense, tangential and polar moves: named."""
+_FOLLOWED: Final = frozenset((4, 17, 18, 19, 29, 30, 31, 38, 40, 41, 42, 51, 62, 70, 71, 90, 91, 98, 99))
+
+
+def read_tnc_iso(data: bytes, name: str) -> PartProgram:
+    """Read a program in Heidenhain's ISO language.
+
+    Raises
+    ------
+    InputError
+        Where the text is no such program, or repeats a label that is not in it.
+    """
+    source = TncSource(data, name, _plain)
+    first, head = source.head(_HEAD, "not an ISO program of Heidenhain", "%, a name, and G71 or G70")
+    follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20"))
+    for number, text in enumerate(source.texts):
+        follower.line(text, begins=number == first)
+    return source.program(follower.tnc, _LABEL, _CALLS, "G98 L")
+
+
+def _plain(line: str) -> str:
+    """Return a line without its comment and the asterisk that ends it."""
+    return re.sub(r"\s*\*\s*$", "", line.partition(";")[0].rstrip()).strip()
+
+
+class _Block:
+    """The words of one line, in order."""
+
+    def __init__(self, source: str) -> None:
+        bare = re.sub(r"^N\s*\d+", "", source).strip()
+        self.words = [(letter, number) for letter, number in _WORD.findall(bare)]
+        self.codes, self.functions = self._plain("G"), self._plain("M")
+        strange = [letter + text for letter, text in self.words if letter in "GM" and not text.isdecimal()]
+        self.odd = _WORD.sub("", bare).strip() or "".join(strange[:1])
+
+    def _plain(self, letter: str) -> list[int]:
+        return [int(number) for one, number in self.words if one == letter and number.isdecimal()]
+
+    def value(self, letter: str) -> str | None:
+        """Return the number of a word as it stands there, None where it does not."""
+        return next((number for one, number in self.words if one == letter), None)
+
+    def speed(self) -> str:
+        """Return the word of the spindle's speed, empty where there is none, or a computed one."""
+        given = self.value("S")
+        number = None if given is None else number_of(given)
+        return "" if number is None else f"S{number}"
+
+
+class _IsoFollower:
+    """Follows a program line by line."""
+
+    def __init__(self, tnc: Tnc) -> None:
+        self.tnc = tnc
+        self._motion: int | None = None
+        self._incremental = False
+
+    def line(self, source: str, *, begins: bool) -> None:
+        """Follow one line."""
+        bare = re.sub(r"^N\s*\d+\s*", "", source)
+        if _CALL.search(source) and "G98" not in source:
+            self.tnc.lose("call or jump", bare)
+        elif bare.startswith("%"):
+            if begins:
+                self.tnc.add("")
+            elif re.match(r"N\s*9999", source):
+                self.tnc.add("M2")
+            else:
+                self.tnc.lose("call of a program", bare)
+        else:
+            self.tnc.line(source, lambda: self._translated(source))
+
+    def _translated(self, source: str) -> str:
+        block = _Block(source)
+        codes = block.codes
+        if source.startswith("/"):
+            raise NotFollowed("block delete", source)
+        if re.match(r"(?:N\s*\d+\s*)?D\s*\d+", source):
+            raise NotFollowed("Q parameter", source)
+        if {30, 31} & set(codes) or 98 in codes or 99 in codes:
+            return ""
+        if _CORNERS & set(codes):
+            self.tnc.corner(source)
+        self._states(codes)
+        unknown = [code for code in codes if code not in _FOLLOWED | _MOTIONS | _SHIFTS | _TURNS]
+        if unknown:
+            if unknown[0] in _CUTS:
+                self._motion = unknown[0]
+            raise NotFollowed("path function" if unknown[0] in _CUTS else "unknown G word", f"G{unknown[0]:02d}")
+        if block.odd:
+            raise NotFollowed("unknown word", block.odd)
+        return self._special(block) if {4, 38, 62} & set(codes) else self._followed(block, source)
+
+    def _states(self, codes: list[int]) -> None:
+        """Take the modes that a line sets."""
+        for code in codes:
+            if code in _MOTIONS:
+                self._motion = code
+            if code in _SIDES:
+                self.tnc.corrected = _SIDES[code]
+
+    def _special(self, block: _Block) -> str:
+        if 38 in block.codes:
+            return "M0"
+        if 62 in block.codes:
+            return ""
+        time = block.value("F")
+        if time is None or number_of(time) is None:
+            raise NotFollowed("dwell without a time", "G04")
+        return f"G4 P{number_of(time)}"
+
+    def _followed(self, block: _Block, source: str) -> str:
+        """Follow a tool, a shift, a turn, a pole and a move, whichever a line has."""
+        if block.value("T") is not None:
+            return self._tool(block)
+        places, centres = self._places(block)
+        if _SHIFTS & set(block.codes):
+            return self.tnc.shifted()
+        for code in sorted(_TURNS & set(block.codes)):
+            return self.tnc.turned(f"G{code}", self._turns(code, block, places))
+        if 29 in block.codes:
+            self.tnc.pole({})
+        if centres:
+            self.tnc.pole(centres)
+        return self._move(block, places, source)
+
+    @staticmethod
+    def _turns(code: int, block: _Block, places: Places) -> bool:
+        """Whether a word turns, mirrors, scales or tilts the frame, and does not end that."""
+        plain = Decimal(1) if code == _SCALING else Decimal(0)
+        numbers = [number_of(number) for letter, number in block.words if letter not in "GN"]
+        return (code == _MIRROR and bool(places)) or any(number != plain for number in numbers)
+
+    def _places(self, block: _Block) -> tuple[Places, Places]:
+        """Places of a line, and of its pole; G90 and G91 are for the words behind them."""
+        places: Places = {}
+        centres: Places = {}
+        for letter, number in block.words:
+            if letter == "G" and number.lstrip("0") in ("90", "91"):
+                self._incremental = number.lstrip("0") == "91"
+            elif letter in (*AXES, "A", "B", "C", "U", "V", "W"):
+                places[letter] = self._incremental, number_of(number)
+            elif letter in _CENTRES:
+                centres[_CENTRES[letter]] = self._incremental, number_of(number)
+        return places, centres
+
+    def _move(self, block: _Block, places: Places, source: str) -> str:
+        given = block.value("F")
+        feed, rapid = "", self._motion == 0
+        if given is not None:
+            number = number_of(given)
+            if given == "MAX":
+                rapid = True
+            elif number is None:
+                raise NotFollowed("feed that is computed", f"F{given}")
+            else:
+                feed = f"F{number}"
+        speed = block.speed()
+        if places and self._motion not in _MOTIONS:
+            raise NotFollowed("move in a mode that is not followed", source)
+        explicit = {2, 3} & set(block.codes)
+        if self._motion in (2, 3) and (places or explicit):
+            return joined(speed, self._arc(block, places, feed))
+        return joined(speed, self.tnc.straight(places, rapid=rapid, feed=feed, functions=block.functions))
+
+    def _arc(self, block: _Block, places: Places, feed: str) -> str:
+        given = block.value("R")
+        radius = None if given is None else number_of(given)
+        if given is not None and radius is None:
+            raise NotFollowed("radius that is computed", f"R{given}")
+        return self.tnc.arc(
+            places,
+            left=self._motion == 3,
+            radius=radius,
+            feed=feed,
+            functions=block.functions,
+        )
+
+    def _tool(self, block: _Block) -> str:
+        axis = next((_PLANES[code] for code in block.codes if code in _PLANES), None)
+        return self.tnc.tool(axis, block.value("T"), block.speed())

@@ -1,0 +1,242 @@
+"""Heidenhain's conversational language, read as far as motion goes.
+
+Followed are L, CC, C, CR with X, Y, Z and their increments (IX), F, FMAX, R0, RL, RR, TOOL CALL, STOP, M
+functions that are the same on every machine, cycles 9 (dwell) and 32 (tolerance); datum shifts and turned
+frames are noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything else is named and passed through:
+tangential arcs, polar coordinates, free contours, roundings and chamfers (with the move before them, whose
+end they cut off), Q parameters, calls of cycles and labels, and what a jump or a repeat may run twice. What
+the words mean is told in :mod:`ph_post.gcode.dialects.heidenhain`.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from typing import Final
+
+from ph_post.dialects.heidenhain.tnc import (
+    JUMPED,
+    NUMBER,
+    REPEATED,
+    NotFollowed,
+    Places,
+    Tnc,
+    TncSource,
+    joined,
+    number_of,
+)
+from ph_post.gcode.program import PartProgram
+
+_HEAD: Final = re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)")
+_PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
+_FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
+_FUNCTION: Final = re.compile(r"M\s*(\d+)")
+_SIDE: Final = re.compile(r"R([0LR])\b")
+_SPACE: Final = re.compile(r"[RFM](?=\s|$)|\s+")
+_RADIUS: Final = re.compile(rf"R\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
+_SENSE: Final = re.compile(r"DR\s*([-+])")
+_CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
+_LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
+_TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?)?\s*([XYZ])?(.*)")
+_LABEL: Final = re.compile(r"^LBL\s+(\"[^\"]*\"|\d+)")
+_CALLS: Final = {
+    REPEATED: re.compile(r"^CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP"),
+    JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
+}
+_QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
+_TURNS: Final = frozenset((8, 10, 11, 19, 26))
+_SHIFTS: Final = frozenset((7, 247))
+_OTHERS: Final = (
+    "CTP",
+    "CT",
+    "CP",
+    "LP",
+    "LCT",
+    "LN",
+    "FPOL",
+    "FLT",
+    "FL",
+    "FCT",
+    "FC",
+    "APPR",
+    "DEP",
+    "SPL",
+)
+_INCLINED: Final = "PLANE"
+
+
+def read_klartext(data: bytes, name: str) -> PartProgram:
+    """Read a conversational program.
+
+    Raises
+    ------
+    InputError
+        Where the text is no such program, or jumps to where nobody knows.
+    """
+    source = TncSource(data, name, _plain)
+    _, head = source.head(_HEAD, "not a conversational program", "0 BEGIN PGM, a name, and MM or INCH")
+    follower = _KlartextFollower(Tnc("G21" if head[2] == "MM" else "G20"))
+    for text in source.texts:
+        follower.line(text)
+    return source.program(follower.tnc, _LABEL, _CALLS, "LBL")
+
+
+def _plain(line: str) -> str:
+    """Return a line without its number and its comment."""
+    text = re.sub(r"^\s*\d+(?=\s|$)", "", line)
+    return text.partition(";")[0].replace("~", " ").strip()
+
+
+class _KlartextFollower:
+    """Follows a program line by line."""
+
+    def __init__(self, tnc: Tnc) -> None:
+        self.tnc = tnc
+        self._remark = ""
+        self._ended = False
+
+    def line(self, source: str) -> None:
+        """Follow one line."""
+        if re.match(r"(?:CALL\s+(?:LBL|PGM)|FN\s*\d+\s*:\s*IF|SEL\s|%)", source):
+            self.tnc.lose("call or jump", source)
+            return
+        self.tnc.line(source, lambda: self._translated(source))
+
+    def _translated(self, source: str) -> str:
+        cycle = _CYCLE.match(source)
+        if cycle is not None:
+            return self._cycle(int(cycle[1]), cycle[2], cycle[3], source)
+        if re.match(r"Q[LRS]?\d+\s*=", source):
+            # parameters of a cycle stand on lines of their own; the cycle is told already
+            raise NotFollowed(self._remark or "Q parameter", source)
+        if not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
+            return ""
+        if source.startswith("END PGM"):
+            return "M2"
+        word = source.split(maxsplit=1)[0]
+        if word == "L" or re.match(r"L(?=[IXYZ][-+\d.XYZ])", source):
+            return self._straight(source[1:])
+        if word in ("C", "CR", "CC"):
+            return self._curve(word, source[len(word) :])
+        return self._other(word, source)
+
+    def _other(self, word: str, source: str) -> str:
+        tool = _TOOL.match(source)
+        if tool is not None:
+            return self._tool(tool[1], tool[2], tool[3])
+        if word in ("RND", "CHF") or re.match(r"(?:RND|CHF)\s*[R\d]", source):
+            self.tnc.corner(source)
+        if word == _INCLINED:
+            return self.tnc.turned("PLANE", "RESET" not in source)
+        if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
+            functions = [int(number) for number in _FUNCTION.findall(source)]
+            told = self.tnc.straight({}, rapid=False, feed="", functions=functions)
+            return joined("M0" if word == "STOP" else "", told)
+        what = "path function" if word in _OTHERS else "block delete" if word[0] == "/" else "unknown word"
+        raise NotFollowed(what, source)
+
+    def _straight(self, text: str) -> str:
+        rest, places = self._places(text)
+        rest, feed, rapid = self._feed(rest)
+        rest, functions = self._functions(rest)
+        rest = self._side(rest)
+        self._nothing_left(rest)
+        return self.tnc.straight(places, rapid=rapid, feed=feed, functions=functions)
+
+    def _curve(self, word: str, text: str) -> str:
+        rest, places = self._places(text)
+        if word == "CC":
+            self._nothing_left(rest)
+            return self.tnc.pole(places)
+        sense = _SENSE.search(rest)
+        if sense is None:
+            raise NotFollowed("arc without a sense", text.strip())
+        rest, radius = _SENSE.sub(" ", rest), None
+        if word == "CR":
+            found = _RADIUS.search(rest)
+            if found is None or (radius := number_of(found[1])) is None:
+                raise NotFollowed("radius that is missing or computed", text.strip())
+            rest = rest.replace(found[0], " ", 1)
+        rest, feed, rapid = self._feed(rest)
+        if rapid:
+            raise NotFollowed("arc at rapid traverse", text.strip())
+        rest, functions = self._functions(rest)
+        rest = self._side(rest)
+        self._nothing_left(rest)
+        return self.tnc.arc(places, left=sense[1] == "+", radius=radius, feed=feed, functions=functions)
+
+    @staticmethod
+    def _places(text: str) -> tuple[str, Places]:
+        places: Places = {}
+        for incremental, axis, number in _PLACE.findall(text):
+            if axis in places:
+                raise NotFollowed("the same axis twice", axis + number)
+            places[axis] = bool(incremental), number_of(number)
+        return _PLACE.sub(" ", text), places
+
+    @staticmethod
+    def _feed(text: str) -> tuple[str, str, bool]:
+        """Take the feed out of a line: what is left, its F word, and whether it is a rapid."""
+        found = _FEED.search(text)
+        if found is None or found[1] is None:
+            return _FEED.sub(" ", text), "", False
+        rest = _FEED.sub(" ", text, count=1)
+        if found[1] == "MAX":
+            return rest, "", True
+        number = None if found[1][0] in "AZTU" else number_of(found[1])
+        if number is None:
+            raise NotFollowed("feed by the tool, or computed", found[0])
+        return rest, f"F{number}", False
+
+    @staticmethod
+    def _functions(text: str) -> tuple[str, list[int]]:
+        return _FUNCTION.sub(" ", text), [int(number) for number in _FUNCTION.findall(text)]
+
+    def _side(self, text: str) -> str:
+        """Take the radius compensation out of a line."""
+        found = _SIDE.search(text)
+        if found is not None:
+            self.tnc.corrected = found[1] != "0"
+        return _SIDE.sub(" ", text)
+
+    @staticmethod
+    def _nothing_left(text: str) -> None:
+        left = _SPACE.sub("", text)
+        if left:
+            raise NotFollowed("unknown word", left)
+
+    def _cycle(self, number: int, part: str | None, rest: str, source: str) -> str:
+        """Follow the definition of a cycle."""
+        self._remark = ""
+        last = _LAST_NUMBER.search(rest)
+        if number == 9:
+            if part in (None, "0"):
+                return ""
+            time = None if last is None else number_of(last[1])
+            if time is None:
+                raise NotFollowed("dwell without a time", source)
+            return f"G4 P{time}"
+        if number == 32:
+            return ""
+        if number in _SHIFTS:
+            self._remark = "datum"
+            return self.tnc.shifted()
+        if number in _TURNS:
+            return self.tnc.turned(f"cycle {number}", self._turns(number, part, rest))
+        self._remark = "cycle"
+        raise NotFollowed("cycle", source)
+
+    @staticmethod
+    def _turns(number: int, part: str | None, rest: str) -> bool:
+        """Whether a cycle turns the frame, and does not end that."""
+        if part in (None, "0"):
+            return True
+        numbers = [number_of(found) for found in re.findall(NUMBER, rest)]
+        plain = Decimal(1) if number in (11, 26) else Decimal(0)
+        return "Q" in rest or bool(re.search(r"[XYZ]", rest)) or any(value != plain for value in numbers)
+
+    def _tool(self, number: str | None, axis: str | None, rest: str) -> str:
+        speed = re.search(rf"S\s*({NUMBER})", rest)
+        feed = re.search(rf"(?<![A-Z])F\s*({NUMBER})", rest)
+        turns = f"S{number_of(speed[1])}" if speed else ""
+        return self.tnc.tool(axis, number, joined(turns, f"F{number_of(feed[1])}" if feed else ""))

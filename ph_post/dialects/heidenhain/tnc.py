@@ -1,0 +1,331 @@
+"""The part that both languages of Heidenhain's TNC share: translation to RS274 lines, labels, repeats and jumps.
+
+Each line becomes one line; places are written absolutely.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from decimal import Decimal
+from typing import Final
+
+from ph_post.dialects.reading import (
+    FORGOTTEN,
+    NOT_UNDERSTOOD,
+    Remark,
+    lines_of,
+    read_translated,
+    refuse_line,
+    text_of,
+)
+from ph_post.errors import InputError
+from ph_post.gcode.program import PartProgram
+
+NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
+"""A number, with a point or a comma."""
+
+AXES: Final = "XYZ"
+PLANES: Final[Mapping[str, tuple[str, str]]] = {"Z": ("X", "Y"), "Y": ("Z", "X"), "X": ("Y", "Z")}
+"""Axes of the working plane, by the tool's axis."""
+
+_PLANE_WORDS: Final[Mapping[str, str]] = {"Z": "G17", "Y": "G18", "X": "G19"}
+_CENTRES: Final[Mapping[str, str]] = {"X": "I", "Y": "J", "Z": "K"}
+_FUNCTIONS: Final[Mapping[int, str]] = {
+    0: "M0",
+    1: "M1",
+    2: "M2",
+    3: "M3",
+    4: "M4",
+    5: "M5",
+    6: "M6",
+    8: "M8",
+    9: "M9",
+    13: "M3 M8",
+    14: "M4 M8",
+    19: "M19",
+    30: "M30",
+}
+_MACHINE: Final = frozenset((91, 92))
+"""M functions with which the positions of a block are the machine's."""
+_CALLS: Final = frozenset((89, 99))
+
+Places = dict[str, tuple[bool, Decimal | None]]
+"""By axis: whether it is incremental, and the number, None where that is computed."""
+
+
+class NotFollowed(Exception):  # noqa: N818 - nothing is wrong with the program
+    """Something that is not understood: what, and the text that says so."""
+
+    def __init__(self, what: str, text: str = "") -> None:
+        super().__init__(f"{what}: {text}" if text else what)
+        self.text = text
+
+
+def number_of(text: str) -> Decimal | None:
+    """Read a number with a point or a comma, None of one that is computed, and of MAX.
+
+    Examples
+    --------
+    >>> number_of("+5,5"), number_of("-Q3")
+    (Decimal('5.5'), None)
+    """
+    return None if "Q" in text or text == "MAX" else Decimal(text.replace(",", "."))
+
+
+def joined(*words: str) -> str:
+    """Put words into a line; empty ones are left out."""
+    return " ".join(word for word in words if word)
+
+
+class Tnc:
+    """The state of the control while a program is followed, and the RS274 lines that it comes to.
+
+    Parameters
+    ----------
+    units : str
+        G20 or G21.
+
+    Attributes
+    ----------
+    texts : list of str
+        A line for each line of the program.
+    remarks : dict
+        What is not understood, by line.
+    """
+
+    def __init__(self, units: str) -> None:
+        self.texts: list[str] = []
+        self.remarks: dict[int, Remark] = {}
+        self.tool_axis = "Z"
+        self._units = units
+        self._at: dict[str, Decimal | None] = dict.fromkeys(AXES)
+        self._pole: dict[str, Decimal | None] = dict.fromkeys(AXES)
+        self._turned: set[str] = set()
+        self._moved: int | None = None
+        self._states: list[str] = []
+        self.corrected = False
+
+    def line(self, source: str, follow: Callable[[], str]) -> None:
+        """Follow a line; what is not understood is told, and the position forgotten."""
+        try:
+            text = follow()
+        except NotFollowed as puzzle:
+            self.forget(AXES)
+            column = source.find(puzzle.text) + 1 if puzzle.text else 1
+            self.remarks[len(self.texts)] = Remark(what=str(puzzle), column=max(column, 1))
+            text = FORGOTTEN
+        self.add(text)
+
+    def add(self, text: str) -> None:
+        """Add the translation of a line."""
+        side = "G41" if self.corrected else "G40"
+        self._states.append(f"{self._units} G90 {_PLANE_WORDS[self.tool_axis]} G90.1 G94 {side}")
+        self.texts.append(text)
+
+    def lose(self, what: str, text: str) -> None:
+        """Write a line after which nothing is known: a call, a jump."""
+        self.forget(AXES)
+        self.remarks[len(self.texts)] = Remark(what=f"{what}: {text}" if text else what)
+        self.add(NOT_UNDERSTOOD)
+        self._pole = dict.fromkeys(AXES)
+
+    def forget(self, axes: Iterable[str]) -> None:
+        """Take positions for unknown."""
+        self._at |= dict.fromkeys(axes)
+
+    def straight(self, places: Places, *, rapid: bool, feed: str, functions: list[int]) -> str:
+        """Write a straight move, or what else its line says where it moves nothing."""
+        words = self._functions(functions)
+        if not places:
+            return joined(feed, *words)
+        if _MACHINE & set(functions):
+            self.forget(places)
+            return joined("G53 G0", *(f"{axis}0" for axis in places if axis in AXES), *words)
+        ends = self._ends(places)
+        self._moved = len(self.texts)
+        return joined("G0" if rapid else "G1", *ends, feed, *words)
+
+    def arc(self, places: Places, *, left: bool, radius: Decimal | None, feed: str, functions: list[int]) -> str:
+        """Write an arc about the pole, or with a radius."""
+        if _MACHINE & set(functions):
+            raise NotFollowed("arc in machine coordinates")
+        plane = PLANES[self.tool_axis]
+        ends = self._ends({**{axis: (True, Decimal(0)) for axis in plane}, **places})
+        if radius is not None:
+            ends.append(f"R{radius}")
+        else:
+            pole = {axis: self._pole[axis] for axis in plane}
+            if None in pole.values():
+                raise NotFollowed("arc about a centre that is not known")
+            ends += [_CENTRES[axis] + str(value) for axis, value in pole.items()]
+        self._moved = len(self.texts)
+        return joined("G3" if left else "G2", *ends, feed, *self._functions(functions))
+
+    def pole(self, places: Places) -> str:
+        """Set the pole, or the axes of it that are named; without any it is where the tool stands."""
+        if not places:
+            self._pole |= {axis: self._at[axis] for axis in PLANES[self.tool_axis]}
+        for axis, (incremental, number) in places.items():
+            base = self._at[axis] if incremental else Decimal(0)
+            self._pole[axis] = None if number is None or base is None else base + number
+        return ""
+
+    def _ends(self, places: Places) -> list[str]:
+        """Words of the places that a move goes to; it is followed."""
+        words = []
+        for axis, (incremental, number) in places.items():
+            base = self._at.get(axis) if incremental else Decimal(0)
+            if number is None or (base is None and axis in AXES):
+                raise NotFollowed("place that is computed" if number is None else "increment of an unknown place", axis)
+            place = number + (base or Decimal(0))
+            words.append(axis + str(place))
+            if axis in AXES:
+                self._at[axis] = place
+        if {*places} - {*AXES}:
+            self.forget(AXES)
+        return words
+
+    def _functions(self, functions: list[int]) -> list[str]:
+        """Words of M functions."""
+        for number in functions:
+            if number in _CALLS:
+                raise NotFollowed("call of a cycle", f"M{number}")
+            if number not in _FUNCTIONS and number not in _MACHINE:
+                raise NotFollowed("unknown M function", f"M{number}")
+        return [_FUNCTIONS[number] for number in functions if number in _FUNCTIONS]
+
+    def tool(self, axis: str | None, number: str | None, rest: str) -> str:
+        """Call a tool, or change its axis or speed."""
+        self.tool_axis = axis or self.tool_axis
+        call = [] if number is None else ["M6"] if not number.isdecimal() else [f"T{number}", "M6"]
+        if call:
+            self.forget(AXES)
+        return joined(*call, rest)
+
+    def shifted(self) -> str:
+        """Tell that the datum is another from here on."""
+        self.forget(AXES)
+        self._pole = dict.fromkeys(AXES)
+        return "G52"
+
+    def turned(self, way: str, on: bool) -> str:
+        """Tell that the frame is turned, mirrored, scaled or tilted from here on, or no longer."""
+        self.forget(AXES)
+        (self._turned.add if on else self._turned.discard)(way)
+        return "G68" if self._turned else "G69"
+
+    def said(self) -> list[str]:
+        """Return the lines, each with the modes of RS274 wherever they are others, or may be lost."""
+        texts, before = [], ""
+        for text, state in zip(self.texts, self._states, strict=True):
+            told = text
+            if text == NOT_UNDERSTOOD:
+                before = ""
+            elif text and text != FORGOTTEN and state != before:
+                told, before = f"{state} {text}", state
+            texts.append(told)
+        return texts
+
+    def corner(self, text: str) -> None:
+        """Forget the end of the move before, which is rounded or chamfered."""
+        if self._moved is not None and self._moved not in self.remarks:
+            self.remarks[self._moved] = Remark(what=f"move whose end is cut off: {text}")
+            self.texts[self._moved] = FORGOTTEN
+        raise NotFollowed("rounded or chamfered corner", text)
+
+
+REPEATED: Final = "repeated part"
+JUMPED: Final = "part that is jumped over or back to"
+
+
+class TncSource:
+    """The lines of a program.
+
+    Parameters
+    ----------
+    data, name
+        As for :func:`ph_post.gcode.read.read_program`.
+    plain : callable
+        ``plain(line)``: what a line in capitals says, without its number, comment and end.
+
+    Attributes
+    ----------
+    texts : list of str
+        What each line says.
+
+    Raises
+    ------
+    InputError
+        Where the text is empty, or no text.
+    """
+
+    def __init__(self, data: bytes, name: str, plain: Callable[[str], str]) -> None:
+        self._data, self._name, self._lines = data, name, lines_of(data, name)
+        whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
+        self.texts = [plain(line.decode("utf-8", "replace").upper()) for line in whole]
+
+    def head(self, pattern: re.Pattern[str], what: str, expected: str) -> tuple[int, re.Match[str]]:
+        """Return the number of the first line that says anything, and what it matches.
+
+        Raises
+        ------
+        InputError
+            Where it does not match, or nothing is said at all.
+        """
+        first = next((number for number, text in enumerate(self.texts) if text), None)
+        if first is None:
+            raise InputError(self._name, what, expected=expected, got="comments alone")
+        head = pattern.match(self.texts[first])
+        if head is None:
+            raise self._refused(first, what, expected, self.texts[first][:40])
+        return first, head
+
+    def program(
+        self, tnc: Tnc, label: re.Pattern[str], calls: Mapping[str, re.Pattern[str]], expected: str
+    ) -> PartProgram:
+        """Read the translation; what is repeated or jumped over is passed through.
+
+        Parameters
+        ----------
+        tnc : Tnc
+            That has followed all lines.
+        label : pattern
+            Of a label, its name the group.
+        calls : mapping of str to pattern
+            By what becomes of the lines between, what repeats or jumps: the label as it stands there is the
+            first group, its name the last.
+        expected : str
+            How a label is set.
+
+        Raises
+        ------
+        InputError
+            Where a label is not in the program, or computed.
+        """
+        for first, last, what in self._stretches(label, calls, expected):
+            for number in range(first, last + 1):
+                if text_of(self._data, self._lines, number).strip():
+                    tnc.texts[number] = NOT_UNDERSTOOD
+                    tnc.remarks[number] = Remark(what=what)
+        texts = [text.encode() for text in tnc.said()]
+        return read_translated(self._data, self._lines, self._name, texts, tnc.remarks, in_place=False)
+
+    def _stretches(
+        self, label: re.Pattern[str], calls: Mapping[str, re.Pattern[str]], expected: str
+    ) -> Iterator[tuple[int, int, str]]:
+        """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""
+        set_at = [label.search(text) for text in self.texts]
+        labels = {found[1]: number for number, found in enumerate(set_at) if found}
+        for number, text in enumerate(self.texts):
+            for what, pattern in calls.items():
+                call = None if set_at[number] else pattern.search(text)
+                if call is None:
+                    continue
+                place = labels.get(call.groups()[-1])
+                if place is None:
+                    raise self._refused(number, "label that is not known", f"{expected} in the program", call[1])
+                yield min(place, number), max(place, number), what
+
+    def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
+        return refuse_line(self._data, self._lines, self._name, number, what, expected, got)

@@ -1,0 +1,80 @@
+"""Klipper: firmware of 3D printers whose planner runs in double precision on a small computer.
+
+Where the facts are from, in the repository "klipper" of Klipper3d. `docs/G-Codes.md` lists the words: G0, G1,
+G4, G28, G90, G91, G92, M82 and M83, M204, M220, M400 and some more; `klippy/extras/gcode_move.py` adds G21,
+which does nothing, and refuses G20. G2, G3 and G17 to G19 are there only where the configuration has a
+section [gcode_arcs], which few have and which draws them in chords of its `resolution`, 1 mm
+(`klippy/extras/gcode_arcs.py`, which takes no R and no arcs under G91): so curves are written as chords
+within the tolerance asked for. G5, G40, G49, G54, G61, G64, G80, G91.1, G93, G94 and M2 are unknown, and F
+would be mm/min whatever they say. `klippy/gcode.py` takes one command a line, and only `;` begins a comment.
+G4 (`klippy/toolhead.py`): P in milliseconds, no S; the axes stand still in it. G0 is G1: it moves at F, which
+has to be positive. Klipper has no compensation of backlash of its own.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ph_post.dialects.base import Dialect, DwellWords
+from ph_post.dialects.printers import reader_of, why_bound
+from ph_post.gcode import codes
+from ph_post.gcode.numbers import SEMICOLON
+from ph_post.gcode.program import Language
+from ph_post.types import Capabilities
+from ph_post.units import MM, MS
+
+_DECIMALS: Final = 5
+"""10 nm: far below a microstep, and in the deepest dips still a small part of a block."""
+
+_ASSUMED: Final = (
+    "assumed: homed, origin and tool as set before, speed factor M220 100 percent, no bed mesh or skew"
+    " correction that bends the path",
+    "fan, spindle and heaters are not touched",
+)
+
+
+_STILL: Final = frozenset(
+    b"EXCLUDE_OBJECT EXCLUDE_OBJECT_DEFINE EXCLUDE_OBJECT_START EXCLUDE_OBJECT_END RESPOND SET_FAN_SPEED"
+    b" SET_HEATER_TEMPERATURE SET_INPUT_SHAPER SET_LED SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO"
+    b" SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT TEMPERATURE_WAIT SET_RETRACTION".split()
+)
+"""Extended commands of which docs/G-Codes.md tells no motion and no change of the coordinates. All others,
+and every macro of a user's, may move and change modes."""
+
+
+def _opening(plane: str) -> tuple[str, ...]:
+    """One command a line; nothing is written that a plane could matter to."""
+    del plane
+    return ("G21", "G90")
+
+
+DIALECT = Dialect(
+    name="klipper",
+    capabilities=Capabilities(
+        arcs=False,
+        cubic_splines=False,
+        inverse_time=False,
+        decimals=_DECIMALS,
+        max_line=255,
+        blending=False,
+    ),
+    feed_digits=7,
+    terse=False,
+    opening=_opening,
+    closing=(),
+    comments=SEMICOLON,
+    dwell=DwellWords(unit=MS),
+    assumed=_ASSUMED,
+    modal_motion=False,
+    rapid_feed=True,
+    ending=".gcode",
+    language=Language(
+        name="klipper",
+        hide=reader_of(_STILL, b"XYZIJEF", b"$", small=True),
+        dwell=(("P", MS),),
+        fixed={codes.UNITS: MM, codes.FEED_MODE: 94.0, codes.ARC_ABSOLUTE: 0.0},
+        feed_known=False,
+        bound=why_bound,
+    ),
+)
+"""The Klipper dialect."""

@@ -1,0 +1,127 @@
+"""LinuxCNC: computes in double precision, has G5, and rounds joints by as much as G64 allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ph_post.dialects.base import Dialect, metric_opening
+from ph_post.gcode.numbers import decimal_text, to_grid
+from ph_post.types import Array, Capabilities
+
+_DECIMALS = 6
+"""1 nm: below the resolution of any scale, and in the deepest dips still a small part of a block."""
+
+_SPANS = 16
+"""LinuxCNC plays a G5 as 16 pairs of arcs at equal steps of the parameter (its emccanon.cc)."""
+
+_LEAST_TURN = 1e-4
+"""Least turn of the tangent [rad] over one of the 16 spans. The arcs come out of a quadratic equation whose
+leading coefficient is 2 (cos(turn) - 1); where that vanishes LinuxCNC up to 2.9 divides zero by zero, and
+near it the root has lost its digits: its relative error is about 1e-15 / turn², 1e-7 here."""
+
+_MOST_TURN = 0.5
+"""Largest turn [rad] over one span; a span that turns more has no business in a smooth program."""
+
+_PROBES = np.linspace(0.0, 1.0, 9)[1:-1]
+
+
+def _path_mode(tolerance: float | None) -> str:
+    """G61, or G64 with Q0: without it blocks of equal F are joined into one within P (NaiveCAM)."""
+    if tolerance is None:
+        return "G61"
+    return f"G64 P{decimal_text(int(to_grid(tolerance, _DECIMALS)), _DECIMALS)} Q0"
+
+
+def spline_deviation(control: Array) -> Array:
+    """How far LinuxCNC's own rendering of a G5 leaves the curve [m].
+
+    Parameters
+    ----------
+    control : Array, shape (m, 4, 2)
+        Control points of cubic Béziers [m].
+
+    Returns
+    -------
+    Array, shape (m,)
+        Largest distance found at seven places of each of the 16 spans; infinite where the tangent turns
+        too little, too much or both ways in a span, which LinuxCNC cannot be trusted with.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        knots = np.arange(_SPANS + 1) / _SPANS
+        point, tangent = _bezier(control, knots), _unit(_hodograph(control, knots))
+        p0, p4, ts, te = point[:, :-1], point[:, 1:], tangent[:, :-1], tangent[:, 1:]
+        turn = np.arctan2(_cross(ts, te), (ts * te).sum(-1))
+        p2, tm = _biarc_joint(p0, p4, ts, te)
+        places = (knots[:-1, None] + _PROBES / _SPANS).ravel()
+        curve = _bezier(control, places).reshape(*p0.shape[:2], _PROBES.size, 2)
+        first = _distance_to_arc(curve, p0, ts, p2)
+        second = _distance_to_arc(curve, p2, tm, p4)
+        before = ((curve - p2[:, :, None]) * tm[:, :, None]).sum(-1) < 0
+    deviation = np.where(before, first, second).max(axis=(1, 2))
+    same_way = (np.sign(turn) == np.sign(turn[:, :1])).all(axis=1)
+    size = np.abs(turn)
+    safe = same_way & (size.min(axis=1) >= _LEAST_TURN) & (size.max(axis=1) <= _MOST_TURN)
+    return np.asarray(np.where(safe, deviation, np.inf))
+
+
+def _biarc_joint(p0: Array, p4: Array, ts: Array, te: Array) -> tuple[Array, Array]:
+    """Where the two arcs of a span meet, and their direction there; names as in LinuxCNC's ``biarc``."""
+    v = p0 - p4
+    c = (v * v).sum(-1)
+    b = 2 * (v * (ts + te)).sum(-1)
+    a = 2 * ((ts * te).sum(-1) - 1)
+    beta = (2 * c / (np.sqrt(np.maximum(b * b - 4 * a * c, 0.0)) - b))[..., None]
+    p1, p3 = p0 + beta * ts, p4 - beta * te
+    p2 = (p1 + p3) / 2
+    return p2, _unit(p3 - p2)
+
+
+def _distance_to_arc(points: Array, start: Array, tangent: Array, end: Array) -> Array:
+    """Distance of points (…, k, 2) to the circle through `start` and `end` with `tangent` at the start."""
+    chord = end - start
+    normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
+    radius = (chord * chord).sum(-1) / (2 * (chord * normal).sum(-1))
+    center = start + radius[..., None] * normal
+    offset = points - center[..., None, :]
+    return np.asarray(np.abs(np.hypot(offset[..., 0], offset[..., 1]) - np.abs(radius)[..., None]))
+
+
+def _bezier(control: Array, u: Array) -> Array:
+    weights = np.stack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3], axis=-1)
+    return np.asarray(weights @ control, dtype=np.float64)
+
+
+def _hodograph(control: Array, u: Array) -> Array:
+    weights = np.stack([(1 - u) ** 2, 2 * u * (1 - u), u**2], axis=-1)
+    return np.asarray(weights @ np.diff(control, axis=1), dtype=np.float64)
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.hypot(vectors[..., 0], vectors[..., 1])[..., None])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+DIALECT = Dialect(
+    name="linuxcnc",
+    capabilities=Capabilities(
+        arcs=True,
+        cubic_splines=True,
+        inverse_time=True,
+        decimals=_DECIMALS,
+        max_line=255,
+        blending=True,
+    ),
+    feed_digits=7,
+    terse=False,
+    # Under G93 LinuxCNC computes no feed for a G5: the rate of the block before stays in force.
+    inverse_time_splines=False,
+    opening=metric_opening,
+    closing=("M2",),
+    path_mode=_path_mode,
+    spline_deviation=spline_deviation,
+    spline_pieces=2 * _SPANS,
+)
+"""The LinuxCNC dialect."""

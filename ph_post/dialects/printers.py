@@ -1,0 +1,105 @@
+"""Read programs for printer firmware: words of slicers beside those that move.
+
+Printer firmware takes one command a line. E words drive the extruder, which is no part of the path: they are
+skipped, and moves that have them are not divided. Commands that neither move nor change a mode, by the
+firmware's documents, are skipped too; all others may move: no position is known after them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+_LINE: Final = re.compile(rb"[^\r\n]+")
+_COMMAND: Final = re.compile(rb"[ \t]*(?:[Nn]\d+[ \t]*)?([GMTgmt])[ \t]*(\d+(?:\.\d+)?)(?![\w.])")
+_NAME: Final = re.compile(rb"[ \t]*([A-Za-z_][A-Za-z0-9_]*)")
+_EXTRUDED: Final = re.compile(rb"[Ee][ \t]*[-+]?[0-9.]*")
+_MOVE: Final = re.compile(rb"(?:[ \t]*[A-Za-z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+))*[ \t]*(?:\*\d+[ \t]*)?")
+_SECOND: Final = re.compile(rb"[GMTgmt][ \t]*\d")
+
+_READ: Final = frozenset((b"G0", b"G1", b"G2", b"G3", b"G4", b"G20", b"G21", b"G90", b"G91", b"G92", b"G28"))
+"""Words that are read as RS274/NGC's, with the differences below."""
+
+_STOPS: Final = frozenset((b"M0", b"M1", b"M3", b"M4", b"M5", b"M7", b"M8", b"M9"))
+
+STILL: Final = frozenset(
+    b"M17 M20 M21 M27 M31 M42 M73 M75 M77 M82 M83 M104 M105 M106 M107 M108 M109 M110 M113 M114 M115 M117 M118"
+    b" M119 M140 M141 M150 M154 M155 M190 M191 M201 M203 M204 M205 M207 M208 M221 M300 M301 M302 M304 M400"
+    b" M413 M425 M486 M500 M501 M503 M555 M569 M572 M592 M593 M900 M907".split()
+)
+"""Commands that neither move nor change where coordinates are or at which feed they are gone to:
+temperatures, fans, limits, messages, progress, the extruder's own settings, objects' names."""
+
+
+def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> Callable[[bytes], bytes]:
+    """Return the function that hides what is no motion.
+
+    Parameters
+    ----------
+    still : frozenset of bytes
+        Names of extended commands, in capitals, that do not move.
+    arcs : bytes
+        Letters that an arc may have, in capitals.
+    foreign : bytes
+        What stands at the beginning of a line with any other extended command.
+    small : bool
+        Whether small letters mean what capitals mean.
+    """
+    change = partial(_hidden, still=still, arcs=arcs, foreign=foreign, small=small)
+    return lambda data: _LINE.sub(lambda found: change(found[0]), data)
+
+
+def why_bound(line: bytes) -> str:
+    """Say why the motion of a line cannot be divided, in words."""
+    command = line.partition(b";")[0]
+    return "extrudes (E), and is not divided" if _EXTRUDED.search(command) else ""
+
+
+def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
+    """Return one line as RS274/NGC has it, of the same length."""
+    code, mark, comment = line.partition(b";")
+    if not code.strip():
+        return line
+    found = _COMMAND.match(code)
+    if found is None:
+        name = _NAME.match(code)
+        quiet = name is not None and name[1].upper() in still
+        return (b" " * len(code) if quiet else _marked(code, foreign)) + mark + comment
+    word = found[1].upper() + (found[2].lstrip(b"0") or b"0")
+    if not small and word in _READ and code != code.upper():
+        return _marked(code, b"$@") + mark + comment
+    return _command(code, word, found.end(), arcs) + mark + comment
+
+
+def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
+    """Return the command of a line, whose parameters begin at `end`."""
+    rest = code[end:]
+    if word in STILL or _says_nothing(word, rest):
+        return b" " * len(code)
+    if word in _STOPS or word == b"G28":
+        kept = word in _STOPS and _MOVE.fullmatch(rest)
+        return code[:end] + (rest if kept else b" " * len(rest))
+    if word not in _READ or _SECOND.search(rest):
+        return _marked(code, b"$@" if word not in _READ else b"$")
+    plain = _EXTRUDED.sub(lambda one: b" " * len(one[0]), rest)
+    foreign = word in (b"G2", b"G3") and _letters(rest) - set(arcs)
+    return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
+
+
+def _says_nothing(word: bytes, rest: bytes) -> bool:
+    """Whether a command has no meaning for the path: G4 that only waits for moves, G92 of the extruder."""
+    if word == b"G4":
+        return not _letters(rest) & set(b"PS")
+    return word == b"G92" and _letters(rest) == set(b"E")
+
+
+def _letters(rest: bytes) -> set[int]:
+    """Letters of parameters, in capitals."""
+    return {letter for letter in rest.upper() if 65 <= letter <= 90}
+
+
+def _marked(code: bytes, mark: bytes) -> bytes:
+    """Return a line for the controller itself, as long as the text; of one character only the first fits."""
+    return mark[: len(code)] + b" " * (len(code) - len(mark))

@@ -1,0 +1,228 @@
+"""Read part programs by the words of their dialect, if need be in translation to RS274 words.
+
+A translation has one line for each line: lines, notes, breaks and errors keep their numbers, and the record
+holds the original bytes. A line whose translation is as long as itself keeps its words at their places.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePath
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.errors import InputError
+from ph_post.gcode.program import RS274, Motions, Note, PartProgram, PlaceArray, WordTable
+from ph_post.gcode.read import read_program, refuse_notes, shortened
+from ph_post.gcode.words import excerpt, find_lines, refuse
+from ph_post.types import sealed
+
+NOT_UNDERSTOOD: Final = "M98"
+"""A line after which neither the position nor a mode is known."""
+
+FORGOTTEN: Final = "G999"
+"""A line after which the position is not known."""
+
+_PLACE: Final = re.compile(r":(\d+)(?::\d+)?$")
+_GOT: Final = re.compile(r"; got (\S+)$")
+
+
+class Remark(msgspec.Struct, frozen=True, kw_only=True):
+    """What is not understood on a line, and the column (from 1) where it stands."""
+
+    what: str
+    column: int = 1
+
+
+def lines_of(data: bytes, name: str) -> PlaceArray:
+    """Find the places at which lines begin.
+
+    Raises
+    ------
+    InputError
+        Where the text is empty, or no text.
+    """
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    lines, fault = find_lines(data)
+    if fault is not None:
+        raise refuse(name, data, lines, fault)
+    return lines
+
+
+def text_of(data: bytes, lines: PlaceArray, number: int) -> bytes:
+    """Return a line without its end."""
+    return data[lines[number] : lines[number + 1]].rstrip(b"\r\n")
+
+
+def refuse_line(
+    data: bytes, lines: PlaceArray, name: str, number: int, what: str, expected: str, got: str
+) -> InputError:
+    """Make the error of a line, with the line shown."""
+    line = text_of(data, lines, number).decode("utf-8", "replace")
+    column = line.find(got) + 1 if got and got in line else 1
+    where = f"{name}:{number + 1}:{column}"
+    return InputError(where, what, expected=expected, got=got, excerpt=excerpt(line, column, len(got)))
+
+
+def read_translated(
+    data: bytes,
+    lines: PlaceArray,
+    name: str,
+    texts: Sequence[bytes],
+    remarks: Mapping[int, Remark],
+    *,
+    in_place: bool,
+) -> PartProgram:
+    """Read a program by the translations of its lines.
+
+    Parameters
+    ----------
+    data, lines, name
+        The program; see :func:`lines_of`.
+    texts : sequence of bytes
+        The translation of each line, without line ends.
+    remarks : mapping
+        What is not understood, by line (from 0); told in place of the translation's own note.
+    in_place : bool
+        Whether translations that are as long as their lines have their words at the same places.
+
+    Raises
+    ------
+    InputError
+        As :func:`ph_post.gcode.read.read_program`, with the original line shown.
+    """
+    try:
+        found = read_program(b"\n".join([*texts, b""]), name)
+    except InputError as error:
+        raise _retold_error(error, data, lines) from None
+    return msgspec.structs.replace(
+        found,
+        data=data,
+        digest=hashlib.sha256(data).hexdigest(),
+        lines=lines,
+        words=_placed(found, data, lines, texts, in_place),
+        notes=_notes(found, [_shown(note, data, lines) for note in found.notes], remarks),
+    )
+
+
+def motion_rows(motions: Motions, lines: Iterable[int]) -> list[tuple[int, int]]:
+    """Return the lines that move, in order, each with the row of its first motion."""
+    asked = np.array(sorted(lines), dtype=np.int32)
+    row = np.searchsorted(motions.block, asked, side="left")
+    moves = np.searchsorted(motions.block, asked, side="right") > row
+    return list(zip(asked[moves].tolist(), row[moves].tolist(), strict=True))
+
+
+def _retold_error(error: InputError, data: bytes, lines: PlaceArray) -> InputError:
+    """Show the original line with an error that was found in its translation."""
+    place = _PLACE.search(error.where)
+    number = int(place[1]) - 1 if place else -1
+    if not 0 <= number < lines.size - 1:
+        return error
+    where = f"{_PLACE.sub('', error.where)}:{number + 1}"
+    line = text_of(data, lines, number).decode("utf-8", "replace")
+    text, got = str(error).replace(error.where, where, 1), _GOT.search(str(error))
+    error.args = (_GOT.sub("", text) if got is not None and got[1] not in line else text,)
+    error.where, error.excerpt = where, excerpt(line, 1, len(line))
+    return error
+
+
+def _placed(found: PartProgram, data: bytes, lines: PlaceArray, texts: Sequence[bytes], in_place: bool) -> WordTable:
+    """WordTable of the lines whose places are those of the original."""
+    words = found.words
+    same = np.array([in_place and len(text) == len(text_of(data, lines, number)) for number, text in enumerate(texts)])
+    kept = np.flatnonzero(same[words.block]) if words.block.size else np.zeros(0, np.int64)
+    shift = (lines[:-1] - found.lines[:-1])[words.block[kept]]
+    columns = {column: getattr(words, column)[kept] for column in WordTable.__struct_fields__}
+    columns |= {column: columns[column] + shift for column in ("start", "end")}
+    return WordTable(**{column: sealed(values) for column, values in columns.items()})
+
+
+def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
+    """Put in order the translation's notes on other lines, and a note for each stretch of one remark."""
+    end = found.breaks[-1].block
+    own: list[Note] = []
+    for number in sorted(line for line in remarks if line <= end):
+        remark = remarks[number]
+        if own and own[-1].last == number - 1 and own[-1].what == remark.what:
+            own[-1] = msgspec.structs.replace(own[-1], last=number)
+        else:
+            own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
+    others = [piece for note in told for piece in _without(note, remarks)]
+    return tuple(sorted([*own, *others], key=lambda note: note.first))
+
+
+def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
+    """Show in a note the original's line where the translation's word is not on it."""
+    line = text_of(data, lines, note.first).decode("utf-8", "replace")
+    what, _, word = note.what.partition(": ")
+    if not word or word.upper() in line.upper():
+        return note
+    return msgspec.structs.replace(note, column=1, what=f"{what}: {shortened(line.strip())}")
+
+
+def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
+    """Stretches of a note between lines that are told otherwise."""
+    pieces, first = [], None
+    for number in range(note.first, note.last + 2):
+        free = number <= note.last and number not in remarks
+        if free and first is None:
+            first = number
+        elif not free and first is not None:
+            pieces.append(msgspec.structs.replace(note, first=first, last=number - 1))
+            first = None
+    return pieces
+
+
+_LANGUAGES: Final = {".mpf": "siemens", ".spf": "siemens"}
+"""Endings of programs that are of one language alone."""
+
+_KLARTEXT: Final = re.compile(rb"\s*(?:\d+\s+)?BEGIN\s+PGM\s")
+
+
+def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> PartProgram:
+    """Read a part program by the words of a dialect.
+
+    Parameters
+    ----------
+    dialect : str
+        Its name; empty for the words that most controllers share, or those that the ending of `name` tells.
+    data, name, strict
+        As for :func:`ph_post.gcode.read.read_program`.
+
+    Raises
+    ------
+    InputError
+        Where there is no such dialect, or the text is not understood as a program of it.
+    """
+    dialect = dialect or _LANGUAGES.get(PurePath(name).suffix.lower(), "")
+    found = find_dialect(dialect) if dialect else None
+    front = None if found is None else found.front
+    if front is None and _KLARTEXT.match(data):
+        raise InputError(
+            f"{name}:1",
+            "a conversational program of Heidenhain, read by other words",
+            expected="--dialect heidenhain, or a machine file with that dialect",
+        )
+    if front is None:
+        language = RS274 if found is None else found.language
+        return replace(read_program(data, name, strict=strict, language=language), dialect=dialect)
+    program = replace(front(data, name), dialect=dialect)
+    if strict:
+        refuse_notes(program)
+    return program
+
+
+def read_anew(program: PartProgram, data: bytes, name: str | None = None) -> PartProgram:
+    """Read what was made of a program, or what it was made of, by the words it was read by itself."""
+    told = program.name if name is None else name
+    if program.dialect:
+        return read_as(program.dialect, data, told)
+    return read_program(data, told, language=program.language)

@@ -1,0 +1,268 @@
+"""Blocks of two programs that differ by what they say, and orders beside motion that one of them lacks."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.diff.alignment import align, gaps_of, hash_columns
+from ph_post.diff.records import BlockChange, BlockKind, Order
+from ph_post.diff.travel import Travel
+from ph_post.gcode.program import Modal, PartProgram
+from ph_post.types import Array, BoolArray, IntArray
+
+_N: Final = ord("N")
+
+_WRITING: Final = re.compile(rb"\([^)]*\)|;.*|[ \t\r\n]+|^N\d+", re.IGNORECASE | re.MULTILINE)
+"""What does not matter in a block that is compared as text."""
+
+_ODD: Final = re.compile(rb"[/#\[\]%<>]|^[ \t]*(?:N\d+)?[ \t]*O", re.IGNORECASE | re.MULTILINE)
+"""Blocks with these are compared as text: block delete, parameters, expressions, control flow, `%`."""
+
+
+def compare_blocks(a: PartProgram, b: PartProgram) -> tuple[BlockChange, ...]:
+    """Return the blocks that differ, neighbours together, in the order of the first program."""
+    written = [_hashes(program) for program in (a, b)]
+    says = (block_keys(a), block_keys(b))
+    found = align(says[0], says[1])
+    changes = _changes((a, b), (says[0], says[1]), found)
+    here = np.flatnonzero(found >= 0)
+    respelt = here[written[0][here] != written[1][found[here]]]
+    changes += [
+        BlockChange(kind="writing", a=(first, last), b=(int(found[first]), int(found[last])))
+        for first, last in _runs(respelt, found)
+    ]
+    return tuple(sorted(changes, key=lambda change: (change.a[0], change.b[0])))
+
+
+def block_keys(program: PartProgram) -> IntArray:
+    """Hash what every block says: its words but for N, in any order, as numbers; 0 where it says nothing."""
+    words = program.words
+    kept = words.letter != _N
+    mixed = hash_columns(words.letter[kept].astype(np.int64), words.value[kept])
+    keys = np.zeros(program.blocks, dtype=np.uint64)
+    np.add.at(keys, words.block[kept], mixed.view(np.uint64))
+    found = keys.view(np.int64)
+    for block in np.flatnonzero(_as_text(program)).tolist():
+        found[block] = hash(block_meaning(program, block))
+    return found
+
+
+def block_meaning(program: PartProgram, block: int) -> str:
+    """Return what a block says, without comments, blanks and its number."""
+    return _WRITING.sub(b"", program.text(block).strip()).decode("ascii", "replace").upper()
+
+
+def _as_text(program: PartProgram) -> BoolArray:
+    """Blocks that their words do not tell fully."""
+    odd = np.zeros(program.blocks, dtype=bool)
+    odd[program.words.block[np.isnan(program.words.value)]] = True
+    found = np.array([match.start() for match in _ODD.finditer(program.data)], dtype=np.int64)
+    odd[np.searchsorted(program.lines, found, side="right") - 1] = True
+    for note in program.notes:
+        odd[note.first : note.last + 1] = True
+    return odd
+
+
+def _hashes(program: PartProgram) -> IntArray:
+    """Hash every line, without its line end."""
+    data = program.data
+    bounds = pairwise(program.lines.tolist())
+    return np.array([hash(data[first:end].rstrip(b"\r\n")) for first, end in bounds], dtype=np.int64)
+
+
+def _changes(
+    programs: tuple[PartProgram, PartProgram], says: tuple[IntArray, IntArray], found: IntArray
+) -> list[BlockChange]:
+    """Pair blocks that differ only in numbers of axes, and tell what was added and removed between them."""
+    here = np.flatnonzero(found >= 0)
+    shapes = [_shapes(program) for program in programs]
+    for shape, rows in ((shapes[0], here), (shapes[1], found[here])):
+        shape[rows] = -1 - np.arange(here.size)
+    pairs = align(shapes[0], shapes[1])
+    changes = [_change(says, row) for row in gaps_of(pairs, shapes[1].size).tolist()]
+    changed = np.flatnonzero((pairs >= 0) & (found < 0))
+    return changes + [
+        _change(says, [first, last + 1, int(pairs[first]), int(pairs[last]) + 1])
+        for first, last in _runs(changed, pairs)
+    ]
+
+
+def _shapes(program: PartProgram) -> IntArray:
+    """Hash what every block does: its letters, with the numbers of G, M and T words; never below zero."""
+    words = program.words
+    kept = words.letter != _N
+    told = np.isin(words.letter, list(b"GMT"))
+    mixed = hash_columns(words.letter[kept].astype(np.int64), np.where(told, words.value, 0.0)[kept])
+    keys = np.zeros(program.blocks, dtype=np.uint64)
+    np.add.at(keys, words.block[kept], mixed.view(np.uint64))
+    return (keys >> np.uint64(1)).view(np.int64)
+
+
+def _change(says: tuple[IntArray, IntArray], row: list[int]) -> BlockChange:
+    """Tell what a gap of the alignment is."""
+    a0, a1, b0, b1 = row
+    kind: BlockKind = "added" if a0 == a1 else "removed" if b0 == b1 else "changed"
+    if not (says[0][a0:a1].any() or says[1][b0:b1].any()):
+        kind = "writing"
+    return BlockChange(kind=kind, a=(a0, a1 - 1), b=(b0, b1 - 1))
+
+
+def _runs(blocks: IntArray, found: IntArray) -> list[tuple[int, int]]:
+    """First and last of blocks that follow one another in both programs."""
+    if blocks.size == 0:
+        return []
+    breaks = np.flatnonzero((np.diff(blocks) != 1) | (np.diff(found[blocks]) != 1))
+    firsts = np.append(0, breaks + 1)
+    lasts = np.append(breaks, blocks.size - 1)
+    return list(zip(blocks[firsts].tolist(), blocks[lasts].tolist(), strict=True))
+
+
+def lines_of(program: PartProgram, span: tuple[int, int]) -> list[str]:
+    """Return the blocks `first` to `last`, without their line ends."""
+    return [program.text(block).rstrip(b"\r\n").decode("utf-8", "replace") for block in range(span[0], span[1] + 1)]
+
+
+_STATES: Final = {
+    "spindle": "spindle",
+    "speed": "spindle speed",
+    "mist": "mist",
+    "flood": "flood",
+    "tool": "tool",
+    "prepared": "prepared tool",
+    "system": "work offset",
+    "length": "tool length offset",
+    "compensation": "cutter compensation",
+    "path": "path mode",
+    "retract": "retract of cycles",
+}
+"""Modes whose changes count as they are; all others tell in motions and feeds, and are compared there."""
+
+_MODES: Final = (
+    *(
+        0.0,
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+        5.0,
+        5.1,
+        5.2,
+        5.3,
+        17.0,
+        18.0,
+        19.0,
+        20.0,
+        21.0,
+        40.0,
+        41.0,
+        42.0,
+        43.0,
+        49.0,
+    ),
+    *(54.0, 55.0, 56.0, 57.0, 58.0, 59.0, 59.1, 59.2, 59.3, 61.0, 61.1, 64.0, 80.0, 90.0, 90.1, 91.0, 91.1),
+    *(93.0, 94.0, 95.0, 98.0, 99.0),
+)
+"""G words that say no more than what they do to motions, to the modes above, and to the time (G4)."""
+
+_SWITCHES: Final = (3.0, 4.0, 5.0, 7.0, 8.0, 9.0)
+"""M words that say no more than what they do to the modes above."""
+
+
+class MachineOrder(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that is done: in words, in which block, before which motion."""
+
+    what: str
+    block: int
+    motion: int
+
+
+def machine_orders(program: PartProgram) -> list[MachineOrder]:
+    """List what a program does beside moving, in its order."""
+    found = [*_changes_of_state(program), *_single_orders(program), *_not_understood(program)]
+    found.sort(key=lambda one: one[0])
+    motion = np.searchsorted(program.motions.block, [block for block, _ in found], side="left")
+    return [MachineOrder(what=what, block=block, motion=int(k)) for (block, what), k in zip(found, motion, strict=True)]
+
+
+def _changes_of_state(program: PartProgram) -> list[tuple[int, str]]:
+    """Blocks after which a mode is another one than before."""
+    numbers = np.flatnonzero(np.diff(program.state, prepend=-1)).tolist()
+    states = [Modal(), *(program.modal_after(block) for block in numbers)]
+    return [
+        (block, f"{words} {_value(getattr(after, name))}")
+        for block, (before, after) in zip(numbers, pairwise(states), strict=True)
+        for name, words in _STATES.items()
+        if getattr(before, name) != getattr(after, name)
+    ]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _single_orders(program: PartProgram) -> list[tuple[int, str]]:
+    """Blocks whose G or M word does something once."""
+    words = program.words
+    known = np.isfinite(words.value)
+    single = (words.letter == ord("G")) & ~np.isin(words.value, _MODES)
+    single |= (words.letter == ord("M")) & ~np.isin(words.value, _SWITCHES)
+    noted = {block for note in program.notes for block in range(note.first, note.last + 1)}
+    blocks = np.unique(words.block[single & known]).tolist()
+    return [(block, block_meaning(program, block)) for block in blocks if block not in noted]
+
+
+def _not_understood(program: PartProgram) -> list[tuple[int, str]]:
+    """Blocks that were not understood, by their text."""
+    return [
+        (block, f"not understood: {text}")
+        for note in program.notes
+        for block in range(note.first, note.last + 1)
+        if (text := block_meaning(program, block))
+    ]
+
+
+def compare_orders(a: PartProgram, b: PartProgram, travel: Travel, apart: float) -> tuple[Order, ...]:
+    """Return what only one of the programs does, and what both do at places more than `apart` [m] apart."""
+    left, right = machine_orders(a), machine_orders(b)
+    found = align(_keys(left), _keys(right))
+    changes = [
+        Order(what=one.what, a=one.block, b=None) for one, other in zip(left, found.tolist(), strict=True) if other < 0
+    ]
+    taken = set(found.tolist())
+    changes += [Order(what=one.what, a=None, b=one.block) for number, one in enumerate(right) if number not in taken]
+    nearby = _counterparts(travel)
+    for number in np.flatnonzero(found >= 0).tolist():
+        one, other = left[number], right[int(found[number])]
+        between = nearby[0][one.motion] <= other.motion <= nearby[1][one.motion]
+        way = np.linalg.norm(_before(travel, 0, one.motion) - _before(travel, 1, other.motion))
+        if not (between and way <= apart):
+            changes.append(Order(what=f"{one.what}, at another place", a=one.block, b=other.block))
+    return tuple(sorted(changes, key=lambda one: (one.b if one.a is None else one.a, one.a is None)))
+
+
+def _keys(all_done: list[MachineOrder]) -> IntArray:
+    return np.array([hash(one.what) for one in all_done], dtype=np.int64)
+
+
+def _counterparts(travel: Travel) -> tuple[IntArray, IntArray]:
+    """Motions of the second path, from and to, that may come next where each of the first does."""
+    found, count = travel.found, travel.outlines[1].first.size - 1
+    low = np.append(0, np.maximum.accumulate(found) + 1) if found.size else np.zeros(1, dtype=np.int64)
+    ahead = np.append(np.where(found >= 0, found, count), count)
+    return low, np.minimum.accumulate(ahead[::-1])[::-1]
+
+
+def _before(travel: Travel, number: int, motion: int) -> Array:
+    """Where the tool is before a motion [m]."""
+    outline = travel.outlines[number]
+    if len(outline.table) == 0:
+        return np.zeros(3)
+    piece = int(outline.first[motion])
+    return np.asarray(outline.table[piece, 0:3] if piece < len(outline.table) else outline.table[-1, 3:6])

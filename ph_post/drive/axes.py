@@ -1,0 +1,96 @@
+"""Axes of a machine as a compensation needs them: one backlash per axis, and a drive for every moved axis.
+
+Inside a loop a gap is crossed where the axis turns back, so that place's gap counts. Behind a loop half the
+gap is an offset that stays the same between two reversals: there the mean over the reversals counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.drive.effects import active_effects, plant_of
+from ph_post.drive.plant import gap_at
+from ph_post.errors import InputError
+from ph_post.types import Array, Axis, EffectSetting, Machine, Scenario, TurningPoint
+
+
+def backlash_varies(axis: Axis) -> bool:
+    """Whether the gap of an axis changes along its travel."""
+    return bool(axis.effects) and plant_of(axis, Scenario()).widening is not None
+
+
+def has_backlash(axis: Axis) -> bool:
+    """Whether an axis has a gap anywhere."""
+    return axis.gap.lost_motion > 0.0 or backlash_varies(axis)
+
+
+def gaps_of(axis: Axis, places: Array) -> Array:
+    """Return the gap [m] at places of the table [m]."""
+    return gap_at(plant_of(axis, Scenario()), places)
+
+
+def axis_at(axis: Axis, place: float) -> Axis:
+    """Return an axis whose gap is everywhere what it is at a place of the table [m]."""
+    return with_gap(axis, float(gaps_of(axis, np.array([place]))[0])) if backlash_varies(axis) else axis
+
+
+def with_gap(axis: Axis, lost_motion: float) -> Axis:
+    """Return an axis with another gap [m], the same everywhere."""
+    gap = replace(axis.gap, lost_motion=lost_motion)
+    if gap.motor_angle is not None and gap.gear_ratio is not None and gap.travel_per_rad is not None:
+        gap = replace(gap, motor_angle=lost_motion * gap.gear_ratio / gap.travel_per_rad)
+    widening = {
+        one.effect.name
+        for one in active_effects(axis)
+        if plant_of(replace(axis, effects=_named(axis, one.effect.name)), Scenario()).widening is not None
+    }
+    return replace(axis, gap=gap, effects=tuple(one for one in axis.effects if one.name not in widening))
+
+
+def sized_machine(machine: Machine, points: Sequence[TurningPoint]) -> Machine:
+    """Return a machine to size lasting offsets by: one gap for each axis that is not closed over the table.
+
+    It is the mean over the axis' turning points. Axes with their gap inside the loop stay as they are, see
+    :func:`axis_at`.
+    """
+    axes = dict(machine.axes)
+    for name, axis in machine.axes.items():
+        places = np.array([point.position for point in points if point.axis == name])
+        if axis.feedback != "load" and backlash_varies(axis):
+            gap = float(np.mean(gaps_of(axis, places))) if places.size else axis.gap.lost_motion
+            axes[name] = with_gap(axis, gap)
+    return machine if axes == dict(machine.axes) else replace(machine, axes=axes)
+
+
+def _named(axis: Axis, name: str) -> tuple[EffectSetting, ...]:
+    return tuple(one for one in axis.effects if one.name == name)
+
+
+def check_axes(axes: Sequence[str], what: str, drives: Machine, machine: str) -> None:
+    """Refuse a machine that lacks an axis which `what` moves.
+
+    Parameters
+    ----------
+    axes : sequence of str
+        Axes that are moved.
+    what : str
+        What moves them, in a word.
+    drives : Machine
+    machine : str
+        Name of the machine, or of its file.
+
+    Raises
+    ------
+    InputError
+    """
+    for axis in axes:
+        if axis not in drives.axes:
+            raise InputError(
+                machine,
+                f"the {what} moves axis {axis}, which has no drive",
+                expected=f"[axes.{axis}]",
+                got=", ".join(f"[axes.{name}]" for name in drives.axes),
+            )

@@ -1,0 +1,365 @@
+"""Read machine files (TOML): check the physics and the effects, and convert to SI.
+
+An axis names its servo either by `b` and `c` of Eq. (9) of [1]_ or by the physical constants they are made
+of, and its backlash either at the motor (`backlash_motor_rad`) or as a dial indicator shows it
+(`lost_motion_mm`). What is given twice must agree. Effects are checked against the catalogue, their keys and
+numbers kept as they are. The keys are listed in :class:`ph_post.files.machine.AxisRecord`.
+
+References
+----------
+.. [1] Real-time compensation of backlash positional errors in CNC machines by localized feedrate modulation,
+   Int. J. Adv. Manuf. Technol. 119 (2022), doi:10.1007/s00170-021-08515-z.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tomllib
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, NamedTuple
+
+from msgspec import UNSET, Struct, defstruct
+from msgspec.structs import replace
+
+from ph_post.consistency import consistent_value
+from ph_post.drive.effects.base import Effect, Parameter, effect_values
+from ph_post.drive.effects.registry import find_effect, is_effect, known_names
+from ph_post.errors import InputError
+from ph_post.files.check import Keys, Refused, checked, one_line, one_of, place, quoted, shown
+from ph_post.files.machine import AxisRecord, MachineRecord
+from ph_post.files.storage import SourceText, or_shipped, read_source
+from ph_post.types import Axis, EffectSetting, Gap, Limits, Machine, Servo, Uncertainty
+from ph_post.units import MM, MS
+
+
+def effect_settings(tables: Sequence[dict[str, Any]], axis: Axis, file: str, keys: Keys) -> tuple[EffectSetting, ...]:
+    """Check the effects of one axis.
+
+    An effect of the catalogue under which nothing acts yet is kept if its parameters are plain values.
+
+    Raises
+    ------
+    InputError
+        Where a name is missing or unknown (the nearest known one is told), a parameter is unknown, missing,
+        of the wrong type, out of bounds or at odds with another, an effect cannot be felt on this loop, or
+        two contradict each other.
+    """
+    settings = tuple(_effect(table, axis, file, (*keys, i)) for i, table in enumerate(tables))
+    names = [setting.name for setting in settings]
+    for number, name in enumerate(names):
+        if name in names[:number] and is_effect(name) and find_effect(name).once:
+            where = place(file, (*keys, number, "name"))
+            raise InputError(where, "a second one on this axis", expected=f"one {name} an axis")
+    return settings
+
+
+def _effect(table: dict[str, Any], axis: Axis, file: str, keys: Keys) -> EffectSetting:
+    name = table.get("name")
+    known = known_names()
+    if name is None:
+        raise InputError(place(file, keys), 'key "name" is missing', expected=one_of(known))
+    if name not in known:
+        near = name if isinstance(name, str) else None
+        raise InputError(place(file, (*keys, "name")), "unknown effect", expected=one_of(known, near), got=shown(name))
+    parameters = {key: value for key, value in table.items() if key != "name"}
+    if is_effect(name):
+        _check(find_effect(name, place(file, (*keys, "name"))), parameters, axis, file, keys)
+    else:
+        for key, value in parameters.items():
+            _check_plain(value, file, (*keys, one_line(key, file, keys)))
+    return EffectSetting(name=name, parameters=parameters)
+
+
+def _check(effect: Effect, parameters: dict[str, Any], axis: Axis, file: str, keys: Keys) -> None:
+    """Refuse parameters that the effect does not know or cannot use on this axis."""
+    if axis.feedback not in effect.feedbacks:
+        expected = " or ".join(f'feedback "{loop}"' for loop in sorted(effect.feedbacks))
+        raise InputError(
+            place(file, (*keys, "name")), "not felt on this loop", expected=expected, got=f'"{axis.feedback}"'
+        )
+    checked(parameters, _record(effect), file, keys)
+    effect_values(effect, axis, parameters, place(file, keys))
+
+
+def _record(effect: Effect) -> type[Struct]:
+    """Make the record that the parameters of an effect must fit one by one.
+
+    All may be left out here: which of them are needed, :func:`effect_values` says, because one value may
+    stand under several keys.
+    """
+    fields = [(one.name, _type(one), UNSET) for one in effect.parameters]
+    return defstruct(effect.name, fields, frozen=True, kw_only=True, forbid_unknown_fields=True)
+
+
+def _type(parameter: Parameter) -> Any:
+    if parameter.unit is None:
+        return Literal[parameter.choices]
+    return Annotated[float, parameter.bounds]
+
+
+def _check_plain(value: Any, file: str, keys: Keys) -> None:
+    for item in value if isinstance(value, list) else [value]:
+        if isinstance(item, Refused):
+            raise InputError(place(file, keys), item.what, expected=item.expected, got=item.got)
+        if not isinstance(item, int | float | str):
+            raise InputError(
+                place(file, keys), "wrong type", expected="a number, text or list of them", got=shown(item)
+            )
+
+
+_LEAD = MM / math.tau
+_MOTOR = (
+    ("inertia_kg_m2", "J"),
+    ("damping_kg_m2_s", "B"),
+    ("position_gain_v_per_m", "k_p"),
+    ("amplifier_gain_a_per_v", "k_a"),
+    ("torque_constant_n_m_per_a", "k_t"),
+)
+_SIZES = (1e-15, 1e15)
+
+
+def read_machine(source: str | os.PathLike[str]) -> Machine:
+    """Read a machine file; ``-`` is standard input, and a bare name may be that of a shipped machine.
+
+    Parameters
+    ----------
+    source : str or path
+        A TOML file, ``-``, or a name such as ``paper`` where no file of that name exists.
+
+    Returns
+    -------
+    Machine
+        SI units; `digest` is the SHA-256 of the file's bytes.
+
+    Raises
+    ------
+    InputError
+        One line naming file, key, what was expected and what was found.
+
+    Examples
+    --------
+    >>> read_machine("paper").axes["X"].servo.b
+    0.0005
+    """
+    return machine_of(machine_source(source))
+
+
+def machine_source(source: str | os.PathLike[str]) -> SourceText:
+    """Read the text of a machine file, found as :func:`read_machine` does."""
+    return read_source(or_shipped("machines", source))
+
+
+def machine_of(text: SourceText) -> Machine:
+    """Return the machine of a text that was read already; raises as :func:`read_machine`."""
+    record = checked(_parse(text), MachineRecord, text.name)
+    drives = {name: getattr(record.axes, name) for name in ("X", "Y", "Z")}
+    axes = {name: _axis(name, axis, text.name) for name, axis in drives.items() if axis is not None}
+    if not axes:
+        raise InputError(
+            place(text.name, ("axes",)), "no axis", expected="at least one of [axes.X], [axes.Y], [axes.Z]"
+        )
+    return Machine(
+        name=one_line(record.name or text.stem, text.name, ("name",)),
+        dialect=one_line(record.controller.dialect, text.name, ("controller", "dialect")),
+        servo_period=record.controller.servo_period_ms * MS,
+        axes=axes,
+        digest=text.digest,
+    )
+
+
+def _parse(source: SourceText) -> dict[str, Any]:
+    """Decode TOML, with :class:`Refused` in place of numbers that cannot be taken."""
+    try:
+        return tomllib.loads(source.text, parse_float=_number)
+    except ValueError as error:  # TOMLDecodeError, and an integer of thousands of digits
+        message = str(error)
+    except RecursionError:
+        raise InputError(source.name, "brackets are nested too deeply") from None
+    match = re.fullmatch(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", message, re.DOTALL)
+    if match is None:
+        raise InputError(source.name, f"not valid TOML: {message}")
+    end = source.text.count("\n") + 1
+    where = f"{source.name}:{match[2]}:{match[3]}" if match[2] else f"{source.name}:{end}"
+    what = f"not valid TOML: {match[1][:1].lower()}{match[1][1:]}"
+    raise InputError(where, what, got="" if match[2] else "the end of the file")
+
+
+def _number(text: str) -> float | Refused:
+    value = float(text)
+    if not math.isfinite(value):
+        return Refused("not finite", "a finite number", text)
+    if value == 0 or _SIZES[0] <= abs(value) <= _SIZES[1]:
+        return value
+    return Refused("number out of range", f"0, or {_SIZES[0]:g} to {_SIZES[1]:g} in size", quoted(text))
+
+
+class _Given:
+    """The keys of one axis as given, and the refusals that name them."""
+
+    def __init__(self, name: str, record: AxisRecord, file: str) -> None:
+        self.name = name
+        self.record = record
+        self.file = file
+
+    def place(self, key: str) -> str:
+        """Where a key stands."""
+        return place(self.file, ("axes", self.name, *key.split(".")))
+
+    def refuse(self, key: str, what: str, expected: str = "", got: str = "") -> InputError:
+        """Make the refusal of one key."""
+        return InputError(self.place(key), what, expected=expected, got=got)
+
+    def missing(self, key: str, expected: str = "") -> InputError:
+        """Make the refusal of an axis that lacks a key."""
+        return InputError(place(self.file, ("axes", self.name)), f"key {quoted(key)} is missing", expected=expected)
+
+    def present(self, symbol: str, value: float | None) -> float:
+        """Return a physical constant, all of which are needed where one is given."""
+        if value is None:
+            raise self.missing(symbol, "all of J, B, k_p, k_a, k_t, N and r, or b and c alone")
+        return value
+
+    def agreed(self, *given: tuple[str, float | None]) -> float | None:
+        """Return the first value given; whatever else gives the same thing must agree with it."""
+        return consistent_value(given, self.place)
+
+    def either(self, *keys: tuple[str, float]) -> float | None:
+        """Return a value that may stand under several keys, each with its factor to SI."""
+        values = ((key, getattr(self.record, key)) for key, _ in keys)
+        factors = dict(keys)
+        return self.agreed(*((key, None if value is None else value * factors[key]) for key, value in values))
+
+
+def _axis(name: str, record: AxisRecord, file: str) -> Axis:
+    given = _Given(name, record, file)
+    ratio = given.either(("gear_ratio", 1.0), ("N", 1.0))
+    travel = given.either(("travel_per_rad_mm", MM), ("screw_lead_mm", _LEAD), ("r", 1.0))
+    motor = _motor(given, ratio, travel)
+    b, c = _coefficients(given, motor)
+    gap = _gap(given, ratio, travel)
+    _check_damping(given, b, c)
+    axis = Axis(
+        name=name,
+        feedback=record.feedback,
+        servo=_servo(given, b, c, motor.stiffness),
+        gap=gap,
+        limits=Limits(
+            velocity=record.max_velocity_mm_s * MM,
+            acceleration=record.max_acceleration_mm_s2 * MM,
+            jerk=record.max_jerk_mm_s3 * MM,
+            motor_acceleration=record.max_motor_acceleration_rad_s2,
+        ),
+        uncertainty=Uncertainty(
+            backlash=record.backlash_uncertainty,
+            beta=record.beta_uncertainty,
+            gain=record.gain_uncertainty,
+        ),
+    )
+    return replace(axis, effects=effect_settings(record.effects, axis, file, ("axes", name, "effects")))
+
+
+class _MotorConstants(NamedTuple):
+    """What the physical constants make: b [s²], c [s] and the stiffness [N/m], None where not given."""
+
+    b: float | None = None
+    c: float | None = None
+    stiffness: float | None = None
+
+
+def _motor(given: _Given, ratio: float | None, travel: float | None) -> _MotorConstants:
+    """Take the physical constants, all or none. Implements Eq. (9) of [1]_, and K = k_p k_a k_t N / r."""
+    direct = given.either(("servo_stiffness_n_per_mm", 1.0 / MM))
+    motor = {symbol: given.either((key, 1.0), (symbol, 1.0)) for key, symbol in _MOTOR}
+    if all(value is None for value in motor.values()):
+        return _MotorConstants(stiffness=direct)
+    constants = {**motor, "N": ratio, "r": travel}
+    J, B, k_p, k_a, k_t, N, r = (given.present(symbol, value) for symbol, value in constants.items())
+    gain = k_p * k_a * k_t
+    stiffness = given.agreed(("k_p", gain * N / r), ("servo_stiffness_n_per_mm", direct))
+    return _MotorConstants(N * J / (gain * r), N * B / (gain * r), stiffness)
+
+
+def _coefficients(given: _Given, motor: _MotorConstants) -> tuple[float, float]:
+    """Return b [s²] and c [s], given or made of the physical constants."""
+    record = given.record
+    b = given.agreed(("b", record.b), ("J", motor.b))
+    c = given.agreed(("c", record.c), ("B", motor.c))
+    if b is None or c is None:
+        ideal = "; 0 for an ideal stepper" if record.feedback == "none" else ""
+        wanted = f"b [s²] and c [s] of Eq. (9), or J, B, k_p, k_a, k_t, N and r{ideal}"
+        raise given.missing("b" if b is None else "c", wanted)
+    return b, c
+
+
+def _servo(given: _Given, b: float, c: float, stiffness: float | None) -> Servo:
+    """Check that the closed loop settles, and take its gains."""
+    record = given.record
+    ideal = record.feedback == "none" and b == c == 0
+    for key, value in (("b", b), ("c", c)):
+        if value == 0 and not ideal:
+            both = ", or b and c both 0" if record.feedback == "none" else ""
+            raise given.refuse(key, "no servo loop is without inertia or damping", f"> 0{both}", "0")
+    if record.control is None:
+        return Servo(b=b, c=c, stiffness=stiffness)
+    ki, kd = record.control.ki_over_kp_per_s, record.control.kd_over_kp_s
+    if record.feedback == "none":
+        raise given.refuse("control", "an open loop has no controller", 'no such table, or feedback "load" or "motor"')
+    if ki * b >= c + kd:  # Routh, for b s³ + (c + kd) s² + s + ki
+        most = f"< (c + kd) / b = {(c + kd) / b:.6g}"
+        raise given.refuse("control.ki_over_kp_per_s", "the loop is unstable", most, f"{ki:g}")
+    return Servo(b=b, c=c, ki_over_kp=ki, kd_over_kp=kd, stiffness=stiffness)
+
+
+def _gap(given: _Given, ratio: float | None, travel: float | None) -> Gap:
+    """Take the gap and what its crossing needs: everything on a `load` loop, else only what is given."""
+    record = given.record
+    angle = record.backlash_motor_rad
+    _require_drive(given, ratio, travel)
+    at_axis = angle * travel / ratio if angle is not None and travel is not None and ratio is not None else None
+    in_metres = None if record.lost_motion_mm is None else record.lost_motion_mm * MM
+    lost = given.agreed(("backlash_motor_rad", at_axis), ("lost_motion_mm", in_metres))
+    if lost is None:
+        raise given.missing("lost_motion_mm", "lost_motion_mm or backlash_motor_rad (0 where there is no gap)")
+    if angle is None and travel is not None and ratio is not None:
+        angle = lost * ratio / travel
+    tau = record.motor_time_constant_s
+    return Gap(
+        lost_motion=lost,
+        motor_angle=angle,
+        gear_ratio=ratio,
+        travel_per_rad=travel,
+        inertia_fraction=record.inertia_fraction,
+        beta=None if tau is None else 1.0 / tau,
+        pickup=record.pickup,
+        initial_flank=record.initial_flank,
+    )
+
+
+def _require_drive(given: _Given, ratio: float | None, travel: float | None) -> None:
+    """Refuse an axis that lacks what its feedback or its way of giving the gap needs."""
+    record = given.record
+    load = record.feedback == "load"
+    why = 'with feedback "load"' if load else "with backlash_motor_rad"
+    if load or record.backlash_motor_rad is not None:
+        if ratio is None:
+            raise given.missing("gear_ratio", f"the gear ratio N, {why}")
+        if travel is None:
+            raise given.missing("travel_per_rad_mm", f"travel_per_rad_mm or screw_lead_mm, {why}")
+    if load and record.inertia_fraction is None:
+        raise given.missing("inertia_fraction", f"the motor's part of the inertia, {why}")
+    if load and record.motor_time_constant_s is None:
+        raise given.missing("motor_time_constant_s", f"the motor's own time constant, {why}")
+
+
+def _check_damping(given: _Given, b: float, c: float) -> None:
+    """Refuse constants that leave the load a negative damping.
+
+    c/b = B/J by Eq. (9), and the motor alone has B_m = η J / τ, which is part of B.
+    """
+    fraction, tau = given.record.inertia_fraction, given.record.motor_time_constant_s
+    if fraction is None or tau is None or c * tau >= b * fraction:
+        return
+    least = f"c >= b * inertia_fraction / motor_time_constant_s = {b * fraction / tau:.6g}"
+    raise given.refuse("c", "the load would have negative damping", least, f"{c:g}")

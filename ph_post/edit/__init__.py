@@ -1,0 +1,1 @@
+"""Changes to an existing part program: planned on its motions, written into its bytes, taken back."""

@@ -1,0 +1,329 @@
+"""Words of a block: exchanged, added and removed in its text; and written for a part of a motion or a jog."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from ph_post.edit.edits import Part
+from ph_post.errors import InputError
+from ph_post.gcode.motion_parts import place, split_cubic
+from ph_post.gcode.program import ARC, AXES, CUBIC, PLANE_AXES, Modal, PartProgram
+from ph_post.types import Array, IntArray
+
+MOTION_WORDS: Final = {
+    0.0: "G0",
+    1.0: "G1",
+    2.0: "G2",
+    3.0: "G3",
+    5.0: "G5",
+    5.1: "G5.1",
+    5.2: "G5.2",
+    5.3: "G5.3",
+    33.0: "G33",
+    33.1: "G33.1",
+    38.2: "G38.2",
+    38.3: "G38.3",
+    38.4: "G38.4",
+    38.5: "G38.5",
+    73.0: "G73",
+    76.0: "G76",
+    80.0: "G80",
+    81.0: "G81",
+    82.0: "G82",
+    83.0: "G83",
+    84.0: "G84",
+    85.0: "G85",
+    86.0: "G86",
+    87.0: "G87",
+    88.0: "G88",
+    89.0: "G89",
+}
+"""Words that set the motion mode, by the number behind the G."""
+
+_APART: Final = (4.0, 10.0, 28.0, 28.1, 30.0, 30.1, 92.0, 92.1, 92.2, 92.3)
+"""G words whose block uses its axis words for itself."""
+
+LAST: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
+"""M words that RS274/NGC executes after the motion of their block; all others go before it."""
+
+_ENDING: Final = (2.0, 30.0)
+"""M words after which nothing is read."""
+
+PLACES: Final = "XYZABCUVWIJKR"
+"""Letters of words that make a block move."""
+
+
+def line_end(program: PartProgram) -> str:
+    """Line end of a program: that of its first line that has one, LF where none has."""
+    for mark in ("\r\n", "\n", "\r"):
+        if program.text(0).endswith(mark.encode()):
+            return mark
+    return "\n"
+
+
+def bare(program: PartProgram, block: int) -> str:
+    """Text of a line without its line end."""
+    return program.text(block).rstrip(b"\r\n").decode("latin-1")
+
+
+def letters(program: PartProgram, block: int) -> dict[str, int]:
+    """Numbers of the words of a line by letter; of G and M words the last one."""
+    return {chr(int(program.words.letter[word])): word for word in program.words_of(block)}
+
+
+def motion_word(program: PartProgram, block: int) -> int | None:
+    """Return the word of a line that sets the motion mode, if it has one."""
+    for word in program.words_of(block):
+        if program.words.letter[word] == ord("G") and float(program.words.value[word]) in MOTION_WORDS:
+            return word
+    return None
+
+
+def last_words(program: PartProgram, block: int) -> list[int]:
+    """Words of a line that are executed after its motion."""
+    words = program.words
+    return [w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in LAST]
+
+
+def last_text(program: PartProgram, block: int) -> str:
+    """Text of the words of a line that are executed after its motion."""
+    text, base, words = bare(program, block), program.lines[block], program.words
+    last = last_words(program, block)
+    return " ".join(text[words.start[w] - base : words.end[w] - base] for w in last)
+
+
+def ends(program: PartProgram, block: int) -> bool:
+    """Whether the program ends in a line."""
+    return any(float(program.words.value[w]) in _ENDING for w in last_words(program, block))
+
+
+def exchanged(program: PartProgram, block: int, new: Mapping[str, str], mode: str) -> tuple[dict[int, str], list[str]]:
+    """Put new words, by letter, in the place of a line's own; those it does not have are to be added."""
+    own = letters(program, block)
+    exchange = {own[letter]: text for letter, text in new.items() if letter in own}
+    word = motion_word(program, block)
+    if word is not None and mode == "G5":
+        exchange[word] = mode
+    return exchange, [text for letter, text in new.items() if letter not in own and text]
+
+
+def relies_on_mode(program: PartProgram, block: int) -> bool:
+    """Whether a line moves without saying how, so that the motion mode in force decides."""
+    words, moves = program.words, False
+    for word in program.words_of(block):
+        letter, value = chr(int(words.letter[word])), float(words.value[word])
+        if letter == "G" and (value in MOTION_WORDS or value in _APART):
+            return False
+        moves |= letter in PLACES
+    return moves
+
+
+def next_relying(program: PartProgram, block: int) -> int | None:
+    """Return the first line from `block` on that moves by the mode in force; none if it is set before."""
+    while block < program.blocks:
+        if motion_word(program, block) is not None:
+            return None
+        if relies_on_mode(program, block):
+            return block
+        block += 1
+    return None
+
+
+def edited(
+    program: PartProgram, block: int, exchange: Mapping[int, str], add: Sequence[str], *, first: str = ""
+) -> str:
+    """Return a line with other words.
+
+    Parameters
+    ----------
+    program : PartProgram
+    block : int
+    exchange : mapping
+        New text by word, empty for words that are left out.
+    add : sequence of str
+        Words that are added behind the last word that places the motion.
+    first : str
+        Word that is added before the first one of those.
+    """
+    words, base = program.words, int(program.lines[block])
+    text, own = bare(program, block), program.words_of(block)
+    placed = [w for w in own if chr(int(words.letter[w])) in PLACES + "PQ"] or list(own)
+    behind = max(placed) if placed else None
+    gap = " " if " " in text.strip() or not placed else ""
+    out, at = [], 0
+    for word in own:
+        low, high = int(words.start[word]) - base, int(words.end[word]) - base
+        out.append(text[at:low])
+        if first and word == placed[0]:
+            out.append(first + gap)
+        out.append(exchange.get(word, text[low:high]))
+        if word == behind:
+            out += [gap + one for one in add]
+        at = high
+    return "".join(out) + text[at:]
+
+
+class FeedWords:
+    """The text of the F word in force after every line."""
+
+    def __init__(self, program: PartProgram) -> None:
+        words = program.words
+        self._program = program
+        self._words = np.flatnonzero((words.letter == ord("F")) & (words.decimals >= 0))
+        self._blocks = words.block[self._words]
+
+    def after(self, block: int) -> str | None:
+        """Digits of the F word in force after a line, None where there is none."""
+        if block < 0 or np.isnan(self._program.feed_word[block]):
+            return None
+        found = int(np.searchsorted(self._blocks, np.int32(block), side="right")) - 1
+        if found < 0:
+            return None
+        word, words = self._words[found], self._program.words
+        text = self._program.data[words.start[word] + 1 : words.end[word]]
+        return text.translate(None, b" \t").decode("latin-1")
+
+
+_CENTERS: Final = "IJK"
+_FULL: Final = 1e-9
+_MOST_DECIMALS: Final = 9
+
+
+def fine_decimals(program: PartProgram, decimals: int) -> int:
+    """Decimals on which every position that a program names is exact, and those written too."""
+    words = program.words
+    placed = np.isin(words.letter, [ord(name) for name in "XYZIJK"]) & (words.decimals > decimals)
+    return min(max(decimals, int(words.decimals[placed].max(initial=0))), _MOST_DECIMALS)
+
+
+class Wording:
+    """Writes the words of parts, with what has been written before kept in mind.
+
+    Parameters
+    ----------
+    program : PartProgram
+    motion : int
+    modal : Modal
+        Modes under which the motion's block is executed.
+    decimals : int
+        Of new places.
+    fine : int
+        Of places that the program names itself.
+    length : callable
+        ``length(count, decimals) -> text``: how the dialect writes lengths.
+    """
+
+    def __init__(
+        self,
+        program: PartProgram,
+        motion: int,
+        modal: Modal,
+        decimals: int,
+        fine: int,
+        length: Callable[[int, int], str],
+    ) -> None:
+        self.program, self.motion, self.modal = program, motion, modal
+        self._coarse, self._fine, self._length = decimals, fine, length
+        self._last = self._at = np.zeros(3, dtype=np.int64)
+        self.block = int(program.motions.block[motion])
+
+    @cached_property
+    def _own(self) -> dict[str, int]:
+        return letters(self.program, self.block)
+
+    def begin(self, offset: IntArray) -> None:
+        """Tell the offset, in steps, with which the motion begins."""
+        self._last = offset.copy()
+
+    def _steps(self, length: Array, coarse: bool) -> IntArray:
+        """Lengths [m] as whole steps of the finest decimal."""
+        decimals = self._coarse if coarse else self._fine
+        count = np.rint(np.where(np.isnan(length), 0.0, length) / self.modal.units * 10.0**decimals)
+        return np.asarray(count.astype(np.int64) * 10 ** (self._fine - decimals))
+
+    def _point(self, share: float) -> IntArray:
+        point = place(self.program.motions, self.motion, share)
+        return self._steps(point, coarse=0.0 < share < 1.0)
+
+    def _text(self, count: int) -> str:
+        return self._length(int(count), self._fine)
+
+    def jog(self, axis: int, offset: IntArray, share: float) -> str:
+        """Word that moves an axis to an offset, in steps of the coarse decimals, at a place of the motion."""
+        offset = offset * 10 ** (self._fine - self._coarse)
+        if self.modal.absolute:
+            self._require(axis, place(self.program.motions, self.motion, share))
+            return AXES[axis] + self._text(self._point(share)[axis] + offset[axis])
+        count = offset[axis] - self._last[axis] * 10 ** (self._fine - self._coarse)
+        self._last[axis] = offset[axis] // 10 ** (self._fine - self._coarse)
+        return AXES[axis] + self._text(count)
+
+    def part(self, part: Part, offset: IntArray) -> dict[str, str]:
+        """Words of a part by letter while an offset is carried; empty ones are not to be written."""
+        if part.low == 0.0:
+            self._at = self._point(0.0)
+        end = self._point(part.high)
+        shift = offset * 10 ** (self._fine - self._coarse)
+        kind = self.program.motions.kind[self.motion]
+        for axis in self._axes(kind):
+            self._require(axis, self.program.motions.start[self.motion], self.program.motions.end[self.motion])
+        words = {AXES[axis]: self._end_word(axis, end, shift) for axis in self._axes(kind)}
+        if kind == ARC:
+            words |= self._arc_words(part, shift)
+        elif kind == CUBIC:
+            words |= self._cubic_words(part, end)
+        self._at = end
+        return words
+
+    def _require(self, axis: int, *points: Array) -> None:
+        """Refuse to write what follows from a position that is not known."""
+        if any(np.isnan(point[axis]) for point in points):
+            where = f"{self.program.name}:{self.block + 1}"
+            raise InputError(where, f"a place inside a motion that begins where {AXES[axis]} is not known")
+
+    def _axes(self, kind: int) -> list[int]:
+        """Axes that are written: those of the block, of curves those of the plane as well."""
+        named = {axis for axis in range(3) if AXES[axis] in self._own}
+        if kind in (ARC, CUBIC):
+            named |= set(PLANE_AXES[int(self.program.motions.plane[self.motion])][:2])
+        return sorted(named)
+
+    def _end_word(self, axis: int, end: IntArray, shift: IntArray) -> str:
+        if self.modal.absolute:
+            return AXES[axis] + self._text(end[axis] + shift[axis])
+        return AXES[axis] + self._text(end[axis] - self._at[axis])
+
+    def _arc_words(self, part: Part, shift: IntArray) -> dict[str, str]:
+        """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
+        motions, k = self.program.motions, self.motion
+        a, b, _ = PLANE_AXES[int(motions.plane[k])]
+        center = self._steps(motions.center[k], coarse=not {*_CENTERS} & self._own.keys())
+        words = {}
+        for axis, count in ((a, center[0]), (b, center[1])):
+            base = -shift[axis] if self.modal.arc_absolute else self._at[axis]
+            words[_CENTERS[axis]] = _CENTERS[axis] + self._text(count - base)
+        turns = math.ceil(abs(motions.angle[k]) * (part.high - part.low) / math.tau - _FULL)
+        return {**words, "P": f"P{turns}" if turns > 1 else "", "R": ""}
+
+    def _cubic_words(self, part: Part, end: IntArray) -> dict[str, str]:
+        control = split_cubic(self.program.motions.control[self.motion], [part.low, part.high])[0]
+        inner = self._steps(control[1:3], coarse=True)
+        return {
+            "I": "I" + self._text(inner[0, 0] - self._at[0]),
+            "J": "J" + self._text(inner[0, 1] - self._at[1]),
+            "P": "P" + self._text(inner[1, 0] - end[0]),
+            "Q": "Q" + self._text(inner[1, 1] - end[1]),
+        }
+
+    @property
+    def mode(self) -> str:
+        """Word of the motion mode in which parts are written."""
+        kind, motions = self.program.motions.kind[self.motion], self.program.motions
+        if kind == ARC:
+            return "G3" if motions.angle[self.motion] > 0.0 else "G2"
+        return "G5" if kind == CUBIC else "G1"

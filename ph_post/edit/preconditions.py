@@ -1,0 +1,223 @@
+"""What a program must fulfil to be edited.
+
+Why chains of motions stay original, which motions can be divided, and the grid on which offsets lie.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+
+from ph_post.dialects.base import Dialect
+from ph_post.edit.block_words import letters
+from ph_post.edit.directions import chain_spans
+from ph_post.errors import InputError
+from ph_post.gcode.motion_parts import split_cubic
+from ph_post.gcode.paths import line_words
+from ph_post.gcode.program import CUBIC, NURBS, RAPID, PartProgram
+from ph_post.post.moves import FINEST
+from ph_post.types import Array, Axis, BoolArray
+from ph_post.units import MM
+
+
+def why_whole(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
+    """Tell why a motion cannot be divided at a share of it, in words; empty where it can."""
+    motions = program.motions
+    line, own = int(motions.block[motion]) + 1, letters(program, int(motions.block[motion]))
+    if motions.kind[motion] in (RAPID, NURBS):
+        return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'}, and is not divided"
+    unknown = np.isnan(motions.start[motion]) | np.isnan(motions.end[motion])
+    for axis, name in enumerate("XYZ"):
+        if unknown[axis] and name in own:
+            return f"line {line} begins where {name} is not known, and cannot be divided"
+    if why := why_bound(program, motion):
+        return f"line {line} {why}"
+    if motions.kind[motion] == CUBIC:
+        return _why_whole_cubic(program, dialect, motion, share)
+    return ""
+
+
+def why_bound(program: PartProgram, motion: int) -> str:
+    """Tell what in its language keeps a motion's line whole, in words; empty where nothing does."""
+    bound = program.language.bound
+    return "" if bound is None else bound(program.text(int(program.motions.block[motion])))
+
+
+def _why_whole_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
+    line = int(program.motions.block[motion]) + 1
+    if not dialect.capabilities.cubic_splines:
+        return f"line {line} would have to be divided, and {dialect.name} has no G5"
+    if dialect.spline_deviation is None:
+        return ""
+    parts = np.array(split_cubic(program.motions.control[motion], [0.0, share, 1.0]))[:, :, :2]
+    if np.isfinite(dialect.spline_deviation(parts)).all():
+        return ""
+    return f"the parts of the G5 in line {line} could not be trusted to {dialect.name}"
+
+
+def word_decimals(dialect: Dialect, units: float) -> int:
+    """Decimals of a length in a program whose unit is so many metres.
+
+    A dialect's decimals are those of a mm; of an inch, 25 times as long, one more is taken.
+
+    Examples
+    --------
+    >>> from ph_post.dialects.registry import find_dialect
+    >>> word_decimals(find_dialect("grbl"), 1e-3), word_decimals(find_dialect("grbl"), 25.4e-3)
+    (4, 5)
+    """
+    return dialect.capabilities.decimals + (units > MM)
+
+
+def half_gap(axis: Axis, dialect: Dialect, units: float) -> float:
+    """Half the lost motion of an axis on that grid [m].
+
+    Raises
+    ------
+    InputError
+        Where the decimals are too few for it.
+    """
+    step = units * 10.0 ** -word_decimals(dialect, units)
+    half = 0.5 * axis.gap.lost_motion
+    rounded = float(round(half / step) * step)
+    if rounded == 0.0 or abs(rounded - half) > axis.gap.lost_motion / FINEST:
+        raise InputError(
+            "--dialect",
+            f"the decimals of {dialect.name} are too few for an offset of axis {axis.name}",
+            expected=f">= {FINEST * step / MM:g} mm",
+            got=f"{axis.gap.lost_motion / MM:.3g} mm",
+        )
+    return rounded
+
+
+_OWN: Final = {
+    "linuxcnc": "BACKLASH in LinuxCNC's ini file",
+    "grblhal": "the backlash settings of grblHAL ($160 on), where it was built with them,",
+}
+"""Where controllers keep a compensation of their own, by dialect."""
+
+_COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
+
+_OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", re.IGNORECASE | re.MULTILINE)
+"""M425 of Marlin, but for the one that switches it off."""
+
+
+def cutting_feed(program: PartProgram, times: Array) -> Array:
+    """Feed of every motion [m/s], that of timed ones from their length; NaN where it is not known."""
+    motions = program.motions
+    way = np.sqrt(np.nansum((motions.end - motions.start) ** 2, axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        timed = np.where(times > 0.0, way / times, 0.0)
+    return np.where(motions.duration > 0.0, timed, motions.feed)
+
+
+def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
+    """Chains that cannot be shifted, by the reason; chains without a cut are in none and need nothing."""
+    motions = program.motions
+    low, _ = chain_spans(motions)
+    cuts = motions.kind != RAPID
+    found: dict[str, BoolArray] = {
+        "its feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
+        "it holds a NURBS (G5.2)": motions.kind == NURBS,
+        "a G5 of it goes on from the last one without I and J": _continued(program),
+    }
+    if low.size == 0:
+        return {}
+    return {why: np.logical_or.reduceat(marks, low) for why, marks in found.items() if marks.any()}
+
+
+def program_troubles(program: PartProgram) -> list[str]:
+    """Why nothing of a program can be shifted."""
+    troubles = []
+    if _checksummed(program):
+        troubles.append("its lines carry checksums, between which no line can be added")
+    words = program.words
+    turned = (words.letter == ord("G")) & (words.digits == 10) & (words.decimals == 0)
+    for block in words.block[turned].tolist():
+        own = program.words_of(block)
+        if any(words.letter[word] == ord("R") and words.value[word] != 0.0 for word in own):
+            troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
+    if len(program_units(program)) > 1:
+        troubles.append("it moves in mm and in inches")
+    return troubles
+
+
+def program_units(program: PartProgram) -> list[float]:
+    """Units [m] in which a program moves."""
+    used = np.unique(program.state[program.motions.block])
+    return sorted({program.modal[number].units for number in used.tolist()})
+
+
+def double_compensation(program: PartProgram, dialect: str) -> list[str]:
+    """Warn of a controller that compensates a second time."""
+    words = program.words
+    found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
+    said = (
+        [
+            f"line {found[0] + 1} switches the controller's own backlash compensation on (M425)"
+            ": both together shift twice"
+        ]
+        if found.size
+        else []
+    )
+    if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
+        line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
+        said = [f"line {line} sets the controller's own backlash compensation (M425): both together shift twice"]
+    if dialect in _OWN:
+        said.append(f"{_OWN[dialect]} must be 0 for the shifted axes, or both shift them")
+    return said
+
+
+def _checksummed(program: PartProgram) -> bool:
+    """Whether a star stands outside comments and expressions."""
+    if b"*" not in program.data:
+        return False
+    data = np.frombuffer(program.data, dtype=np.uint8)
+    stars = np.flatnonzero(data == ord("*")).astype(np.int32)
+    blocks = np.unique(np.searchsorted(program.lines, stars, side="right") - 1)
+    return any(
+        re.search(rb"\*\s*\d+\s*$", _COMMENT.sub(b"", program.text(block)).strip()) and b"[" not in program.text(block)
+        for block in blocks.tolist()
+    )
+
+
+def _continued(program: PartProgram) -> BoolArray:
+    """G5 blocks without I and J, which a split of the G5 before them would change."""
+    motions, words = program.motions, program.words
+    marks = np.zeros(motions.kind.size, dtype=np.bool_)
+    for motion in np.flatnonzero(motions.kind == CUBIC).tolist():
+        letters = {int(words.letter[word]) for word in program.words_of(int(motions.block[motion]))}
+        marks[motion] = not letters & {ord("I"), ord("J")}
+    return marks
+
+
+def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
+    """Name axes that move from places that are not known, as under G91 from where the machine stands."""
+    words, motions = program.words, program.motions
+    told = []
+    for name in axes:
+        named = np.isin(motions.block, words.block[words.letter == ord(name)])
+        lost = motions.block[named & np.isnan(motions.end[:, "XYZ".index(name)])]
+        if lost.size:
+            told.append(
+                f"axis {name} carries no lasting offset at {lost.size} motions, the first in line"
+                f" {lost[0] + 1}: they begin where its position is not known"
+            )
+    return told
+
+
+def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: int = 12) -> list[str]:
+    """Name the stretches that are left alone."""
+    low, high = chain_spans(program.motions)
+    block = program.motions.block
+    told = []
+    for why, marks in blocked.items():
+        for chain in np.flatnonzero(marks)[:most].tolist():
+            where = line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
+            told.append(f"no lasting offset in {where}: {why}")
+        if marks.sum() > most:
+            told.append(f"{int(marks.sum()) - most} more stretches like these: {why}")
+    return told

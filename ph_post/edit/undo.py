@@ -1,0 +1,176 @@
+"""Restore the original of a compensated program, byte for byte."""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from ph_post.edit.header import (
+    MARK,
+    Payload,
+    comment_pattern,
+    declared_language,
+    mark_text,
+    read_declaration,
+    read_payload,
+)
+from ph_post.edit.word_shifts import assemble, unshift_numbers
+from ph_post.errors import InputError
+from ph_post.gcode.lexer import split_lines
+from ph_post.gcode.program import ByteArray, Language, PlaceArray
+from ph_post.gcode.words import read_words
+from ph_post.types import BoolArray, IntArray, sealed
+
+HUNK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
+"""Comment line before a changed stretch."""
+
+_LINES: Final = 50_000
+"""So many lines are restored at a time."""
+
+_BEGUN: Final = b"N1\n"
+
+CANDIDATES: Final = tuple(ord(letter) for letter in "XYZIJK")
+"""Letters of words that a lasting offset can change."""
+
+
+def undo(data: bytes, name: str) -> bytes:
+    """Return the original of a compensated program.
+
+    Raises
+    ------
+    InputError
+        Where the program was not compensated, or was changed after that.
+    """
+    declaration = read_declaration(data)
+    if declaration is None:
+        raise InputError(name, "there is nothing to undo", expected="a program compensated by ph-post")
+    original = restore(data, name)
+    if hashlib.sha256(original).hexdigest() != declaration.digest:
+        raise InputError(name, "the program was changed after it was compensated, and cannot be undone")
+    return original
+
+
+def restore(data: bytes, name: str) -> bytes:
+    """Take back what the payload of a program tells, without a look at the result."""
+    payload, end = read_payload(data, name)
+    if payload.whole is not None:
+        return payload.whole
+    try:
+        text = _Restorer(data, end, payload, declared_language(data)).run()
+    except (IndexError, ValueError) as error:
+        raise InputError(name, "the program was changed after it was compensated, and cannot be undone") from error
+    return text[: len(text) - (2 if text.endswith(b"\r\n") else 1)] if payload.bare else text
+
+
+class _Restorer:
+    """Takes a change back, some lines at a time, so that only their words are held.
+
+    Parameters
+    ----------
+    data : bytes
+    end : int
+        Where the lines of the payload begin.
+    payload : Payload
+    language : Language
+    """
+
+    def __init__(self, data: bytes, end: int, payload: Payload, language: Language) -> None:
+        self._data, self._payload, self._language = data, payload, language
+        self._lines = split_lines(np.frombuffer(data, np.uint8)[:end])
+        self._added, self._spans = self._find_hunks(end)
+        self._codes = np.frombuffer(payload.code, np.uint8)
+        self._styles = np.frombuffer(payload.style, "<u2")
+        self._table = np.array(payload.delta, dtype=np.int64).reshape(-1, 2)
+        self._removed = np.frombuffer(payload.removed, np.uint8)
+        self._code = self._style = 0
+        self._closed = False
+
+    def run(self) -> bytes:
+        """Return the original.
+
+        Raises
+        ------
+        ValueError
+            Where the text is not what the payload was made for.
+        """
+        last = self._lines.size - 1
+        text = b"".join(self._part(low, min(low + _LINES, last)) for low in range(0, last, _LINES))
+        if self._code != self._codes.size:
+            raise ValueError(self._code)
+        return text
+
+    def _find_hunks(self, end: int) -> tuple[BoolArray, IntArray]:
+        """Mark the lines that were added, and tell by line what they took the place of (n, 2)."""
+        removed = np.append(0, np.cumsum([len(one) for one in _split(self._payload.removed)]))
+        added = np.zeros(self._lines.size - 1, dtype=np.bool_)
+        spans, done = np.zeros((added.size, 2), dtype=np.int64), 0
+        added[self._payload.head[0] : sum(self._payload.head)] = True
+        for found in HUNK.finditer(self._data, 0, end):
+            line = int(np.searchsorted(self._lines, np.int32(found.start()), side="right")) - 1
+            if not added[line]:
+                new, old = map(int, mark_text(found))
+                added[line : line + 1 + new] = True
+                spans[line] = removed[done], removed[done + old]
+                done += old
+        if done != removed.size - 1:
+            raise ValueError(done)
+        return added, spans
+
+    def _part(self, low: int, high: int) -> bytes:
+        """Restore the lines from `low` up to `high`."""
+        base = int(self._lines[low])
+        # A word before it shows that the text has begun, so that a percent sign ends it.
+        before = _BEGUN if low else b""
+        data = before + self._data[base : self._lines[high]]
+        lines = self._lines[low : high + 1] - base + len(before)
+        added = self._added[low:high]
+        marked = np.flatnonzero(added)
+        spans = np.column_stack([lines[marked], lines[marked + 1], self._spans[low:high][marked]])
+        if before:
+            lines, added = np.append(np.int32(0), lines), np.append(False, added)
+        start, stop, pool, bounds = self._numbers(data, lines, added)
+        body = np.frombuffer(data, np.uint8)
+        text: bytes = assemble(body, start, stop, sealed(pool), bounds, spans, self._removed).tobytes()
+        return text[len(before) :]
+
+    def _numbers(
+        self, data: bytes, lines: PlaceArray, added: BoolArray
+    ) -> tuple[PlaceArray, PlaceArray, ByteArray, IntArray]:
+        """Spans of the changed numbers, and the text that stood there."""
+        if self._closed:
+            nothing = np.zeros(0, dtype=np.int32)
+            return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
+        lexed = read_words(self._language.hidden(data), lines)
+        self._closed, words = lexed.end < lines.size - 1, lexed.words
+        candidate = np.flatnonzero(np.isin(words.letter, CANDIDATES) & ~added[words.block])
+        code = self._codes[self._code : self._code + candidate.size]
+        if code.size != candidate.size:
+            raise ValueError(code.size)
+        word, number = candidate[code > 0], code[code > 0] - np.uint8(1)
+        style = self._styles[self._style : self._style + word.size]
+        pool, bounds, wrong = unshift_numbers(words.digits, words.decimals, word, number, self._table, style)
+        if wrong:
+            raise ValueError(wrong)
+        odd = {n - self._style: text for n, text in self._payload.odd.items()}
+        odd = {n: text for n, text in odd.items() if 0 <= n < word.size}
+        if odd:
+            pool, bounds = _with_odd(pool, bounds, odd)
+        self._code, self._style = self._code + candidate.size, self._style + word.size
+        return words.start[word] + 1, words.end[word], pool, bounds
+
+
+def _split(text: bytes) -> list[bytes]:
+    lines = split_lines(np.frombuffer(text, np.uint8)).tolist()
+    return [text[low:high] for low, high in pairwise(lines)]
+
+
+def _with_odd(pool: ByteArray, bounds: IntArray, odd: dict[int, bytes]) -> tuple[ByteArray, IntArray]:
+    """Put the text of odd numbers in the place of what their style tells."""
+    texts = [pool[low:high].tobytes() for low, high in pairwise(bounds.tolist())]
+    for number, text in odd.items():
+        texts[number] = text
+    sizes = np.array([len(text) for text in texts], dtype=np.int64)
+    return np.frombuffer(b"".join(texts), np.uint8), np.append(0, np.cumsum(sizes))

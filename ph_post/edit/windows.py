@@ -1,0 +1,303 @@
+"""Plan the windows of a program, on the paths that its motions form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import pairwise
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.analysis.path_analysis import Analysis, analyse
+from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan import make_plan
+from ph_post.compensate.strategies.base import silent
+from ph_post.drive.axes import has_backlash, with_gap
+from ph_post.edit.directions import chain_spans
+from ph_post.edit.edits import DipEdit, Edits, StopEdit
+from ph_post.edit.preconditions import blocked_chains, program_troubles, why_bound
+from ph_post.edit.window_edits import LeftAlone, window_edits
+from ph_post.gcode.paths import SAME_PLACE, ProgramPath, line_words
+from ph_post.gcode.program import PartProgram
+from ph_post.geometry.curves import Composite
+from ph_post.geometry.joints import find_stops
+from ph_post.geometry.track import Track
+from ph_post.post.options import BLOCK_TIME
+from ph_post.types import Array, IntArray, Machine, Path, Plan, Segment, frozen
+
+
+def divide(path: ProgramPath, track: Track, places: Array, most: int) -> tuple[ProgramPath, ...]:
+    """Divide a path at sharp corners and ends of rapids, as soon as a part holds enough.
+
+    Parameters
+    ----------
+    path : ProgramPath
+    track : Track
+        Of its path.
+    places : Array, shape (n,)
+        Arc lengths [m] of what is counted.
+    most : int
+        A part ends at the first rest behind so many of them.
+
+    Returns
+    -------
+    tuple of ProgramPath
+        One after the other; they are all of the path.
+    """
+    cuts = _chosen(_rests(path, track), np.sort(places), most)
+    return tuple(_part(path, track, first, last) for first, last in pairwise([0, *cuts, len(track.pieces)]))
+
+
+def _rests(path: ProgramPath, track: Track) -> tuple[IntArray, Array]:
+    """Pieces before which the motion rests, at the end of a motion, and where that is."""
+    corners, _, rapids = find_stops(track)
+    s = np.unique(np.concatenate([corners, rapids]))
+    piece = np.searchsorted(track.starts, s)
+    segment = track.segment[piece]
+    apart = track.segment[piece - 1] != segment
+    curves = [isinstance(one.curve, Composite) for one in track.path.segments]
+    row = np.clip(np.searchsorted(path.s, s - SAME_PLACE), 0, path.s.size - 1)
+    good = (apart | np.array(curves, dtype=np.bool_)[segment]) & (np.abs(path.s[row] - s) <= SAME_PLACE)
+    return piece[good], s[good]
+
+
+def _chosen(rests: tuple[IntArray, Array], places: Array, most: int) -> list[int]:
+    cuts: list[int] = []
+    held = 0
+    for piece, count in zip(rests[0].tolist(), np.searchsorted(places, rests[1]).tolist(), strict=True):
+        if count - held >= most:
+            cuts.append(piece)
+            held = count
+    return cuts
+
+
+def _part(path: ProgramPath, track: Track, first: int, last: int) -> ProgramPath:
+    """Cut out the pieces from `first` to before `last`."""
+    if (first, last) == (0, len(track.pieces)):
+        return path
+    low, high = np.searchsorted(path.s, track.starts[[first, last]] - SAME_PLACE).tolist()
+    segments = tuple(
+        _within(track, number, first, last)
+        for number in range(int(track.segment[first]), int(track.segment[last - 1]) + 1)
+    )
+    return replace(
+        path,
+        path=replace(path.path, segments=segments),
+        motion=path.motion[low:high],
+        s=path.s[low : high + 1] - path.s[low],
+        cubics={row - low: curve for row, curve in path.cubics.items() if low <= row < high},
+    )
+
+
+def _within(track: Track, number: int, first: int, last: int) -> Segment:
+    """Return what of a segment lies between two pieces."""
+    segment = track.path.segments[number]
+    low, high = np.searchsorted(track.segment, [number, number + 1]).tolist()
+    if first <= low and high <= last:
+        return segment
+    return replace(segment, curve=Composite(track.pieces[max(low, first) : min(high, last)]))
+
+
+OFFSETS: Final = frozenset(("auto", "takeup"))
+"""Strategies that give axes behind their loop a lasting offset; all others modulate the feed."""
+
+WINDOWS: Final = 10
+"""So many windows and a rest behind them make a part: what a proof by simulation finds worse than the plain
+program is given up within a part, and no part is long to simulate."""
+
+
+class WindowPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The plan of a path of a program, or of a part of one between two rests."""
+
+    path: ProgramPath
+    analysis: Analysis
+    plan: Plan
+
+
+class WindowEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the windows of a program change, and the plans that say why, one a part that was planned."""
+
+    edits: Edits
+    plans: tuple[WindowPlan, ...]
+
+
+def plan_windows(
+    program: PartProgram,
+    paths: Sequence[ProgramPath],
+    machine: Machine,
+    options: PlanOptions,
+    tolerance: float,
+    tell: Callable[[str], None] = silent,
+    block_time: float = BLOCK_TIME,
+) -> WindowEdits:
+    """Plan the windows of a program, and tell them as changes to its motions.
+
+    A full stop of the plan becomes a stop at its turning point, with what axes are shifted out and back; the
+    controller ramps to it by itself. A dip becomes blocks of a known time each. Where nothing is modulated,
+    nothing is changed. Rapids are left alone.
+
+    Parameters
+    ----------
+    program : PartProgram
+    paths : sequence of ProgramPath
+        Of :func:`ph_post.gcode.paths.paths_of`.
+    machine : Machine
+    options : PlanOptions
+        The strategy and its bounds. Long paths are planned in parts, from rest to rest; a search and the time
+        that may be added are shared out among them by their windows.
+    tolerance : float
+        ε of the windows [m].
+    tell : callable, optional
+        Told what a long search is at.
+    block_time : float, optional
+        Longest block of a dip [s].
+
+    Returns
+    -------
+    WindowEdits
+        `edits.warnings` name what was left alone.
+    """
+    edits = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    troubles = program_troubles(program)
+    if troubles:
+        words = tuple(f"no window of the program is changed: {trouble}" for trouble in troubles)
+        return WindowEdits(edits=replace(edits, warnings=words), plans=())
+    reasons, said = _reasons(program), []
+    parts: list[_Part] = []
+    for one in paths:
+        found = _parts(one, planned_machine(machine, one.path, options), tolerance)
+        if found and one.chain in reasons:
+            said.append(f"{_where(program, one)}: windows left alone: {reasons[one.chain]}")
+        else:
+            parts += found
+    stops: list[StopEdit] = []
+    dips: list[DipEdit] = []
+    plans: list[WindowPlan] = []
+    for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
+        where = _where(program, part.path)
+        made = _planned(part, chosen, tolerance, _telling(tell, where))
+        done = window_edits(program.motions, part.path, made.plan, block_time, partial(why_bound, program))
+        stops += done.stops
+        dips += done.dips
+        plans.append(made)
+        said += [f"{where}: {word}" for word in made.plan.warnings]
+        said += [_words(program, made, left) for left in done.left]
+    edits = replace(
+        edits, stops=tuple(stops), dips=tuple(dips), pulse=_pulses(stops), warnings=tuple(dict.fromkeys(said))
+    )
+    return WindowEdits(edits=edits, plans=tuple(plans))
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part of a path that is planned by itself, on its machine: its windows' number, its time [s]."""
+
+    path: ProgramPath
+    machine: Machine
+    windows: int
+    time: float
+
+
+def _parts(path: ProgramPath, machine: Machine, tolerance: float) -> list[_Part]:
+    """Divide a path, and leave out what has no window at which a gap is crossed."""
+    if not any(has_backlash(machine.axes[name]) for name in path.path.axes):
+        return []
+    found = analyse(path.path, None, tolerance)
+    points = found.turning_points
+    s = np.array(
+        [
+            window.s
+            for window in found.windows
+            if any(has_backlash(machine.axes[points[k].axis]) for k in window.members)
+        ]
+    )
+    parts, begin = [], 0.0
+    for one in divide(path, found.track, s, WINDOWS):
+        end = begin + float(one.s[-1])
+        count = int(((s >= begin) & (s <= end)).sum())
+        if count:
+            parts.append(_Part(path=one, machine=machine, windows=count, time=_time(one.path, machine)))
+        begin = end
+    return parts
+
+
+def _time(path: Path, machine: Machine) -> float:
+    """Time [s] of a path at its feeds, rapids as fast as the slowest axis may go."""
+    track = Track(path)
+    rapid = min(machine.axes[name].limits.velocity for name in path.axes)
+    feeds = [rapid if one.rapid else one.feed or path.feed for one in path.segments]
+    return float((np.diff(track.starts) / np.array(feeds)[track.segment]).sum())
+
+
+def _shared_out(options: PlanOptions, parts: Sequence[_Part]) -> list[PlanOptions]:
+    """Options of every part: it begins and ends at rest, and effort and time are shared out by windows."""
+    windows, time = sum(part.windows for part in parts), sum(part.time for part in parts)
+    return [
+        replace(
+            options,
+            carrier="program",
+            start="rest",
+            inverse_dynamics=False,
+            effort=options.effort * part.windows / windows,
+            max_slowdown=options.max_slowdown * (part.windows / windows) * (time / part.time),
+        )
+        for part in parts
+    ]
+
+
+def _where(program: PartProgram, path: ProgramPath) -> str:
+    first, last = program.motions.block[path.motion[[0, -1]]].tolist()
+    return line_words(first, last)
+
+
+def _telling(tell: Callable[[str], None], where: str) -> Callable[[str], None]:
+    return lambda text: tell(f"{where}: {text}")
+
+
+def shifts_axes(options: PlanOptions) -> bool:
+    """Whether axes behind their loop get a lasting offset."""
+    return options.strategy in OFFSETS and not options.feed_only
+
+
+def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machine:
+    """Return the machine to plan windows for.
+
+    Where lasting offsets take care of the axes behind their loop, those of the path have no gap any more.
+    """
+    if not shifts_axes(options):
+        return machine
+    axes = {
+        name: axis if axis.feedback == "load" or name not in path.axes else with_gap(axis, 0.0)
+        for name, axis in machine.axes.items()
+    }
+    return replace(machine, axes=axes)
+
+
+def _planned(part: _Part, options: PlanOptions, tolerance: float, tell: Callable[[str], None]) -> WindowPlan:
+    analysis = analyse(part.path.path, part.machine, tolerance)
+    tell("planning")
+    return WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, options, tell))
+
+
+def _reasons(program: PartProgram) -> dict[int, str]:
+    """Why chains cannot be changed, by their number."""
+    low, _ = chain_spans(program.motions)
+    number = program.motions.chain[low]
+    return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
+
+
+def _pulses(stops: Sequence[StopEdit]) -> Mapping[str, float]:
+    """Largest shift of each axis."""
+    largest: dict[str, float] = {}
+    for stop in stops:
+        for shift in stop.shifts:
+            largest[shift.axis] = max(largest.get(shift.axis, 0.0), abs(shift.travel))
+    return largest
+
+
+def _words(program: PartProgram, made: WindowPlan, left: LeftAlone) -> str:
+    points = [made.plan.turning_points[k] for k in made.plan.windows[left.window].members]
+    axes = " and ".join(dict.fromkeys(point.axis for point in points))
+    return f"line {program.motions.block[left.motion] + 1}: {axes} turns: left alone: {left.why}"

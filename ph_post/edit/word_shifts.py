@@ -1,0 +1,308 @@
+"""Offsets added to the numbers of words where they stand, in exact decimal arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ph_post.compiling import compiled, inner
+from ph_post.edit.edits import StopEdit, Task
+from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram
+from ph_post.types import Array, IntArray
+
+MOST_DECIMALS: Final = 15
+"""Numbers with more decimals than this are not shifted."""
+
+LONGEST: Final = 48
+"""No number comes out longer than this."""
+
+
+@inner
+def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
+    """Write a number, digits / 10^decimals, in a style to `out` from `at` on; the place behind it."""
+    decimals, width = style & 31, style >> 7
+    if digits < 0:
+        out[at], at = 45, at + 1
+    elif style & 64:
+        out[at], at = 43, at + 1
+    rest, count = np.uint64(abs(digits)), 1
+    power = np.uint64(10)
+    while rest >= power and count < 19:
+        power, count = power * np.uint64(10), count + 1
+    whole = max(count - decimals, 0)
+    lead = max(whole, width) if width > 0 else whole
+    size = lead + decimals
+    point = 1 if decimals > 0 or style & 32 else 0
+    # From the last digit to the first.
+    place = at + size + point - 1
+    for n in range(size):
+        if n == decimals and point:
+            out[place], place = 46, place - 1
+        tenth = rest // np.uint64(10)
+        out[place], place = np.uint64(48) + (rest - tenth * np.uint64(10)), place - 1
+        rest = tenth
+    if point and size == decimals:
+        out[at] = 46
+    return at + size + point
+
+
+@inner
+def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> Any:
+    """Tell the style of a word's number, and whether it is odd: with blanks, or a minus before zero."""
+    plus, point, before, leading = 0, 0, 0, 0
+    odd = digits == 0 and data[start + 1] == 45
+    for i in range(start + 1, end):
+        c = data[i]
+        if 48 <= c <= 57:
+            if point == 0:
+                leading = 1 if before == 0 and c == 48 else leading
+                before += 1
+        elif c == 46:
+            point = 1
+        elif c == 43:
+            plus = 1
+        elif c != 45:
+            odd = True
+    width = before if before > 1 and leading else min(before, 1)
+    odd = odd or width > 31
+    return decimals | 32 * point | 64 * plus | min(width, 31) << 7, odd
+
+
+@compiled
+def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -> Any:
+    """Add offsets to the numbers of words.
+
+    Parameters
+    ----------
+    data : uint8 array
+    columns : tuple
+        `start`, `end`, `digits` and `decimals` of all words.
+    word : int array, shape (n,)
+        The words that change.
+    number : int array, shape (n,)
+        Row of `table` that is added to each.
+    table : int array, shape (k, 2)
+        Steps, and the decimals of a step.
+
+    Returns
+    -------
+    pool, bounds : uint8 array, int array (n + 1,)
+        New text, and where that of each number begins.
+    style, odd : uint16 array, uint8 array, shape (n,)
+        How the numbers stood there.
+    """
+    start, end, digits, decimals = columns
+    count = word.size
+    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
+    style, odd = np.empty(count, np.uint16), np.zeros(count, np.uint8)
+    for n in range(count):
+        w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
+        own = np.int64(decimals[w])
+        manner, strange = _read_style(data, np.int64(start[w]), np.int64(end[w]), digits[w], own)
+        style[n], odd[n] = manner, strange
+        wide = max(own, places)
+        value = digits[w] * _power(wide - own) + steps * _power(wide - places)
+        bounds[n + 1] = _compose(value, (manner >> 5 << 5) | wide, pool, bounds[n])
+    return pool[: bounds[-1]].copy(), bounds, style, odd
+
+
+@inner
+def _power(places: Any) -> Any:
+    power = np.int64(1)
+    for _ in range(places):
+        power *= 10
+    return power
+
+
+@compiled
+def unshift_numbers(digits: Any, decimals: Any, word: Any, number: Any, table: Any, style: Any) -> Any:
+    """Take offsets back: text and bounds as in :func:`shift_numbers`, and how many numbers do not fit."""
+    count, wrong = word.size, 0
+    pool, bounds = np.empty(LONGEST * count + LONGEST, np.uint8), np.zeros(count + 1, np.int64)
+    for n in range(count):
+        w, steps, places = word[n], table[number[n], 0], table[number[n], 1]
+        manner, own = np.int64(style[n]), np.int64(decimals[w])
+        less = own - (manner & 31)
+        if own < places or less < 0:
+            wrong += 1
+            continue
+        value, power = digits[w] - steps * _power(own - places), _power(less)
+        wrong += value % power != 0
+        bounds[n + 1] = _compose(value // power, manner, pool, bounds[n])
+    return pool[: bounds[-1]].copy(), bounds, wrong
+
+
+@compiled
+def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any, text: Any) -> Any:
+    """Put numbers and lines in the place of others.
+
+    Parameters
+    ----------
+    data : uint8 array
+    start, end : int arrays, shape (n,)
+        Spans of numbers, in order; those inside a span of lines are passed over.
+    pool, bounds : uint8 array, int array (n + 1,)
+        What stands in their place.
+    lines : int array, shape (k, 4)
+        Spans of lines, in order: start, end, and the start and end of what stands in their place in `text`.
+    text : uint8 array
+    """
+    out = np.empty(data.size + pool.size + text.size, np.uint8)
+    at, done, n = 0, np.int64(0), 0
+    for k in range(lines.shape[0] + 1):
+        until = lines[k, 0] if k < lines.shape[0] else data.size
+        while n < start.size and start[n] < until:
+            if start[n] >= done:
+                at = _copy(data, done, np.int64(start[n]), out, at)
+                at = _copy(pool, bounds[n], bounds[n + 1], out, at)
+                done = np.int64(end[n])
+            n += 1
+        at = _copy(data, done, until, out, at)
+        done = until
+        if k < lines.shape[0]:
+            at = _copy(text, lines[k, 2], lines[k, 3], out, at)
+            done = lines[k, 1]
+    return out[:at]
+
+
+@inner
+def _copy(source: Any, low: Any, high: Any, out: Any, at: Any) -> Any:
+    for i in range(low, high):
+        out[at], at = source[i], at + 1
+    return at
+
+
+class Carried(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Offsets of motions in whole steps of the last decimal, shape (m, 3) each.
+
+    `after` at the end of a motion; `word` the one that its end word carries, ahead of a stop at its end.
+    """
+
+    after: NDArray[np.int32]
+    word: NDArray[np.int32]
+
+    def before(self, motion: int) -> IntArray:
+        """Offset at the start of a motion, ahead of any stop there."""
+        return self.after[motion - 1].astype(np.int64) if motion else np.zeros(3, dtype=np.int64)
+
+
+class Changed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Words that change, and by how many steps."""
+
+    word: IntArray
+    delta: IntArray
+
+
+def carried(offset: Array, tasks: Sequence[Task], step: float) -> Carried:
+    """Round offsets to steps [m] and tell what the words of every motion carry, its stops where they are."""
+    after = np.rint(offset / step).astype(np.int32)
+    word = after.copy()
+    for task in tasks:
+        if 1.0 in task.stops:
+            word[task.motion] -= lasting(task.stops[1.0], step).astype(np.int32)
+    return Carried(after=after, word=word)
+
+
+def lasting(stop: StopEdit, step: float) -> IntArray:
+    """Sum of the shifts of a stop in steps, shape (3,)."""
+    total = np.zeros(3)
+    for shift in stop.shifts:
+        total[AXES.index(shift.axis)] += shift.travel
+    return np.rint(total / step).astype(np.int64)
+
+
+def stop_words(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
+    """Say what a stop does to the offsets (3,) in force before it, in steps: a word or two an axis."""
+    if not stop.shifts:
+        return ["rest"]
+    after, found = offset + lasting(stop, step), []
+    for axis, name in enumerate(AXES):
+        if any(shift.axis == name for shift in stop.shifts):
+            way = int(np.sign(after[axis]))
+            found.append(f"{name} {'pulse' if after[axis] == offset[axis] else ('back', 'up', 'down')[way]}")
+    return found
+
+
+def changed_words(program: PartProgram, found: Carried) -> Changed:
+    """Tell the change of every word.
+
+    Words of motions only: under G90 they carry the offset, under G91 its change in their own block; centres
+    under G90.1 move with the axes. Within a motion nothing but a stop changes an offset, and it has words of
+    its own.
+    """
+    words, motions = program.words, program.motions
+    owner = np.full(program.blocks, -1, dtype=np.int64)
+    owner[motions.block] = np.arange(motions.block.size)
+    absolute, arc_absolute = (
+        np.array([getattr(modal, name) for modal in program.modal], dtype=np.bool_)[program.state]
+        for name in ("absolute", "arc_absolute")
+    )
+    word, delta = _gather(
+        (words.letter, words.block, words.decimals),
+        owner,
+        absolute,
+        arc_absolute,
+        motions.kind,
+        found.after,
+        found.word,
+    )
+    return Changed(word=word, delta=delta)
+
+
+@inner
+def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, after: Any, word: Any) -> Any:
+    """Tell what is added to a word of a motion; under G91 only a rapid changes an offset by its own word.
+
+    Of centres only those of arcs are absolute: I and J of a G5 always begin at its start.
+    """
+    if letter < 88:
+        return int(word[k, letter - 73]) if arc_absolute and kind[k] == ARC else 0
+    axis = letter - 88
+    if absolute:
+        return int(word[k, axis])
+    if kind[k] != RAPID:
+        return 0
+    return int(word[k, axis]) - (int(after[k - 1, axis]) if k > 0 else 0)
+
+
+@compiled
+def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, kind: Any, after: Any, word: Any) -> Any:
+    """Words of X, Y, Z, I, J and K of motions that something is added to, and what; counted, then written."""
+    letter, block, decimals = words
+    found, delta, size = np.empty(0, np.int64), np.empty(0, np.int64), 0
+    for write in range(2):
+        size = 0
+        for w in range(letter.size):
+            c, line = np.int64(letter[w]), block[w]
+            if not (88 <= c <= 90 or 73 <= c <= 75) or owner[line] < 0 or decimals[w] < 0:
+                continue
+            more = _delta(c, absolute[line], arc_absolute[line], owner[line], kind, after, word)
+            if more != 0:
+                if write:
+                    found[size], delta[size] = w, more
+                size += 1
+        if not write:
+            found, delta = np.empty(size, np.int64), np.empty(size, np.int64)
+    return found, delta
+
+
+@compiled
+def number_codes(letter: Any, block: Any, outside: Any, word: Any, number: Any) -> Any:
+    """Code of every X, Y, Z, I, J and K outside hunks: 0, or one more than the `number` of its change."""
+    count = 0
+    for write in range(2):
+        if write:
+            codes = np.zeros(count, np.uint8)
+        count, n = 0, 0
+        for w in range(letter.size):
+            changes = n < word.size and word[n] == w
+            if outside[block[w]] and (88 <= letter[w] <= 90 or 73 <= letter[w] <= 75):
+                if write and changes:
+                    codes[count] = number[n] + 1
+                count += 1
+            n += changes
+    return codes

@@ -1,0 +1,267 @@
+"""Write edits into the text of a program; every byte that they do not touch stays."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ph_post.dialects.base import Dialect
+from ph_post.edit.block_words import line_end
+from ph_post.edit.changes import Change, ChangeWriter
+from ph_post.edit.edits import Edits, schedule
+from ph_post.edit.header import (
+    Declaration,
+    Payload,
+    declaration_lines,
+    has_marks,
+    marked,
+    payload_lines,
+    payload_start,
+)
+from ph_post.edit.preconditions import program_units, word_decimals
+from ph_post.edit.undo import restore
+from ph_post.edit.word_shifts import (
+    MOST_DECIMALS,
+    Changed,
+    assemble,
+    carried,
+    changed_words,
+    number_codes,
+    shift_numbers,
+)
+from ph_post.errors import InputError
+from ph_post.gcode.lexer import split_lines
+from ph_post.gcode.program import ByteArray, PartProgram
+from ph_post.types import Array, IntArray, sealed
+
+_O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
+_WIDEST: Final = 10**7
+"""Offsets, in steps, that are counted in a table of their own."""
+
+_LARGEST: Final = 10**13
+"""Numbers of more digits than this would not survive the sum with an offset."""
+
+
+class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Changed numbers by word: new text in `pool`, `first` to `last`; and what the inverse needs."""
+
+    word: IntArray
+    number: ByteArray
+    pool: ByteArray
+    bounds: IntArray
+    style: NDArray[np.uint16]
+    odd: ByteArray
+    delta: tuple[tuple[int, int], ...]
+
+    def text(self, program: PartProgram, block: int) -> dict[int, str]:
+        """Return the new text of the changed words of a line."""
+        own = program.words_of(block)
+        low, high = np.searchsorted(self.word, [own.start, own.stop])
+        return {
+            int(self.word[n]): chr(program.data[program.words.start[self.word[n]]])
+            + self.pool[self.bounds[n] : self.bounds[n + 1]].tobytes().decode("latin-1")
+            for n in range(int(low), int(high))
+        }
+
+
+def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
+    """Write changes into a program.
+
+    Parameters
+    ----------
+    program : PartProgram
+    edits : Edits
+    dialect : Dialect
+        Words of the new lines, and their decimals.
+    declaration : Declaration
+        What the head is to say.
+
+    Returns
+    -------
+    bytes
+        The program's own bytes where there is nothing to change.
+
+    Raises
+    ------
+    InputError
+        Where the program was compensated before, or a change cannot be written in the dialect.
+    """
+    if not (edits.stops or edits.dips or np.any(edits.offset)):
+        return program.data
+    if has_marks(program.data):
+        raise InputError(
+            program.name,
+            "the program holds the marks of an earlier compensation",
+            expected="the original (see --undo)",
+        )
+    text = _written(program, edits, dialect, declaration)
+    if _comes_back(text, program):
+        return text
+    return _closed(program, text[: payload_start(text)], Payload(whole=program.data), dialect)
+
+
+def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
+    """Write the new text; all that is needed for that is given up with it."""
+    units = program_units(program)
+    if len(units) > 1 and np.any(edits.offset):
+        raise InputError(program.name, "a lasting offset in a program in mm and in inches")
+    decimals = word_decimals(dialect, units[0])
+    step = units[0] * 10.0**-decimals
+    tasks = schedule(edits, program.motions, step)
+    found = carried(edits.offset, tasks, step)
+    numbers = _numbers(program, changed_words(program, found), decimals, int(dialect.point))
+    writer = ChangeWriter(
+        program,
+        dialect,
+        found,
+        decimals,
+        declaration.chord_tolerance,
+        lambda block: numbers.text(program, block),
+    )
+    hunks = sorted(writer.write(tasks), key=lambda hunk: hunk.block)
+    return _closed(program, *_body(program, numbers, hunks, dialect, declaration), dialect)
+
+
+def _comes_back(text: bytes, program: PartProgram) -> bool:
+    """Whether the inverse gives the original, byte for byte."""
+    try:
+        return restore(text, program.name) == program.data
+    except InputError:
+        return False
+
+
+def _numbers(program: PartProgram, changed: Changed, decimals: int, least: int) -> _Numbers:
+    """Add to every number what its word changes by, with at least so many decimals."""
+    words, word = program.words, changed.word
+    if word.size:
+        _check_digits(program, word)
+    table, number = _distinct(changed.delta)
+    delta = np.array([_trimmed(count, decimals, least) for count in table.tolist()], dtype=np.int64).reshape(-1, 2)
+    columns = words.start, words.end, words.digits, words.decimals
+    data = np.frombuffer(program.data, np.uint8)
+    pool, bounds, style, odd = shift_numbers(data, columns, word, number, delta)
+    pairs = tuple((int(steps), int(places)) for steps, places in delta.tolist())
+    return _Numbers(word=word, number=number, pool=pool, bounds=bounds, style=style, odd=odd, delta=pairs)
+
+
+def _check_digits(program: PartProgram, word: IntArray) -> None:
+    digits, decimals = program.words.digits[word], program.words.decimals[word]
+    if np.abs(digits).max() > _LARGEST or decimals.max() > MOST_DECIMALS:
+        worst = np.argmax((np.abs(digits) > _LARGEST) | (decimals > MOST_DECIMALS))
+        where = f"{program.name}:{program.words.block[word[worst]] + 1}"
+        raise InputError(where, "a number of too many digits to be shifted")
+
+
+def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:
+    """Distinct values, of which there are few, and the number of each value among them."""
+    if delta.size == 0:
+        return delta, np.zeros(0, dtype=np.uint8)
+    low = int(delta.min())
+    if int(delta.max()) - low > _WIDEST:
+        table, number = np.unique(delta, return_inverse=True)
+        return table, number.astype(np.uint8)
+    found = np.flatnonzero(np.bincount(delta - low))
+    place = np.zeros(int(found[-1]) + 1, dtype=np.uint8)
+    place[found] = np.arange(found.size)
+    return found + low, place[delta - low]
+
+
+def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
+    """Write a number of steps with no more decimals than it needs, but `least`."""
+    while decimals > least and count % 10 == 0:
+        count, decimals = count // 10, decimals - 1
+    return count, decimals
+
+
+def _body(
+    program: PartProgram, numbers: _Numbers, hunks: list[Change], dialect: Dialect, declaration: Declaration
+) -> tuple[bytes, Payload]:
+    """Put the new text together, and gather what its inverse needs."""
+    end, line = line_end(program), _head_line(program)
+    data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
+    lines = np.append(program.lines[:-1], len(data))
+    head = declaration_lines(declaration, dialect.capabilities.max_line, dialect.comments)
+    head += declaration.commands
+    texts = [_joined(head, end), *(_joined(_told(hunk, dialect), end) for hunk in hunks)]
+    places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
+    outside = np.ones(program.blocks + 1, dtype=np.bool_)
+    for first, last in places:
+        outside[first:last] = False
+    sizes = np.append(0, np.cumsum([len(text) for text in texts]))
+    spans = np.column_stack([lines[np.array(places)], sizes[:-1], sizes[1:]]).astype(np.int64)
+    words, kept = program.words, outside[program.words.block[numbers.word]]
+    out = assemble(
+        np.frombuffer(data, np.uint8),
+        words.start[numbers.word] + 1,
+        words.end[numbers.word],
+        sealed(numbers.pool),
+        numbers.bounds,
+        spans,
+        np.frombuffer(b"".join(texts), np.uint8),
+    )
+    _check_lines(program, out, dialect)
+    odd = np.flatnonzero(numbers.odd[kept])
+    payload = Payload(
+        head=(line, len(head)),
+        bare=len(data) > len(program.data),
+        removed=b"".join(data[lines[a] : lines[b]] for a, b in places),
+        delta=numbers.delta,
+        code=number_codes(words.letter, words.block, outside, numbers.word, numbers.number).tobytes(),
+        style=numbers.style[kept].astype("<u2").tobytes(),
+        odd={int(n): _number_text(program, int(numbers.word[kept][n])) for n in odd.tolist()},
+    )
+    return out.tobytes(), payload
+
+
+def _number_text(program: PartProgram, word: int) -> bytes:
+    return program.data[program.words.start[word] + 1 : program.words.end[word]]
+
+
+def _told(hunk: Change, dialect: Dialect) -> list[str]:
+    """Lines of a hunk behind the one that counts them; what it is for is cut to the length of a line."""
+    words, style = list(dict.fromkeys(hunk.label)), dialect.comments
+    head = f"+{len(hunk.lines)} -{hunk.removed} "
+    line = marked(head + style.text(", ".join(words)), style)
+    while len(line) > dialect.capabilities.max_line:
+        words.pop()
+        line = marked(head + style.text(", ".join([*words, "and more"])), style)
+    return [line, *hunk.lines]
+
+
+def _joined(lines: list[str], end: str) -> bytes:
+    return "".join(line + end for line in lines).encode("latin-1")
+
+
+def _head_line(program: PartProgram) -> int:
+    """Line before which the head stands: behind a leading percent sign and a program number."""
+    line = 0
+    if program.text(0).strip().startswith(b"%"):
+        line = 1
+    if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):
+        line += 1
+    return line
+
+
+def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
+    """Refuse lines that are longer than the dialect takes, and than the program had them."""
+    most = max(dialect.capabilities.max_line + len("\r\n"), int(np.diff(program.lines).max()))
+    lines = split_lines(sealed(out))
+    long = np.flatnonzero(np.diff(lines) > most)
+    if long.size:
+        text = out[lines[long[0]] : lines[long[0] + 1]].tobytes().decode("latin-1").strip()
+        raise InputError(
+            program.name,
+            f"a line comes out too long for {dialect.name}",
+            expected=f"<= {dialect.capabilities.max_line} characters",
+            got=text,
+        )
+
+
+def _closed(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
+    """Add the lines that undo the change."""
+    lines = payload_lines(payload, dialect.capabilities.max_line, dialect.comments)
+    return body + _joined(lines, line_end(program))

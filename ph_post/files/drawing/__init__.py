@@ -1,0 +1,1 @@
+"""Drawings (DXF, SVG) as path files: read, chain, order, write."""

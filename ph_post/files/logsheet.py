@@ -1,0 +1,402 @@
+"""Read the columns of a log from text, ``.mat``, ``.npz`` or ``.parquet``.
+
+Text has remarks, a header and a row per sample; or rows alone, as ``halsampler`` of LinuxCNC writes them.
+``halsampler`` [1]_ prints a line per sample and no header: with ``-t`` the number of the sample first, from 0
+on, then every pin of the sampler with a blank behind it, floats with six decimals, bits as 0 and 1. Where it
+was too slow and samples were lost it prints a line ``overrun`` before the next one.
+
+``.mat`` files of version 5 to 7 [2]_ are read here: scipy.io.loadmat trusts the sizes and types that it finds,
+and a file that was damaged on its way ends the whole program there, without a word.
+
+References
+----------
+.. [1] LinuxCNC, halsampler(1) and sampler(9), and src/hal/components/sampler_usr.c of its source.
+.. [2] MATLAB: MAT-File Format, The MathWorks; chapter 1, "Level 5 MAT-File Format".
+"""
+
+from __future__ import annotations
+
+import collections
+import csv
+import hashlib
+import io
+import re
+import warnings
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ph_post.errors import InputError
+from ph_post.files.check import quoted
+from ph_post.files.storage import SourceBytes, SourceText
+from ph_post.types import Array
+
+_HEADER: Final = 128
+_LARGEST: Final = 1 << 30
+"""Bytes that one variable may have when it is unpacked."""
+
+_MATRIX, _COMPRESSED = 14, 15
+_TYPES: Final = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+_WORDS: Final = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_CHAR: Final = 4
+_NUMERIC: Final = range(6, 16)
+_COMPLEX: Final = 0x0800
+
+
+def mat_variables(data: bytes) -> dict[str, Any]:
+    """Return the variables by name: arrays, text, and None for what is neither (cells, structures, complex).
+
+    Raises
+    ------
+    ValueError, zlib.error
+        Where the bytes are no such file.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:_HEADER])
+    if order is None or not data.startswith(b"MATLAB 5"):
+        raise ValueError("no header of version 5 to 7")
+    found: dict[str, Any] = {}
+    for kind, body in _elements(data[_HEADER:], order):
+        if kind == _COMPRESSED:
+            unpacked = zlib.decompressobj().decompress(body, _LARGEST)
+            found |= dict(_variable(inner, order) for one, inner in _elements(unpacked, order) if one == _MATRIX)
+        elif kind == _MATRIX:
+            found |= dict([_variable(body, order)])
+    return found
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Yield type and bytes of the elements that follow each other."""
+    place = 0
+    while place < len(data):
+        tag = np.frombuffer(data[place : place + 8].ljust(8, b"\0"), dtype=f"{order}u4")
+        kind, size, begin = int(tag[0]), int(tag[1]), place + 8
+        if kind >> 16:  # up to four bytes stand in the tag itself
+            kind, size, begin = kind & 0xFFFF, kind >> 16, place + 4
+            place += 8
+        else:
+            place = begin + size + (0 if kind == _COMPRESSED else -size % 8)
+        if begin + size > len(data) or (begin == place - 4 and size > 4):
+            raise ValueError("the file ends inside a variable")
+        yield kind, data[begin : begin + size]
+
+
+def _variable(data: bytes, order: str) -> tuple[str, Any]:
+    """Return name and value of a matrix: flags, dimensions, name and real part, in this order."""
+    parts = _elements(data, order)
+    (_, flags), (_, shape), (_, name) = next(parts), next(parts), next(parts)
+    word = int(np.frombuffer(flags[:4], dtype=f"{order}u4")[0])
+    dimensions = np.frombuffer(shape, dtype=f"{order}i4").tolist()
+    content = word & 0xFF
+    key = name.decode("ascii", "replace")
+    if content == _CHAR:
+        return key, _text(next(parts, (16, b"")), order)
+    if content not in _NUMERIC or word & _COMPLEX:
+        return key, None
+    return key, _numbers(next(parts, (9, b"")), order).reshape(dimensions, order="F")
+
+
+def _numbers(part: tuple[int, bytes], order: str) -> NDArray[Any]:
+    kind, body = part
+    if kind not in _TYPES:
+        raise ValueError(f"numbers of an unknown type {kind}")
+    return np.frombuffer(body, dtype=f"{order}{_TYPES[kind]}")
+
+
+def _text(part: tuple[int, bytes], order: str) -> str:
+    kind, body = part
+    coding = _WORDS.get(kind, "latin-1")
+    end = {"<": "-le", ">": "-be"}[order] if coding in ("utf-16", "utf-32") else ""
+    return body.decode(coding + end, "replace").strip()
+
+
+class Sheet(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Columns of a file, which are read when asked for.
+
+    `names` are its columns; `named` is False where the file does not name them and they are numbered from 1.
+    `load` reads some of them, as they stand in the file, and `where` tells where a row is. `header` is where
+    the names are. `remarks` are what stands beside the columns. `lost` is the first row before which the
+    recorder says that it lost samples, None where it says nothing.
+    """
+
+    name: str
+    stem: str
+    digest: str
+    names: tuple[str, ...]
+    rows: int
+    load: Callable[[Sequence[str]], dict[str, Array]]
+    where: Callable[[int], str]
+    header: str
+    named: bool = True
+    remarks: Mapping[str, str] = {}
+    lost: int | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def listed(self) -> str:
+        """The columns in words."""
+        if self.named:
+            return ", ".join(self.names) or "no columns"
+        return f"columns 1 to {len(self.names)}, without names"
+
+
+_HDF5: Final = (b"MATLAB 7.3", b"\x89HDF")
+_MAGIC: Final = ((b"MATLAB ", ".mat"), (b"\x89HDF", ".mat"), (b"PK\x03\x04", ".npz"), (b"PAR1", ".parquet"))
+
+
+def stored_ending(raw: SourceBytes) -> str:
+    """Return which kind of stored log it is by its first bytes or its ending, nothing for a text.
+
+    Examples
+    --------
+    >>> stored_ending(SourceBytes(name="run.mat", stem="run", data=b""))
+    '.mat'
+    """
+    by_bytes = next((ending for magic, ending in _MAGIC if raw.data.startswith(magic)), "")
+    return by_bytes or next((ending for ending in _READERS if raw.name.lower().endswith(ending)), "")
+
+
+def stored_sheet(raw: SourceBytes, ending: str) -> Sheet:
+    """Read stored arrays: vectors of the common length are columns, single values remarks.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or holds no columns.
+    """
+    if raw.data.startswith(_HDF5):
+        raise InputError(
+            raw.name,
+            "a .mat file of version 7.3, which is HDF5, cannot be read",
+            expected="version 7 or older, such as save(..., '-v7') writes, or CSV",
+        )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            variables = _READERS[ending](raw.data)
+    except ImportError:
+        how = "pyarrow: pip install 'ph-post[parquet]'; or a .csv, .npz or .mat file"
+        raise InputError(raw.name, "Parquet logs need a library that is not installed", expected=how) from None
+    except Exception as error:  # whatever a decoder of foreign bytes stumbles over
+        what = f"not a {ending} file"
+        raise InputError(raw.name, what, got=" ".join(str(error).split())[:100] or "other bytes") from None
+    return _sheet(raw, variables)
+
+
+def _sheet(raw: SourceBytes, variables: Mapping[str, Any]) -> Sheet:
+    vectors: dict[str, Array] = {}
+    remarks: dict[str, str] = {}
+    other: list[str] = []
+    for name, value in variables.items():
+        array = np.squeeze(np.asarray(value))
+        if array.ndim == 0 and array.dtype.kind in "biufU":
+            remarks[name] = f"{array.item():.12g}" if array.dtype.kind in "iuf" else str(array.item())
+        elif array.ndim == 1 and array.dtype.kind in "biuf":
+            vectors[name] = array.astype(np.float64)
+        else:
+            other.append(name)
+    rows = _common_length(vectors)
+    columns = {name: vector for name, vector in vectors.items() if vector.size == rows}
+    other += [name for name in vectors if name not in columns]
+    aside = (f"variables left aside, no columns of {rows} rows: {', '.join(other)}",) if other else ()
+    return Sheet(
+        name=raw.name,
+        stem=raw.stem,
+        digest=hashlib.sha256(raw.data).hexdigest(),
+        names=tuple(columns),
+        rows=rows,
+        load=lambda names: {name: columns[name] for name in names},
+        where=lambda row: f"{raw.name}: row {row + 1}",
+        header=raw.name,
+        remarks=remarks,
+        warnings=aside,
+    )
+
+
+def _common_length(vectors: Mapping[str, Array]) -> int:
+    """Return the length of `t`, or else that of most vectors, the longest of several."""
+    if "t" in vectors:
+        return vectors["t"].size
+    counts = collections.Counter(vector.size for vector in vectors.values())
+    return max(counts, key=lambda size: (counts[size], size), default=0)
+
+
+def _npz(data: bytes) -> dict[str, Any]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        return dict(stored)
+
+
+def _parquet(data: bytes) -> dict[str, Any]:
+    from pyarrow import parquet
+
+    table = parquet.read_table(io.BytesIO(data))
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+_READERS: Final[dict[str, Callable[[bytes], dict[str, Any]]]] = {
+    ".mat": mat_variables,
+    ".npz": _npz,
+    ".parquet": _parquet,
+}
+
+
+REMARK: Final = "#"
+OVERRUN: Final = "overrun"
+"""What ``halsampler`` prints where samples were lost."""
+
+_NUMBER: Final = re.compile(
+    r"\s*(?:[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?(?:nan|inf|infinity))\s*",
+    re.IGNORECASE,
+)
+_ROW: Final = re.compile(r'[-+0-9.,;eE\s"]*[0-9][-+0-9.,;eE\s"]*')
+"""A line that begins the rows rather than naming them."""
+
+
+def text_sheet(source: SourceText) -> Sheet:
+    """Find remarks, header and rows of a log.
+
+    Cells are separated by semicolons, tabs, commas or blanks, whichever the first line has, in this order.
+
+    Raises
+    ------
+    InputError
+        Where there is nothing but remarks; and, when columns are loaded, where a row has more or fewer cells
+        than the header or a cell holds no number.
+    """
+    lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    told = [line.strip() for line in lines if line.lstrip().startswith(REMARK)]
+    kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(REMARK)]
+    if not kept:
+        raise InputError(source.name, "no rows, only remarks", expected="a header and a row a sample")
+    rows = [k for k in kept if lines[k].strip() != OVERRUN]
+    first = lines[rows[0]] if rows else OVERRUN
+    named = _ROW.fullmatch(first) is None
+    names = _cells(first, _delimiter(first))
+    table = _TextRows(source.name, names if named else [f"{k + 1}" for k in range(len(names))], _delimiter(first))
+    table.fill(lines, rows[1:] if named else rows)
+    overruns = [k for k in kept if lines[k].strip() == OVERRUN]
+    before = [int(np.searchsorted(table.lines, k)) for k in overruns]
+    return Sheet(
+        name=source.name,
+        stem=source.stem,
+        digest=source.digest,
+        rows=len(table.body),
+        names=tuple(name for name in table.names if name),
+        load=table.load,
+        where=table.where,
+        header=f"{source.name}:{rows[0] + 1 if rows else 1}",
+        named=named,
+        remarks=_remarks(told),
+        lost=next((row for row in before if row > 0), None),
+    )
+
+
+def _remarks(lines: Sequence[str]) -> dict[str, str]:
+    """Read the lines ``# key: value``; others are for people."""
+    pairs = (line.lstrip("# ").partition(":") for line in lines)
+    return {key.strip(): value.strip() for key, colon, value in pairs if colon and key.strip()}
+
+
+def _delimiter(line: str) -> str | None:
+    """Return what stands between the cells of a line, None for blanks."""
+    return next((one for one in ";\t," if one in line), None)
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.replace('"', "").split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))]
+
+
+class _TextRows:
+    """The rows of a text, and the numbers of their lines from 0 on."""
+
+    def __init__(self, file: str, names: list[str], delimiter: str | None) -> None:
+        self.file = file
+        self.names = names
+        self.delimiter = delimiter
+        self.lines: list[int] = []
+        self.body: list[str] = []
+
+    def fill(self, lines: Sequence[str], rows: list[int]) -> None:
+        """Take the rows; quoted cells lose their quotes, and what separates cells inside them."""
+        self.lines = rows
+        self.body = [self._plain(lines[k]) for k in rows]
+
+    def where(self, row: int) -> str:
+        """Where a row is."""
+        return f"{self.file}:{self.lines[row] + 1}"
+
+    def load(self, names: Sequence[str]) -> dict[str, Array]:
+        """Read columns, an empty cell as NaN."""
+        self._require_width()
+        places = [self.names.index(name) for name in names]
+        try:
+            values = self._parsed(self.body, places)
+        except ValueError:
+            values = self._parsed_with_holes(places)
+        return {name: np.ascontiguousarray(column) for name, column in zip(names, values.T, strict=True)}
+
+    def _parsed(self, body: list[str], places: list[int]) -> Array:
+        return np.loadtxt(body, delimiter=self.delimiter, usecols=places, ndmin=2, comments=None)
+
+    def _parsed_with_holes(self, places: list[int]) -> Array:
+        if self.delimiter is not None:
+            empty = re.compile(rf"(?m)(?<={self.delimiter}) *(?={self.delimiter}|$)|^ *(?={self.delimiter})")
+            filled = empty.sub("nan", "\n".join(self.body)).split("\n")
+            try:
+                return self._parsed(filled, places)
+            except ValueError:
+                pass
+        raise self._refusal(places)
+
+    def _refusal(self, places: list[int]) -> InputError:
+        """Find the first cell that holds no number."""
+        for row, line in enumerate(self.body):
+            cells = line.split(self.delimiter)
+            for place in places:
+                cell = cells[place]
+                if _NUMBER.fullmatch(cell) or (self.delimiter and not cell.strip()):
+                    continue
+                comma = re.fullmatch(r"\s*[-+]?[0-9]*,[0-9]+\s*", cell)
+                what = "a decimal comma" if comma else f"no number in column {quoted(self.names[place])}"
+                expected = "numbers with a decimal point"
+                return InputError(self.where(row), what, expected=expected, got=quoted(cell.strip()))
+        return InputError(self.file, "the rows cannot be read as numbers")
+
+    def _require_width(self) -> None:
+        """Refuse the first row that has more or fewer cells than the others."""
+        if self.delimiter is None:
+            found = [len(line.split()) for line in self.body]
+        else:
+            found = [line.count(self.delimiter) + 1 for line in self.body]
+        wrong = np.flatnonzero(np.array(found) != len(self.names))
+        if wrong.size:
+            row = int(wrong[0])
+            raise InputError(
+                self.where(row),
+                "a row of another length than the first line",
+                expected=f"{len(self.names)} cells",
+                got=str(found[row]),
+            )
+
+    def _plain(self, line: str) -> str:
+        if '"' not in line:
+            return line
+        if self.delimiter is None:
+            return line.replace('"', "")
+        return self.delimiter.join(cell.replace(self.delimiter, " ") for cell in _cells(line, self.delimiter))

@@ -1,0 +1,346 @@
+"""Keys of a machine file (TOML), and edits of its text that leave all else as a person wrote it.
+
+The keys are in the shop's units; :mod:`ph_post.drive.machinefile` makes a machine of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, MutableMapping, Sequence
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+import tomlkit
+from tomlkit.items import AoT, Item, Table
+
+from ph_post.types import EffectSetting
+
+DIGITS: Final = 7
+"""Significant digits of a number that is written."""
+
+_MINE: Final = re.compile(r"^#\s*\+- [^;]*(?:;\s*)?")
+"""The beginning of a comment that an earlier change has put behind a number."""
+
+
+class EffectChange(msgspec.Struct, frozen=True, kw_only=True):
+    """A change of one effect of an axis.
+
+    `place` is its number in the file, None for one that is added; `setting` is what it becomes, None where it
+    is taken out. `comments` stand behind its parameters, by key, `above` are the lines above it.
+    """
+
+    place: int | None
+    setting: EffectSetting | None
+    comments: Mapping[str, str] = {}
+    above: tuple[str, ...] = ()
+
+
+class AxisChange(msgspec.Struct, frozen=True, kw_only=True):
+    """What changes of one axis.
+
+    `keys` are new values by key of ``[axes.AXIS]`` ("control.KEY" of the table below it), None where a key is
+    taken out. `comments` stand behind them, by key; `above` are the lines above the first of them.
+    """
+
+    axis: str
+    keys: Mapping[str, float | str | None] = {}
+    comments: Mapping[str, str] = {}
+    above: tuple[str, ...] = ()
+    effects: tuple[EffectChange, ...] = ()
+
+
+def edit_axes(original: str, changes: Sequence[AxisChange]) -> str:
+    """Change axes of a machine file; comments, order and layout of all else stay.
+
+    Parameters
+    ----------
+    original : str
+        A machine file that can be read.
+    changes : sequence of AxisChange
+
+    Returns
+    -------
+    str
+        Numbers are written with seven significant digits.
+    """
+    text = original.replace("\r\n", "\n")
+    for change in changes:
+        text = _with_keys(text, change)
+        text = _with_effects(text, change)
+    return text.replace("\n", "\r\n") if "\r\n" in original else text
+
+
+def written(value: float | str) -> float | str:
+    """Return a value as it is written.
+
+    Examples
+    --------
+    >>> written(0.0123456789), written("contact")
+    (0.01234568, 'contact')
+    """
+    return value if isinstance(value, str) else float(f"{value:.{DIGITS}g}")
+
+
+def put(table: Any, key: str, value: float | str, comment: str = "", column: int = 0) -> None:
+    """Add a key to a table of tomlkit, with its comment at a column, or two blanks behind the value."""
+    item = tomlkit.item(value)
+    if comment:
+        item.comment(comment)
+        item.trivia.comment_ws = " " * max(column - len(f"{key} = {item.as_string()}"), 2)
+    table.add(key, item)
+
+
+def _with_keys(text: str, change: AxisChange) -> str:
+    """Set the keys that the file has where they stand, and add the others behind them."""
+    document = tomlkit.parse(text)
+    axis: Any = document["axes"][change.axis]
+    above, added = change.above, {}
+    for key, value in change.keys.items():
+        table, last = _table_of(axis, key)
+        if value is None:
+            if table is not None:
+                table.pop(last, None)
+        elif table is None or last not in table:
+            added[key] = value
+        else:
+            _set(table, last, value, change.comments.get(key, ""), above)
+            above = ()
+    text = tomlkit.dumps(document)
+    for key, value in added.items():
+        text = _with_new_key(text, change, key, value, above)
+        above = ()
+    return text
+
+
+def _table_of(axis: Any, key: str) -> tuple[Any, str]:
+    """Return the table that a key belongs to, None where there is none, and the key in it."""
+    *tables, last = key.split(".")
+    for name in tables:
+        axis = axis.get(name) if axis is not None else None
+    return axis, last
+
+
+def _set(
+    table: MutableMapping[str, Any], key: str, value: float | str, comment: str, above: Sequence[str] = ()
+) -> None:
+    """Set a key, keep what a person wrote behind it, and put lines above it."""
+    old = table[key].trivia if isinstance(table[key], Item) else None
+    table[key] = written(value)
+    item = table[key]
+    if not isinstance(item, Item) or old is None:
+        return
+    kept = _MINE.sub("", old.comment).lstrip("# ")
+    words = "; ".join(part for part in (comment, kept) if part)
+    if words and (comment or _MINE.match(old.comment)):
+        item.trivia.comment_ws = old.comment_ws or "  "
+        item.trivia.comment = f"# {words}"
+    if above and "\n" in item.trivia.trail:
+        item.trivia.indent = _lines(above, item.trivia.indent) + item.trivia.indent
+
+
+def _with_new_key(text: str, change: AxisChange, key: str, value: float | str, above: Sequence[str]) -> str:
+    """Add a key behind the last one of its table."""
+    *tables, last = key.split(".")
+    own = _section(text, ("axes", change.axis, *tables))
+    end, name = own or _section(text, ("axes", change.axis)), last if own else key
+    if end is None:  # an inline table, or dotted keys
+        document = tomlkit.parse(text)
+        table: Any = document["axes"][change.axis]
+        for part in tables:
+            table = table.setdefault(part, tomlkit.inline_table())
+        table[last] = written(value)
+        return tomlkit.dumps(document)
+    comment = change.comments.get(key, "")
+    row = f"{name} = {_literal(value)}" + (f"  # {comment}" if comment else "") + "\n"
+    return _inserted(text, end, _lines(above) + row)
+
+
+def _with_effects(text: str, change: AxisChange) -> str:
+    """Change and take out effects where they stand, then add the others behind the axis' last line."""
+    document = tomlkit.parse(text)
+    axis: Any = document["axes"][change.axis]
+    effects = axis.get("effects")
+    gone = []
+    for one in change.effects:
+        if one.place is not None and one.setting is not None:
+            _reset(effects[one.place], one)
+        elif one.place is not None:
+            gone.append(one.place)
+    for place in sorted(gone, reverse=True):
+        del effects[place]
+    if gone and not effects:
+        del axis["effects"]
+        effects = None
+    added = [one for one in change.effects if one.place is None and one.setting is not None]
+    inline = (effects is not None and not isinstance(effects, AoT)) or _end(text, change.axis) is None
+    if added and inline:
+        _append_inline(axis, added)
+        return tomlkit.dumps(document)
+    text = tomlkit.dumps(document)
+    for one in added:
+        text = _inserted(text, _end(text, change.axis) or 0, _effect_lines(change.axis, one))
+    return text
+
+
+def _reset(table: Any, change: EffectChange) -> None:
+    """Give an effect that stands in the file other parameters."""
+    assert change.setting is not None
+    parameters = change.setting.parameters
+    for key in [key for key in table if key != "name" and key not in parameters]:
+        del table[key]
+    for key, value in parameters.items():
+        if key not in table:
+            table[key] = value if isinstance(value, list) else written(value)
+        elif table[key] != value:
+            _set(table, key, value, change.comments.get(key, ""))
+    if isinstance(table, Table):
+        table.trivia.indent = _lines(change.above, table.trivia.indent) + table.trivia.indent
+
+
+def _append_inline(axis: Any, added: Sequence[EffectChange]) -> None:
+    if "effects" not in axis:
+        axis["effects"] = tomlkit.array()
+    for one in added:
+        assert one.setting is not None
+        table = tomlkit.inline_table()
+        table["name"] = one.setting.name
+        for key, value in one.setting.parameters.items():
+            table[key] = value if isinstance(value, list) else written(value)
+        axis["effects"].append(table)
+
+
+def _effect_lines(axis: str, change: EffectChange) -> str:
+    assert change.setting is not None
+    rows = [f"name = {_literal(change.setting.name)}"]
+    for key, value in change.setting.parameters.items():
+        comment = change.comments.get(key, "")
+        rows.append(f"{key} = {_literal(value)}" + (f"  # {comment}" if comment else ""))
+    return "\n" + _lines(change.above) + f"[[axes.{axis}.effects]]\n" + "".join(f"{row}\n" for row in rows)
+
+
+def _literal(value: Any) -> str:
+    return tomlkit.item(value if isinstance(value, list) else written(value)).as_string()
+
+
+def _lines(comments: Sequence[str], indent: str = "") -> str:
+    margin = indent.rpartition("\n")[2] if not indent.strip() else ""
+    return "".join(f"{margin}# {line}\n" for line in comments)
+
+
+def _header(path: Sequence[str], *, below: bool) -> re.Pattern[str]:
+    """Match the header of a table, or of one below it."""
+    keys = r"\s*\.\s*".join(rf"(?:{key}|\"{key}\"|'{key}')" for key in path)
+    end = r"[.\]]" if below else r"\]"
+    return re.compile(rf"\s*\[\[?\s*{keys}\s*{end}")
+
+
+def _section(text: str, path: Sequence[str], *, below: bool = False) -> int | None:
+    """Return the line behind the last key of a table that has a header, None where there is no header.
+
+    What comes after that key, blank lines and comments, belongs to the next table.
+    """
+    pattern, inside, end = _header(path, below=below), False, None
+    for number, line in enumerate(text.split("\n")):
+        if line.lstrip().startswith("["):
+            inside = pattern.match(line) is not None
+        if inside and line.strip() and not line.lstrip().startswith("#"):
+            end = number + 1
+    return end
+
+
+def _end(text: str, axis: str) -> int | None:
+    """Return the line behind the last key of an axis, the tables below it included."""
+    return _section(text, ("axes", axis), below=True)
+
+
+def _inserted(text: str, line: int, what: str) -> str:
+    lines = text.split("\n")
+    before = "\n".join(lines[:line]) + "\n"
+    return before + what + "\n".join(lines[line:])
+
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Fraction01 = Annotated[float, msgspec.Meta(gt=0, lt=1)]
+Relative = Annotated[float, msgspec.Meta(ge=0, lt=1)]
+
+
+class MachineTableRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of the tables of a machine file: a key that is not known is refused."""
+
+
+class ControllerRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """``[controller]``."""
+
+    dialect: str
+    servo_period_ms: Annotated[float, msgspec.Meta(ge=0.001, le=1000)]
+
+
+class ControlRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """``[axes.X.control]``: the gains of a PI or PID loop, relative to the proportional gain."""
+
+    ki_over_kp_per_s: NotNegative = 0.0
+    kd_over_kp_s: NotNegative = 0.0
+
+
+class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """``[axes.X]``.
+
+    Physical constants may be given under a name that carries the unit or, in SI units, under the paper's
+    symbol: J, B, k_p, k_a, k_t, N, r. The rest has one name.
+    """
+
+    feedback: Literal["load", "motor", "none"]
+    # Eq. (9), or the physical constants it is made of
+    b: NotNegative | None = None
+    c: NotNegative | None = None
+    inertia_kg_m2: Positive | None = None
+    J: Positive | None = None
+    damping_kg_m2_s: Positive | None = None
+    B: Positive | None = None
+    position_gain_v_per_m: Positive | None = None
+    k_p: Positive | None = None
+    amplifier_gain_a_per_v: Positive | None = None
+    k_a: Positive | None = None
+    torque_constant_n_m_per_a: Positive | None = None
+    k_t: Positive | None = None
+    servo_stiffness_n_per_mm: Positive | None = None
+    # transmission
+    gear_ratio: Positive | None = None
+    N: Positive | None = None
+    travel_per_rad_mm: Positive | None = None
+    screw_lead_mm: Positive | None = None
+    r: Positive | None = None
+    # the gap, and the motor alone in it
+    backlash_motor_rad: NotNegative | None = None
+    lost_motion_mm: NotNegative | None = None
+    inertia_fraction: Fraction01 | None = None
+    motor_time_constant_s: Positive | None = None
+    pickup: Literal["standstill", "momentum", "contact"] | None = None
+    initial_flank: Literal["+", "-", "unknown"] = "unknown"
+    backlash_uncertainty: Relative = 0.2
+    beta_uncertainty: Relative = 0.2
+    gain_uncertainty: Relative = 0.2
+    # limits
+    max_velocity_mm_s: Positive
+    max_acceleration_mm_s2: Positive
+    max_jerk_mm_s3: Positive
+    max_motor_acceleration_rad_s2: Positive | None = None
+    control: ControlRecord | None = None
+    effects: list[dict[str, Any]] = []
+
+
+class AxesRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """``[axes]``: the drives by axis."""
+
+    X: AxisRecord | None = None
+    Y: AxisRecord | None = None
+    Z: AxisRecord | None = None
+
+
+class MachineRecord(MachineTableRecord, frozen=True, kw_only=True):
+    """The whole file."""
+
+    name: str | None = None
+    controller: ControllerRecord
+    axes: AxesRecord

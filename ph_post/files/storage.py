@@ -1,0 +1,336 @@
+"""Read inputs, write outputs whole or not at all, and find the files shipped with the package.
+
+``-`` is standard input or standard output. Several outputs are written as one: all of them or none.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import pathlib
+import secrets
+import shutil
+import stat
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Final, Literal
+
+import msgspec
+
+from ph_post.errors import InputError
+from ph_post.files.check import one_of
+
+STDIO = "-"
+"""The file name that means standard input or standard output."""
+
+
+class SourceText(msgspec.Struct, frozen=True, kw_only=True):
+    """An input as read: its name for messages, a name for its content where that has none, text and hash."""
+
+    name: str
+    stem: str
+    text: str
+    digest: str
+
+
+def source_of(text: str, name: str, stem: str) -> SourceText:
+    """Return a text that was made here as if it had been read, with its hash."""
+    return SourceText(name=name, stem=stem, text=text, digest=hashlib.sha256(text.encode()).hexdigest())
+
+
+def read_source(source: str | os.PathLike[str]) -> SourceText:
+    """Read a UTF-8 text file, or standard input for ``-``.
+
+    A byte order mark is dropped; `digest` is the SHA-256 of the bytes as they were.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, a directory, unreadable, empty or not UTF-8.
+    """
+    return decoded(read_raw(source))
+
+
+class SourceBytes(msgspec.Struct, frozen=True, kw_only=True):
+    """An input as it was read: its name for messages, a name for its content, and its bytes."""
+
+    name: str
+    stem: str
+    data: bytes
+
+
+def read_raw(source: str | os.PathLike[str]) -> SourceBytes:
+    """Read a file, or standard input for ``-``.
+
+    Raises
+    ------
+    InputError
+        Where the file is missing, a directory or unreadable.
+    """
+    if os.fspath(source) == STDIO:
+        if sys.stdin is None:
+            raise InputError("stdin", "cannot be read", got="a closed stream")
+        return SourceBytes(name="stdin", stem="stdin", data=sys.stdin.buffer.read())
+    file = pathlib.Path(source)
+    with reading_errors(file):
+        return SourceBytes(name=os.fspath(source), stem=file.stem, data=file.read_bytes())
+
+
+def decoded(raw: SourceBytes) -> SourceText:
+    """Return an input as text.
+
+    Raises
+    ------
+    InputError
+        Where it is empty or not UTF-8.
+    """
+    name, stem, data = raw.name, raw.stem, raw.data
+    text = _decode(data, name)
+    if not text.strip():
+        raise InputError(name, "the file is empty")
+    return SourceText(name=name, stem=stem, text=text, digest=hashlib.sha256(data).hexdigest())
+
+
+@contextlib.contextmanager
+def reading_errors(file: pathlib.Path) -> Iterator[None]:
+    """Turn what goes wrong while a file is read into the error that tells it in one line."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise InputError(os.fspath(file), "no such file") from None
+    except IsADirectoryError:
+        raise InputError(os.fspath(file), "is a directory", expected="a file") from None
+    except OSError as error:
+        raise InputError(os.fspath(file), "cannot be read", got=error.strerror or str(error)) from None
+    except ValueError as error:  # a NUL in the name
+        raise InputError(repr(os.fspath(file)), "is no file name", got=str(error)) from None
+
+
+def _decode(data: bytes, name: str) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        line = before.count(b"\n") + 1
+        column = error.start - before.rfind(b"\n")
+        byte = f"byte 0x{data[error.start]:02x}"
+        raise InputError(f"{name}:{line}:{column}", "not a text file", expected="UTF-8", got=byte) from None
+
+
+Content = bytes | str
+
+
+class _Product(msgspec.Struct, frozen=True, kw_only=True):
+    """One file to write: the name it was asked for by, its true place, and the names used on the way."""
+
+    name: str
+    place: pathlib.Path
+    data: bytes
+    fresh: pathlib.Path
+    old: pathlib.Path
+
+
+def write_atomically(products: Mapping[str, Content]) -> None:
+    """Write every product to its place, or none of them.
+
+    Each file is first written beside its place under a temporary name, so that a full disk or a missing
+    folder is met before anything is touched; then all are moved into place. A file that was there keeps its
+    permissions; of a symbolic link the target is replaced. ``-`` is standard output; it and devices cannot
+    be taken back and are written after the temporary files and before the moves. The moves follow the order
+    of `products`: a run killed between two of them has made the first.
+
+    Parameters
+    ----------
+    products : mapping
+        What to write by file name; text is written as UTF-8 with the line ends it has.
+
+    Raises
+    ------
+    InputError
+        Where a place cannot be written, or two products have the same place. Nothing has been touched then.
+    """
+    streams = {name: _encoded(content) for name, content in products.items() if _is_stream(name)}
+    files = [_plan(name, products[name], number) for number, name in enumerate(products) if name not in streams]
+    _refuse_same_place(files)
+    try:
+        for product in files:
+            with _writing_errors(product.name):
+                _stage(product)
+        for name, data in streams.items():
+            _send(name, data)
+        _commit(files)
+    finally:
+        for product in files:
+            # What could not be made need not be taken away: a read-only disk refuses both.
+            with contextlib.suppress(OSError):
+                product.fresh.unlink(missing_ok=True)
+                product.old.unlink(missing_ok=True)
+
+
+def _encoded(content: Content) -> bytes:
+    return content.encode() if isinstance(content, str) else content
+
+
+def _is_stream(name: str) -> bool:
+    """Tell standard output, devices and pipes from files and places for files."""
+    try:
+        mode = pathlib.Path(name).stat().st_mode
+    except (OSError, ValueError):
+        return name == STDIO
+    return name == STDIO or not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _plan(name: str, content: Content, number: int) -> _Product:
+    with _writing_errors(name):
+        place = pathlib.Path(os.path.realpath(name))
+        if place.is_dir():
+            raise InputError(name, "is a directory", expected="a file to write")
+        if not place.parent.is_dir():
+            raise InputError(name, "cannot be written", expected="an existing folder", got=os.fspath(place.parent))
+        if place.exists() and not os.access(place, os.W_OK):
+            raise InputError(name, "cannot be written", got="a write-protected file")
+    # By chance, not by process: what a killed run left behind must not be in the way of one of its number.
+    stem = f".ph-post-{secrets.token_hex(6)}-{number}"
+    fresh, old = place.with_name(f"{stem}.new"), place.with_name(f"{stem}.old")
+    return _Product(name=name, place=place, data=_encoded(content), fresh=fresh, old=old)
+
+
+def _refuse_same_place(files: list[_Product]) -> None:
+    names: dict[pathlib.Path, str] = {}
+    for product in files:
+        if product.place in names:
+            raise InputError(product.name, "would be written twice", got=f"the same file as {names[product.place]}")
+        names[product.place] = product.name
+
+
+@contextlib.contextmanager
+def _writing_errors(name: str) -> Iterator[None]:
+    """Turn what the operating system refuses into one line."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(name, "cannot be written", got=error.strerror or str(error)) from None
+    except ValueError as error:  # a NUL in the name
+        raise InputError(repr(name), "is no file name", got=str(error)) from None
+
+
+def _stage(product: _Product) -> None:
+    """Write the temporary file, with the permissions the file will have."""
+    with product.fresh.open("xb") as file:
+        file.write(product.data)
+        file.flush()
+        os.fsync(file.fileno())
+    if product.place.exists():
+        product.fresh.chmod(stat.S_IMODE(product.place.stat().st_mode))
+
+
+def _send(name: str, data: bytes) -> None:
+    if name == STDIO:
+        if sys.stdout is None:
+            raise InputError("standard output", "cannot be written", got="a closed stream")
+        sys.stdout.flush()
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+        return
+    with _writing_errors(name):
+        pathlib.Path(name).write_bytes(data)
+
+
+def _commit(files: list[_Product]) -> None:
+    """Move all files into place; where one move fails, put back what the earlier ones replaced."""
+    moved: list[_Product] = []
+    try:
+        for product in files:
+            with _writing_errors(product.name):
+                if product.place.exists():
+                    _keep(product.place, product.old)
+                product.fresh.replace(product.place)
+            moved.append(product)
+    except InputError:
+        for product in moved:
+            if product.old.exists():
+                product.old.replace(product.place)
+            else:
+                product.place.unlink()
+        raise
+
+
+def _keep(place: pathlib.Path, old: pathlib.Path) -> None:
+    """Give the file that stands there a second name, by copying where the file system has no links."""
+    try:
+        old.hardlink_to(place)
+    except OSError:
+        shutil.copy2(place, old)
+
+
+def make_folder(name: str) -> pathlib.Path:
+    """Return the folder `name`, made if it is not there.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, or something else has its name.
+    """
+    folder = pathlib.Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError(name, f"the folder cannot be made: {reason}") from error
+    return folder
+
+
+Kind = Literal["paths", "machines", "freecad"]
+
+_PACKAGE: Final = pathlib.Path(__file__).resolve().parent.parent
+_FOLDERS: Final[dict[Kind, tuple[pathlib.Path, pathlib.Path, str]]] = {
+    "paths": (_PACKAGE / "data" / "paths", _PACKAGE.parent / "paths", ".json"),
+    "machines": (_PACKAGE / "data" / "machines", _PACKAGE.parent / "samples" / "machines", ".toml"),
+    "freecad": (_PACKAGE / "data" / "freecad", _PACKAGE / "data" / "freecad", ".py"),
+}
+
+
+def shipped_names(kind: Kind) -> tuple[str, ...]:
+    """Names of what is shipped, without their endings, in alphabetical order.
+
+    Examples
+    --------
+    >>> "paper" in shipped_names("machines")
+    True
+    """
+    folder, ending = _folder(kind)
+    return tuple(sorted(file.stem for file in folder.glob(f"*{ending}")))
+
+
+def shipped(kind: Kind, name: str) -> pathlib.Path:
+    """Return the file of a shipped path or machine.
+
+    Raises
+    ------
+    InputError
+        Where nothing of that name is shipped.
+    """
+    folder, ending = _folder(kind)
+    if name not in shipped_names(kind):
+        what = f"no such file, and none of the shipped {kind}"
+        raise InputError(name, what, expected=one_of(shipped_names(kind), name))
+    return folder / f"{name}{ending}"
+
+
+def or_shipped(kind: Kind, source: str | os.PathLike[str]) -> str | os.PathLike[str]:
+    """Return `source`, or the shipped file of that bare name where there is no file of the user's.
+
+    Raises
+    ------
+    InputError
+        Where `source` is a bare name that is neither a file nor shipped.
+    """
+    name = os.fspath(source)
+    bare = pathlib.PurePath(name).name == name and not pathlib.PurePath(name).suffix and name != "-"
+    return shipped(kind, name) if bare and not os.path.lexists(name) else source
+
+
+def _folder(kind: Kind) -> tuple[pathlib.Path, str]:
+    installed, source_tree, ending = _FOLDERS[kind]
+    return (installed if installed.is_dir() else source_tree), ending

@@ -1,0 +1,253 @@
+"""Modal groups of G and M words as RS274/NGC has them, and the numbers that the compiled passes exchange.
+
+Compiled code is cached on disk until its own file changes: whoever changes a number here has to touch
+``modes.py`` and ``motions.py`` too.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+(
+    MOTION,
+    PLANE,
+    UNITS,
+    ABSOLUTE,
+    ARC_ABSOLUTE,
+    FEED_MODE,
+    COMPENSATION,
+    LENGTH,
+    SYSTEM,
+    PATH,
+    PATH_P,
+    PATH_Q,
+    RETRACT,
+    SPINDLE,
+    MIST,
+    FLOOD,
+    TOOL,
+    PREPARED,
+    SPEED,
+) = range(19)
+"""Columns of a modal state; words such as G5.1 stand there as ten times their number."""
+
+FEED, FEED_KNOWN, FRAME, UNITS_SAID = 19, 20, 21, 22
+"""What the state holds besides: F, whether it was given (0 no, 1 yes, 2 perhaps), whether the frame is
+turned, scaled or in diameters, and whether the program said its units."""
+
+MODES, STATE = 19, 23
+NONE, UNKNOWN = -1.0, -2.0
+"""A group of which the program has said nothing, and one that something not understood may have set."""
+
+(
+    REST,
+    RAPID,
+    LINE,
+    ARC_CW,
+    ARC_CCW,
+    CUBIC,
+    QUADRATIC,
+    NURBS_POINT,
+    NURBS_END,
+    FORGET,
+    FORGET_NAMED,
+    PRESET,
+) = range(12)
+"""What a block does to the position: the motions, and to forget it, of all or of the named axes, or to give
+it another name (G92). `FORGET_FIRST` is added where it is forgotten before the motion."""
+FORGET_FIRST = 16
+
+EXPLICIT, LENIENT_LINE, OFFSET_LINE, FRAMED, KNOWN_SHIFT = 1, 2, 4, 8, 4
+"""Bits of what else a block has: its own motion word, a word that takes further letters, offsets in its axis
+words (G43.1), a frame that is not the machine's; and the bit from which on stands whether F is known."""
+
+TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END = 1, 2, 4, 8, 16, 32
+"""Bits of what separates chains."""
+
+(
+    PARAMETER,
+    EXPRESSION,
+    O_WORD,
+    POLAR,
+    COMPENSATED,
+    CYCLE,
+    FURTHER_AXIS,
+    UNKNOWN_G,
+    UNKNOWN_M,
+    DELETED,
+    SUBPROGRAM,
+    ARC_FROM_NOWHERE,
+    SPLINE_FROM_NOWHERE,
+    UNUSED_WORD,
+    NO_MOTION_MODE,
+    UNSURE_MODE,
+    CONTROLLER_LINE,
+    OTHER_FRAME,
+    THREAD,
+    COMMA,
+    DWELL_AXES,
+    SPLINE_PLANE,
+    SAVED_STATE,
+    LONE_SPLINE,
+) = range(1, 25)
+"""Why a block is not understood."""
+
+(
+    TWICE,
+    TWO_OF_GROUP,
+    NEGATIVE_FEED,
+    NO_FEED,
+    ZERO_FEED,
+    NO_INVERSE_FEED,
+    NO_CENTER,
+    MIXED_CENTER,
+    MISSING_CENTER,
+    FOREIGN_CENTER,
+    NO_RADIUS_END,
+    TURNS,
+    NO_DWELL,
+) = range(20, 33)
+"""Why a block is refused."""
+
+MOST_TURNS: Final = 1000
+"""An arc of more turns is a slip of the pen: threads have tens."""
+
+_GROUPS: Final[dict[int, tuple[int, ...]]] = {
+    0: (40, 100, 280, 281, 300, 301, 520, 530, 920, 53),
+    1: (
+        0,
+        10,
+        20,
+        30,
+        50,
+        51,
+        52,
+        330,
+        331,
+        382,
+        383,
+        384,
+        385,
+        700,
+        710,
+        711,
+        712,
+        720,
+        721,
+        722,
+        730,
+        740,
+        760,
+        800,
+        810,
+        820,
+        830,
+        840,
+        850,
+        860,
+        870,
+        880,
+        890,
+    ),
+    2: (170, 180, 190, 171, 181, 191),
+    3: (900, 910),
+    4: (901, 911),
+    5: (930, 940, 950),
+    6: (200, 210),
+    7: (400, 410, 411, 420, 421),
+    8: (430, 431, 432, 490),
+    10: (980, 990),
+    12: (540, 550, 560, 570, 580, 590, 591, 592, 593),
+    13: (610, 611, 640),
+    14: (960, 970),
+    15: (70, 80),
+    16: (921, 922, 923),
+    17: (150, 160, 500, 501, 510, 511, 680, 690),
+}
+GROUP = np.full(1000, -1, np.int64)
+for _number, _codes in _GROUPS.items():
+    GROUP[list(_codes)] = _number
+FRAMES = np.array([[70, 80], [160, 150], [510, 500], [511, 501], [680, 690]])
+"""Words that make the frame another, and words that end that: diameters (G7), polar coordinates (G16), scaled
+(G51), mirrored (G51.1), turned (G68)."""
+FIELD = np.array(
+    [
+        -1,
+        MOTION,
+        PLANE,
+        ABSOLUTE,
+        ARC_ABSOLUTE,
+        FEED_MODE,
+        UNITS,
+        COMPENSATION,
+        LENGTH,
+        -1,
+        RETRACT,
+        -1,
+        SYSTEM,
+        PATH,
+        -1,
+        FRAME,
+        -1,
+        FRAME,
+    ]
+)
+"""Column of the state that each group sets."""
+_M_GROUPS: Final = {
+    3: (70, 71),
+    4: (0, 1, 2, 30, 60),
+    5: (62, 63, 64, 65, 66, 67, 68),
+    6: (6, 61),
+    7: (3, 4, 5, 19),
+    8: (7, 8, 9),
+    9: (48, 49, 50, 51, 52, 53),
+}
+M_GROUP = np.full(100, -1, np.int64)
+for _number, _codes in _M_GROUPS.items():
+    M_GROUP[list(_codes)] = _number
+
+(
+    LETTER_A,
+    LETTER_B,
+    LETTER_C,
+    LETTER_D,
+    LETTER_E,
+    LETTER_F,
+    LETTER_G,
+    LETTER_H,
+    LETTER_I,
+    LETTER_J,
+    LETTER_K,
+    LETTER_L,
+    LETTER_M,
+    LETTER_N,
+    LETTER_O,
+    LETTER_P,
+    LETTER_Q,
+    LETTER_R,
+    LETTER_S,
+    LETTER_T,
+    LETTER_U,
+    LETTER_V,
+    LETTER_W,
+    LETTER_X,
+    LETTER_Y,
+    LETTER_Z,
+) = range(26)
+"""Letters of words, as bits they are the letters that a block has."""
+
+
+def _bits(letters: str) -> int:
+    return sum(1 << ord(letter) - ord("A") for letter in letters)
+
+
+AXES: Final = _bits("XYZ")
+FURTHER: Final = _bits("ABCUVW")
+CENTER: Final = _bits("IJK")
+ALWAYS: Final = _bits("FGMNOST")
+SPLINE_LETTERS: Final = _bits("XYIJPQ")
+NURBS_LETTERS: Final = _bits("XYPL")
+LENIENT: Final = _bits("DEHLPQR")
+"""Letters of words that G4, G10, G41, G43, G64, M6x and others use."""

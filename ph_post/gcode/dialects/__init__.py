@@ -1,1 +1,0 @@
-"""Controller dialects, one file each."""

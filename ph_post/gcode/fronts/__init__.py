@@ -1,1 +1,0 @@
-"""Readers of part programs whose words are not those of RS274, one file each."""

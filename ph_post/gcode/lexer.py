@@ -1,0 +1,323 @@
+"""Split text into words: one compiled pass, which keeps the place of every word.
+
+Blanks may stand inside words (``X 1 0 . 5``), as RS274/NGC allows.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ph_post.compiling import compiled, inner
+
+PARAMETER, EXPRESSION, O_WORD, POLAR, DELETE, OTHER, SYSTEM, KEEPS = 1, 2, 4, 8, 16, 32, 64, 128
+"""What stands on a line beside plain words: bits of its trait. `OTHER`: a word with a comma or a dollar sign,
+or a number that is too long to be kept exactly; `SYSTEM`: a line for the controller itself, which begins
+with ``$``; `KEEPS`: one that leaves all modes as they are, which begins with ``$@``."""
+
+(
+    NO_NUMBER,
+    BAD_CHARACTER,
+    OPEN_COMMENT,
+    CLOSED_COMMENT,
+    BRACKET,
+    EXPONENT,
+    NO_LETTER,
+    AFTER_PERCENT,
+    CHECKSUM,
+    FULL,
+) = range(1, 11)
+"""Why the text is not read any further. `FULL`: there is no room for more words."""
+
+_POWERS = 10.0 ** np.arange(23)
+"""Powers of ten that are exact."""
+_LARGEST = 922337203685477579
+"""Ten times this and a digit still is a 64-bit number."""
+
+
+@compiled
+def split_lines(data: Any) -> Any:
+    """Places at which lines begin, and after the last one the end of `data` (n,), shape (lines + 1,)."""
+    count = 0
+    for i in range(data.size):
+        if data[i] == 10 or (data[i] == 13 and not (i + 1 < data.size and data[i + 1] == 10)):
+            count += 1
+    if data.size and data[-1] != 10 and data[-1] != 13:
+        count += 1
+    lines = np.empty(count + 1, np.int32)
+    lines[0] = 0
+    at = 0
+    for i in range(data.size):
+        if data[i] == 10 or (data[i] == 13 and not (i + 1 < data.size and data[i + 1] == 10)):
+            at += 1
+            lines[at] = i + 1
+    lines[count] = data.size
+    return lines
+
+
+@compiled
+def count_letters(data: Any, everywhere: bool) -> Any:
+    """How many letters stand outside comments, or `everywhere`: then no fewer than there are words."""
+    count, closer = 0, 0
+    for c in data:
+        if closer:
+            if c == closer or c in (10, 13):
+                closer = 0
+        elif c == 40 and not everywhere:
+            closer = 41
+        elif c == 59 and not everywhere:
+            closer = 10
+        elif 65 <= (c & 0xDF) <= 90:
+            count += 1
+    return count
+
+
+@inner
+def _is_letter(c: Any) -> Any:
+    return 65 <= c <= 90 or 97 <= c <= 122
+
+
+@inner
+def _is_numeric(c: Any) -> Any:
+    return 48 <= c <= 57 or c == 46
+
+
+@inner
+def _skip_blanks(data: Any, i: int, end: int) -> Any:
+    while i < end and (data[i] == 32 or data[i] == 9):
+        i += 1
+    return i
+
+
+@inner
+def _read_number(data: Any, i: int, end: int) -> Any:
+    """Read a number with blanks inside: its end, digits, decimals, -1 where it has none, -2 if too long."""
+    sign, point, digits, decimals, after, seen = 1, False, np.int64(0), 0, i, False
+    i = _skip_blanks(data, i, end)
+    if i < end and (data[i] == 43 or data[i] == 45):
+        sign = -1 if data[i] == 45 else 1
+        i += 1
+    long = False
+    while i < end:
+        c = data[i]
+        if 48 <= c <= 57:
+            seen, after = True, i + 1
+            if digits > _LARGEST:
+                long = True
+            else:
+                digits = 10 * digits + (np.int64(c) - 48)
+                decimals += point
+        elif c == 46 and not point:
+            point, after = True, i + 1
+        elif c not in (32, 9):
+            break
+        i += 1
+    if not seen:
+        decimals = -1
+    elif long:
+        decimals = -2
+    return after, sign * digits, decimals
+
+
+@inner
+def _close_bracket(data: Any, i: int, end: int) -> Any:
+    """Place behind the bracket that closes the one at `i`, -1 where the line has none."""
+    depth = 0
+    while i < end:
+        depth += int(data[i] == 91) - int(data[i] == 93)
+        i += 1
+        if depth == 0:
+            return i
+    return -1
+
+
+@inner
+def _skip_expression(data: Any, i: int, end: int) -> Any:
+    """Place behind a parameter, a bracket or a function; -1 where it is not whole."""
+    while i < end:
+        c = data[i]
+        if c == 91:
+            i = _close_bracket(data, i, end)
+            follow = _skip_blanks(data, i, end)
+            if i < 0 or follow >= end or data[follow] != 47:
+                return i
+            i = follow + 1  # ATAN[..]/[..]
+        elif c == 60:
+            while i < end and data[i] != 62:
+                i += 1
+            return i + 1 if i < end else -1
+        elif _is_numeric(c):
+            return _read_number(data, i, end)[0]
+        elif c in (43, 45, 35, 32, 9) or _is_letter(c):
+            i += 1
+        else:
+            return -1
+    return -1
+
+
+@inner
+def _is_expression(data: Any, i: int, end: int) -> Any:
+    """Whether no plain number begins at `i`, but something that has to be computed."""
+    i = _skip_blanks(data, i, end)
+    if i >= end:
+        return False
+    if data[i] == 43 or data[i] == 45:
+        i = _skip_blanks(data, i + 1, end)
+        return i < end and not _is_numeric(data[i]) and (data[i] in (35, 91, 43, 45) or _is_letter(data[i]))
+    if data[i] == 35 or data[i] == 91:
+        return True
+    first = i
+    while i < end and _is_letter(data[i]):
+        i += 1
+    i_after = _skip_blanks(data, i, end)
+    return i > first + 1 and i_after < end and data[i_after] == 91
+
+
+@inner
+def _skip_comments(data: Any, i: Any, end: Any) -> Any:
+    """Place behind blanks and comments, and the place of a comment that does not end, or -1."""
+    while i < end:
+        c = data[i]
+        if c == 59:
+            return end, -1
+        if c == 40:
+            start = i
+            while i < end and data[i] != 41:
+                i += 1
+            if i == end:
+                return end, start
+        elif c not in (32, 9):
+            break
+        i += 1
+    return i, -1
+
+
+@inner
+def _is_keyword(data: Any, i: int, end: int) -> Any:
+    """Whether a word of letters stands at `i`: two letters in a row."""
+    i = _skip_blanks(data, i, end)
+    return i + 1 < end and _is_letter(data[i]) and _is_letter(data[i + 1])
+
+
+@inner
+def _read_word(data: Any, i: int, end: int) -> Any:
+    """Read the word whose letter is at `i`: its end, digits and decimals, its trait, why it is refused."""
+    number = i + 1 < end and _is_numeric(data[i + 1])
+    if data[i] in (79, 111):
+        after, count, places = _read_number(data, i + 1, end)
+        plain = places == 0 and not _is_keyword(data, after, end)
+        return after if plain else end, count, 0 if plain else -1, 0 if plain else O_WORD, 0
+    if not number and _is_expression(data, i + 1, end):
+        after = _skip_expression(data, _skip_blanks(data, i + 1, end), end)
+        return after, 0, -1, EXPRESSION, BRACKET if after < 0 else 0
+    after, count, places = _read_number(data, i + 1, end)
+    return after, count, places, OTHER if places == -2 else 0, NO_NUMBER if places == -1 else 0
+
+
+@inner
+def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
+    """Whether an E directly behind the number of a word, with the letter `before`, may be its exponent."""
+    whole = before in (71, 77, 78, 79, 84, 0)  # M66E0: G, M, N, O and T have none
+    if whole or data[i] & 0xDF != 69 or not _is_numeric(data[i - 1]):
+        return False
+    return i + 1 < end and (48 <= data[i + 1] <= 57 or data[i + 1] == 43 or data[i + 1] == 45)
+
+
+@inner
+def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
+    """Pass over what is neither word nor comment: the place behind it, its trait and why it is refused."""
+    c = data[i]
+    if c == 47:
+        i += 1
+        return i + (i < end and 48 <= data[i] <= 57), DELETE, 0
+    if c == 35:
+        i = _skip_expression(data, i, end)
+        i = _skip_blanks(data, i, end) if i > 0 else end
+        if i >= end or data[i] != 61:
+            return i, PARAMETER, BAD_CHARACTER
+        i = _skip_blanks(data, i + 1, end)
+        if _is_expression(data, i, end):
+            i = _skip_expression(data, i, end)
+            return i, PARAMETER, BRACKET if i < 0 else 0
+        after, _, places = _read_number(data, i, end)
+        return after, PARAMETER, NO_NUMBER if places == -1 else 0
+    if c in (64, 94):
+        after, _, places = _read_number(data, i + 1, end)
+        if _is_expression(data, i + 1, end):
+            after, places = _skip_expression(data, _skip_blanks(data, i + 1, end), end), 0
+        return after, POLAR, BRACKET if after < 0 else NO_NUMBER if places == -1 else 0
+    if c == 36 or (c == 44 and i + 1 < end and _is_letter(data[i + 1])):
+        after, _, places = _read_number(data, i + (1 if c == 36 else 2), end)
+        return after, OTHER, NO_NUMBER if places == -1 else 0
+    if c == 42:
+        after, _, places = _read_number(data, i + 1, end)
+        rest, _ = _skip_comments(data, after, end)
+        return end, 0, 0 if places == 0 and rest == end else CHECKSUM
+    if c == 41:
+        return i, 0, CLOSED_COMMENT
+    return i, 0, NO_LETTER if _is_numeric(c) or c in (43, 45) else BAD_CHARACTER
+
+
+@inner
+def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) -> Any:
+    """Read one line: the row after its words, its trait, why it is refused, and where."""
+    blocks, letters, starts, ends, values, digits, decimals = out
+    i, open_at = _skip_comments(data, first, end)
+    trait, begin = 0, row
+    while i < end and open_at < 0:
+        at = i
+        if _is_letter(data[i]):
+            if row == letters.size:
+                return row, trait, FULL, i
+            if _is_exponent(data, i, end, letters[row - 1] if row > begin else 0):
+                return row, trait, EXPONENT, i
+            i, count, places, found, why = _read_word(data, i, end)
+            blocks[row], letters[row], starts[row], ends[row] = block, data[at] & 0xDF, at, i
+            values[row] = np.nan if places < 0 else count / _power(places)
+            digits[row], decimals[row] = count if places >= 0 else 0, max(places, -1)
+            row += why == 0
+        elif data[i] == 36 and row == begin:
+            keeps = i + 1 < end and data[i + 1] == 64
+            i, found, why = end, SYSTEM | (KEEPS if keeps else 0), 0
+        else:
+            i, found, why = _skip_other(data, i, end)
+        trait |= found
+        if why:
+            return row, trait, why, at
+        i, open_at = _skip_comments(data, i, end)
+    return row, trait, OPEN_COMMENT if open_at >= 0 else 0, open_at
+
+
+@inner
+def _power(places: int) -> Any:
+    return _POWERS[places] if places < _POWERS.size else 10.0**places
+
+
+@compiled
+def lex(data: Any, lines: Any, out: Any, traits: Any) -> Any:
+    """Read all words: their number, the line behind them, why reading ends there (0: all is read), where.
+
+    `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing
+    ``%``.
+    """
+    row, opened = 0, False
+    for block in range(lines.size - 1):
+        first, end = np.int64(lines[block]), np.int64(lines[block + 1])
+        while end > first and (data[end - 1] == 10 or data[end - 1] == 13):
+            end -= 1
+        at, _ = _skip_comments(data, first, end)
+        if at < end and data[at] == 37:
+            rest, _ = _skip_comments(data, at + 1, end)
+            if rest < end:
+                return row, block, AFTER_PERCENT, rest
+            if opened:
+                return row, block, 0, at
+            opened = True
+            continue
+        row, trait, why, where = _read_line(data, first, end, row, block, out)
+        traits[block] = trait
+        if why:
+            return row, block, why, where
+        opened = opened or at < end
+    return row, lines.size - 1, 0, -1

@@ -1,0 +1,435 @@
+"""Resolve the modal state of a program, block by block: one compiled pass over the words.
+
+The motions of the blocks are decided in :mod:`ph_post.gcode.motions`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ph_post.compiling import compiled, inner
+from ph_post.gcode import lexer
+from ph_post.gcode.codes import (
+    ABSOLUTE,
+    ARC_ABSOLUTE,
+    AXES,
+    COMMA,
+    CONTROLLER_LINE,
+    DELETED,
+    END,
+    EXPLICIT,
+    EXPRESSION,
+    FEED,
+    FEED_KNOWN,
+    FEED_MODE,
+    FIELD,
+    FLOOD,
+    FRAME,
+    FRAME_CHANGE,
+    FRAMED,
+    FRAMES,
+    GROUP,
+    KNOWN_SHIFT,
+    LENGTH,
+    LENIENT_LINE,
+    LETTER_F,
+    LETTER_G,
+    LETTER_M,
+    LETTER_O,
+    LETTER_P,
+    LETTER_Q,
+    LETTER_S,
+    LETTER_T,
+    M_GROUP,
+    MIST,
+    MODES,
+    MOTION,
+    NEGATIVE_FEED,
+    NONE,
+    O_WORD,
+    OFFSET_LINE,
+    PARAMETER,
+    PATH_P,
+    PATH_Q,
+    PLANE,
+    POLAR,
+    PREPARED,
+    SAVED_STATE,
+    SPEED,
+    SPINDLE,
+    STATE,
+    SUBPROGRAM,
+    SYSTEM,
+    TOOL,
+    TOOL_CHANGE,
+    TWICE,
+    TWO_OF_GROUP,
+    UNITS,
+    UNITS_SAID,
+    UNKNOWN,
+    UNKNOWN_G,
+    UNKNOWN_M,
+)
+
+
+@inner
+def _gather(letter: Any, value: Any, low: int, high: int, values: Any, where: Any, codes: Any) -> Any:
+    """Collect the words of a block: letters present, number of G and M words, word that stands there twice.
+
+    `codes` (2, 64): words of G and of M; a letter whose value is no plain number is -1 of `present`.
+    """
+    present, g, m, computed, twice = np.int64(0), 0, 0, np.int64(0), -1
+    for word in range(low, high):
+        index = np.int64(letter[word]) - 65
+        if index in (LETTER_G, LETTER_M):
+            row = 0 if index == LETTER_G else 1
+            count = g if index == LETTER_G else m
+            if count < 64:
+                codes[row, count] = word
+            g += index == LETTER_G
+            m += index == LETTER_M
+        elif (present >> index) & 1 and twice < 0:
+            twice = word
+        present |= 1 << index
+        if np.isnan(value[word]) and index != LETTER_O:
+            computed |= 1 << index
+        values[index], where[index] = value[word], word
+    return present, min(g, 64), min(m, 64), computed, twice
+
+
+@inner
+def _code_of(value: float) -> Any:
+    """Ten times a G word's number, 999 (which no controller has) where it has more decimals."""
+    tenfold = 10.0 * value
+    code = np.int64(np.rint(tenfold)) if 0.0 <= tenfold < 999.0 else 999
+    return code if abs(tenfold - code) < 1e-6 else 999
+
+
+@inner
+def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
+    """Set the groups of a block's G words (`given` by group): why not understood, refused, word."""
+    why = 0
+    for k in range(count):
+        code = _code_of(value[codes[0, k]])
+        group = GROUP[code]
+        if group < 0:
+            why = UNKNOWN_G
+            continue
+        if given[group] >= 0 and (group != 1 or given[1] == code or (given[1] != 800 and code != 800)):
+            return why, TWO_OF_GROUP, codes[0, k]
+        if group == 1 and code == 800 and given[1] >= 0:
+            continue  # the other motion is the one that lasts
+        given[group] = code
+        if group in (15, 17):
+            state[FRAME] = _framed(int(state[FRAME]), code)
+        elif FIELD[group] >= 0:
+            state[FIELD[group]] = _setting(group, code)
+    return why, 0, -1
+
+
+@inner
+def _framed(frame: int, code: int) -> Any:
+    """Ways in which the frame is not the machine's, a bit each, after a G word."""
+    for bit in range(FRAMES.shape[0]):
+        if code == FRAMES[bit, 0]:
+            frame |= 1 << bit
+        elif code == FRAMES[bit, 1]:
+            frame &= ~(1 << bit)
+    return float(frame)
+
+
+@inner
+def _setting(group: int, code: int) -> Any:
+    """Content of a group's column for a G word."""
+    if group == 6:
+        return 0.0254 if code == 200 else 1e-3
+    if group in (3, 4):
+        return 1.0 if code < 910 else 0.0
+    if group == 2:
+        return code / 10.0 if code % 10 == 0 else UNKNOWN
+    return code / 10.0 if group == 5 else np.float64(code)
+
+
+@inner
+def _apply_m(value: Any, codes: Any, count: int, values: Any, present: int, state: Any) -> Any:
+    """Set the groups of a block's M words: why not understood, breaks, why refused, word."""
+    why, mark, seen, coolant = 0, 0, 0, 0
+    for k in range(count):
+        word = codes[1, k]
+        code = np.int64(value[word]) if 0.0 <= value[word] < 1000.0 else 999
+        if code != value[word]:
+            code = 999
+        group = M_GROUP[code] if code < 100 else -1
+        both = (code == 7 and coolant == 8) or (code == 8 and coolant == 7)
+        if group >= 0 and (seen >> group) & 1 and not both:
+            return why, mark, TWO_OF_GROUP, word
+        if group < 0:
+            why = SUBPROGRAM if code in (98, 99) else SAVED_STATE if code in (72, 73) else UNKNOWN_M
+            continue
+        seen |= 1 << group
+        coolant = int(code) if group == 8 else coolant
+        mark |= _set_m(int(code), values, present, state)
+    return why, mark, 0, -1
+
+
+@inner
+def _set_m(code: int, values: Any, present: int, state: Any) -> Any:
+    """Carry out one M word on the state: the break it is."""
+    if code in (2, 30):
+        return END
+    if 3 <= code <= 5:
+        state[SPINDLE] = code
+    elif code == 7:
+        state[MIST] = 1.0
+    elif code == 8:
+        state[FLOOD] = 1.0
+    elif code == 9:
+        state[MIST] = state[FLOOD] = 0.0
+    elif code == 6:
+        state[TOOL] = _plain(values[LETTER_T]) if (present >> LETTER_T) & 1 else state[PREPARED]
+    elif code == 61:
+        state[TOOL] = _plain(values[LETTER_Q]) if (present >> LETTER_Q) & 1 else UNKNOWN
+    return TOOL_CHANGE if code in (6, 60, 61) else 0
+
+
+@inner
+def _plain(value: float) -> Any:
+    """Return a word's value, or that it may be any: a NaN would be another state on every line."""
+    return UNKNOWN if np.isnan(value) else value
+
+
+@inner
+def _apply_numbers(values: Any, present: int, given: Any, was: float, mode_was: float, state: Any) -> Any:
+    """Set F, S, T and the path mode; `was` and `mode_was` are units and feed mode before the block."""
+    if state[FEED_MODE] != mode_was:
+        state[FEED], state[FEED_KNOWN] = np.nan, 0.0 if mode_was != UNKNOWN else 2.0
+    if state[UNITS] != was:
+        state[FEED] *= was / state[UNITS] if was > 0.0 else np.nan
+    said = state[UNITS_SAID]
+    if given[6] >= 0:
+        state[UNITS_SAID] = 1.0
+    if (present >> LETTER_F) & 1:
+        # F beside a change of units: before it for one controller, after it for another
+        unsure = given[6] >= 0 and said == 1.0 and state[UNITS] != was
+        state[FEED], state[FEED_KNOWN] = (np.nan, 2.0) if unsure else (values[LETTER_F], 1.0)
+    if (present >> LETTER_S) & 1:
+        state[SPEED] = _plain(values[LETTER_S])
+    if (present >> LETTER_T) & 1:
+        state[PREPARED] = _plain(values[LETTER_T])
+    if given[13] >= 0:
+        told = present if given[13] == 640 else 0
+        state[PATH_P] = _plain(values[LETTER_P]) if (told >> LETTER_P) & 1 else NONE
+        state[PATH_Q] = _plain(values[LETTER_Q]) if (told >> LETTER_Q) & 1 else NONE
+
+
+@inner
+def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room: Any) -> Any:
+    """Carry out a block's words on the state.
+
+    Returns its breaks, why it is not understood, the letters whose values are computed, why it is refused and
+    the word.
+    """
+    letter, value = words
+    values, where, codes, given = room
+    present, g, m, computed, refused = _gather(letter, value, low, high, values, where, codes)
+    for group in range(given.size):
+        given[group] = -1
+    if refused >= 0:
+        return 0, 0, computed, TWICE, refused
+    odd, refused, word = _apply_g(value, codes, g, state, given)
+    if refused:
+        return 0, 0, computed, refused, word
+    why, mark, refused, word = _apply_m(value, codes, m, values, present, state)
+    if refused:
+        return 0, 0, computed, refused, word
+    if (present >> LETTER_F) & 1 and values[LETTER_F] < 0.0:
+        return 0, 0, computed, NEGATIVE_FEED, where[LETTER_F]
+    if given[17] >= 0 and state[FRAME] == before[FRAME] and present & AXES:
+        odd = UNKNOWN_G  # G50 X Z is no end of a scaling
+    _apply_numbers(values, present, given, before[UNITS], before[FEED_MODE], state)
+    moved = given[12] >= 0 and state[SYSTEM] != before[SYSTEM]
+    moved = moved or (given[8] >= 0 and (given[8] != 490 or before[LENGTH] != 490.0))
+    mark |= FRAME_CHANGE if given[16] >= 0 or moved else 0
+    return mark, max(why, odd), computed, 0, -1
+
+
+@inner
+def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> None:
+    """Make unknown what differs from `before`, or all; what is `fixed` in the language stays that."""
+    for column in range(MODES):
+        if all_of_them or state[column] != before[column]:
+            state[column] = UNKNOWN if np.isnan(fixed[column]) else fixed[column]
+    if (
+        all_of_them
+        or not (state[FEED] == before[FEED] or np.isnan(before[FEED]))
+        or state[FEED_KNOWN] != before[FEED_KNOWN]
+    ):
+        state[FEED], state[FEED_KNOWN] = np.nan, 2.0
+
+
+@inner
+def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
+    """Why a line with such a trait is not understood, whatever else stands on it."""
+    if trait & lexer.SYSTEM:
+        return CONTROLLER_LINE
+    if trait & lexer.DELETE:
+        return DELETED
+    if trait & lexer.O_WORD:
+        return O_WORD
+    if trait & lexer.PARAMETER:
+        return PARAMETER
+    if trait & lexer.OTHER:
+        return COMMA
+    if trait & lexer.EXPRESSION or computed:
+        return EXPRESSION
+    return POLAR if trait & lexer.POLAR else why
+
+
+@inner
+def _run_block(words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any) -> Any:
+    """Carry out one block on the state: breaks, why not understood, why refused, the word."""
+    mark, why, computed, refused, word = _apply_words(words, low, high, state, before, room)
+    if refused:
+        return mark, why, refused, word
+    why = _line_reason(trait, computed, why)
+    if why == DELETED:
+        _forget_modes(state, before, False, fixed)
+        return 0, why, 0, -1
+    codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
+    if codes or (why in (SUBPROGRAM, SAVED_STATE, CONTROLLER_LINE) and not trait & lexer.KEEPS):
+        _forget_modes(state, before, True, fixed)
+    if (computed >> LETTER_F) & 1:
+        state[FEED], state[FEED_KNOWN] = np.nan, 2.0
+    return mark, why, 0, -1
+
+
+@inner
+def _after(state: Any, given: Any, before: Any) -> Any:
+    """Leave the motions that do not last: the motion of this block, ten times its number."""
+    motion = state[MOTION]
+    if given[1] in (50, 51):
+        state[MOTION] = UNKNOWN  # one controller stays in it, another goes back to the mode before
+    if given[0] == 53:
+        motion = before[MOTION]
+        state[MOTION] = NONE
+    return np.int64(motion)
+
+
+@inner
+def _flags(given: Any, state: Any) -> Any:
+    """Tell what else a block has, in bits."""
+    lenient = given[7] >= 0 or given[8] >= 0 or given[13] == 640 or given[14] >= 0 or given[0] in (40, 100)
+    flags = (EXPLICIT if given[1] >= 0 else 0) | (LENIENT_LINE if lenient else 0)
+    flags |= (OFFSET_LINE if given[8] in (431, 432) else 0) | (FRAMED if state[FRAME] != 0.0 else 0)
+    return flags | (np.int64(state[FEED_KNOWN]) << KNOWN_SHIFT)
+
+
+@inner
+def _is_row(table: Any, row: int, state: Any) -> Any:
+    """Whether a row of `table` holds the state's modes; in a loop, as whole arrays take long to compile."""
+    for column in range(MODES):  # noqa: SIM110 - compiled
+        if table[row, column] != state[column]:
+            return False
+    return True
+
+
+@inner
+def _intern(state: Any, table: Any, slots: Any, count: int) -> Any:
+    """Find the row of `table` that holds the state's modes, made where there is none."""
+    code = np.uint64(1469598103934665603)
+    for column in range(MODES):
+        code = (code ^ np.uint64(np.int64(state[column] * 1e6))) * np.uint64(1099511628211)
+    slot = np.int64((code >> np.uint64(20)) % np.uint64(slots.size))
+    while slots[slot] >= 0:
+        row = slots[slot]
+        if _is_row(table, row, state):
+            return row
+        slot = (slot + 1) % slots.size
+    slots[slot] = count
+    for column in range(MODES):
+        table[count, column] = state[column]
+    return count
+
+
+@inner
+def _grown(table: Any) -> Any:
+    larger = np.empty((2 * table.shape[0], MODES))
+    slots = np.full(8 * table.shape[0], -1, np.int64)
+    for row in range(table.shape[0]):
+        _intern(table[row], larger, slots, row)
+    return larger, slots
+
+
+@inner
+def _begin() -> Any:
+    """Room for the states, and the state in which a program begins."""
+    state = np.full(STATE, NONE)
+    state[PLANE], state[UNITS], state[ABSOLUTE], state[ARC_ABSOLUTE] = 17.0, 1e-3, 1.0, 0.0
+    state[FEED_MODE], state[FEED], state[FEED_KNOWN], state[FRAME], state[UNITS_SAID] = (
+        94.0,
+        np.nan,
+        0.0,
+        0.0,
+        0.0,
+    )
+    table, slots = np.empty((32, MODES)), np.full(128, -1, np.int64)
+    _intern(state, table, slots, 0)
+    return state, table, slots
+
+
+@inner
+def _forget_columns(state: Any, mask: int) -> None:
+    """Make unknown what a stretch under O-words may have set, a bit a column."""
+    for column in range(STATE):
+        if (mask >> column) & 1:
+            state[column] = 2.0 if column == FEED_KNOWN else np.nan if column == FEED else UNKNOWN
+    state[FRAME] = max(state[FRAME], 0.0)
+
+
+@compiled
+def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: Any, fixed: Any) -> Any:
+    """Find the modal state after each block, and of each what decides on what it does.
+
+    `words` are the columns block, letter and value; `stretches` (k, 3) first and last line of what lies under
+    O-words and the groups that it sets, a bit a column of the state; `fixed` the state that no line of the
+    language changes, NaN where it does, and whether F is known at first. `columns` to fill, each (n,): state,
+    F, the motion in force, word of group 0, flags, breaks, why not understood. Returns the block at which it
+    ended, why that is refused and the word (-1: none), and the distinct states.
+    """
+    blocks, letter, value = words
+    states, feeds, motions, zeros, flags, marks, whys = columns
+    state, table, slots = _begin()
+    state[FEED_KNOWN] = fixed[FEED_KNOWN]
+    before, count, low, row, at = state.copy(), 1, 0, 0, 0
+    room = (np.zeros(26), np.zeros(26, np.int64), np.zeros((2, 64), np.int64), np.zeros(18, np.int64))
+    for block in range(end):
+        high, refused, word = low, 0, -1
+        while high < blocks.size and blocks[high] == block:
+            high += 1
+        zeros[block] = -1
+        if at < stretches.shape[0] and stretches[at, 0] <= block:
+            whys[block] = O_WORD
+            _forget_columns(state, stretches[at, 2])
+            at += stretches[at, 1] == block
+        elif high > low or traits[block]:
+            for column in range(STATE):
+                before[column] = state[column]
+            parts = (letter, value)
+            marks[block], whys[block], refused, word = _run_block(
+                parts, low, high, traits[block], state, before, room, fixed
+            )
+            zeros[block] = room[3][0]
+            motions[block] = _after(state, room[3], before)
+            flags[block] = _flags(room[3], state)
+        if not _is_row(table, row, state):
+            if count == table.shape[0]:
+                table, slots = _grown(table)
+            row = _intern(state, table, slots, count)
+            count = max(count, row + 1)
+        states[block], feeds[block] = row, state[FEED]
+        if refused or marks[block] & END:
+            return block, refused, word, table[:count]
+        low = high
+    return end, 0, -1, table[:count]

@@ -1,0 +1,84 @@
+"""Places on a motion, and parts of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode.program import ARC, CUBIC, NURBS, PLANE_AXES, Motions
+from ph_post.types import Array
+
+
+def split_cubic(control: Array, shares: Sequence[float]) -> list[Array]:
+    """Control points (4, d) of the parts of a cubic Bézier between parameters, by de Casteljau.
+
+    Examples
+    --------
+    >>> line = np.array([[0.0], [1.0], [2.0], [3.0]])
+    >>> [part.ravel().tolist() for part in split_cubic(line, [0.0, 0.5, 1.0])]
+    [[0.0, 0.5, 1.0, 1.5], [1.5, 2.0, 2.5, 3.0]]
+    """
+    return [_between(control, low, high) for low, high in pairwise(shares)]
+
+
+def _between(control: Array, low: float, high: float) -> Array:
+    rows = [_blossom(control, [low] * (3 - n) + [high] * n) for n in range(4)]
+    return np.array(rows)
+
+
+def _blossom(control: Array, parameters: Sequence[float]) -> Array:
+    points = control
+    for u in parameters:
+        points = (1.0 - u) * points[:-1] + u * points[1:]
+    return np.asarray(points[0])
+
+
+def place(motions: Motions, k: int, share: float) -> Array:
+    """Point of a motion [m], shape (3,).
+
+    Raises
+    ------
+    InputError
+        Inside a NURBS, which is not divided.
+    """
+    start, end = motions.start[k], motions.end[k]
+    if share <= 0.0:
+        return np.array(start)
+    if share >= 1.0:
+        return np.array(end)
+    if motions.kind[k] == ARC:
+        return _on_arc(motions, k, share)
+    if motions.kind[k] == CUBIC:
+        return _blossom(motions.control[k], [share] * 3)
+    if motions.kind[k] == NURBS:
+        raise InputError(f"block {motions.block[k] + 1}", "a NURBS cannot be divided", expected="its ends")
+    return np.array(start + share * (end - start))
+
+
+def _on_arc(motions: Motions, k: int, share: float) -> Array:
+    """Point of an arc; on a quadrant it is exactly as far from the centre as the arc's start."""
+    a, b, _ = PLANE_AXES[int(motions.plane[k])]
+    point = motions.start[k] + share * (motions.end[k] - motions.start[k])
+    x, y = motions.start[k][[a, b]] - motions.center[k]
+    first = np.arctan2(y, x)
+    x1, y1 = motions.end[k][[a, b]] - motions.center[k]
+    radius = (1.0 - share) * np.hypot(x, y) + share * np.hypot(x1, y1)
+    angle = first + share * motions.angle[k]
+    point[[a, b]] = motions.center[k] + radius * np.array([np.cos(angle), np.sin(angle)])
+    return np.asarray(point)
+
+
+def part_length(motions: Motions, k: int, low: float, high: float) -> float:
+    """Length of a part of a motion [m]; of a cubic that of a fine polygon."""
+    if motions.kind[k] == CUBIC:
+        points = np.nan_to_num([place(motions, k, u) for u in np.linspace(low, high, 65)])
+        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    way = np.nan_to_num(motions.end[k] - motions.start[k])
+    if motions.kind[k] != ARC:
+        return float((high - low) * np.linalg.norm(way))
+    a, b, c = PLANE_AXES[int(motions.plane[k])]
+    radius = float(np.linalg.norm(motions.start[k][[a, b]] - motions.center[k]))
+    return float((high - low) * np.hypot(radius * motions.angle[k], way[c]))

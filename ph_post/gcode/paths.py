@@ -1,0 +1,217 @@
+"""Paths of a part program: one for each chain that cuts, with the place of each motion on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode.assembly import assemble
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PartProgram
+from ph_post.geometry.piecewise import MEETS, PiecewiseCurve
+from ph_post.types import Array, IntArray, Path
+from ph_post.units import MM
+
+SAME_PLACE = 1e-6 * MM
+"""Places closer than this along the path [m] are one: an end of a motion counts to the earlier motion."""
+
+
+class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The path of one chain of a program, and where on it each motion is.
+
+    `motion` (k,) are the numbers of the chain's motions that go anywhere, in order; `s` (k + 1,) [m] the arc
+    length of the path at the beginning of each, and at the end of the last. Where moves were fitted, that is
+    the place on the curve nearest to the end of the move. `cubics` are the curves of G5 and G5.1 by row: of
+    those a share is a part of the parameter, of other motions one of the length (of arcs the angle).
+    `warnings` say what of the chain was left out.
+    """
+
+    path: Path
+    chain: int
+    motion: IntArray
+    s: Array
+    cubics: Mapping[int, PiecewiseCurve] = {}
+    warnings: tuple[str, ...] = ()
+
+    def to_motions(self, s: Array) -> tuple[IntArray, Array]:
+        """Motions and shares (0 to 1) of them at arc lengths `s` [m], shape (n,).
+
+        At a joint the earlier motion answers, with share 1.
+        """
+        s = np.clip(np.asarray(s, dtype=np.float64), self.s[0], self.s[-1])
+        row = np.clip(np.searchsorted(self.s, s - SAME_PLACE, side="right") - 1, 0, self.motion.size - 1)
+        share = (s - self.s[row]) / (self.s[row + 1] - self.s[row])
+        near = np.abs(s - self.s[row + 1]) <= SAME_PLACE
+        share = np.where(near, 1.0, np.clip(share, 0.0, 1.0))
+        for number, curve in self._on_cubics(row):
+            on = (row == number) & ~near
+            share[on] = curve.parameter(share[on] * curve.length)
+        return self.motion[row], share
+
+    def to_path(self, motion: IntArray, share: Array) -> Array:
+        """Arc lengths [m] of shares of motions; of a motion that goes nowhere, the end of the one before."""
+        row = np.searchsorted(self.motion, motion)
+        found = (row < self.motion.size) & (self.motion[np.minimum(row, self.motion.size - 1)] == motion)
+        share = np.array(share, dtype=np.float64)
+        for number, curve in self._on_cubics(row):
+            on = row == number
+            share[on] = curve.arc_length(share[on]) / curve.length
+        low, high = self.s[row], self.s[np.minimum(row + 1, self.motion.size)]
+        return np.where(found, low + share * (high - low), low)
+
+    def _on_cubics(self, row: IntArray) -> list[tuple[int, PiecewiseCurve]]:
+        """Curves of those rows that are cubics."""
+        return [(number, self.cubics[number]) for number in sorted(set(self.cubics) & set(row.tolist()))]
+
+
+FIT_TOLERANCE: Final = 1e-3 * MM
+"""How far vertices may be off a fitted curve [m] where the user names nothing: programs of three decimals
+round each coordinate by half of it."""
+
+
+def paths_of(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[ProgramPath, ...]:
+    """Read the path of every chain of a program that cuts anything.
+
+    Arcs, cubics and NURBS are exact; runs of short straight moves are fitted; rapids are straight rapid
+    segments. A path has the axes that move, and begins where their positions are known.
+
+    Parameters
+    ----------
+    program : PartProgram
+    tolerance : float
+        How far the ends of straight moves may be off a fitted curve [m].
+
+    Returns
+    -------
+    tuple of ProgramPath
+        In the order of the program; what :func:`left_out` names is not among them.
+    """
+    found = []
+    for chain, every in _chains(program.motions):
+        rows, warnings = _known(program, every)
+        if _cuts(program.motions, rows) and not _lacks_feed(program.motions, rows):
+            found.append(_path(program, chain, rows, tolerance, warnings))
+    return tuple(found)
+
+
+def left_out(program: PartProgram) -> tuple[str, ...]:
+    """Name the chains whose motion is known but not its speed: they have no path."""
+    motions = program.motions
+    return tuple(
+        f"{program.name}:{motions.block[rows[0]] + 1}: from here on the feed is not known (G95, or no F): left as it is"
+        for _, rows in _chains(motions)
+        if _lacks_feed(motions, rows)
+    )
+
+
+def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[ProgramPath, tuple[str, ...]]:
+    """Return the longest path of a program, and words about what it does not show.
+
+    Raises
+    ------
+    InputError
+        Where the program cuts nothing whose path and feed are known.
+    """
+    paths = paths_of(program, tolerance)
+    words = left_out(program)
+    if not paths:
+        got = words[0] if words else "no such motion"
+        raise InputError(program.name, "no path", expected="motions G1, G2, G3 or G5 with a feed", got=got)
+    longest = max(paths, key=lambda one: float(one.s[-1]))
+    others = [
+        f"{line_words(first, last)}: a path of its own, {one.s[-1] / MM:.6g} mm, which is not shown"
+        for one in paths
+        if one is not longest
+        for first, last in [program.motions.block[one.motion[[0, -1]]].tolist()]
+    ]
+    return longest, (*longest.warnings, *others, *words)
+
+
+def line_words(first: int, last: int) -> str:
+    """Name the lines from `first` to `last`, counted from 0, as people count them.
+
+    Examples
+    --------
+    >>> line_words(2, 2), line_words(0, 4)
+    ('line 3', 'lines 1 to 5')
+    """
+    return f"line {first + 1}" if first == last else f"lines {first + 1} to {last + 1}"
+
+
+def _chains(motions: Motions) -> list[tuple[int, IntArray]]:
+    """Chains and their motions; a chain's motions follow each other."""
+    if motions.chain.size == 0:
+        return []
+    heads = np.flatnonzero(np.diff(motions.chain, prepend=motions.chain[0] - 1))
+    parts = np.split(np.arange(motions.chain.size), heads[1:])
+    return [(int(motions.chain[rows[0]]), rows) for rows in parts]
+
+
+def _known(program: PartProgram, rows: IntArray) -> tuple[IntArray, tuple[str, ...]]:
+    """Leave out the motions before the axes that move are all known."""
+    motions = program.motions
+    start, end = motions.start[rows], motions.end[rows]
+    moves = ~(start == end).all(axis=0) & ~np.isnan(end[-1])
+    unknown = np.flatnonzero(np.isnan(start[:, moves]).any(axis=1))
+    if not unknown.size:
+        return rows, ()
+    first, last = motions.block[rows[[0, unknown[-1]]]].tolist()
+    kept = rows[unknown[-1] + 1 :]
+    if (motions.kind[rows[: unknown[-1] + 1]] == RAPID).all():
+        return kept, ()
+    word = f"{line_words(first, last)}: where the axes are is not known yet: left out of the path"
+    return kept, (word,)
+
+
+def _goes(motions: Motions, rows: IntArray) -> IntArray:
+    """Return the motions that go somewhere."""
+    way = motions.end[rows] - motions.start[rows]
+    apart = np.sqrt(np.where(np.isnan(way), 0.0, way * way).sum(axis=1)) > MEETS
+    bent = np.isin(motions.kind[rows], (CUBIC, NURBS)) | ((motions.kind[rows] == ARC) & (motions.angle[rows] != 0.0))
+    return np.asarray(rows[apart | bent])
+
+
+def _cuts(motions: Motions, rows: IntArray) -> bool:
+    return bool((motions.kind[_goes(motions, rows)] != RAPID).any())
+
+
+def _lacks_feed(motions: Motions, rows: IntArray) -> bool:
+    cutting = rows[motions.kind[rows] != RAPID]
+    return bool((np.isnan(motions.feed[cutting]) & ~(motions.duration[cutting] > 0.0)).any())
+
+
+def _columns(motions: Motions, rows: IntArray) -> tuple[int, ...]:
+    """Columns of the axes that move, at least two."""
+    moving = (motions.start[rows] != motions.end[rows]) & ~np.isnan(motions.end[rows])
+    found = set(np.flatnonzero(moving.any(axis=0)).tolist())
+    for kind, axes in ((CUBIC, (0, 1)), (NURBS, (0, 1))):
+        if (motions.kind[rows] == kind).any():
+            found |= set(axes)
+    for plane in set(motions.plane[rows[motions.kind[rows] == ARC]].tolist()):
+        found |= {17: {0, 1}, 18: {0, 2}, 19: {1, 2}}[plane]
+    for axis in (0, 1, 2):
+        if len(found) < 2:
+            found.add(axis)
+    return tuple(sorted(found))
+
+
+def _path(program: PartProgram, chain: int, rows: IntArray, tolerance: float, warnings: tuple[str, ...]) -> ProgramPath:
+    motions = program.motions
+    rows = _goes(motions, rows)
+    columns = _columns(motions, rows)
+    segments, s, cubics = assemble(motions, rows, columns, tolerance)
+    feeds = [one.feed for one in segments if one.feed is not None]
+    path = Path(
+        name=PurePath(program.name).stem,
+        source="part program",
+        axes=tuple(AXES[column] for column in columns),
+        feed=max(feeds),
+        closed=False,
+        segments=segments,
+        digest=program.digest,
+    )
+    return ProgramPath(path=path, chain=chain, motion=rows, s=s, cubics=cubics, warnings=warnings)

@@ -1,0 +1,323 @@
+"""The record of a part program: every byte, its words, modal states, motions, breaks and notes.
+
+Everything is columnar, as programs of a million blocks are common: a row a word, a row a motion. `Language`
+says in which respects a controller's language differs from RS274/NGC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ph_post.gcode import codes
+from ph_post.types import Array, IntArray
+
+
+class Language(msgspec.Struct, frozen=True, kw_only=True):
+    """A language that is read as RS274/NGC, but for what is said here.
+
+    Parameters
+    ----------
+    name : str
+        Of the dialect that it belongs to; empty for RS274/NGC.
+    hide : callable or None
+        ``hide(data)``: the same text, every line as long as it was, with blanks in the place of what has no
+        meaning for motion. What may move, and is not understood, becomes a line that begins with ``$``: after
+        it no position is known, and no mode but `fixed`; or with ``$@``: after it the modes are what they
+        were. It works line by line, on any part of a program.
+    dwell : tuple of (str, float)
+        Letters of the time of a G4, each with its unit [s].
+    fixed : mapping of int to float
+        Modes that no line changes, by column of a state (:mod:`ph_post.gcode.codes`).
+    feed_known : bool
+        Whether a cut needs an F before it; if not, it is one whose feed the program does not tell.
+    bound : callable or None
+        ``bound(line)``: why the motion of a line cannot be divided, in words; empty where it can.
+    """
+
+    name: str = ""
+    hide: Callable[[bytes], bytes] | None = None
+    dwell: tuple[tuple[str, float], ...] = (("P", 1.0),)
+    fixed: Mapping[int, float] = {}
+    feed_known: bool = True
+    bound: Callable[[bytes], str] | None = None
+
+    def hidden(self, data: bytes) -> bytes:
+        """Return a program's text as the reader of RS274/NGC is to have it."""
+        return data if self.hide is None else self.hide(data)
+
+    def start(self) -> Array:
+        """State that no line changes, shape (STATE,), NaN where lines do; and whether F is known at first."""
+        state = np.full(codes.STATE, np.nan)
+        for column, value in self.fixed.items():
+            state[column] = value
+        state[codes.FEED_KNOWN] = 0.0 if self.feed_known else 2.0
+        return state
+
+    def dwells(self, letter: NDArray[np.uint8], value: Array) -> tuple[IntArray, Array]:
+        """Rows of words that tell the time of a G4, where one stands beside them, and the times [s]."""
+        units = np.full(256, np.nan)
+        for name, unit in self.dwell:
+            units[ord(name)] = unit
+        rows = np.flatnonzero(np.isfinite(units)[letter])
+        seconds = value[rows] * units[letter[rows]]
+        plain = np.isfinite(seconds)
+        return rows[plain], seconds[plain]
+
+
+RS274 = Language()
+"""RS274/NGC itself."""
+
+
+RAPID, LINE, ARC, CUBIC, NURBS = range(5)
+"""Kind of a motion: G0; G1; G2 and G3; G5 and G5.1 (raised to a cubic); G5.2 to G5.3."""
+
+AXES: Final = "XYZ"
+"""The axes of a position, by column."""
+
+PLANE_AXES: Final[Mapping[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
+"""First, second and third axis of a plane, as columns of a position; arcs turn from first to second."""
+
+ByteArray = NDArray[np.uint8]
+
+PlaceArray = NDArray[np.int32]
+"""Places in a program, lines, numbers of chains: programs have less than 2 GiB, and half the room counts."""
+
+CodeArray = NDArray[np.int8]
+"""Small numbers."""
+
+
+def plane_columns(plane: CodeArray) -> CodeArray:
+    """First, second and third axis of planes 17 to 19, shape (n, 3).
+
+    Examples
+    --------
+    >>> plane_columns(np.array([17, 18])).tolist()
+    [[0, 1, 2], [2, 0, 1]]
+    """
+    table = np.array([PLANE_AXES[number] for number in sorted(PLANE_AXES)], dtype=np.int8)
+    return np.asarray(table[plane - min(PLANE_AXES)])
+
+
+BreakKind = Literal[
+    "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "not understood"
+]
+"""What separates two chains. `frame`: work offset, G92, tool length, units of the offset tables (G10)."""
+
+
+class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The words of a program outside comments, w of them, in the order of the text.
+
+    `block` the line a word stands on (from 0); `letter` its letter, upper case, as a byte; `start`, `end` its
+    bytes in the program, letter included; `value` its number; `digits` and `decimals` the same number
+    exactly, digits / 10^decimals. WordTable whose value is no plain number (`#5`, `[1+2]`) have a NaN and
+    `decimals` -1.
+    """
+
+    block: PlaceArray
+    letter: ByteArray
+    start: PlaceArray
+    end: PlaceArray
+    value: Array
+    digits: IntArray
+    decimals: NDArray[np.int16]
+
+
+class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The motions of a program that are understood, m of them, in order. SI units.
+
+    `block` the line of each; `kind`; `chain` its number: what lies between two motions of one chain is seen
+    through (comments, F, S, M0 to M9 but M2 and M6, G4, modes), what lies between two chains is a
+    :class:`Break`: chain k lies between breaks k and k + 1 of the program. `start`, `end` (m, 3) [m]: X, Y
+    and Z in the coordinates of the active work system, NaN where not known. `plane` 17, 18 or 19. Of arcs:
+    `center` (m, 2) [m] of the plane's first and second axis, `angle` [rad] swept, positive from the first
+    axis to the second, whole turns included; zeros for others.
+    `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` (order, control (k, 3),
+    weights (k,)) of NURBS. `feed` [m/s], 0 of rapids, NaN where the program does not tell it (G95, no F);
+    `duration` [s] of motions under G93, 0 of others. `exact` 1 where the controller stops at the end (G61,
+    G61.1), 0 under G64 and where no path mode was given.
+    """
+
+    block: PlaceArray
+    kind: CodeArray
+    chain: PlaceArray
+    start: Array
+    end: Array
+    plane: CodeArray
+    center: Array
+    angle: Array
+    feed: Array
+    duration: Array
+    exact: CodeArray
+    control: Mapping[int, Array]
+    nurbs: Mapping[int, tuple[int, Array, Array]]
+
+
+class Break(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a chain ends: nothing that was added to the motion may last into the block of a break.
+
+    `block` is the first line that must see the axes where the program has them; `motion` the number of the
+    first motion after it (m at the end of the program).
+    """
+
+    block: int
+    motion: int
+    kind: BreakKind
+
+
+class Note(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch that is passed through as it is: blocks `first` to `last`, what was met, in which column."""
+
+    first: int
+    last: int
+    column: int
+    what: str
+
+
+class Modal(msgspec.Struct, frozen=True, kw_only=True):
+    """Modal state after a block, as RS274/NGC groups it; None where the program has not said.
+
+    `motion` "G1", "G81", …; `plane` 17 to 19; `units` [m] of one program unit; `absolute` G90;
+    `arc_absolute` G90.1; `feed_mode` 93, 94 or 95; `compensation` "G40", "G41", …; `length` "G43", "G49", …;
+    `system` "G54" to "G59.3"; `path` the whole path mode as written, "G64 P0.01 Q0"; `retract` "G98", "G99";
+    `spindle` "M3", "M4", "M5"; `mist`, `flood` on or off; `tool` in the spindle and `prepared`; `speed` S.
+    """
+
+    motion: str | None = None
+    plane: int = 17
+    units: float = 1e-3
+    absolute: bool = True
+    arc_absolute: bool = False
+    feed_mode: int = 94
+    compensation: str | None = None
+    length: str | None = None
+    system: str | None = None
+    path: str | None = None
+    retract: str | None = None
+    spindle: str | None = None
+    mist: bool | None = None
+    flood: bool | None = None
+    tool: float | None = None
+    prepared: float | None = None
+    speed: float | None = None
+
+
+class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part program.
+
+    `lines` (n + 1,): the byte at which each line begins, and after the last the end of `data`; a line ends
+    with its line end (LF, CR LF or CR), the last one perhaps without. `modal` the distinct modal states,
+    `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
+    the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
+    end. `notes` name what was passed through. `dialect` is the one whose words it was read by, empty for
+    the common ones: what is made of it has to be read by the same.
+    `language` is what its words were taken for.
+    """
+
+    name: str
+    data: bytes
+    digest: str
+    lines: PlaceArray
+    words: WordTable
+    motions: Motions
+    modal: tuple[Modal, ...]
+    state: PlaceArray
+    feed_word: Array
+    breaks: tuple[Break, ...]
+    notes: tuple[Note, ...]
+    dialect: str = ""
+    language: Language = RS274
+
+    @property
+    def blocks(self) -> int:
+        """Number of lines."""
+        return self.lines.size - 1
+
+    def text(self, block: int) -> bytes:
+        """Bytes of a line, its line end included."""
+        return self.data[self.lines[block] : self.lines[block + 1]]
+
+    def modal_after(self, block: int) -> Modal:
+        """Modal state after a line; before the first one for -1."""
+        return self.modal[self.state[block]] if block >= 0 else Modal()
+
+    def dwells(self) -> tuple[PlaceArray, Array]:
+        """Lines of all G4, and the times that they tell [s], NaN where that is no plain number."""
+        words = self.words
+        seconds = np.full(self.blocks, np.nan)
+        told, times = self.language.dwells(words.letter, words.value)
+        seconds[words.block[told]] = times
+        lines = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
+        return lines, seconds[lines]
+
+    def words_of(self, block: int) -> range:
+        """Numbers of the words on a line."""
+        return range(*span_of(self.words.block, block))
+
+
+def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:
+    """First row of a block in a column of rising blocks, and the one behind its last."""
+    # Of the same type: what is looked for in another would be a copy of the whole column.
+    low, high = np.searchsorted(blocks, np.array([block, block + 1], dtype=blocks.dtype))
+    return int(low), int(high)
+
+
+def number_text(value: float) -> str:
+    """Write a word's number as short as it is exact.
+
+    Examples
+    --------
+    >>> number_text(640.0 / 10), number_text(0.01)
+    ('64', '0.01')
+    """
+    text = f"{value:.12f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def make_modal(row: Array) -> Modal:
+    """Record of one row of the distinct states; what may be anything is as if the program had not said it."""
+    plane, units, absolute, arc_absolute, feed_mode = (float(row[c]) for c in range(codes.PLANE, codes.FEED_MODE + 1))
+    return Modal(
+        motion=_word(row[codes.MOTION]),
+        plane=int(plane) if plane > 0 else 17,
+        units=units if units > 0 else 1e-3,
+        absolute=absolute != 0.0,
+        arc_absolute=arc_absolute == 1.0,
+        feed_mode=int(feed_mode) if feed_mode > 0 else 94,
+        compensation=_word(row[codes.COMPENSATION]),
+        length=_word(row[codes.LENGTH]),
+        system=_word(row[codes.SYSTEM]),
+        path=_path(row),
+        retract=_word(row[codes.RETRACT]),
+        spindle=f"M{row[codes.SPINDLE]:.0f}" if row[codes.SPINDLE] >= 0 else None,
+        mist=_switch(row[codes.MIST]),
+        flood=_switch(row[codes.FLOOD]),
+        tool=_number(row[codes.TOOL]),
+        prepared=_number(row[codes.PREPARED]),
+        speed=_number(row[codes.SPEED]),
+    )
+
+
+def _word(code: float) -> str | None:
+    return f"G{number_text(code / 10.0)}" if code >= 0 else None
+
+
+def _number(value: float) -> float | None:
+    return float(value) if value >= 0 else None
+
+
+def _switch(value: float) -> bool | None:
+    return bool(value) if value >= 0 else None
+
+
+def _path(row: Array) -> str | None:
+    word = _word(row[codes.PATH])
+    if word is None:
+        return None
+    columns = (("P", codes.PATH_P), ("Q", codes.PATH_Q))
+    extra = [f"{letter}{number_text(row[c])}" for letter, c in columns if row[c] >= 0]
+    return " ".join((word, *extra))

@@ -1,0 +1,425 @@
+"""Read a part program without loss: words, modal state, motions, notes and breaks."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode import codes, splinewords
+from ph_post.gcode.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
+from ph_post.gcode.modes import resolve_modes
+from ph_post.gcode.motions import choose_tasks, trace_motions
+from ph_post.gcode.program import (
+    CUBIC,
+    NURBS,
+    RS274,
+    Break,
+    BreakKind,
+    ByteArray,
+    Language,
+    Motions,
+    Note,
+    PartProgram,
+    PlaceArray,
+    make_modal,
+    number_text,
+    span_of,
+)
+from ph_post.gcode.words import (
+    NOT_UNDERSTOOD,
+    Lexed,
+    ProgramFault,
+    find_lines,
+    find_stretches,
+    read_words,
+    refuse,
+)
+from ph_post.types import Array, sealed
+from ph_post.units import INCH, MM
+
+_TEXTS: Final = {
+    codes.PARAMETER: "parameter",
+    codes.EXPRESSION: "value that is computed",
+    codes.O_WORD: "O-word",
+    codes.POLAR: "polar coordinates",
+    codes.COMPENSATED: "cutter compensation",
+    codes.CYCLE: "canned cycle",
+    codes.FURTHER_AXIS: "axis other than X, Y and Z",
+    codes.UNKNOWN_G: "unknown G word",
+    codes.UNKNOWN_M: "unknown M word",
+    codes.DELETED: "block delete",
+    codes.SUBPROGRAM: "subprogram",
+    codes.ARC_FROM_NOWHERE: "arc from an unknown position",
+    codes.SPLINE_FROM_NOWHERE: "spline from an unknown position",
+    codes.UNUSED_WORD: "word that no other on the line uses",
+    codes.NO_MOTION_MODE: "axis words without a motion mode",
+    codes.UNSURE_MODE: "motion under modes that something not understood may have changed",
+    codes.CONTROLLER_LINE: "line for the controller itself",
+    codes.OTHER_FRAME: "motion in a turned, scaled, polar or diameter frame",
+    codes.THREAD: "motion tied to the spindle",
+    codes.COMMA: "word of one controller, or of more digits than are kept",
+    codes.DWELL_AXES: "dwell with axis words",
+    codes.SPLINE_PLANE: "spline in another plane than G17",
+    codes.SAVED_STATE: "modal state brought back",
+    codes.LONE_SPLINE: "spline that is not whole",
+}
+_LETTERS: Final = {
+    codes.FURTHER_AXIS: "ABCUVW",
+    codes.UNUSED_WORD: "ABCDEHIJKLPQRUVW",
+    codes.CYCLE: "GXYZ",
+    codes.THREAD: "GXYZ",
+    codes.COMPENSATED: "GXYZ",
+    codes.NO_MOTION_MODE: "XYZABCUVW",
+    codes.UNSURE_MODE: "GXYZABCUVW",
+    codes.DWELL_AXES: "XYZABCUVW",
+}
+"""Letters of the words that are meant where the letter tells."""
+_SHOWN: Final = 40
+"""Characters of a word that a note shows."""
+_KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
+    (codes.TOOL_CHANGE, "tool change"),
+    (codes.PROBE, "probe"),
+    (codes.HOME, "home"),
+    (codes.MACHINE, "machine coordinates"),
+    (codes.FRAME_CHANGE, "frame"),
+)
+_NOT_UNDERSTOOD: Final = len(_KINDS)
+
+
+def find_notes(lexed: Lexed, data: bytes, whys: ByteArray) -> tuple[Note, ...]:
+    """One note for each stretch of blocks that are passed through for the same reason."""
+    blocks = np.flatnonzero(whys)
+    if not blocks.size:
+        return ()
+    spoken = lexed.traits != 0
+    spoken[lexed.words.block] = True
+    spoken[blocks] = True
+    rank = np.cumsum(spoken)[blocks]
+    new = np.flatnonzero(np.r_[True, (np.diff(rank) > 1) | (np.diff(whys[blocks]) != 0)])
+    last = np.r_[new[1:] - 1, blocks.size - 1]
+    return tuple(
+        _note(lexed, data, int(blocks[low]), int(blocks[high]), int(whys[blocks[low]]))
+        for low, high in zip(new, last, strict=True)
+    )
+
+
+def _note(lexed: Lexed, data: bytes, first: int, last: int, why: int) -> Note:
+    """Name a stretch by the word on its first line for which it is passed through."""
+    start, end = find_place(lexed, data, first, why)
+    text = data[start:end].decode("utf-8", "replace").strip()
+    column = len(data[int(lexed.lines[first]) : start].decode("utf-8", "replace")) + 1
+    return Note(first=first, last=last, column=column, what=f"{_TEXTS[why]}: {shortened(text)}")
+
+
+def shortened(text: str) -> str:
+    """Return as much of a text as a note shows."""
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
+
+
+def find_place(lexed: Lexed, data: bytes, block: int, why: int) -> tuple[int, int]:
+    """Bytes of the word that a note is about; of the line where it is about no word."""
+    words = lexed.words
+    rows = range(*span_of(words.block, block))
+    named = [row for row in rows if _is_meant(chr(words.letter[row]), float(words.value[row]), why)]
+    if named:
+        return int(words.start[named[0]]), int(words.end[named[0]])
+    low, high = int(lexed.lines[block]), int(lexed.lines[block + 1])
+    line = data[low:high]
+    return low + len(line) - len(line.lstrip()), high
+
+
+def _is_meant(letter: str, value: float, why: int) -> bool:
+    """Whether a word is one for which a block is passed through."""
+    if why in (codes.EXPRESSION, codes.O_WORD):
+        return np.isnan(value) if why == codes.EXPRESSION else letter == "O"
+    if why == codes.UNKNOWN_G:
+        known = 0.0 <= value < 99.9 and codes.GROUP[round(10 * value)] >= 0
+        return letter == "G" and not (known and abs(10.0 * value - round(10.0 * value)) < 1e-6)
+    if why in (codes.UNKNOWN_M, codes.SUBPROGRAM, codes.SAVED_STATE):
+        return letter == "M" and not (value in range(codes.M_GROUP.size) and codes.M_GROUP[int(value)] >= 0)
+    return letter in _LETTERS.get(why, "")
+
+
+def find_breaks(motion_block: PlaceArray, marks: ByteArray, whys: ByteArray, end: int) -> tuple[Break, ...]:
+    """Put the breaks in order, from the beginning to the `end` of the program.
+
+    Those of one kind without a motion between them are one: its block is the first.
+    """
+    blocks = np.flatnonzero((marks & (codes.END - 1)) | whys)
+    kind = np.full(blocks.size, _NOT_UNDERSTOOD)
+    for number in range(len(_KINDS) - 1, -1, -1):
+        kind[(marks[blocks] & _KINDS[number][0]) != 0] = number
+    motion = np.searchsorted(motion_block, blocks.astype(np.int32))
+    keep = np.r_[True, (np.diff(motion) != 0) | (np.diff(kind) != 0)][: blocks.size]
+    names: tuple[BreakKind, ...] = (*(name for _, name in _KINDS), "not understood")
+    inner = tuple(
+        Break(block=int(b), motion=int(m), kind=names[k])
+        for b, m, k in zip(blocks[keep], motion[keep], kind[keep], strict=True)
+    )
+    first = Break(block=0, motion=0, kind="beginning")
+    return (first, *inner, Break(block=end, motion=motion_block.size, kind="end"))
+
+
+_OPENED: Final = re.compile(rb"\s*%")
+"""A program between two percent signs."""
+
+_LARGEST = np.iinfo(np.int32).max
+"""Bytes of the longest program."""
+
+
+class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What was found of each block: its state, F, task, breaks and why it is not understood."""
+
+    states: PlaceArray
+    feeds: Array
+    tasks: ByteArray
+    marks: ByteArray
+    whys: ByteArray
+    table: Array
+    end: int
+    last: int
+    fault: ProgramFault | None
+
+
+def read_program(data: bytes, name: str, *, strict: bool = False, language: Language = RS274) -> PartProgram:
+    r"""Read a part program.
+
+    Parameters
+    ----------
+    data : bytes
+        All of it; every byte is kept.
+    name : str
+        For messages: the file's name.
+    strict : bool
+        Refuse what would be passed through with a note.
+    language : Language, optional
+        That of the controller, where it is not RS274/NGC.
+
+    Raises
+    ------
+    InputError
+        Where the text is no program, or means different things to different controllers, or nothing to any.
+
+    Examples
+    --------
+    >>> program = read_program(b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nM2\n", "a.ngc")
+    >>> program.blocks, program.motions.end[1].tolist(), program.motions.feed[1].item()
+    (4, [0.01, 0.0, nan], 0.01)
+    """
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    if len(data) > _LARGEST:
+        raise InputError(name, "the file is too long", expected="less than 2 GiB", got=f"{len(data)} bytes")
+    lines, fault = find_lines(data)
+    if fault is not None:
+        raise refuse(name, data, lines, fault)
+    plain = language.hidden(data)
+    lexed = read_words(plain, lines)
+    blocks = _resolve(lexed, plain, language.start())
+    motions, fault = _make_motions(lexed, blocks)
+    faults = [one for one in (fault, blocks.fault) if one is not None]
+    first = min(faults, key=lambda one: one.block, default=None)
+    notes = find_notes(lexed, data, blocks.whys)
+    if strict and notes and (first is None or notes[0].first < first.block):
+        raise _refuse_note(name, data, lexed, notes[0], int(blocks.whys[notes[0].first]))
+    if first is not None:
+        raise refuse(name, data, lines, first, _word_end(lexed, first))
+    breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
+    if breaks[-1].block == lines.size - 1 and not notes and _OPENED.match(data):
+        # What is passed through may hold the end; without an opening % many programs have none.
+        raise InputError(
+            f"{name}:{lines.size - 1}",
+            "the program breaks off",
+            expected="M2, M30 or the % that belongs to the first one",
+            got="the end of the file",
+        )
+    number = np.arange(len(breaks) - 1, dtype=np.int32)
+    chain = np.repeat(number, np.diff([one.motion for one in breaks]))
+    return PartProgram(
+        name=name,
+        data=data,
+        digest=hashlib.sha256(data).hexdigest(),
+        lines=lines,
+        words=lexed.words,
+        motions=msgspec.structs.replace(motions, chain=chain),
+        modal=tuple(make_modal(row) for row in blocks.table),
+        state=blocks.states,
+        feed_word=sealed(blocks.feeds),
+        breaks=breaks,
+        notes=notes,
+        language=language,
+    )
+
+
+def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:
+    """Find each block's modal state and task; after the program's end nothing changes any more."""
+    count = lexed.lines.size - 1
+    states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
+    motions, zeros = np.full(count, -1, np.int16), np.full(count, -1, np.int16)
+    flags, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
+    columns = (states, feeds, motions, zeros, flags, marks, whys)
+    text = (lexed.words.block, lexed.words.letter, lexed.words.value)
+    stretches = find_stretches(lexed, data)
+    stop, refused, word, table = resolve_modes(text, lexed.traits, stretches, lexed.end, columns, fixed)
+    last = stop + 1 if stop < lexed.end and not refused else stop
+    if 0 < last < count:
+        states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
+    fault = lexed.fault if stop == lexed.end else None
+    if refused:
+        marks[stop] = whys[stop] = 0
+        fault = _fault_at(lexed, int(stop), int(refused), int(word))
+    sooner, refused, word = choose_tasks(text, table, columns, lexed.traits, last, tasks)
+    if refused:
+        last, fault = sooner, _fault_at(lexed, int(sooner), int(refused), int(word))
+        marks[last:], whys[last:] = 0, 0
+    return _Blocks(
+        states=states,
+        feeds=feeds,
+        tasks=tasks,
+        marks=marks,
+        whys=whys,
+        table=table,
+        end=int(stop),
+        last=int(last),
+        fault=fault,
+    )
+
+
+def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> ProgramFault:
+    """ProgramFault of a word, or of the word of a block that sets its motion, or of its first one."""
+    words = lexed.words
+    if word < 0:
+        low, high = span_of(words.block, block)
+        motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
+        axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
+        word = [*motions, *axes, low][0]
+    return ProgramFault(block=block, place=int(words.start[word]), code=code, got=got)
+
+
+def _word_end(lexed: Lexed, fault: ProgramFault) -> int | None:
+    """Behind the word that a fault is about."""
+    word = int(np.searchsorted(lexed.words.start, np.int32(fault.place)))
+    if word < lexed.words.start.size and lexed.words.start[word] == fault.place:
+        return int(lexed.words.end[word])
+    return None
+
+
+def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> InputError:
+    start, end = find_place(lexed, data, note.first, why)
+    fault = ProgramFault(block=note.first, place=start, code=NOT_UNDERSTOOD, got=note.what)
+    return refuse(name, data, lexed.lines, fault, end)
+
+
+def refuse_notes(program: PartProgram) -> None:
+    """Refuse a program of which something is passed through.
+
+    Raises
+    ------
+    InputError
+        Telling the first of it.
+    """
+    if program.notes:
+        note = program.notes[0]
+        text = program.text(note.first)
+        place = int(program.lines[note.first]) + len(text.decode("utf-8", "replace")[: note.column - 1].encode())
+        end = int(program.lines[note.first]) + len(text.rstrip())
+        fault = ProgramFault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
+        raise refuse(program.name, program.data, program.lines, fault, max(end, place + 1))
+
+
+def _make_motions(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, ProgramFault | None]:
+    """Make the motions, and find the first arc that cannot be."""
+    while True:
+        columns, curves, count = _trace(lexed, blocks)
+        drawn = _splines(lexed, blocks, [column[:count] for column in columns])
+        if drawn is not None:
+            break
+    block, kind, start, end, plane, feed, duration, exact = (_cut(column, count) for column in columns)
+    center, angle, turns = (_cut(column, count) for column in curves)
+    inches = blocks.table[:, codes.UNITS][blocks.states[block]] == INCH
+    row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
+    fault = None
+    if why:
+        told = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
+        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if told else ""
+        fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
+    control, nurbs = drawn
+    whole: dict[str, Any] = {
+        "block": block,
+        "kind": kind,
+        "chain": kind,
+        "start": start,
+        "end": end,
+        "plane": plane,
+        "center": center,
+        "angle": angle,
+        "feed": feed,
+        "duration": duration,
+        "exact": exact,
+    }
+    for part in whole.values():
+        part.setflags(write=False)
+    return Motions(**whole, control=control, nurbs=nurbs), fault
+
+
+def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:
+    words = lexed.words
+    room = int(np.count_nonzero((blocks.tasks & (codes.FORGET_FIRST - 1)) % codes.FORGET))
+    columns = (
+        np.empty(room, np.int32),
+        np.empty(room, np.int8),
+        np.empty((room, 3)),
+        np.empty((room, 3)),
+        np.empty(room, np.int8),
+        np.empty(room),
+        np.zeros(room),
+        np.empty(room, np.int8),
+    )
+    curves = (np.zeros((room, 2)), np.zeros(room), np.zeros(room, np.int16))
+    modal = (blocks.table, blocks.states, blocks.feeds, blocks.tasks, blocks.whys)
+    count = trace_motions((words.block, words.letter, words.value), modal, blocks.last, columns, curves)
+    return columns, curves, int(count)
+
+
+Splines = tuple[dict[int, Array], dict[int, splinewords.Nurbs]]
+
+
+def _splines(lexed: Lexed, blocks: _Blocks, columns: list[Any]) -> Splines | None:
+    """Control points of splines by motion; None where one is not whole: its block then is passed through."""
+    block, kind, start, end = columns[:4]
+    control: dict[int, Array] = {}
+    nurbs: dict[int, splinewords.Nurbs] = {}
+    view = splinewords.SplineBlocks(tasks=blocks.tasks, table=blocks.table, states=blocks.states)
+    for row in np.flatnonzero(kind == CUBIC).tolist():
+        task = int(blocks.tasks[block[row]]) & (codes.FORGET_FIRST - 1)
+        units = float(blocks.table[blocks.states[block[row]], codes.UNITS])
+        words = splinewords.letters_of(lexed, int(block[row]))
+        if task == codes.CUBIC:
+            points = splinewords.cubic(words, units, start[row], end[row], control.get(row - 1))
+        else:
+            points = splinewords.quadratic(words, units, start[row], end[row])
+        if points is None:
+            _pass_through(blocks, int(block[row]))
+            return None
+        control[row] = points
+    for row in np.flatnonzero(kind == NURBS).tolist():
+        drawn = splinewords.nurbs(lexed, view, int(block[row]), start[row])
+        if drawn is None:
+            _pass_through(blocks, int(block[row]))
+            return None
+        nurbs[row] = drawn
+    return control, nurbs
+
+
+def _pass_through(blocks: _Blocks, block: int) -> None:
+    blocks.tasks[block] = codes.FORGET
+    blocks.whys[block] = codes.LONE_SPLINE
+
+
+def _cut(column: Any, count: int) -> Any:
+    return column if count == column.shape[0] else column[:count].copy()

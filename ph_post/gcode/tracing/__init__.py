@@ -1,1 +1,0 @@
-"""Moves of a CAM program that were sampled from a known curve, and the curve written in their place."""

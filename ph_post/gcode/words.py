@@ -1,0 +1,267 @@
+"""Lines and words of a program, O-word stretches, and errors that show the line with a caret."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.gcode import arcs, codes, lexer
+from ph_post.gcode.program import ByteArray, PlaceArray, WordTable
+from ph_post.types import IntArray, sealed
+
+WIDTH = 100
+"""Columns of a source line that are shown."""
+
+BINARY, LONG_LINE, NOT_UNDERSTOOD = 60, 61, 62
+"""Kinds of faults that are found in Python; the others are told by the compiled code."""
+
+_TEXTS = {
+    lexer.NO_NUMBER: ("letter without a number", "a number behind the letter"),
+    lexer.BAD_CHARACTER: ("unknown character", "a word, such as X10"),
+    lexer.OPEN_COMMENT: ("comment that does not end", "a closing parenthesis on the same line"),
+    lexer.CLOSED_COMMENT: ("closing parenthesis of no comment", "an opening one before it"),
+    lexer.BRACKET: ("expression that is not whole", "every bracket closed on its line"),
+    lexer.EXPONENT: ("exponent", "a decimal number without one, or a blank before the E"),
+    lexer.NO_LETTER: ("number without a letter", "a letter before the number"),
+    lexer.AFTER_PERCENT: ("text behind a percent sign", "nothing else on its line"),
+    lexer.CHECKSUM: ("checksum that is none", "a whole number at the end of the line"),
+    codes.TWICE: ("the same letter twice on a line", "each letter but G and M once"),
+    codes.TWO_OF_GROUP: ("two words of one modal group on a line", "one of them"),
+    codes.NEGATIVE_FEED: ("negative feed", "F > 0"),
+    codes.NO_FEED: ("cut without a feed", "an F word here or before"),
+    codes.ZERO_FEED: ("cut with zero feed", "F > 0"),
+    codes.NO_INVERSE_FEED: ("cut under G93 without its own F", "an F word in each block that cuts"),
+    codes.NO_CENTER: ("arc without centre or radius", "I, J, K of the plane, or R"),
+    codes.MIXED_CENTER: ("arc with a radius and a centre", "either R or I, J, K"),
+    codes.MISSING_CENTER: ("absolute centre that is not whole", "both words of the plane under G90.1"),
+    codes.FOREIGN_CENTER: ("centre along an axis out of the arc's plane", "words of the active plane"),
+    codes.NO_RADIUS_END: ("arc by its radius without an end", "an end word in the arc's plane"),
+    codes.TURNS: ("number of turns is none", f"a whole P from 1 to {codes.MOST_TURNS}"),
+    codes.NO_DWELL: ("dwell without a time", "a P word"),
+    NOT_UNDERSTOOD: ("not understood", "a program that is understood throughout"),
+    arcs.RADII_DIFFER: ("radii of the arc differ", "as far from the centre at its start as at its end"),
+    arcs.ZERO_RADIUS: ("arc of no radius", "a centre away from both ends"),
+    arcs.NO_WAY: ("arc by its radius that ends where it begins", "another end, or I, J, K for a full circle"),
+    arcs.RADIUS_TOO_SMALL: ("radius too small to reach the arc's end", "at least half the way to the end"),
+    arcs.RADIUS_ZERO: ("arc of no radius", "R other than 0"),
+}
+
+
+class ProgramFault(msgspec.Struct, frozen=True, kw_only=True):
+    """What is refused on line `block` at the byte `place`: the number of its kind, and what was got."""
+
+    block: int
+    place: int
+    code: int
+    got: str = ""
+
+
+def refuse(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, end: int | None = None) -> InputError:
+    """Make the error of a fault, with its line and a caret under the `end` - `place` bytes it is about.
+
+    Parameters
+    ----------
+    name : str
+        The program's, for the message.
+    data, lines
+        The program, and where its lines begin.
+    fault : ProgramFault
+    end : int, optional
+        Behind the last byte of the word; one byte where it is not given.
+    """
+    first = int(lines[fault.block])
+    column = len(data[first : fault.place].decode("utf-8", "replace")) + 1
+    where = f"{name}:{fault.block + 1}:{column}"
+    word = _plain(data[fault.place : end] if end is not None else data[fault.place : fault.place + 4])
+    word = word if end is not None else word[:1]
+    got = fault.got or word or "the end of the line"
+    if fault.code == BINARY:
+        return InputError(where, "not a part program", expected="text", got="a zero byte")
+    if fault.code == LONG_LINE:
+        return InputError(where, "line is too long", expected="a line end within 16384 bytes")
+    what, expected = _TEXTS.get(fault.code, ("not understood", "a program that is understood throughout (--strict)"))
+    if fault.code == lexer.BAD_CHARACTER and data.startswith(codecs.BOM_UTF8) and fault.place == 0:
+        what, expected, got = "byte order mark", "UTF-8 without one: controllers refuse it", "EF BB BF"
+    line = _plain(data[first : int(lines[fault.block + 1])].rstrip(b"\r\n"))
+    return InputError(where, what, expected=expected, got=got, excerpt=excerpt(line, column, max(len(word), 1)))
+
+
+def excerpt(line: str, column: int, width: int) -> str:
+    """Show a source line, cut to what fits around the word, and carets under it.
+
+    Examples
+    --------
+    >>> print(excerpt("G1 X1 X2", 7, 2))
+        G1 X1 X2
+              ^^
+    """
+    start = max(0, column - 1 - WIDTH // 2) if len(line) > WIDTH else 0
+    shown = line[start : start + WIDTH]
+    before, behind = "..." if start else "", "..." if start + WIDTH < len(line) else ""
+    blanks = " " * (4 + len(before) + column - 1 - start)
+    carets = "^" * max(1, min(width, WIDTH - (column - 1 - start)))
+    return f"    {before}{shown}{behind}\n{blanks}{carets}"
+
+
+def _plain(text: bytes) -> str:
+    """Text that a terminal shows as it is, a column a character."""
+    return "".join(c if c.isprintable() else " " if c == "\t" else "?" for c in text.decode("utf-8", "replace"))
+
+
+LONGEST_LINE = 16384
+"""No controller takes lines of more bytes than this, comments included."""
+
+
+class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A program's text as words.
+
+    `traits` (n,) has the bits of :mod:`lexer <ph_post.gcode.lexer>` for each line; `end` is the line
+    of the closing ``%``, the number of lines where there is none, or the line that `fault` tells of.
+    """
+
+    lines: PlaceArray
+    words: WordTable
+    traits: ByteArray
+    end: int
+    fault: ProgramFault | None
+
+
+def find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
+    """Places at which lines begin, and the fault of a text that is none: binary, or a line without end."""
+    stop = min([place for place in (data.find(b"\n"), data.find(b"\r"), len(data)) if place >= 0])
+    if stop > LONGEST_LINE:
+        return np.array([0, len(data)], dtype=np.int32), ProgramFault(block=0, place=0, code=LONG_LINE)
+    lines = lexer.split_lines(np.frombuffer(data, np.uint8))
+    nul = data.find(b"\0")
+    if nul >= 0:
+        return lines, ProgramFault(block=int(np.searchsorted(lines, nul, "right")) - 1, place=nul, code=BINARY)
+    long = np.flatnonzero(np.diff(lines) > LONGEST_LINE)
+    if long.size:
+        return lines, ProgramFault(block=int(long[0]), place=int(lines[long[0]]), code=LONG_LINE)
+    return lines, None
+
+
+def read_words(data: bytes, lines: PlaceArray) -> Lexed:
+    """Read the words of a program up to its closing ``%`` or to the first fault."""
+    text = np.frombuffer(data, np.uint8)
+    lexed = _read_words(text, lines, int(lexer.count_letters(text, False)))
+    if lexed.fault is not None and lexed.fault.code == lexer.FULL:  # what looks like a comment is in a name
+        lexed = _read_words(text, lines, int(lexer.count_letters(text, True)))
+    return lexed
+
+
+def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
+    blocks, starts, ends = (np.empty(room, np.int32) for _ in range(3))
+    letters, digits, decimals = np.empty(room, np.uint8), np.empty(room, np.int64), np.empty(room, np.int16)
+    out = (blocks, letters, starts, ends, np.empty(room), digits, decimals)
+    traits = np.zeros(lines.size - 1, np.uint8)
+    count, end, why, place = lexer.lex(text, lines, out, traits)
+    fault = ProgramFault(block=int(end), place=int(place), code=int(why)) if why else None
+    block, letter, start, stop, value, digits, decimals = (_cut(column, count) for column in out)
+    words = WordTable(block=block, letter=letter, start=start, end=stop, value=value, digits=digits, decimals=decimals)
+    return Lexed(lines=lines, words=words, traits=traits, end=int(end), fault=fault)
+
+
+def _cut(column: Any, count: int) -> Any:
+    """Take the part of a column that is used, without the room for the rest where that is much."""
+    part = column[:count]
+    return sealed(part if count > 0.75 * column.size else part.copy())
+
+
+_STATEMENT: Final = re.compile(rb"o(\d+|<[^>]*>|[#\[][^a-z]*)([a-z]*)")
+_OPENS: Final = {
+    b"sub": b"endsub",
+    b"while": b"endwhile",
+    b"do": b"while",
+    b"if": b"endif",
+    b"repeat": b"endrepeat",
+}
+_EVERYTHING: Final = (1 << codes.STATE) - 1
+
+
+class _Statement(msgspec.Struct, frozen=True, kw_only=True):
+    block: int
+    label: bytes
+    keyword: bytes
+
+
+def find_stretches(lexed: Lexed, data: bytes) -> IntArray:
+    """First and last line of each stretch under O-words, and the state it may change (a bit a column).
+
+    A stretch goes from an O-word to the one that ends it (`sub` to `endsub`), calls stand alone. What is
+    called lies in the program, so its words are those of all bodies, or may be anything.
+    """
+    lines = np.flatnonzero(lexed.traits & lexer.O_WORD)
+    statements = [s for line in lines if (s := _statement(lexed, data, int(line))) is not None]
+    spans = _spans(statements, lexed.end)
+    inside = np.zeros(lexed.traits.size + 1, bool)
+    for first, last in spans:
+        inside[first : last + 1] = True
+    known = {s.label for s in statements if s.keyword == b"sub"}
+    calls = {s.label for s in statements if s.keyword == b"call"}
+    mask = _EVERYTHING if calls - known else _words_set(lexed, inside)
+    return np.array([(first, last, mask) for first, last in spans], np.int64).reshape(-1, 3)
+
+
+def _statement(lexed: Lexed, data: bytes, block: int) -> _Statement | None:
+    text = bytes(data[int(lexed.lines[block]) : int(lexed.lines[block + 1])]).lower()
+    text = re.sub(rb"\s|\([^)]*\)|;.*", b"", text)
+    match = _STATEMENT.search(text)
+    if match is None:
+        return _Statement(block=block, label=b"", keyword=b"")
+    return _Statement(block=block, label=match[1], keyword=match[2])
+
+
+def _spans(statements: list[_Statement], end: int) -> list[tuple[int, int]]:
+    """Lines from each outermost statement to its end; one that nothing ends goes to the program's end."""
+    spans: list[tuple[int, int]] = []
+    number = 0
+    while number < len(statements):
+        first = statements[number]
+        closer = _OPENS.get(first.keyword)
+        last = number
+        if closer is not None:
+            ends = (k for k in range(number + 1, len(statements)) if _closes(statements[k], first, closer))
+            last = next(ends, -1)
+        if last < 0:
+            return [*spans, (first.block, max(first.block, end - 1))]
+        spans.append((first.block, statements[last].block))
+        number = last + 1
+    return spans
+
+
+def _closes(statement: _Statement, first: _Statement, closer: bytes) -> bool:
+    return statement.label == first.label and statement.keyword == closer
+
+
+def _words_set(lexed: Lexed, inside: np.ndarray) -> int:
+    """Columns of the state that the words on these lines set; everything where one of them is not plain."""
+    words = lexed.words
+    rows = np.flatnonzero(inside[words.block])
+    letters, values = words.letter[rows], words.value[rows]
+    if np.isnan(values[(letters == ord("G")) | (letters == ord("M"))]).any():
+        return _EVERYTHING
+    mask = 0
+    for code in np.unique(np.rint(10.0 * values[letters == ord("G")])):
+        group = codes.GROUP[int(code)] if 0 <= code < codes.GROUP.size else -1
+        column = codes.FIELD[group] if group >= 0 else -1
+        mask |= 1 << int(column) if column >= 0 else 0
+    for letter, columns in _LETTER_COLUMNS.items():
+        if (letters == ord(letter)).any():
+            mask |= sum(1 << column for column in columns)
+    return mask
+
+
+_LETTER_COLUMNS: Final = {
+    "F": (codes.FEED, codes.FEED_KNOWN),
+    "S": (codes.SPEED,),
+    "T": (codes.PREPARED,),
+    "M": (codes.SPINDLE, codes.MIST, codes.FLOOD, codes.TOOL),
+    "P": (codes.PATH_P,),
+    "Q": (codes.PATH_Q,),
+}

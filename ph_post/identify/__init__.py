@@ -1,0 +1,1 @@
+"""Drive parameters from a log: b, c, lost motion, η and β, with their standard errors."""

@@ -1,0 +1,338 @@
+"""Least-squares fit of the base drive to a log, and the decision whether the log shows backlash.
+
+Backlash is accepted by its gain on held-out samples, and compared with friction in its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from scipy.optimize import least_squares
+
+from ph_post.diagnose.fit import correlation_inflation, mean_square, weights_of
+from ph_post.drive.plant import Plant
+from ph_post.identify.free_run import AxisProblem, residuals
+from ph_post.types import Array, AxisLog, BoolArray
+from ph_post.types.diagnosis import Channel
+from ph_post.units import MICROMETRE
+
+STEP: Final = 1e-3
+"""Differences, of a logarithm, or of a length or its scale."""
+
+FAR: Final = math.log(50.0)
+"""By how much a number may leave where it starts, as a logarithm."""
+
+MOST: Final = 5e-3
+"""Widest gap and largest friction [m]."""
+
+DAMPED: Final = 0.98
+"""Largest part of the axis' damping that the motor may have: the load keeps some."""
+
+
+class FreeNumber(NamedTuple):
+    """One number of a plant while it is fitted: how it is read and set, its bounds and its natural size."""
+
+    name: str
+    read: Callable[[Plant], float]
+    turn: Callable[[Plant, float], Plant]
+    low: float
+    high: float
+    scale: float
+
+
+def free_number(name: str, plant: Plant) -> FreeNumber:
+    """Return the knob of `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres)."""
+    if name == "gap":
+        return FreeNumber(name, lambda p: p.gap / MICROMETRE, _wide, 0.0, MOST / MICROMETRE, 1.0)
+    if name == "friction":
+        return FreeNumber(name, lambda p: p.coulomb_plus / MICROMETRE, _dry, 0.0, MOST / MICROMETRE, 1.0)
+    start = math.log(getattr(plant, name))
+    high = start + FAR
+    if name == "eta":
+        high = min(high, math.log(0.99))
+    elif name == "beta":
+        high = max(min(high, math.log(DAMPED * plant.c / (plant.b * plant.eta))), start + 0.1)
+    return FreeNumber(name, partial(_logarithm, name), partial(_set, name), start - FAR, high, 1.0)
+
+
+def _logarithm(name: str, plant: Plant) -> float:
+    return math.log(getattr(plant, name))
+
+
+def _set(name: str, plant: Plant, value: float) -> Plant:
+    return replace(plant, **{name: math.exp(value)})
+
+
+def _wide(plant: Plant, value: float) -> Plant:
+    return replace(plant, gap=value * MICROMETRE)
+
+
+def _dry(plant: Plant, value: float) -> Plant:
+    return replace(plant, coulomb_plus=value * MICROMETRE, coulomb_minus=value * MICROMETRE)
+
+
+class DriveFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A plant at its best.
+
+    `jacobian` (rows, names) is that of the weighted residuals by the knobs of `names`; `left` (n,) is what
+    the free run leaves by channel, `worth` how many samples count as one, as they are not independent.
+    """
+
+    problem: AxisProblem
+    plant: Plant
+    names: tuple[str, ...]
+    left: Mapping[Channel, Array]
+    jacobian: Array
+    worth: float
+
+
+class DrivePrior(NamedTuple):
+    """What of a plant is known beforehand: the plant, and relative standard errors of some numbers of it."""
+
+    plant: Plant
+    errors: Mapping[str, float]
+
+    def rows(self, there: Plant) -> Array:
+        """By how many standard errors another plant is off."""
+        return np.array(
+            [(_logarithm(name, there) - _logarithm(name, self.plant)) / error for name, error in self.errors.items()]
+        )
+
+
+def with_all_samples(problem: AxisProblem) -> AxisProblem:
+    """Return a problem in which every sample that counts is fitted."""
+    counted = problem.counted
+    return replace(problem, fit=counted, held=np.zeros_like(counted))
+
+
+def left_by(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
+    """Residuals of a plant; origins and gains of the effort fit best."""
+    return residuals(problem, plant, True)
+
+
+def rows_of(problem: AxisProblem, left: Mapping[Channel, Array], weights: Mapping[Channel, float]) -> Array:
+    """Weighted residuals of the samples that are fitted, one channel after the other."""
+    parts = [left[one.channel][problem.fit & one.ok] * weights[one.channel] for one in problem.observed]
+    return np.concatenate(parts)
+
+
+def position_rms(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
+    """Root mean square that is left of the positions [m]."""
+    squares = [left[one.channel][use & one.ok] ** 2 for one in problem.observed if one.channel != "force"]
+    return math.sqrt(float(np.mean(np.concatenate(squares))))
+
+
+def fit_drive(
+    problem: AxisProblem,
+    plant: Plant,
+    names: Sequence[str],
+    rounds: int = 3,
+    priors: Mapping[str, float] = {},
+) -> DriveFit:
+    """Fit numbers of a plant to the samples of `problem.fit`.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+    plant : Plant
+        To start from; what is not named stays.
+    names : sequence of str
+        See :func:`free_number`.
+    rounds : int
+        How often the channels are weighed anew by what is left of them.
+    priors : mapping, optional
+        Numbers of the plant to start from that are known beforehand, and their relative standard errors.
+    """
+    known = DrivePrior(plant, priors)
+    for _ in range(rounds if names else 0):
+        before = _values(plant, names)
+        plant = _fit_once(problem, plant, names, known)
+        if np.allclose(_values(plant, names), before, rtol=0.0, atol=1e-7):
+            break
+    return tangent(problem, plant, names)
+
+
+def _values(plant: Plant, names: Sequence[str]) -> Array:
+    return np.array([free_number(name, plant).read(plant) for name in names])
+
+
+def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: DrivePrior) -> Plant:
+    knobs = [free_number(name, plant) for name in names]
+    weights = weights_of(problem, left_by(problem, plant), problem.fit)
+
+    def rows(unknowns: Array) -> Array:
+        there = with_numbers(plant, knobs, unknowns)
+        return np.concatenate([rows_of(problem, left_by(problem, there), weights), known.rows(there)])
+
+    low, high = np.array([one.low for one in knobs]), np.array([one.high for one in knobs])
+    start = np.clip(_values(plant, names), low + 1e-6, high - 1e-6)
+    found = least_squares(
+        rows,
+        start,
+        bounds=(low, high),
+        jac=partial(_slopes, rows, knobs),
+        x_scale=np.maximum(np.where(np.array(names) == "gap", np.abs(start), 1.0), 1.0),
+        max_nfev=25,
+        ftol=1e-10,
+        xtol=1e-8,
+        gtol=1e-10,
+    )
+    return with_numbers(plant, knobs, found.x)
+
+
+def with_numbers(plant: Plant, knobs: Sequence[FreeNumber], unknowns: Array) -> Plant:
+    """Return a plant with its knobs set."""
+    for knob, value in zip(knobs, unknowns, strict=True):
+        plant = knob.turn(plant, float(value))
+    return plant
+
+
+def _slopes(rows: Callable[[Array], Array], knobs: Sequence[FreeNumber], unknowns: Array) -> Array:
+    """Central differences, one-sided where a bound is near."""
+    columns = []
+    for k, knob in enumerate(knobs):
+        size = abs(unknowns[k]) if knob.name in ("gap", "friction") else knob.scale
+        step = STEP * max(size, knob.scale)
+        above, below = unknowns.copy(), unknowns.copy()
+        above[k] = min(unknowns[k] + step, knob.high)
+        below[k] = max(unknowns[k] - step, knob.low)
+        columns.append((rows(above) - rows(below)) / (above[k] - below[k]))
+    return np.stack(columns, axis=1)
+
+
+def tangent(problem: AxisProblem, plant: Plant, names: Sequence[str]) -> DriveFit:
+    """Return the sensitivities of a plant as it is by some of its numbers."""
+    knobs = [free_number(name, plant) for name in names]
+    left = left_by(problem, plant)
+    weights = weights_of(problem, left, problem.fit)
+
+    def rows(unknowns: Array) -> Array:
+        return rows_of(problem, left_by(problem, with_numbers(plant, knobs, unknowns)), weights)
+
+    jacobian = _slopes(rows, knobs, _values(plant, names)) if names else np.zeros((0, 0))
+    return DriveFit(
+        problem=problem,
+        plant=plant,
+        names=tuple(names),
+        left=left,
+        jacobian=jacobian,
+        worth=correlation_inflation(problem, left, problem.fit),
+    )
+
+
+def held_out_gain(problem: AxisProblem, better: DriveFit, plain: DriveFit) -> float:
+    """By how many nats, of independent samples, a fit explains better what neither was fitted to."""
+    total = 0.0
+    for one in problem.observed:
+        here = problem.held & one.ok
+        ratio = mean_square(plain.left[one.channel], here) / mean_square(better.left[one.channel], here)
+        total += 0.5 * np.count_nonzero(here) * math.log(ratio)
+    return total / better.worth
+
+
+EARNS: Final = 5.0
+"""Nats on held-out samples that a gap must bring."""
+
+TRIED: Final = (2e-6, 8e-6, 25e-6, 70e-6, 200e-6, 600e-6)
+"""Gaps and frictions that are tried first [m]."""
+
+BOUND: Final = 9.0
+"""Rise of the sum of squares at which a gap would have shown, at three standard errors."""
+
+GRID: Final = 1e-7 * 1.4 ** np.arange(28)
+"""Gaps among which the smallest that would show is sought [m]."""
+
+RESTS: Final = 1e-3
+"""Speeds below this part of the largest one have no direction."""
+
+
+class BacklashVerdict(NamedTuple):
+    """What a record says of the gap.
+
+    `fit` has the gap where it earns its place; where it does not, `bound` [m] is the smallest that would have
+    shown, None where any could hide. `notes` say what cannot be told.
+    """
+
+    fit: DriveFit | None
+    bound: float | None
+    notes: tuple[str, ...] = ()
+
+
+def why_backlash_hidden(problem: AxisProblem, record: AxisLog) -> str:
+    """Return why a record cannot show a gap, empty where it can."""
+    speed = problem.speed[problem.counted]
+    directions = np.sign(speed[np.abs(speed) > RESTS * np.max(np.abs(speed), initial=0.0)])
+    if not np.any(np.diff(directions)):
+        return "the gap does not show: no reversal"
+    if problem.plant.feedback == "load":
+        return ""
+    if record.table is None:
+        return "the gap does not show: behind the motor's loop only a reading of the table shows it"
+    if record.side == "unknown":
+        return "the gap does not show: the reading may be the motor's, and friction looks like play there"
+    return ""
+
+
+def decide_backlash(problem: AxisProblem, base: DriveFit) -> BacklashVerdict:
+    """Fit a gap, and friction in its place, and compare them on what was held out."""
+    gapped = _fitted_with(problem, base, "gap")
+    shows = held_out_gain(problem, gapped, base) >= EARNS and gapped.plant.gap > 0.0
+    plain = BacklashVerdict(gapped, None) if shows else BacklashVerdict(None, smallest_visible_backlash(problem, base))
+    if base.plant.coulomb_plus > 0.0:
+        return plain
+    rival = _fitted_with(problem, base, "friction")
+    size = f"friction of {rival.plant.coulomb_plus / MICROMETRE:.3g} µm of following error"
+    ahead = held_out_gain(problem, rival, gapped if shows else base)
+    if ahead > EARNS:
+        words = (
+            f"{size} explains the record better than play; the gap is not identified, and b and c are those "
+            "of a drive without friction: ph-post diagnose names it"
+        )
+        return BacklashVerdict(None, None, (words,))
+    if shows and ahead > -EARNS:
+        words = (
+            f"{size} explains the record as well as the lost motion: they are not told apart; the motor's "
+            "side or its force would do it"
+        )
+        return BacklashVerdict(gapped, None, (words,))
+    return plain
+
+
+def _fitted_with(problem: AxisProblem, base: DriveFit, name: str) -> DriveFit:
+    """Fit the base numbers and one more, from the best of the sizes tried."""
+    weights = weights_of(problem, base.left, problem.fit)
+
+    def cost(plant: Plant) -> float:
+        return float(np.sum(rows_of(problem, left_by(problem, plant), weights) ** 2))
+
+    tried = sorted((_with(base.plant, name, size) for size in TRIED), key=cost)
+    fits = [fit_drive(problem, start, (*base.names, name)) for start in tried[:2]]
+    return min(fits, key=lambda one: cost(one.plant))
+
+
+def _with(plant: Plant, name: str, size: float) -> Plant:
+    if name == "gap":
+        return replace(plant, gap=size)
+    return replace(plant, coulomb_plus=size, coulomb_minus=size)
+
+
+def smallest_visible_backlash(
+    problem: AxisProblem, base: DriveFit, sizes: Sequence[float] = tuple(GRID)
+) -> float | None:
+    """Return the smallest gap that the record contradicts, whatever b and c are; None where it does none."""
+    weights = weights_of(problem, base.left, problem.fit)
+    here = rows_of(problem, base.left, weights)
+    frame = np.linalg.qr(base.jacobian)[0] if base.names else np.zeros((here.size, 0))
+    for size in sizes:
+        there = rows_of(problem, left_by(problem, replace(base.plant, gap=float(size))), weights)
+        change = there - here
+        change -= frame @ (frame.T @ change)
+        if float(change @ change + 2.0 * here @ change) > BOUND * base.worth:
+            return float(size)
+    return None

@@ -1,0 +1,400 @@
+"""Estimates of a fitted drive: separable parameters, their standard errors, and the identified axis.
+
+Separability comes from the singular values of the whitened sensitivities. Parameters are taken by their
+logarithms, so that columns compare and a direction is a product of powers: in (ln η, ln gap) the direction
+(1, -1) leaves η times the gap unchanged. Rows are residuals over their size, as many as are independent;
+the reciprocal of a singular value is then a relative standard error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.diagnose.findings import LEAST_UNCERTAINTY
+from ph_post.diagnose.fit import weights_of
+from ph_post.drive.plant import Plant
+from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
+from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, left_by, position_rms, rows_of
+from ph_post.identify.free_run import AxisProblem
+from ph_post.types import Array, Axis, AxisLog, Gap, Uncertainty
+from ph_post.types.diagnosis import Estimate, IdentifiedDrive, Origin, Sensitivity
+from ph_post.units import MICROMETRE, MM
+
+MOST_RELATIVE_ERROR: Final = 0.25
+"""Relative standard error up to which a number is known at all."""
+
+LEAST_DIRECTION_SHARE: Final = 0.3
+"""Part of a direction from which on a number belongs to it."""
+
+
+class AssessedFit(NamedTuple):
+    """A fit and how sure it is.
+
+    `shown` are the numbers that the record tells and that were fitted; the others are held in `fit`. In
+    `loose` these too are let go, as far as `known` lets them: their relative standard errors beforehand.
+    """
+
+    shown: tuple[str, ...]
+    fit: DriveFit
+    loose: DriveFit
+    known: Mapping[str, float]
+
+    def errors(self) -> dict[str, float]:
+        """Relative standard errors of what is shown.
+
+        They are made of the noise and of what is held, and of what a command may do between its samples.
+        """
+        spread = np.sqrt(np.diag(log_covariance_with_priors(self.loose, self.known)))
+        moved = self._moved()
+        between = between_samples(self.fit, self.shown)
+        names = self.fit.names
+        return {name: math.hypot(float(spread[names.index(name)]), moved[name], between[name]) for name in self.shown}
+
+    def product_error(self) -> float:
+        """Relative standard error of η times the gap, η being held."""
+        names, spread, moved = (
+            self.fit.names,
+            log_covariance_with_priors(self.loose, self.known),
+            self._moved(),
+        )
+        both = [names.index("gap"), names.index("eta")]
+        own = math.sqrt(float(np.sum(spread[np.ix_(both, both)])))
+        between = between_samples(self.fit, self.shown)["gap"]
+        return math.hypot(own, moved["gap"] + moved["eta"], between)
+
+    def _moved(self) -> dict[str, float]:
+        """By how much the logarithms changed as the others were let go."""
+        return {
+            name: math.log(max(getattr(self.loose.plant, name), 1e-12) / getattr(self.fit.plant, name))
+            for name in self.fit.names
+        }
+
+
+def whitened_sensitivities(fit: DriveFit) -> Array:
+    """Return the whitened sensitivities by the logarithms of the numbers, (rows, names)."""
+    sizes = [fit.plant.gap / MICROMETRE if name == "gap" else 1.0 for name in fit.names]
+    return np.asarray(fit.jacobian * np.array(sizes) / math.sqrt(fit.worth))
+
+
+def relative_errors(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
+    """Return relative standard errors of some numbers while the others hold; infinite where nothing tells."""
+    columns = whitened_sensitivities(fit)[:, [fit.names.index(name) for name in names]]
+    spread = log_covariance(columns)
+    return {name: math.sqrt(spread[k, k]) for k, name in enumerate(names)}
+
+
+def log_covariance(columns: Array) -> Array:
+    """Covariance of the logarithms; what shows in no row has an infinite variance."""
+    _, values, directions = np.linalg.svd(columns, full_matrices=False)
+    inverse = np.divide(1.0, values, out=np.full_like(values, 1e9), where=values > 1e-9)
+    return np.asarray((directions.T * inverse**2) @ directions)
+
+
+def log_covariance_with_priors(fit: DriveFit, priors: Mapping[str, float]) -> Array:
+    """Covariance of the logarithms of all numbers, some of them known beforehand.
+
+    Parameters
+    ----------
+    fit : DriveFit
+    priors : mapping
+        Relative standard errors of what is held, by name.
+    """
+    rows = [np.eye(len(fit.names))[fit.names.index(name)] / error for name, error in priors.items()]
+    return log_covariance(np.vstack([whitened_sensitivities(fit), *rows]))
+
+
+def sensitivity_of(fit: DriveFit) -> Sensitivity:
+    """Return rank, singular values and the directions that do not show."""
+    _, values, directions = np.linalg.svd(whitened_sensitivities(fit), full_matrices=False)
+    shown = values * MOST_RELATIVE_ERROR > 1.0
+    weak = tuple(
+        {
+            name: float(part)
+            for name, part in zip(fit.names, direction, strict=True)
+            if abs(part) >= LEAST_DIRECTION_SHARE
+        }
+        for direction in directions[~shown]
+    )
+    return Sensitivity(
+        names=fit.names,
+        singular_values=tuple(float(one) for one in values),
+        rank=int(np.count_nonzero(shown)),
+        weak=weak,
+    )
+
+
+def shown_names(fit: DriveFit, give_up: Sequence[str]) -> tuple[str, ...]:
+    """Return the numbers that a record shows, if the others are what they are in the plant.
+
+    Parameters
+    ----------
+    fit : DriveFit
+        With the sensitivities by all of them.
+    give_up : sequence of str
+        What is held first where it is not known; what is not in it is never held.
+    """
+    names = list(fit.names)
+    for name in give_up:
+        if name in names and relative_errors(fit, names)[name] > MOST_RELATIVE_ERROR:
+            names.remove(name)
+    return tuple(names)
+
+
+def smoothed(problem: AxisProblem) -> AxisProblem:
+    """Return a problem whose command, linear between its samples, is on average that of a smooth curve.
+
+    The chord of a curve lies by ẍ h²/12 on the inside of it, in the mean over a period h. The record does not
+    tell which of the two the drive was given.
+    """
+    command = problem.command
+    bend = np.zeros_like(command)
+    bend[1:-1] = np.diff(command, 2)
+    return replace(problem, command=command - bend / 12.0)
+
+
+def between_samples(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
+    """By how much numbers would come out otherwise, relative, had the command been smooth between samples."""
+    if not names:
+        return {}
+    problem = fit.problem
+    weights = weights_of(problem, fit.left, problem.fit)
+    change = rows_of(problem, left_by(smoothed(problem), fit.plant), weights)
+    change -= rows_of(problem, fit.left, weights)
+    sizes = [fit.plant.gap / MICROMETRE if name == "gap" else 1.0 for name in fit.names]
+    columns = (fit.jacobian * np.array(sizes))[:, [fit.names.index(name) for name in names]]
+    moved = -np.linalg.lstsq(columns, change, rcond=None)[0]
+    return dict(zip(names, map(float, moved), strict=True))
+
+
+PRODUCT: Final = "lost_motion_times_inertia_fraction"
+"""What a load loop shows from positions: Δθ_m/C in the units of the axis, η times the lost motion."""
+
+MOST_UNCERTAIN: Final = 0.9
+
+
+class AxisFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A fitted axis and what was decided on the way."""
+
+    problem: AxisProblem
+    record: AxisLog
+    settling: AssessedFit
+    verdict: BacklashVerdict
+    coasts: tuple[CoastDown, ...]
+    from_file: bool
+    notes: tuple[str, ...]
+
+    @property
+    def plant(self) -> Plant:
+        """The fitted plant."""
+        return self.settling.fit.plant
+
+    @property
+    def rms(self) -> float:
+        """What the free run leaves of the positions [m]."""
+        return position_rms(self.problem, self.settling.fit.left, self.problem.counted)
+
+
+def estimate_drive(settled: AxisFit) -> IdentifiedDrive:
+    """Tell estimates, where each number comes from, and what could not be separated."""
+    parameters, notes = _base(settled)
+    gap, gap_notes = _gap(settled)
+    motor, motor_notes = _motor(settled)
+    stiffness = _stiffness(settled)
+    parameters |= gap | motor | stiffness
+    noise = [one.noise for one in settled.problem.observed if one.channel != "force"]
+    notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *_left(settled, noise)]
+    return IdentifiedDrive(
+        parameters=parameters,
+        origins=_origins(settled, parameters),
+        rms=settled.rms,
+        noise=math.sqrt(float(np.mean(np.square(noise)))),
+        sensitivity=sensitivity_of(settled.settling.loose),
+        notes=tuple(notes),
+    )
+
+
+def _kept(settled: AxisFit) -> str:
+    """Say what stands in place of what does not show."""
+    return "that of the machine file is kept" if settled.from_file else "it is not identified"
+
+
+def _base(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
+    """Tell b and c."""
+    plant, errors = settled.plant, settled.settling.errors()
+    parameters, notes = {}, []
+    if plant.b == 0.0:
+        return {}, ["no lag shows: an ideal stepper, b and c are 0"]
+    if "b" in errors:
+        parameters["b"] = Estimate(value=plant.b, stderr=plant.b * errors["b"], unit="s²")
+    else:
+        notes.append(f"b does not show: accelerations too small; {_kept(settled)}")
+    if "c" in errors:
+        parameters["c"] = Estimate(value=plant.c, stderr=plant.c * errors["c"], unit="s")
+    else:
+        notes.append(f"c does not show: speeds too small; {_kept(settled)}")
+    return parameters, notes
+
+
+def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
+    """Tell the lost motion; on a load loop, where η does not show, its product with η."""
+    plant, verdict, errors = settled.plant, settled.verdict, settled.settling.errors()
+    notes = list(verdict.notes)
+    if verdict.fit is None:
+        return _no_gap(settled, notes)
+    width, relative = plant.gap / MM, errors["gap"]
+    if plant.feedback != "load" or "eta" in settled.settling.shown:
+        return {"lost_motion": Estimate(value=width, stderr=width * relative, unit="mm")}, notes
+    product = plant.eta * width
+    told = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
+    words = (
+        "from positions on one side only Δθ_m/C shows on a load loop: η times the lost motion is "
+        f"{product:.4g} ± {told.stderr:.2g} mm; the lost motion is that with η = {plant.eta:.4g} of "
+    )
+    if settled.from_file:
+        notes.append(words + "the machine file, and as uncertain as the file says of C")
+    else:
+        notes.append(words + "no measurement")
+    gap = Estimate(value=width, stderr=width * relative if settled.from_file else None, unit="mm")
+    return {"lost_motion": gap, PRODUCT: told}, notes
+
+
+def _no_gap(settled: AxisFit, notes: list[str]) -> tuple[dict[str, Estimate], list[str]]:
+    """Tell how large a gap could be that does not show."""
+    bound, said = settled.verdict.bound, settled.problem.axis.gap.lost_motion
+    if bound is None:
+        words = "that of the machine file is kept" if said > 0.0 else "none is taken"
+        if not notes:
+            notes.append("the gap does not show: no width of it would be seen")
+        return {}, [*notes, f"lost motion: {words}"]
+    note = f"no gap above {bound / MICROMETRE:.2g} µm shows"
+    if 0.0 < said <= bound:
+        return {}, [*notes, f"{note}; that of the machine file is smaller and is kept"]
+    return {"lost_motion": Estimate(value=0.0, stderr=bound / MM / 3.0, unit="mm")}, [*notes, note]
+
+
+def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
+    """Tell η and β, β from coast-downs too."""
+    plant, errors, notes = settled.plant, settled.settling.errors(), []
+    parameters: dict[str, Estimate] = {}
+    if "eta" in errors:
+        parameters["inertia_fraction"] = Estimate(value=plant.eta, stderr=plant.eta * errors["eta"], unit="")
+    free = [one for one in settled.coasts if not one.coupled]
+    relative = errors.get("beta")
+    if free:
+        rate, error = pooled_rate(free)
+        relative = error / rate
+        notes.append(
+            f"β is that of {len(free)} coast-down{'s' * (len(free) > 1)} of what the motor's encoder was "
+            "fixed to: that was the motor alone if it was uncoupled"
+        )
+    if relative is not None:
+        tau = 1.0 / plant.beta
+        parameters["motor_time_constant"] = Estimate(value=tau, stderr=tau * relative, unit="s")
+    coupled = [one for one in settled.coasts if one.coupled]
+    if coupled:
+        rate, error = pooled_rate(coupled)
+        notes.append(
+            f"the axis coasts down with {rate:.4g} ± {error:.2g} 1/s: motor and table together, the part of "
+            "c/b that is no controller's; β of the motor alone it does not show"
+        )
+    acts = plant.feedback == "load" and settled.verdict.fit is not None
+    if acts and relative is None:
+        notes.append(f"β does not show while the gap is crossed; {_held(settled, 'β')}")
+    return parameters, notes
+
+
+def _held(settled: AxisFit, name: str) -> str:
+    if settled.from_file:
+        return "that of the machine file is kept"
+    return f"{name} = {settled.plant.beta:.4g} 1/s is assumed"
+
+
+def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
+    """Tell K by the recorded effort, in its unit a millimetre of following error."""
+    plant, problem, record = settled.plant, settled.problem, settled.record
+    if plant.ki or plant.kd or plant.command_delay:
+        return {}
+    found = effort_gain(record, plant.feedback, problem.period, problem.counted)
+    if found is None:
+        return {}
+    K, stderr = found
+    return {"servo_stiffness": Estimate(value=K * MM, stderr=stderr * MM, unit=f"{record.effort_unit}/mm")}
+
+
+def _left(settled: AxisFit, noise: list[float]) -> list[str]:
+    """Say that the base model is not all there is."""
+    floor = math.sqrt(float(np.mean(np.square(noise))))
+    if settled.rms <= 1.5 * floor:
+        return []
+    return [
+        f"the free run misses the readings by {settled.rms / MICROMETRE:.3g} µm rms, their noise is "
+        f"{floor / MICROMETRE:.2g} µm: the base model is not all there is; ph-post diagnose tells what is"
+        " missing"
+    ]
+
+
+def _origins(settled: AxisFit, parameters: dict[str, Estimate]) -> dict[str, Origin]:
+    """Say of every number of the drive where it comes from."""
+    rest: Origin = "file" if settled.from_file else "assumed"
+    names = ["b", "c", "lost_motion"]
+    if settled.problem.plant.feedback == "load":
+        names += ["inertia_fraction", "motor_time_constant"]
+    return {name: "record" if name in parameters else rest for name in names}
+
+
+def identified_axis(settled: AxisFit, drive: IdentifiedDrive) -> Axis:
+    """Return the axis with the numbers that the record shows, rounded as they are written."""
+    axis, plant = settled.problem.axis, settled.plant
+    servo, gap = axis.servo, axis.gap
+    shown = drive.parameters
+    if "b" in shown:
+        servo = replace(servo, b=_written(plant.b))
+    if "c" in shown:
+        servo = replace(servo, c=_written(plant.c))
+    stiffness = shown.get("servo_stiffness")
+    if stiffness is not None and stiffness.unit == "N/mm":
+        servo = replace(servo, stiffness=_written(stiffness.value) / MM)
+    if "lost_motion" in shown:
+        gap = _wide(gap, _written(shown["lost_motion"].value) * MM)
+    if "inertia_fraction" in shown:
+        gap = replace(gap, inertia_fraction=_written(plant.eta))
+    if "motor_time_constant" in shown:
+        gap = replace(gap, beta=1.0 / _written(shown["motor_time_constant"].value))
+    uncertainty = _uncertainty(axis.uncertainty, shown)
+    return replace(axis, servo=servo, gap=gap, uncertainty=uncertainty)
+
+
+def _written(value: float) -> float:
+    return float(f"{value:.7g}")
+
+
+def _wide(gap: Gap, lost_motion: float) -> Gap:
+    angle = gap.motor_angle
+    if gap.gear_ratio is not None and gap.travel_per_rad is not None:
+        angle = lost_motion * gap.gear_ratio / gap.travel_per_rad
+    return replace(gap, lost_motion=lost_motion, motor_angle=angle)
+
+
+def _uncertainty(before: Uncertainty, shown: Mapping[str, Estimate]) -> Uncertainty:
+    """Put standard errors in place of what the file supposes: C goes with 1/(η b)."""
+    uncertainty = before
+    if (gap := _relative(shown.get("lost_motion"))) is not None:
+        uncertainty = replace(uncertainty, backlash=gap)
+    if (beta := _relative(shown.get("motor_time_constant"))) is not None:
+        uncertainty = replace(uncertainty, beta=beta)
+    eta, b = _relative(shown.get("inertia_fraction")), _relative(shown.get("b"))
+    if eta is not None and b is not None:
+        uncertainty = replace(uncertainty, gain=float(f"{math.hypot(eta, b):.3g}"))
+    return uncertainty
+
+
+def _relative(estimate: Estimate | None) -> float | None:
+    if estimate is None or not estimate.stderr or estimate.value <= 0.0:
+        return None
+    return float(f"{min(max(estimate.stderr / estimate.value, LEAST_UNCERTAINTY), MOST_UNCERTAIN):.3g}")

@@ -1,0 +1,262 @@
+"""The free run of an axis: the readings that a given plant would produce from the logged command.
+
+The command is run from the first sample to the last and no reading is fed back: an error that a one-step
+prediction would hide adds up here to the error seen on the part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.drive.effects import plant_of
+from ph_post.drive.plant import Plant, following_error, read_table
+from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
+from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
+from ph_post.types.diagnosis import Channel, LogQuality
+
+BLOCKS: Final = (32, 128, 512)
+"""Numbers of blocks that a record is cut into; by turns they are fitted and held out."""
+
+SLIGHT: Final = 0.05
+"""Excess, in squares of the noise a sample, up to which it does not matter where it lies."""
+
+BOTH: Final = 0.15
+"""Part of what is to be explained that the fitted blocks, and those held out, have to hold each."""
+
+LOST: Final = 10.0
+"""Positions [m] and speeds beyond which a plant that is tried has run away."""
+
+MOVES: Final = 1e-5
+"""An axis whose command spans less than this [m] does not move."""
+
+
+class ObservedChannel(NamedTuple):
+    """One recorded channel.
+
+    `values` (n,), `ok` (n,) where it was recorded, and its `noise` in the same unit [m or of the effort].
+    """
+
+    channel: Channel
+    values: Array
+    ok: BoolArray
+    noise: float
+
+
+class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """One axis of a record, and the axis of the machine file that it should be.
+
+    `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
+    of which this axis' is column `number`. `fit` and `held` mark the samples that are fitted and held out.
+    `side` is that of the table's readings; `at_motor` says that these are the motor's instead.
+    """
+
+    axis: Axis
+    plant: Plant
+    period: float
+    t: Array
+    command: Array
+    others: Mapping[str, Array]
+    velocity: Array
+    number: int
+    observed: tuple[ObservedChannel, ...]
+    fit: BoolArray
+    held: BoolArray
+    side: str = "table"
+    at_motor: bool = False
+    effort_unit: str = "N"
+
+    @property
+    def counted(self) -> BoolArray:
+        """Samples that count at all."""
+        return self.fit | self.held
+
+    @property
+    def speed(self) -> Array:
+        """Commanded speed of this axis [m/s]."""
+        return np.asarray(self.velocity[:, self.number])
+
+    @property
+    def has_effort(self) -> bool:
+        """Whether a force or current was recorded."""
+        return any(one.channel == "force" for one in self.observed)
+
+
+def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProblem | None:
+    """Return the problem of one axis; None where the record has no reading of it, or it does not move."""
+    record = log.axes[name]
+    noise = {one.channel: one.noise for one in quality.channels if one.axis == name}
+    readings: dict[Channel, Array | None] = {
+        "act": record.table,
+        "motor": record.motor,
+        "force": record.effort,
+    }
+    observed = tuple(
+        ObservedChannel(channel, values, np.isfinite(values), noise[channel])
+        for channel, values in readings.items()
+        if values is not None and channel in noise
+    )
+    positions = any(one.channel != "force" for one in observed)
+    if not positions or np.ptp(record.command) < MOVES:
+        return None
+    names = tuple(log.axes)
+    commands = np.stack([log.axes[one].command for one in names], axis=1)
+    fit, held = _split(log.t.size, quality.first)
+    return AxisProblem(
+        axis=axis,
+        plant=plant_of(axis, NOMINAL_SCENARIO),
+        period=log.period,
+        t=log.t,
+        command=record.command,
+        others={one: _place(log.axes[one]) for one in names if one != name},
+        velocity=np.gradient(commands, log.period, axis=0),
+        number=names.index(name),
+        observed=observed,
+        fit=fit,
+        held=held,
+        side=record.side,
+        effort_unit=record.effort_unit,
+    )
+
+
+def _place(axis: AxisLog) -> Array:
+    """Return where an axis was, as it was read; where it was not, what it was told."""
+    read = axis.table if axis.table is not None else axis.motor
+    return axis.command if read is None else np.where(np.isfinite(read), read, axis.command)
+
+
+def _split(size: int, first: int, blocks: int = BLOCKS[0]) -> tuple[BoolArray, BoolArray]:
+    """Deal the blocks out by the Thue-Morse sequence, which keeps in step with no period of the motion."""
+    number = np.minimum((np.arange(size) - first) * blocks // max(size - first, 1), blocks - 1)
+    odd = np.array([k.bit_count() % 2 for k in range(blocks)], dtype=bool)[number]
+    behind = np.arange(size) >= first
+    return behind & ~odd, behind & odd
+
+
+def split_evenly(problem: AxisProblem, left: Mapping[Channel, Array]) -> AxisProblem:
+    """Deal the samples out in finer blocks where most of what is left lies in one half: a rare event.
+
+    Parameters
+    ----------
+    problem : AxisProblem
+    left : mapping
+        What a model leaves of each channel (n,).
+    """
+    first = int(np.argmax(problem.counted))
+    splits = [_split(problem.t.size, first, blocks) for blocks in BLOCKS]
+    shares = [_least_share(problem, left, fit, held) for fit, held in splits]
+    chosen = next((k for k, share in enumerate(shares) if share > BOTH), int(np.argmax(shares)))
+    return replace(problem, fit=splits[chosen][0], held=splits[chosen][1])
+
+
+def _least_share(problem: AxisProblem, left: Mapping[Channel, Array], fit: BoolArray, held: BoolArray) -> float:
+    """Return the part of the excess over the noise, of the channel with most, in the half that has less."""
+    halves = np.array(
+        [[_excess(left[one.channel][half & one.ok] / one.noise) for half in (fit, held)] for one in problem.observed]
+    )
+    most = halves[np.argmax(halves.sum(axis=1))]
+    return float(most.min() / most.sum()) if most.sum() > SLIGHT * problem.t.size else 1.0
+
+
+def _excess(left: Array) -> float:
+    """Sum of squares beyond that of noise, of what is left in parts of the noise."""
+    return max(float(np.sum(left * left)) - left.size, 0.0)
+
+
+def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
+    """Run the record's command on a plant.
+
+    Returns
+    -------
+    dict
+        `act` and `motor` [m] by channel, and as `force` the two columns (n, 2) that make up the effort, the
+        following error [m], as far as the motor answers it, and the speed [m/s] at the loop's own side:
+        K (e - c_e v).
+    """
+    command = delayed(problem.command, plant.command_delay / problem.period)
+    reading_delay = plant.reading_delay / problem.period
+    plant = replace(plant, command_delay=0.0, reading_delay=0.0)
+    speed = float(np.median(problem.speed[:3]))
+    speed = speed if abs(speed) * problem.period > 1e-9 else 0.0
+    trace = AxisCommand(command, float(command[0]), speed)
+    if plant.cutting:
+        trace = trace._replace(force=cutting_force(plant, problem.velocity, problem.number))
+    flank = first_flank(problem.axis, NOMINAL_SCENARIO)
+    table, motor, _ = run_plant(trace, plant, flank, problem.period)
+    found: dict[Channel, Array] = {}
+    for one in problem.observed:
+        if one.channel == "act":
+            read = motor if problem.at_motor else table
+            found["act"] = read_table(plant, problem.t, delayed(read, reading_delay), problem.others)
+        elif one.channel == "motor":
+            found["motor"] = motor
+        else:
+            side = table if plant.feedback == "load" else motor
+            e = following_error(plant, command, table, motor, problem.period)
+            # With a part of c that is electronic this is where the torque saturates at low speed only.
+            e = np.clip(e, -plant.saturation, plant.saturation)
+            found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
+    return found
+
+
+def with_known_side(problem: AxisProblem) -> AxisProblem:
+    """Decide where a position of unknown side was read: at the motor where the file's model says so."""
+    if problem.side != "unknown" or not any(one.channel == "act" for one in problem.observed):
+        return problem
+    motor = replace(problem, at_motor=True)
+    left = [np.mean(residuals(one, one.plant, True)["act"][one.counted] ** 2) for one in (problem, motor)]
+    return motor if left[1] < left[0] else problem
+
+
+def delayed(values: Array, samples: float) -> Array:
+    """Return values as they were so many samples before, by cubics through four neighbours.
+
+    Straight lines between samples would cut the corners of a delay that is a part of a sample by more than
+    good sensors read. Before the first there is the first.
+    """
+    if samples == 0.0:
+        return values
+    whole = int(np.floor(samples))
+    u = 1.0 - (samples - whole)
+    # Of the samples whole + 2, whole + 1, whole and whole - 1 before, u from the second to the third.
+    weights = (
+        -u * (u - 1.0) * (u - 2.0) / 6.0,
+        (u * u - 1.0) * (u - 2.0) / 2.0,
+        -u * (u + 1.0) * (u - 2.0) / 2.0,
+        u * (u * u - 1.0) / 6.0,
+    )
+    rows = np.arange(values.size)
+    found = np.zeros(values.size)
+    for back, weight in zip((2, 1, 0, -1), weights, strict=True):
+        found += weight * values[np.clip(rows - whole - back, 0, values.size - 1)]
+    return found
+
+
+def residuals(problem: AxisProblem, plant: Plant, origin_free: bool) -> dict[Channel, Array]:
+    """Return reading minus model by channel (n,) [m or the effort's unit], 0 where nothing was recorded.
+
+    The origin of a position, where that is free, and the two gains of the effort are those that fit best.
+    """
+    # A model that is tried may run away: what it predicts is then infinite, or nothing.
+    with np.errstate(over="ignore", invalid="ignore"):
+        predicted = {
+            channel: np.nan_to_num(np.clip(values, -LOST, LOST), nan=LOST)
+            for channel, values in predict(problem, plant).items()
+        }
+    found: dict[Channel, Array] = {}
+    for one in problem.observed:
+        use = problem.fit & one.ok
+        if one.channel == "force":
+            columns = predicted["force"]
+            gains = np.linalg.lstsq(columns[use], one.values[use], rcond=None)[0]
+            left = one.values - columns @ gains
+        else:
+            left = one.values - predicted[one.channel]
+            if origin_free:
+                left = left - np.mean(left[use])
+        found[one.channel] = np.where(one.ok, left, 0.0)
+    return found

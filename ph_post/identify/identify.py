@@ -1,0 +1,361 @@
+"""Identify the drive parameters of the base model: b, c, lost motion and, on load loops, η and β.
+
+No parameter is assumed beforehand except as a starting value. A parameter that the log does not show keeps
+the value of the machine file, and the result says so; see :mod:`ph_post.identify.estimates`. Without a
+machine file the starting machine is made from the log alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from scipy.ndimage import gaussian_filter1d
+
+from ph_post.diagnose.findings import LEAST_UNCERTAINTY
+from ph_post.diagnose.fit import PRIOR
+from ph_post.drive.plant import Plant
+from ph_post.errors import InputError
+from ph_post.identify.direct_readings import (
+    CoastDown,
+    FollowingLag,
+    assumed_feedback,
+    find_coast_downs,
+    lag_of,
+    loop_reading,
+    pooled_rate,
+)
+from ph_post.identify.drive_fit import (
+    BacklashVerdict,
+    decide_backlash,
+    fit_drive,
+    position_rms,
+    tangent,
+    why_backlash_hidden,
+    with_all_samples,
+)
+from ph_post.identify.estimates import AssessedFit, AxisFit, estimate_drive, identified_axis, shown_names
+from ph_post.identify.free_run import AxisProblem, problem_of
+from ph_post.identify.linear_drive import servo_memory, settling_time
+from ph_post.identify.log_quality import examine
+from ph_post.types import Array, Axis, AxisLog, Feedback, Gap, Limits, Log, Machine, Servo
+from ph_post.types.diagnosis import Identification, IdentifiedDrive, LogQuality
+
+ASSUMED_ETA: Final = 0.5
+"""The motor's part of the inertia where nobody says it."""
+
+ASSUMED_BETA: Final = 1.0
+"""The motor's own decay rate where nobody says it [1/s]."""
+
+DIALECT: Final = "linuxcnc"
+
+LIMIT_SMOOTHING: Final = 1.0
+"""Standard deviation of the smoothing before a command is differentiated, samples."""
+
+
+class Transmission(NamedTuple):
+    """N and r [m/rad] of an axis, which no record of positions shows."""
+
+    gear_ratio: float
+    travel_per_rad: float
+
+
+class StartingMachine(NamedTuple):
+    """A machine to begin with, and what was assumed for it, by axis."""
+
+    machine: Machine
+    assumed: Mapping[str, tuple[str, ...]]
+
+
+def starting_machine(
+    log: Log,
+    machine: Machine | None,
+    feedback: Mapping[str, Feedback],
+    transmission: Mapping[str, Transmission],
+) -> StartingMachine:
+    """Return the machine of the file, or for want of one what the record alone tells.
+
+    Raises
+    ------
+    InputError
+        Where a reading does not follow its command, or the file says another feedback.
+    """
+    if machine is not None:
+        for name, kind in feedback.items():
+            if name in machine.axes and machine.axes[name].feedback != kind:
+                said = machine.axes[name].feedback
+                raise InputError(
+                    f"--feedback {name}={kind}",
+                    "the machine file says another",
+                    expected=said,
+                    got=kind,
+                )
+        return StartingMachine(machine, {})
+    axes, assumed = {}, {}
+    for name, record in log.axes.items():
+        made = _starting_axis(log, name, record, feedback.get(name), transmission.get(name))
+        if made is not None:
+            axes[name], assumed[name] = made
+    if not axes:
+        raise InputError(log.name, "no axis can be identified", expected="a reading of an axis that moves")
+    return StartingMachine(Machine(name=log.name, dialect=DIALECT, servo_period=log.period, axes=axes), assumed)
+
+
+def starting_lag(record: AxisLog, feedback: Feedback, period: float) -> FollowingLag | None:
+    """Return the following error's coefficients at the loop's side; None where nothing tells them."""
+    reading = loop_reading(record, feedback)
+    if reading is None or np.ptp(record.command) == 0.0 or np.count_nonzero(np.isfinite(reading)) < 200:
+        return None
+    return lag_of(record.command, reading, period)
+
+
+def _starting_axis(
+    log: Log, name: str, record: AxisLog, feedback: Feedback | None, transmission: Transmission | None
+) -> tuple[Axis, tuple[str, ...]] | None:
+    """StartingMachine one axis; None where the record has no reading of its motion."""
+    if (record.table is None and record.motor is None) or np.ptp(record.command) == 0.0:
+        return None
+    notes = []
+    if feedback is None:
+        feedback, why = assumed_feedback(record, log.period)
+        notes.append(f'feedback "{feedback}" is assumed: {why}; --feedback {name}=... says otherwise')
+    servo = _starting_servo(log, name, record, feedback)
+    gap = Gap(lost_motion=0.0)
+    if feedback == "load":
+        gap = replace(gap, inertia_fraction=ASSUMED_ETA, beta=ASSUMED_BETA)
+    if transmission is not None:
+        ratio, travel = transmission
+        gap = replace(gap, motor_angle=0.0, gear_ratio=ratio, travel_per_rad=travel)
+    return Axis(name=name, feedback=feedback, servo=servo, gap=gap, limits=_limits(log, record)), tuple(notes)
+
+
+def _starting_servo(log: Log, name: str, record: AxisLog, feedback: Feedback) -> Servo:
+    lag = starting_lag(record, feedback, log.period)
+    if lag is not None and lag.c is not None:
+        return Servo(b=lag.b or 0.25 * lag.c**2, c=lag.c)
+    if feedback == "none":
+        return Servo(b=0.0, c=0.0)
+    raise InputError(
+        f"{log.name}: {name}",
+        "no reading that lags behind its command by its speed",
+        expected="a drive as Eq. (9) has it, without feedforward, read for 0.2 s at least",
+        got=_why_no_lag(loop_reading(record, feedback), lag),
+    )
+
+
+def _why_no_lag(reading: Array | None, lag: FollowingLag | None) -> str:
+    """Say what there is in place of a lag."""
+    if lag is None or reading is None:
+        return "too few samples"
+    return "a reading that stands still" if np.nanmax(reading) == np.nanmin(reading) else "no lag"
+
+
+def _limits(log: Log, record: AxisLog) -> Limits:
+    """Return what the command reached, freed of the rounding of its digits."""
+    velocity = _rate(gaussian_filter1d(record.command, LIMIT_SMOOTHING), log.period)
+    acceleration = _rate(velocity, log.period)
+    jerk = _rate(acceleration, log.period)
+    largest = (float(np.max(np.abs(one))) for one in (velocity, acceleration, jerk))
+    reached = [max(float(f"{one:.3g}"), 1e-6) for one in largest]
+    return Limits(velocity=reached[0], acceleration=reached[1], jerk=reached[2])
+
+
+def _rate(values: Array, period: float) -> Array:
+    return np.asarray(np.gradient(values, period))
+
+
+GIVE_UP: Final = ("beta", "eta", "b", "c")
+"""What is held first where it does not show: the more is known of it from elsewhere, the earlier."""
+
+ASSUMED: Final = {"b": 1.0, "c": 1.0, "eta": 0.5, "beta": 1.5}
+"""Standard errors of the logarithms of what is assumed because nobody said it."""
+
+
+def quiet(_words: str) -> None:
+    """Say nothing."""
+
+
+def identify(
+    log: Log,
+    machine: Machine | None = None,
+    feedback: Mapping[str, Feedback] | None = None,
+    transmission: Mapping[str, Transmission] | None = None,
+    stage: Callable[[str], None] = quiet,
+) -> Identification:
+    """Identify the drives of a record.
+
+    Parameters
+    ----------
+    log : Log
+    machine : Machine, optional
+        Gives limits, controller, effects, and what the record does not show.
+    feedback : mapping, optional
+        Where the loop of an axis closes, by axis; without a machine, for what is not in it, it is assumed
+        from which sides were read.
+    transmission : mapping, optional
+        N and r by axis, where there is no machine.
+    stage : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    InputError
+        Where the record shows no parameter at all, or contradicts what was given.
+    """
+    stage("looking at the record")
+    draft = starting_machine(log, machine, feedback or {}, transmission or {})
+    quality = examine(log, _nearer(log, draft.machine))
+    if quality.faults:
+        raise InputError(log.name, f"the record shows no parameter: {quality.faults[0]}")
+    drives: dict[str, IdentifiedDrive] = {}
+    axes = dict(draft.machine.axes)
+    for name, record in log.axes.items():
+        problem = problem_of(log, name, axes[name], quality) if name in axes else None
+        if problem is None:
+            continue
+        stage(f"identifying {name}")
+        drives[name], axes[name] = _identify_axis(problem, record, quality, draft, machine is not None)
+    if not any(drive.parameters for drive in drives.values()):
+        raise InputError(log.name, "the record shows no parameter", expected="an axis that moves and is read")
+    notes = [f"{name}: nothing was identified, no reading of it moves" for name in axes if name not in drives]
+    return Identification(drives=drives, machine=replace(draft.machine, axes=axes), notes=(*quality.notes, *notes))
+
+
+def _nearer(log: Log, machine: Machine) -> Machine:
+    """Return the machine with the lags that the record has: a file may be far from what was recorded."""
+    axes = dict(machine.axes)
+    for name, record in log.axes.items():
+        axis = axes.get(name)
+        lag = None if axis is None else starting_lag(record, axis.feedback, log.period)
+        if axis is None or lag is None or lag.c is None or axis.servo.b == 0.0 or axis.servo.ki_over_kp:
+            continue
+        axes[name] = replace(axis, servo=replace(axis.servo, b=lag.b or 0.25 * lag.c**2, c=lag.c))
+    return replace(machine, axes=axes)
+
+
+def _identify_axis(
+    problem: AxisProblem, record: AxisLog, quality: LogQuality, draft: StartingMachine, from_file: bool
+) -> tuple[IdentifiedDrive, Axis]:
+    axis = problem.axis
+    coasts = _coast_downs(problem, record, quality)
+    problem = _without(problem, coasts)
+    base = fit_drive(problem, _start(problem, record), _base_names(problem.plant))
+    hidden = why_backlash_hidden(problem, record)
+    verdict = BacklashVerdict(None, None, (hidden,)) if hidden else decide_backlash(problem, base)
+    free = [one for one in coasts if not one.coupled]
+    plant = base.plant if verdict.fit is None else verdict.fit.plant
+    if free:
+        plant = replace(plant, beta=pooled_rate(free)[0])
+    if verdict.fit is None:
+        plant = replace(plant, gap=_kept_gap(axis, verdict))
+    counted = with_all_samples(problem)
+    names = _all_names(problem.plant, verdict, bool(free))
+    settled = AxisFit(
+        problem=counted,
+        record=record,
+        settling=_settle(counted, plant, names, _known(axis, from_file)),
+        verdict=verdict,
+        coasts=tuple(coasts),
+        from_file=from_file,
+        notes=draft.assumed.get(axis.name, ()),
+    )
+    drive = estimate_drive(settled)
+    return drive, identified_axis(settled, drive)
+
+
+def _coast_downs(problem: AxisProblem, record: AxisLog, quality: LogQuality) -> list[CoastDown]:
+    noise = {one.channel: one.noise for one in quality.channels if one.axis == problem.axis.name}
+    position = noise.get("motor", noise.get("act", 0.0))
+    memory = servo_memory(problem.axis.servo)
+    return find_coast_downs(record, problem.period, position, noise.get("force", 0.0), memory)
+
+
+def _without(problem: AxisProblem, coasts: list[CoastDown]) -> AxisProblem:
+    """Leave out the stretches in which the loop is not closed, and what it needs to settle after them."""
+    driven = np.ones(problem.t.size, dtype=np.bool_)
+    settle = math.ceil(settling_time(problem.axis) / problem.period)
+    for one in coasts:
+        driven[one.start : one.stop + settle] = False
+    if not np.any(driven & problem.counted):
+        raise InputError(
+            problem.axis.name,
+            "the record holds a coast-down and nothing else",
+            expected="a motion under control beside it",
+        )
+    return replace(problem, fit=problem.fit & driven, held=problem.held & driven)
+
+
+def _start(problem: AxisProblem, record: AxisLog) -> Plant:
+    """Return the plant without a gap, with b and c of the file or of the plain lag, whichever fit better."""
+    plant = replace(problem.plant, gap=0.0)
+    lag = starting_lag(record, plant.feedback, problem.period)
+    if plant.b == 0.0 or lag is None or lag.c is None:
+        return plant
+    other = replace(plant, b=lag.b or plant.b, c=lag.c)
+    return min((plant, other), key=lambda one: _rms(problem, one))
+
+
+def _rms(problem: AxisProblem, plant: Plant) -> float:
+    return position_rms(problem, tangent(problem, plant, ()).left, problem.fit)
+
+
+def _base_names(plant: Plant) -> tuple[str, ...]:
+    return ("b", "c") if plant.b > 0.0 else ()
+
+
+def _kept_gap(axis: Axis, verdict: BacklashVerdict) -> float:
+    """Return the file's gap unless the record contradicts it."""
+    said = axis.gap.lost_motion
+    return 0.0 if verdict.bound is not None and said > verdict.bound else said
+
+
+def _all_names(plant: Plant, verdict: BacklashVerdict, beta_known: bool) -> tuple[str, ...]:
+    """Return the numbers that act on a record: those of a gap only where there is one."""
+    names = _base_names(plant)
+    if verdict.fit is None:
+        return names
+    if plant.feedback != "load":
+        return (*names, "gap")
+    return (*names, "gap", "eta") if beta_known else (*names, "gap", "eta", "beta")
+
+
+def _settle(problem: AxisProblem, plant: Plant, names: tuple[str, ...], known: Mapping[str, float]) -> AssessedFit:
+    """Fit what shows and hold the rest, until what shows remains the same.
+
+    What is held is let go, as far as it is not known beforehand: what that changes is uncertain, and what
+    shows then is fitted.
+    """
+    start = plant
+    shown = tuple(name for name in names if name in ("b", "c", "gap"))
+    for last in (False, False, True):
+        plant = _bounded(fit_drive(problem, plant, shown).plant)
+        held = {name: known[name] for name in names if name not in shown}
+        loose = fit_drive(problem, plant, names, priors=held) if held else tangent(problem, plant, names)
+        now = shown_names(loose, GIVE_UP)
+        if now == shown or last:
+            break
+        still = {name: getattr(start, name) for name in names if name not in now and name != "gap"}
+        plant, shown = replace(loose.plant, **still), now
+    return AssessedFit(shown, tangent(problem, plant, names), loose, held)
+
+
+def _known(axis: Axis, from_file: bool) -> Mapping[str, float]:
+    """Return how well the numbers are known before the record, as relative standard errors."""
+    if not from_file:
+        return ASSUMED
+    said = {"b": PRIOR, "c": PRIOR, "eta": axis.uncertainty.gain, "beta": axis.uncertainty.beta}
+    return {name: max(error, LEAST_UNCERTAINTY) for name, error in said.items()}
+
+
+def _bounded(plant: Plant) -> Plant:
+    """Keep what the motor alone loses below what the whole axis does."""
+    if plant.beta * plant.eta * plant.b <= plant.c:
+        return plant
+    return replace(plant, beta=plant.c / (plant.eta * plant.b))

@@ -1,0 +1,294 @@
+"""The linear drive of an axis: its response to a command, its motion, and the delay of a reading.
+
+The loop b ẍ + c ẋ = e + (k_i/k_p) ∫e + (k_d/k_p) ė has no backlash, friction or other effect. A log is
+compared with it before anything is simulated.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from scipy import signal
+
+from ph_post.types import Array, Axis, BoolArray, IntArray, Log, Machine, Servo
+
+TIME_CONSTANTS: Final = 10.0
+"""Servo time constants after which the start is forgotten: e^-10 of it is left."""
+
+
+def linear_response(command: Array, servo: Servo, period: float) -> Array:
+    """Answer of the linear servo to a command that is linear between its samples.
+
+    Parameters
+    ----------
+    command : Array, shape (n,)
+        [m]; the axis rests at its first value before the record begins.
+    servo : Servo
+    period : float
+        [s].
+
+    Returns
+    -------
+    Array, shape (n,)
+        [m].
+    """
+    if servo.b <= 0.0 and servo.c <= 0.0:
+        return command.copy()
+    b, a, _ = signal.cont2discrete(_loop(servo, period), 1.0, method="foh")
+    start = command[0]
+    answer = signal.lfilter(np.ravel(b), a, command - start) + start
+    return np.asarray(answer, dtype=np.float64)
+
+
+def servo_memory(servo: Servo) -> float:
+    """Time constant of the servo's slowest answer, the larger of 2 b/c and c [s]."""
+    return max(2.0 * servo.b / servo.c, servo.c) if servo.c > 0.0 else 0.0
+
+
+def settling_time(axis: Axis) -> float:
+    """Time after which an axis has forgotten how it started [s]."""
+    return TIME_CONSTANTS * servo_memory(axis.servo)
+
+
+def taken_up(command: Array, travel: float) -> int:
+    """First sample by which a command has swept so much [m]: from there its past does not matter to a play.
+
+    The last sample where it never does, or all of what it sweeps where that is less; 0 where it never moves.
+    """
+    swept = np.maximum.accumulate(command) - np.minimum.accumulate(command)
+    return int(np.argmax(swept >= min(travel, float(swept[-1])))) if swept[-1] > 0.0 else 0
+
+
+def _loop(servo: Servo, period: float) -> tuple[Array, Array]:
+    """Transfer function of the closed loop in units of the period, numerator and denominator."""
+    b, c = servo.b / period**2, servo.c / period
+    ki, kd = servo.ki_over_kp * period, servo.kd_over_kp / period
+    integral = [ki] if ki else []
+    return _stripped([kd, 1.0, *integral]), _stripped([b, c + kd, 1.0, *integral])
+
+
+def _stripped(coefficients: list[float]) -> Array:
+    """Coefficients from the first that is not zero on."""
+    first = next(number for number, value in enumerate(coefficients) if value != 0.0)
+    return np.array(coefficients[first:])
+
+
+RESTING: Final = 1e-3
+"""Speeds below this part of the largest one are rest: they have no direction of their own."""
+
+
+class AxisMotion(NamedTuple):
+    """The motion of one axis, all of shape (n,).
+
+    `t` [s], `position` [m], `velocity` [m/s] and `acceleration` [m/s²] are those of the linear drive.
+    `direction` is the last one it moved in (0 before it first moves); `since` [s] and `travel` [m] are what
+    went by since it last reversed, `until` [s] and `left` [m] are what is left to the next reversal, infinite
+    where there is none; `stroke` counts reversals. `others` are the positions of the other axes [m] by name,
+    `path_speed` [m/s] that of all axes together. `turn` is 1 counterclockwise in the plane of this axis and
+    the other that moves most, -1 clockwise, 0 where the path does not bend.
+    """
+
+    t: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    direction: IntArray
+    since: Array
+    travel: Array
+    until: Array
+    left: Array
+    stroke: IntArray
+    others: dict[str, Array]
+    path_speed: Array
+    turn: IntArray
+
+
+def motion_of(log: Log, machine: Machine, name: str) -> AxisMotion:
+    """Lay out the motion of an axis and what goes with it."""
+    position = {axis: _position(log, machine, axis) for axis in log.axes}
+    velocity = {axis: np.gradient(values, log.period) for axis, values in position.items()}
+    acceleration = np.gradient(velocity[name], log.period)
+    direction = directions(velocity[name])
+    since, travel, until, left, stroke = _strokes(position[name], direction, log.period)
+    square = np.zeros(log.t.size)
+    for values in velocity.values():
+        square += values**2
+    return AxisMotion(
+        t=log.t,
+        position=position[name],
+        velocity=velocity[name],
+        acceleration=acceleration,
+        direction=direction,
+        since=since,
+        travel=travel,
+        until=until,
+        left=left,
+        stroke=stroke,
+        others={axis: values for axis, values in position.items() if axis != name},
+        path_speed=np.sqrt(square),
+        turn=_turn(velocity, name, log.period),
+    )
+
+
+def directions(velocity: Array) -> IntArray:
+    """Direction of motion, 1 or -1; at rest the last one, 0 before the first motion; shape (n,)."""
+    largest = float(np.max(np.abs(velocity)))
+    sign = np.where(np.abs(velocity) > RESTING * largest, np.sign(velocity), 0.0).astype(np.int64)
+    last = np.maximum.accumulate(np.where(sign != 0, np.arange(sign.size), -1))
+    return np.where(last >= 0, sign[last], 0)
+
+
+def _position(log: Log, machine: Machine, name: str) -> Array:
+    """Return where the linear drive of an axis is [m], (n,)."""
+    command, drive = log.axes[name].command, machine.axes.get(name)
+    return command if drive is None else linear_response(command, drive.servo, log.period)
+
+
+def _strokes(position: Array, direction: IntArray, period: float) -> tuple[Array, Array, Array, Array, IntArray]:
+    """Time and travel since the last reversal, both to the next, number of reversals before; each (n,)."""
+    rows = np.arange(position.size)
+    turned = np.concatenate(([False], (np.diff(direction) != 0) & (direction[:-1] != 0)))
+    stroke = np.cumsum(turned)
+    at = np.flatnonzero(turned)
+    begin = np.concatenate(([0], at))[stroke]
+    end = np.concatenate((at, [position.size]))[stroke]
+    since = np.where(stroke > 0, (rows - begin) * period, np.inf)
+    travel = np.where(stroke > 0, np.abs(position - position[begin]), np.inf)
+    until = np.where(end < position.size, (end - rows) * period, np.inf)
+    left = np.where(end < position.size, np.abs(position[end - 1] - position), np.inf)
+    return since, travel, until, left, stroke
+
+
+def _turn(velocity: dict[str, Array], name: str, period: float) -> IntArray:
+    """Tell which way the path bends in the plane of this axis and the other that moves most, by name."""
+    others = {axis: float(np.ptp(values)) for axis, values in velocity.items() if axis != name}
+    still = np.zeros(velocity[name].size, dtype=np.int64)
+    if not others or max(others.values()) == 0.0:
+        return still
+    other = max(others, key=lambda axis: others[axis])
+    first, second = sorted((name, other))
+    u, v = velocity[first], velocity[second]
+    bend = u * np.gradient(v, period) - v * np.gradient(u, period)
+    speed = np.hypot(u, v)
+    bent = np.abs(bend) > 1e-3 * float(np.max(np.abs(bend)))
+    return np.where(bent & (speed > RESTING * np.max(speed)), np.sign(bend), 0.0).astype(np.int64)
+
+
+def halves(motion: AxisMotion) -> BoolArray:
+    """Split a record into two halves that both see all of the motion: strokes by pairs, or pieces of time."""
+    if motion.stroke[-1] >= 7:
+        return np.asarray(motion.stroke // 2 % 2 == 0)
+    return np.asarray(np.arange(motion.t.size) * 24 // motion.t.size % 2 == 0)
+
+
+PRIOR: Final = 0.02
+"""Relative standard error of b and c where the machine file gives none."""
+
+PRIORS: Final = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / PRIOR, 1.0 / PRIOR])
+"""One over the standard error of each coefficient, 0 where nothing is known of it."""
+
+PLAIN: Final = 0.7
+"""Mean square that a shift must leave at most, as a part of what is left without one."""
+
+CLEAR: Final = 3.0
+"""Standard errors by which a shift must differ from zero to be one."""
+
+ROUNDS: Final = 4
+"""Steps of Newton: a shift of a few samples is not small against the curvature of a motion."""
+
+INDISTINCT: Final = 1e-9
+"""Part of a column's square below which it is made of the others."""
+
+SIZES: Final = 1e-3
+"""Relative step of the numerical derivatives by b and c."""
+
+
+def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int) -> float | None:
+    """Find the delay of a reading by least squares against the linear drive [s].
+
+    Beside the delay the drive's b and c may be off by what the file leaves open, and there may be an offset,
+    a scale and a force that changes sign with the velocity: a delay is what they do not explain.
+
+    Returns
+    -------
+    float or None
+        0 where a shift of a sample would be seen and is not there; None where the record does not tell: an
+        error that large would be, or what else may be off explains the record about as well.
+    """
+    drive = machine.axes.get(name)
+    if drive is None or np.ptp(log.axes[name].command) == 0.0:
+        return None
+    columns, model = _columns(log, name, drive.servo)
+    known = np.isfinite(reading)
+    known[:first] = False
+    if np.count_nonzero(known) < 10 * columns.shape[1]:
+        return None
+    residual = (reading - model)[known]
+    without = _least_squares(columns[known, 1:], residual, PRIORS[1:])
+    shift, found = 0.0, without
+    rows = np.arange(reading.size, dtype=np.float64)
+    for _ in range(ROUNDS):
+        late = rows - shift / log.period
+        expected = np.interp(late, rows, model)
+        moved = np.column_stack([np.interp(late, rows, column) for column in columns.T])
+        found = _least_squares(moved[known], (reading - expected)[known], PRIORS)
+        shift += found.value
+    if abs(shift) <= CLEAR * found.error:
+        return 0.0 if found.error < 0.5 * log.period else None
+    return shift if found.square < PLAIN * without.square else None
+
+
+def _columns(log: Log, name: str, servo: Servo) -> tuple[Array, Array]:
+    """Differentiate the model by shift, offset, scale, play, friction, ln c and ln b; and the model."""
+    command, period = log.axes[name].command, log.period
+    model = linear_response(command, servo, period)
+    speed = np.gradient(model, period)
+    more_b, more_c = replace(servo, b=servo.b * (1.0 + SIZES)), replace(servo, c=servo.c * (1.0 + SIZES))
+    by_b = (linear_response(command, more_b, period) - model) / SIZES
+    by_c = (linear_response(command, more_c, period) - model) / SIZES
+    ones = np.ones_like(model)
+    way = -np.sign(speed)
+    friction = linear_response(way, servo, period)
+    return np.column_stack((-speed, ones, model - model.mean(), way, friction, by_c, by_b)), model
+
+
+class ShiftFit(NamedTuple):
+    """First coefficient, its standard error, and the mean square that is left."""
+
+    value: float
+    error: float
+    square: float
+
+
+def _least_squares(columns: Array, residual: Array, prior: Array) -> ShiftFit:
+    """ShiftFit columns whose coefficients are 0 with a weight; neighbouring residuals may go together."""
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scale[scale == 0.0] = 1.0
+    q = columns / scale
+    spread = float(np.std(residual)) or 1.0
+    for _ in range(2):
+        weight = (spread * prior / scale) ** 2
+        inverse = np.linalg.pinv(q.T @ q + np.diag(weight))
+        found = inverse @ (q.T @ residual)
+        left = residual - q @ found
+        spread = math.sqrt(float(np.mean(left**2)) * _together(left)) or 1e-300
+    others = np.linalg.lstsq(q[:, 1:], q[:, 0], rcond=None)[0]
+    own = float(np.mean((q[:, 0] - q[:, 1:] @ others) ** 2))
+    told = own > INDISTINCT and inverse[0, 0] > 0.0
+    error = float(spread * math.sqrt(inverse[0, 0]) / scale[0]) if told else math.inf
+    return ShiftFit(float(found[0] / scale[0]), error, float(np.mean(left**2)))
+
+
+def _together(residual: Array) -> float:
+    """Count the samples that say one thing: 1 + 2 Σ of the autocorrelation, to where it is below 0.05."""
+    size = 1 << (2 * residual.size - 1).bit_length()
+    power = np.abs(np.fft.rfft(residual - residual.mean(), size)) ** 2
+    correlation = np.fft.irfft(power, size)[: residual.size]
+    if correlation[0] <= 0.0:
+        return 1.0
+    correlation = correlation / correlation[0]
+    end = int(np.argmax(correlation < 0.05)) or correlation.size
+    return max(1.0, 1.0 + 2.0 * float(np.sum(correlation[1:end])))

@@ -1,0 +1,352 @@
+"""The quality of a log before anything is fitted to it: resolution, noise, start-up, delay and faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from ph_post.identify import noise
+from ph_post.identify.linear_drive import find_shift, linear_response, servo_memory, settling_time, taken_up
+from ph_post.identify.noise import Repeat, find_repeats
+from ph_post.types import Array, Log, Machine
+from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality
+from ph_post.units import MM, MS
+
+ON_GRID: Final = 0.97
+"""Part of the steps between neighbouring values that must be whole numbers of the quantum."""
+
+OFF: Final = 0.08
+"""By how much of a quantum a step may miss a whole number and still count as one."""
+
+VISIBLE: Final = 0.1
+"""Quantum against noise below which a grid adds nothing: a hundredth of q²/12 of the noise's square."""
+
+FEW: Final = 4
+"""Different values fewer than this tell no grid."""
+
+
+def find_quantum(reading: Array, rounding: float) -> float:
+    """Find the quantum of a reading.
+
+    A file with so many decimals lays a grid of its own over that of the encoder, which need not be a multiple
+    of it: values closer than the rounding are taken as one before the finer search is made.
+
+    Parameters
+    ----------
+    reading : Array, shape (n,)
+        NaN where a sample is missing.
+    rounding : float
+        Last decimal of the file, at a guess; in the unit of the reading.
+
+    Returns
+    -------
+    float
+        0 where there is no grid.
+    """
+    values = np.unique(reading[np.isfinite(reading)])
+    if values.size < 2:
+        return 0.0
+    coarse = _spacing(_merged(values, 1.2 * rounding), 1.2 * rounding)
+    if coarse > 6.0 * rounding:
+        return coarse
+    scale = float(np.max(np.abs(values)))
+    return _spacing(_merged(values, 8.0 * np.finfo(np.float64).eps * scale), 0.0)
+
+
+def visible_quantum(quantum: float, noise: float) -> float:
+    """Quantum as far as it shows against the noise, else 0."""
+    return quantum if quantum > VISIBLE * noise else 0.0
+
+
+def _merged(values: Array, closer: float) -> Array:
+    """Mean of each cluster of sorted values that lie closer together than that; none if a cluster is wide."""
+    starts = np.flatnonzero(np.concatenate(([True], np.diff(values) > closer)))
+    ends = np.concatenate((starts[1:], [values.size])) - 1
+    if np.any(values[ends] - values[starts] > 2.0 * closer):
+        return np.empty(0)
+    counts = ends - starts + 1
+    return np.asarray(np.add.reduceat(values, starts) / counts, dtype=np.float64)
+
+
+def _spacing(values: Array, blur: float) -> float:
+    """Greatest common step of sorted values, each off by up to `blur`; 0 where they have none."""
+    steps = np.diff(values)
+    if steps.size == 0:
+        return 0.0
+    smallest = float(np.min(steps))
+    quantum = float(np.mean(steps[steps <= 1.5 * smallest + blur]))
+    if steps.size + 1 < FEW:
+        return quantum if np.ptp(steps) <= 0.02 * quantum else 0.0
+    for longest in (5.0, 20.0, 80.0, np.inf):  # the better it is known the longer a step may be
+        tried = steps[steps <= longest * smallest]
+        whole = np.round(tried / quantum)
+        on = np.abs(tried - whole * quantum) <= OFF * quantum + blur
+        if np.mean(on) < ON_GRID:
+            return 0.0
+        quantum = float(np.sum(tried[on]) / np.sum(whole[on]))
+    return quantum
+
+
+TAKE_UP: Final = 0.5 * MM
+"""Travel after which a flank is taken up, whatever the gap that the file knows of [m]."""
+
+LARGEST_START: Final = 0.2
+"""Part of a record that the start-up may take at most."""
+
+COARSE: Final = 0.02 * MM
+"""Quantum above which a reading may be too coarse to show anything [m]."""
+
+GRID_NOISE: Final = 1.1 / math.sqrt(12.0)
+"""Least noise of a reading on a grid, by its quantum: that of even rounding and a tenth more.
+
+The error of rounding repeats with the motion, so that repeats do not see all of it, and it is not even where
+the motion keeps step with the grid.
+"""
+
+ROUNDING: Final = {"act": 1e-6 * MM, "motor": 1e-6 * MM, "force": 1e-6}
+"""Last decimal that files usually have, by channel [m, or the effort's unit]."""
+
+WANDERS: Final = 3.0
+"""Times the sample to sample noise from which an axis is taken to move while it should stand."""
+
+SAMPLES_A_MEMORY: Final = 2.0
+"""Samples that a servo time constant needs so that its answer can be seen."""
+
+
+NoiseFrom = Literal["repeats", "stationary stretches", "differences"]
+
+
+class ChannelReading(NamedTuple):
+    """One recorded channel of one axis."""
+
+    axis: str
+    channel: Channel
+    values: Array
+
+
+def examine(log: Log, machine: Machine) -> LogQuality:
+    """Find out what a record can show.
+
+    Parameters
+    ----------
+    log : Log
+    machine : Machine
+        With a drive for every axis of the log; its b and c tell what the command alone explains.
+
+    Returns
+    -------
+    LogQuality
+        With `faults` where the record can show nothing.
+    """
+    first = first_settled(log, machine, 0, log.t.size)
+    readings = tuple(list_readings(log))
+    repeats = _settled_repeats(log, machine, first)
+    channels = tuple(_channel(log, machine, reading, repeats, first) for reading in readings)
+    return LogQuality(
+        period=log.period,
+        jitter=log.jitter,
+        first=first,
+        channels=channels,
+        faults=tuple(_faults(log, machine, readings, channels, first)),
+        notes=tuple(_notes(log, readings, channels, repeats)),
+    )
+
+
+def list_readings(log: Log) -> Iterator[ChannelReading]:
+    """Yield the channels that were recorded, by axis."""
+    for name, axis in log.axes.items():
+        found: tuple[tuple[Channel, Array | None], ...] = (
+            ("act", axis.table),
+            ("motor", axis.motor),
+            ("force", axis.effort),
+        )
+        for channel, values in found:
+            if values is not None:
+                yield ChannelReading(name, channel, values)
+
+
+def first_settled(log: Log, machine: Machine, start: int, stop: int) -> int:
+    """First sample, counted from `start`, behind the start-up of a stretch: servo and flanks have settled."""
+    behind = 0.0
+    for name, axis in log.axes.items():
+        if name not in machine.axes:
+            continue
+        drive = machine.axes[name]
+        travel = max(TAKE_UP, 2.0 * drive.gap.lost_motion)
+        flank = taken_up(axis.command[start:stop], travel) * log.period
+        behind = max(behind, settling_time(drive), flank + 3.0 * servo_memory(drive.servo) * (flank > 0.0))
+    return min(math.ceil(behind / log.period), math.floor(LARGEST_START * (stop - start)))
+
+
+def explained(log: Log, machine: Machine, name: str) -> Array:
+    """Return what the linear drive of an axis alone makes of its command [m], (n,)."""
+    command = log.axes[name].command
+    drive = machine.axes.get(name)
+    return command if drive is None else linear_response(command, drive.servo, log.period)
+
+
+def _settled_repeats(log: Log, machine: Machine, first: int) -> tuple[Repeat, ...]:
+    """Repeats of which both runs have forgotten how they began."""
+    commands = np.array([axis.command for axis in log.axes.values()])
+    found = []
+    for repeat in find_repeats(commands, log.period, _tolerance(log, machine)):
+        settle = max(first_settled(log, machine, repeat.start, repeat.stop), _memory(log, machine))
+        start = max(repeat.start + settle, first + math.ceil(repeat.lag))
+        if repeat.start == math.ceil(repeat.lag):
+            start = first + repeat.start  # the first run is the beginning of the record
+        if repeat.stop - start >= 0.25 / log.period:
+            found.append(repeat._replace(start=start))
+    return tuple(found)
+
+
+def _memory(log: Log, machine: Machine) -> int:
+    """Count the samples after which the slowest axis has settled."""
+    times = [settling_time(machine.axes[name]) for name in log.axes if name in machine.axes]
+    return math.ceil(max(times, default=0.0) / log.period)
+
+
+def _tolerance(log: Log, machine: Machine) -> float:
+    """By how much two commands may differ and still be the same [m]: far below the noise of the readings."""
+    found = [noise.noise_of_differences(r.values - explained(log, machine, r.axis)) for r in _positions(log)]
+    return 0.3 * min((value for value in found if value is not None), default=0.0)
+
+
+def _positions(log: Log) -> list[ChannelReading]:
+    """List the readings that are positions."""
+    return [reading for reading in list_readings(log) if reading.channel != "force"]
+
+
+def _channel(
+    log: Log, machine: Machine, reading: ChannelReading, repeats: tuple[Repeat, ...], first: int
+) -> ChannelQuality:
+    """LogQuality of one channel."""
+    values = reading.values
+    # What other axes do may move this one: still is where all of them are.
+    steps = [np.abs(np.diff(axis.command, prepend=axis.command[:1])) for axis in log.axes.values()]
+    travelled = np.cumsum(np.sum(steps, axis=0))
+    position = reading.channel != "force"
+    smooth = explained(log, machine, reading.axis)
+    fast = noise.noise_of_differences((values - smooth if position else values)[first:]) or 0.0
+    quantum = find_quantum(values, ROUNDING[reading.channel])
+    source: NoiseFrom
+    size, source = noise.noise_of_repeats(values, repeats, log.period), "repeats"
+    still = noise.noise_of_standstill(values, travelled, _memory(log, machine), log.period)
+    # An axis that hums while it should stand, or wanders in the gap of its loop, moves: that is no noise.
+    drive = machine.axes.get(reading.axis)
+    wanders = still is not None and still > WANDERS * fast
+    wanders = wanders and (
+        (drive is not None and drive.feedback == "load") or noise.oscillates(values, travelled, _memory(log, machine))
+    )
+    # What differs between repeats may be the other axes' doing, so that the smaller of the two counts.
+    if still is not None and not wanders and (size is None or still < size):
+        size, source = still, "stationary stretches"
+    if size is None:
+        size, source = fast, "differences"
+    quantum = visible_quantum(quantum, max(size, fast))
+    return ChannelQuality(
+        axis=reading.axis,
+        channel=reading.channel,
+        resolution=quantum,
+        noise=max(size, GRID_NOISE * quantum),
+        noise_from=source,
+        missing=int(np.count_nonzero(np.isnan(values))),
+        shift=find_shift(log, machine, reading.axis, values, first) if position else None,
+    )
+
+
+def _faults(
+    log: Log,
+    machine: Machine,
+    readings: tuple[ChannelReading, ...],
+    channels: tuple[ChannelQuality, ...],
+    first: int,
+) -> Iterator[str]:
+    """Yield why the record can show nothing at all."""
+    if not any(np.ptp(axis.command) > 0.0 for axis in log.axes.values()):
+        yield "no axis is commanded to move: what moves nothing shows nothing"
+    if not readings:
+        yield "the record holds commands only and no reading of any axis"
+        return
+    if all(np.isnan(r.values).all() or np.nanmax(r.values) == np.nanmin(r.values) for r in readings):
+        yield "no reading changes from the first sample to the last: nothing was measured"
+        return
+    yield from _too_short(log, machine)
+    coarse = [
+        _coarse(log, machine, reading, quality.resolution, first)
+        for reading, quality in zip(readings, channels, strict=True)
+        if reading.channel != "force"
+    ]
+    if coarse and all(coarse):
+        yield from (sentence for sentence in coarse if sentence)
+
+
+def _too_short(log: Log, machine: Machine) -> Iterator[str]:
+    """Yield a sentence where a servo has no time to settle, or too few samples to be seen."""
+    for name in log.axes:
+        if name not in machine.axes:
+            continue
+        needed, memory = settling_time(machine.axes[name]), servo_memory(machine.axes[name].servo)
+        if log.t.size * log.period <= needed:
+            yield (
+                f"the record lasts {log.t.size * log.period:.3g} s; the servo of {name} needs {needed:.3g} s "
+                "to forget how it started"
+            )
+        if 0.0 < memory < log.period / SAMPLES_A_MEMORY:
+            yield (
+                f"samples are {log.period / MS:.3g} ms apart; the servo of {name} answers within "
+                f"{memory / MS:.3g} ms and its motion between samples is not seen"
+            )
+
+
+def _coarse(log: Log, machine: Machine, reading: ChannelReading, quantum: float, first: int) -> str | None:
+    """Say that a reading is too coarse: it is off what the command explains by no more than its grid."""
+    drive = machine.axes.get(reading.axis)
+    gap = 0.0 if drive is None else drive.gap.lost_motion
+    if quantum <= max(COARSE, gap):
+        return None
+    apart = (reading.values - explained(log, machine, reading.axis))[first:]
+    apart = apart[np.isfinite(apart)]
+    off = float(np.std(apart)) if apart.size else 0.0
+    if off > quantum:
+        return None
+    side = f"{reading.axis}_{reading.channel}"
+    return (
+        f"{side} reads in steps of {quantum / MM:.3g} mm and is {off / MM:.3g} mm rms off what the command "
+        f"alone explains: a reading in steps of {quantum / MM:.3g} mm cannot show backlash or friction"
+    )
+
+
+def _notes(
+    log: Log,
+    readings: tuple[ChannelReading, ...],
+    channels: tuple[ChannelQuality, ...],
+    repeats: tuple[Repeat, ...],
+) -> Iterator[str]:
+    """Yield what else a person should know."""
+    if log.jitter > 0.1 * log.period:
+        yield f"samples are up to {log.jitter / MS:.3g} ms off a constant period of {log.period / MS:.3g} ms"
+    if log.missing:
+        yield f"{log.missing} of {log.t.size} rows are missing"
+    if repeats:
+        length = sum(repeat.stop - repeat.start for repeat in repeats) * log.period
+        yield (
+            f"the same motion was run again after {repeats[0].lag * log.period:.6g} s; the noise is what "
+            f"differs between the runs, compared over {length:.3g} s"
+        )
+    for reading, quality in zip(readings, channels, strict=True):
+        yield from _channel_notes(reading, quality, log)
+
+
+def _channel_notes(reading: ChannelReading, quality: ChannelQuality, log: Log) -> Iterator[str]:
+    """Yield what a person should know about one channel."""
+    side = f"{reading.axis}_{reading.channel}"
+    if quality.missing:
+        yield f"{side}: {quality.missing} of {log.t.size} samples are missing"
+    if quality.noise_from == "differences":
+        yield f"{side}: no motion is repeated and none stands still, a slow wander of the reading is not seen"
+    if quality.shift is not None and abs(quality.shift) > 0.1 * log.period:
+        late = "late" if quality.shift > 0.0 else "early"
+        yield f"{side} is {abs(quality.shift) / MS:.3g} ms {late}, beyond what the drive explains"

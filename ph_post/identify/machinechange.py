@@ -1,0 +1,342 @@
+"""Write what identification or diagnosis changed into a machine file, in the keys its person chose.
+
+The person's text is kept but for the numbers; beside them stand their standard errors and the log they come
+from.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from msgspec.structs import replace
+
+from ph_post.drive.machinefile import machine_of
+from ph_post.errors import SolveError
+from ph_post.files.machine import AxisChange, EffectChange, edit_axes
+from ph_post.files.storage import SourceText, source_of
+from ph_post.types import Axis, EffectSetting, Log, Machine
+from ph_post.types.diagnosis import Diagnosis, Estimate, Finding
+from ph_post.units import MM
+
+SAME: Final = 1e-6
+"""Relative difference of numbers that are the same: seven digits are written."""
+
+_OTHERWISE: Final = {
+    "backlash_motor_rad": "lost_motion_mm",
+    "J": "b",
+    "inertia_kg_m2": "b",
+    "B": "c",
+    "damping_kg_m2_s": "c",
+    "k_p": "servo_stiffness_n_per_mm",
+    "position_gain_v_per_m": "servo_stiffness_n_per_mm",
+}
+"""Keys that give in another way what a diagnosis calls by the usual one."""
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values are the same but for digits that are not written.
+
+    Examples
+    --------
+    >>> same({"force_n": 20.0}, {"force_n": 20.00000001}), same([1.0], [1.1])
+    (True, False)
+    """
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same(value, other[key]) for key, value in one.items())
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(same(*pair) for pair in zip(one, other, strict=True))
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return math.isclose(one, other, rel_tol=SAME)
+    return bool(one == other)
+
+
+def axis_change(
+    before: Axis,
+    after: Axis,
+    original: SourceText,
+    *,
+    parameters: Mapping[str, Estimate],
+    above: Sequence[str],
+    effects: Mapping[str, EffectChange],
+) -> AxisChange | None:
+    """Return what makes one axis into another, None where it is nothing.
+
+    Parameters
+    ----------
+    before, after : Axis
+    original : SourceText
+        The machine file of `before`.
+    parameters : mapping of str to Estimate
+        Standard errors to stand behind the numbers.
+    above : sequence of str
+        Lines to stand above the first number that changes.
+    effects : mapping of str to EffectChange
+        Comments of effects that are new or change, by the effect's name.
+    """
+    keys = axis_keys(before, after, _given(original, before.name))
+    changed = effect_changes(before.effects, after.effects, effects)
+    if not keys and not changed:
+        return None
+    comments = {
+        key: words
+        for key, value in keys.items()
+        if isinstance(value, float) and (words := error_words(key, value, parameters))
+    }
+    return AxisChange(axis=before.name, keys=keys, comments=comments, above=tuple(above), effects=changed)
+
+
+def axis_keys(before: Axis, after: Axis, given: Mapping[str, Any]) -> dict[str, float | str | None]:
+    """Return the keys of ``[axes.AXIS]`` that make one axis into another, in the way the file gives them.
+
+    Parameters
+    ----------
+    before, after : Axis
+    given : mapping
+        The keys of the file, with their values.
+    """
+    keys: dict[str, float | str | None] = {}
+    for one, other, ways in _quantities(before, after, given):
+        if not same(one, other):
+            known = {key: value for key, value in ways.items() if key in given}
+            keys |= known or dict(list(ways.items())[:1])
+    stiffer = _ratio(after.servo.stiffness, before.servo.stiffness)
+    if not same(stiffer, 1.0):  # J and B keep b and c where k_p changes
+        for key in ("J", "inertia_kg_m2", "B", "damping_kg_m2_s"):
+            if key in given:
+                number = keys.get(key, given[key])
+                keys[key] = float(number if isinstance(number, int | float) else given[key]) * stiffer
+    return keys
+
+
+def effect_changes(
+    before: Sequence[EffectSetting], after: Sequence[EffectSetting], describe: Mapping[str, EffectChange]
+) -> tuple[EffectChange, ...]:
+    """Return the changes that make one list of effects into another, in its order, with comments by name.
+
+    What is to stand behind another effect than before is taken out and added anew.
+    """
+    changes: list[tuple[int | None, EffectSetting | None]] = []
+    reached = 0
+    for place, setting in enumerate(before):
+        if reached == len(after) or after[reached].name != setting.name:
+            changes.append((place, None))
+            continue
+        if not same(dict(setting.parameters), dict(after[reached].parameters)):
+            changes.append((place, after[reached]))
+        reached += 1
+    changes += [(None, setting) for setting in after[reached:]]
+    plain = EffectChange(place=None, setting=None)
+    return tuple(
+        replace(plain if setting is None else describe.get(setting.name, plain), place=place, setting=setting)
+        for place, setting in changes
+    )
+
+
+def error_words(key: str, value: float, parameters: Mapping[str, Estimate]) -> str:
+    """Return the standard error of a key in words, nothing where none is known.
+
+    A parameter is known by its name or by its value; a key that gives it in another unit has it in per cent.
+
+    Examples
+    --------
+    >>> error_words("force_n", 20.4, {"force": Estimate(value=20.4, stderr=0.1, unit="N")})
+    '+- 0.1 N'
+    """
+    keys = (key, _OTHERWISE.get(key, key))
+    found = [one for name, one in parameters.items() for way in keys if f"{way}_".startswith(f"{name}_")]
+    found += [one for one in parameters.values() if math.isclose(one.value, value, rel_tol=1e-4)]
+    if not found or found[0].stderr is None:
+        return ""
+    estimate = found[0]
+    if math.isclose(estimate.value, value, rel_tol=1e-4):
+        return f"+- {estimate.stderr:.2g} {estimate.unit}".rstrip()
+    return f"+- {100.0 * found[0].stderr / abs(estimate.value):.2g} %" if estimate.value else ""
+
+
+def _given(original: SourceText, axis: str) -> dict[str, Any]:
+    """Return the keys of an axis as they stand in the file, those of its control table with a dot."""
+    table: dict[str, Any] = tomllib.loads(original.text)["axes"][axis]
+    below = {f"control.{key}": value for key, value in table.get("control", {}).items()}
+    return {key: value for key, value in table.items() if key not in ("control", "effects")} | below
+
+
+def _quantities(
+    before: Axis, after: Axis, given: Mapping[str, Any]
+) -> Iterator[tuple[Any, Any, dict[str, float | str | None]]]:
+    """Yield what may change: before, after, and the keys that it may stand under, the usual one first."""
+    servo, gap, limits = after.servo, after.gap, before.gap
+    angle = None
+    if gap.travel_per_rad is not None and gap.gear_ratio is not None:
+        angle = gap.lost_motion * gap.gear_ratio / gap.travel_per_rad
+    yield (
+        limits.lost_motion,
+        gap.lost_motion,
+        {
+            "lost_motion_mm": gap.lost_motion / MM,
+            "backlash_motor_rad": angle,
+        },
+    )
+    b, c = _ratio(servo.b, before.servo.b), _ratio(servo.c, before.servo.c)
+    stiffer = _ratio(servo.stiffness, before.servo.stiffness)
+    yield before.servo.b, servo.b, {"b": servo.b, **_scaled(given, b, "J", "inertia_kg_m2")}
+    yield before.servo.c, servo.c, {"c": servo.c, **_scaled(given, c, "B", "damping_kg_m2_s")}
+    yield (
+        before.servo.stiffness,
+        servo.stiffness,
+        {
+            "servo_stiffness_n_per_mm": None if servo.stiffness is None else servo.stiffness * MM,
+            **_scaled(given, stiffer, "k_p", "position_gain_v_per_m"),
+        },
+    )
+    for key, one, other in (
+        ("control.ki_over_kp_per_s", before.servo.ki_over_kp, servo.ki_over_kp),
+        ("control.kd_over_kp_s", before.servo.kd_over_kp, servo.kd_over_kp),
+        ("inertia_fraction", before.gap.inertia_fraction, gap.inertia_fraction),
+        ("pickup", before.gap.pickup, gap.pickup),
+        ("initial_flank", before.gap.initial_flank, gap.initial_flank),
+        ("backlash_uncertainty", before.uncertainty.backlash, after.uncertainty.backlash),
+        ("beta_uncertainty", before.uncertainty.beta, after.uncertainty.beta),
+        ("gain_uncertainty", before.uncertainty.gain, after.uncertainty.gain),
+    ):
+        yield one, other, {key: other}
+    tau = None if gap.beta is None else 1.0 / gap.beta
+    yield before.gap.beta, gap.beta, {"motor_time_constant_s": tau}
+
+
+def _scaled(given: Mapping[str, Any], ratio: float, *keys: str) -> dict[str, float | str | None]:
+    return {key: given[key] * ratio for key in keys if key in given}
+
+
+def _ratio(one: float | None, other: float | None) -> float:
+    """Return the factor from `other` to `one`; 1 where there is none, as what it scales is not given then."""
+    return one / other if one and other else 1.0
+
+
+UM: Final = 1e-6
+"""One micrometre in metres."""
+
+
+def diagnosed_machine(original: SourceText, diagnosis: Diagnosis, log: Log) -> str:
+    """Return a machine file with what a diagnosis added to the machine.
+
+    What a person gave in other keys is changed there: the gap as an angle of the motor, b and c as inertia
+    and damping. Above each change stands which log it comes from, and by how much the gap on held-out data
+    fell; behind each number its standard error.
+
+    Parameters
+    ----------
+    original : SourceText
+        The text of the machine file that the diagnosis began with.
+    diagnosis : Diagnosis
+    log : Log
+
+    Returns
+    -------
+    str
+        A machine file that reads back as `diagnosis.machine`.
+
+    Raises
+    ------
+    InputError
+        Where the machine of the diagnosis cannot stand in a file.
+    SolveError
+        Where it differs from the file in what no diagnosis changes.
+    """
+    axes = machine_of(original).axes.values()
+    changes = (_change(axis, diagnosis, log, original) for axis in axes)
+    return changed_machine(original, changes, diagnosis.machine)
+
+
+def changed_machine(original: SourceText, changes: Iterable[AxisChange | None], wanted: Machine) -> str:
+    """Return a machine file with changes of its axes, None where one has none; it reads back as `wanted`.
+
+    Raises
+    ------
+    InputError
+        Where it contradicts itself.
+    SolveError
+        Where it is another machine's.
+    """
+    found = [change for change in changes if change is not None]
+    text = edit_axes(original.text, found) if found else original.text
+    require_same(machine_of(source_of(text, original.name, original.stem)), wanted)
+    return text
+
+
+def require_same(read: Machine, wanted: Machine) -> None:
+    """Check that two machines have the same drives.
+
+    Raises
+    ------
+    SolveError
+        With the axis.
+    """
+    for name, axis in wanted.axes.items():
+        if name not in read.axes or not same(_acting(read.axes[name]), _acting(axis)):
+            raise SolveError(f"axis {name}: the machine file would not be that of the diagnosis")
+
+
+def _change(axis: Axis, diagnosis: Diagnosis, log: Log, original: SourceText) -> AxisChange | None:
+    """Return what a diagnosis changes of one axis, None where it is nothing."""
+    findings = [finding for finding in diagnosis.findings if finding.axis == axis.name]
+    numbers = [finding for finding in findings if finding.setting is None]
+    above = [line for finding in numbers for line in _provenance(finding, diagnosis, log)]
+    return axis_change(
+        axis,
+        diagnosis.machine.axes[axis.name],
+        original,
+        parameters={name: one for finding in numbers for name, one in finding.parameters.items()},
+        above=above or [f"fitted to {log_words(log)}"],
+        effects={one.setting.name: _described(one, diagnosis, log) for one in findings if one.setting is not None},
+    )
+
+
+def _described(finding: Finding, diagnosis: Diagnosis, log: Log) -> EffectChange:
+    assert finding.setting is not None
+    comments = {
+        key: words
+        for key, value in finding.setting.parameters.items()
+        if isinstance(value, int | float) and (words := error_words(key, value, finding.parameters))
+    }
+    above = tuple(_provenance(finding, diagnosis, log))
+    return EffectChange(place=None, setting=finding.setting, comments=comments, above=above)
+
+
+def _provenance(finding: Finding, diagnosis: Diagnosis, log: Log) -> Iterator[str]:
+    """Tell where a change comes from, and what it did to the gap."""
+    yield f"{finding.name}, diagnosed from {log_words(log)}"
+    for last, step in zip(diagnosis.steps, diagnosis.steps[1:], strict=False):
+        if step.added == f"{finding.name}:{finding.axis}":
+            gaps = f"{last.holdout_rms / UM:.3g} -> {step.holdout_rms / UM:.3g} um"
+            yield f"gap between model and record on held-out data {gaps}"
+
+
+def log_words(log: Log) -> str:
+    """Name a log and the hash of its bytes."""
+    name = " ".join(log.name.split())
+    return f"{name} (sha256 {log.digest})" if log.digest else name
+
+
+def _acting(axis: Axis) -> list[Any]:
+    """Return what of an axis acts."""
+    servo, gap, spread = axis.servo, axis.gap, axis.uncertainty
+    return [
+        axis.feedback,
+        servo.b,
+        servo.c,
+        servo.ki_over_kp,
+        servo.kd_over_kp,
+        servo.stiffness,
+        gap.lost_motion,
+        gap.inertia_fraction,
+        gap.beta,
+        gap.pickup,
+        gap.initial_flank,
+        spread.backlash,
+        spread.beta,
+        spread.gain,
+        [(effect.name, dict(effect.parameters)) for effect in axis.effects],
+    ]

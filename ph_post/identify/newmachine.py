@@ -1,0 +1,347 @@
+"""Write new machine files from what a machinist can answer or a controller's settings show.
+
+Every line carries its unit and its source. What cannot be asked (the servo's b, and on a `load` loop the
+motor's part of the inertia and its time constant) is taken over from the shipped machine of the same loop, and
+said to be.
+
+Of a controller's settings only what an interview would ask for is taken: speed and acceleration by axis, the
+servo period, the backlash that LinuxCNC takes back itself. Sources: Grbl 1.1's table of settings ($110 to
+$112 [mm/min], $120 to $122 [mm/s²]); LinuxCNC's INI configuration ([AXIS_L] and [JOINT_N] MAX_VELOCITY,
+MAX_ACCELERATION and BACKLASH in [TRAJ] LINEAR_UNITS and seconds, [EMCMOT] SERVO_PERIOD [ns]).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, NamedTuple
+
+import msgspec
+import tomlkit
+
+from ph_post.drive.machinefile import machine_of, read_machine
+from ph_post.errors import InputError, PhPostError
+from ph_post.files.check import checked
+from ph_post.files.machine import AxesRecord, AxisRecord, ControllerRecord, MachineRecord, put, written
+from ph_post.files.storage import SourceText, source_of
+from ph_post.types import Axis, Feedback, Machine
+from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
+
+_GRBL: Final = re.compile(r"^\s*\$(1[12][012])\s*=\s*([0-9.]+)", re.MULTILINE)
+_SECTION: Final = re.compile(r"\s*\[\s*(\w+)\s*\]")
+_ENTRY: Final = re.compile(r"\s*(\w+)\s*=\s*([^#;]*)")
+_AXES: Final = ("X", "Y", "Z")
+_INCHES: Final = ("inch", "in", "imperial")
+_NS_IN_MS: Final = 1e6
+
+Ini = Mapping[tuple[str, str], str]
+
+
+class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """What was found: by axis in mm/s, mm/s² and mm; the servo period in ms, None where it is not said."""
+
+    dialect: str
+    speed: Mapping[str, float]
+    acceleration: Mapping[str, float]
+    lost_motion: Mapping[str, float]
+    servo_period: float | None = None
+
+
+def controller_settings(text: SourceText) -> ControllerSettings:
+    """Read the settings of a controller.
+
+    Raises
+    ------
+    InputError
+        Where it is neither of the two, or a number in it is none.
+    """
+    found = _GRBL.findall(text.text)
+    if found:
+        return _grbl(found, text.name)
+    ini = dict(_entries(text.text))
+    if any(section in ("TRAJ", "EMCMOT") for section, _ in ini):
+        return _linuxcnc(ini, text.name)
+    included = "#INCLUDE" in text.text
+    raise InputError(
+        text.name,
+        "no settings of a controller",
+        expected="a listing of Grbl's $$, or LinuxCNC's .ini file",
+        got="a file that includes others, which are not read" if included else "",
+    )
+
+
+def _grbl(found: list[tuple[str, str]], name: str) -> ControllerSettings:
+    numbers = {key: _number(value, f"{name}: ${key}") for key, value in found}
+    return ControllerSettings(
+        dialect="grbl",
+        speed={axis: numbers[f"11{k}"] / MINUTE for k, axis in enumerate(_AXES) if f"11{k}" in numbers},
+        acceleration={axis: numbers[f"12{k}"] for k, axis in enumerate(_AXES) if f"12{k}" in numbers},
+        lost_motion={},
+    )
+
+
+def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
+    unit = INCH / MM if ini.get(("TRAJ", "LINEAR_UNITS"), "mm").lower() in _INCHES else 1.0
+    letters = ini.get(("TRAJ", "COORDINATES"), "XYZ").upper().replace(" ", "")
+    places = {axis: (f"AXIS_{axis}", f"JOINT_{letters.index(axis)}") for axis in _AXES if axis in letters}
+
+    def taken(key: str) -> dict[str, float]:
+        """Return the smaller of what axis and joint allow, by axis."""
+        found = {}
+        for axis, sections in places.items():
+            numbers = [_number(ini[one, key], f"{name}: [{one}] {key}") for one in sections if (one, key) in ini]
+            if numbers:
+                found[axis] = min(numbers) * unit
+        return found
+
+    period = ini.get(("EMCMOT", "SERVO_PERIOD"))
+    return ControllerSettings(
+        dialect="linuxcnc",
+        speed=taken("MAX_VELOCITY"),
+        acceleration=taken("MAX_ACCELERATION"),
+        lost_motion=taken("BACKLASH"),
+        servo_period=None if period is None else _number(period, f"{name}: [EMCMOT] SERVO_PERIOD") / _NS_IN_MS,
+    )
+
+
+def _entries(text: str) -> Iterator[tuple[tuple[str, str], str]]:
+    """Yield section, key and value of every line that has them, in its order: the last one counts."""
+    section = ""
+    for line in text.splitlines():
+        if head := _SECTION.match(line):
+            section = head[1].upper()
+        elif entry := _ENTRY.match(line):
+            yield (section, entry[1].upper()), entry[2].strip()
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(where, "no number", expected="a number", got=repr(text))
+    return value
+
+
+MODELS: Final[Mapping[Feedback, str]] = {"load": "mill", "motor": "router", "none": "stepper"}
+"""The shipped machine that stands for a loop where nothing is known."""
+
+_COLUMN: Final = 38
+"""Where comments begin."""
+
+_FEEDBACK: Final[Mapping[Feedback, str]] = {
+    "load": "glass scale on the table: the play is inside the loop",
+    "motor": "encoder on the motor: the play is outside the loop",
+    "none": "stepper without encoder: no loop",
+}
+
+_HEAD: Final = """\
+A machine file of ph-post: what it knows of a machine, in mm and s. Written by `ph-post machine new`.
+What is "assumed" nobody has measured or answered: it is that of a shipped machine with the same loop.
+`ph-post calibrate` writes test programs and says what to record, `ph-post identify` takes b, c and the play
+from the record, `ph-post diagnose` finds what else the machine does and writes it in here."""
+
+
+class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
+    """What was answered for one axis, in the shop's units: mm, mm/s, mm/s².
+
+    `c_s` [s] is following error over speed, None where nobody knows it. `screw_lead_mm` and `gear_ratio` are
+    needed on a `load` loop alone. `taken` are the keys that nobody answered: the shipped machine's.
+    """
+
+    feedback: Feedback
+    lost_motion_mm: float
+    max_velocity_mm_s: float
+    max_acceleration_mm_s2: float
+    c_s: float | None = None
+    screw_lead_mm: float | None = None
+    gear_ratio: float | None = None
+    taken: frozenset[str] = frozenset()
+
+
+class Answers(msgspec.Struct, frozen=True, kw_only=True):
+    """What was answered for a machine."""
+
+    name: str
+    dialect: str
+    servo_period_ms: float
+    axes: Mapping[str, AxisAnswers]
+
+
+class _Row(NamedTuple):
+    """A line of the file: key, value and comment; `assumed` where nobody answered it."""
+
+    key: str
+    value: float | str
+    words: str
+    assumed: bool = False
+
+
+class NewMachine(msgspec.Struct, frozen=True, kw_only=True):
+    """A machine file: its text, the machine it reads back as, and the assumed keys by axis."""
+
+    text: str
+    machine: Machine
+    assumed: Mapping[str, tuple[str, ...]]
+
+
+def model_axis(feedback: Feedback, axis: str) -> Axis:
+    """Return an axis of the shipped machine that stands for a loop."""
+    return read_machine(MODELS[feedback]).axes[axis]
+
+
+def new_machine(answers: Answers) -> NewMachine:
+    """Write a machine file.
+
+    Raises
+    ------
+    InputError
+        Where the machine cannot be: what the project's own reader says of it.
+    """
+    rows = {name: tuple(_axis_rows(name, axis)) for name, axis in answers.axes.items()}
+    record = MachineRecord(
+        name=answers.name,
+        controller=ControllerRecord(dialect=answers.dialect, servo_period_ms=_short(answers.servo_period_ms)),
+        axes=AxesRecord(**{name: _record(those) for name, those in rows.items()}),
+    )
+    text = _text(record, rows)
+    if checked(tomllib.loads(text), MachineRecord, answers.name) != record:
+        raise PhPostError(f"{answers.name}: the machine file would not be that of the answers")
+    return NewMachine(
+        text=text,
+        machine=machine_of(source_of(text, answers.name, answers.name)),
+        assumed={name: tuple(row.key for row in those if row.assumed) for name, those in rows.items()},
+    )
+
+
+def _record(rows: tuple[_Row, ...]) -> AxisRecord:
+    values: dict[str, Any] = {row.key: row.value for row in rows}
+    return AxisRecord(**values)
+
+
+def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[_Row]:
+    """Yield the lines of one axis."""
+    model = model_axis(axis.feedback, name)
+    yield _Row("feedback", axis.feedback, _FEEDBACK[axis.feedback])
+    yield from _servo_rows(axis, model)
+    if axis.feedback == "load":
+        yield from _drive_rows(axis, model)
+    yield _play_row(axis)
+    flank = 'where it rests in its play: "+", "-" (its weight pulls to minus) or not known'
+    yield _Row("initial_flank", "unknown", flank, assumed=True)
+    yield from _limit_rows(axis, model)
+
+
+def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
+    """Yield b and c of Eq. (9): c as answered, b in the ratio to c² that the shipped machine has."""
+    if axis.feedback == "none":
+        yield _Row("b", 0.0, "s², steps follow the command at once,")
+        yield _Row("c", 0.0, "s, as long as none is lost")
+        return
+    shipped = f"assumed ({MODELS[axis.feedback]}.toml), identify measures it"
+    c = model.servo.c if axis.c_s is None else axis.c_s
+    ratio = model.servo.b / model.servo.c**2
+    yield _Row("b", _short(ratio * c * c), f"s², how fast the loop answers; {ratio:.2g} c² {shipped}", assumed=True)
+    if axis.c_s is None:
+        yield _Row("c", _short(c), f"s, following error / speed; {shipped}", assumed=True)
+    else:
+        lag = c * MM_PER_MIN / MM * 1000.0
+        yield _Row("c", _short(c), f"s, following error / speed: {lag:.4g} mm at 1000 mm/min, gain {1 / c:.4g}/s")
+
+
+def _drive_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
+    """Yield screw, gear and the motor alone, which crosses the gap inside a loop."""
+    gap, shipped = model.gap, f"assumed ({MODELS['load']}.toml), identify measures it"
+    assert axis.gear_ratio is not None
+    assert axis.screw_lead_mm is not None
+    assert gap.inertia_fraction is not None
+    assert gap.beta is not None
+    yield _answered("gear_ratio", axis.gear_ratio, "motor turns per turn of the screw", "gear", axis)
+    yield _answered("screw_lead_mm", axis.screw_lead_mm, "mm a turn of the screw or pinion", "lead", axis)
+    part = f"the motor's part of all that is moved; {shipped}"
+    yield _Row("inertia_fraction", _short(gap.inertia_fraction), part, assumed=True)
+    alone = f"s in which the motor alone runs out; {shipped}"
+    yield _Row("motor_time_constant_s", _short(1.0 / gap.beta), alone, assumed=True)
+
+
+def _play_row(axis: AxisAnswers) -> _Row:
+    """Return the gap; a play that nobody has measured is none, which does no harm."""
+    words = "mm that the dial indicator loses where the axis turns round"
+    untouched = "lost_motion" in axis.taken
+    if untouched:
+        words = "mm; assumed: nothing is compensated until the dial indicator's number stands here"
+    return _Row("lost_motion_mm", _short(axis.lost_motion_mm), words, untouched)
+
+
+def _limit_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
+    """Yield the limits; the jerk stands to the acceleration as on the shipped machine."""
+    speed = f"the fastest it may move: {axis.max_velocity_mm_s * MM / MM_PER_MIN:.6g} mm/min"
+    yield _answered("max_velocity_mm_s", axis.max_velocity_mm_s, speed, "speed", axis)
+    acceleration = axis.max_acceleration_mm_s2
+    yield _answered("max_acceleration_mm_s2", acceleration, "the most it may accelerate", "acceleration", axis)
+    rise = model.limits.acceleration / model.limits.jerk
+    jerk = f"full acceleration after {rise / MS:.3g} ms; assumed ({MODELS[axis.feedback]}.toml)"
+    yield _Row("max_jerk_mm_s3", _short(acceleration / rise), jerk, assumed=True)
+    if axis.feedback == "load" and axis.gear_ratio and axis.screw_lead_mm:
+        motor = acceleration * axis.gear_ratio / axis.screw_lead_mm * math.tau
+        words = "assumed: no more than the table's acceleration takes"
+        yield _Row("max_motor_acceleration_rad_s2", _short(motor), words, assumed=True)
+
+
+def _answered(key: str, value: float, words: str, question: str, axis: AxisAnswers) -> _Row:
+    """Return the line of a number that was asked for, marked where the default was taken."""
+    if question not in axis.taken:
+        return _Row(key, _short(value), words)
+    return _Row(key, _short(value), f"{words}; assumed ({MODELS[axis.feedback]}.toml)", assumed=True)
+
+
+def _short(value: float) -> float:
+    return float(written(value))
+
+
+def _text(record: MachineRecord, rows: Mapping[str, tuple[_Row, ...]]) -> str:
+    document = tomlkit.document()
+    for line in _HEAD.splitlines():
+        document.add(tomlkit.comment(line))
+    document.add("name", tomlkit.item(record.name))
+    document.add(tomlkit.nl())
+    controller = tomlkit.table()
+    words = "the words its programs are written in"
+    put(controller, "dialect", record.controller.dialect, words, _COLUMN)
+    period = "how often the controller commands its axes; a row of an interpolator table"
+    put(controller, "servo_period_ms", record.controller.servo_period_ms, period, _COLUMN)
+    document.add("controller", controller)
+    axes = tomlkit.table(is_super_table=True)
+    for name, those in rows.items():
+        table = tomlkit.table()
+        for row in those:
+            put(table, row.key, row.value, row.words, _COLUMN)
+        axes.add(name, table)
+        table.add(tomlkit.nl())
+    document.add("axes", axes)
+    return tomlkit.dumps(document).rstrip("\n") + "\n"
+
+
+def defaults(feedback: Feedback, axis: str) -> Mapping[str, float]:
+    """Return the numbers of the shipped machine that stand for an axis nobody has answered for.
+
+    Keys are those of the questions; mm, mm/s, mm/s². The play is none: that of another machine would do harm.
+    """
+    model = model_axis(feedback, axis)
+    numbers = {
+        "lost_motion": 0.0,
+        "speed": model.limits.velocity / MM,
+        "acceleration": model.limits.acceleration / MM,
+    }
+    if model.gap.gear_ratio is not None and model.gap.travel_per_rad is not None:
+        numbers["gear"] = model.gap.gear_ratio
+        numbers["lead"] = model.gap.travel_per_rad / MM * math.tau
+    return {key: _short(value) for key, value in numbers.items()}
+
+
+def default_period(feedback: Feedback) -> float:
+    """Return the servo period of the shipped machine that stands for a loop [ms]."""
+    return _short(read_machine(MODELS[feedback]).servo_period / MS)

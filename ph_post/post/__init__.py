@@ -1,0 +1,1 @@
+"""Turn a plan into blocks and lines of a part program."""

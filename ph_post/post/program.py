@@ -1,0 +1,254 @@
+"""Write a plan as a part program: head, approach, cuts, retreat.
+
+Every axis is approached so that it starts on the side of its backlash that its first motion needs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance
+from ph_post.dialects.base import Dialect, plane_of
+from ph_post.dialects.lines import make_writer
+from ph_post.errors import InputError
+from ph_post.gcode.blocks import DWELL, JOG, SNAP, Moves, TrackShape
+from ph_post.gcode.numbers import to_grid
+from ph_post.geometry.track import Track
+from ph_post.post.blocks import cut_blocks
+from ph_post.post.moves import check_jogs, read_jogs, round_blocks, with_jogs
+from ph_post.post.options import ProgramOptions, check_options
+from ph_post.post.remarks import controller_warnings, header_lines, plan_warnings
+from ph_post.types import Array, BoolArray, Plan, TurningPoint
+
+
+def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float) -> Array:
+    """Offset [m] from the start of a cut to the point from which it is approached, shape (dim,).
+
+    Each axis against its first motion, an axis that stands still at first against the first one later, 0
+    where it never moves; Z upwards whatever it does, so that the tool comes down onto the start.
+
+    Parameters
+    ----------
+    shape : TrackShape
+    plan : Plan
+        Its turning points tell the first motion, its machine's lost motions how far; an axis the machine does
+        not have counts as one without.
+    s, end : float
+        The cut, as places along the motion [m].
+    """
+    axes, machine = plan.path.axes, plan.machine
+    drives = machine.axes
+    distance = np.array([approach_distance(drives[axis].gap) if axis in drives else LEAST_APPROACH for axis in axes])
+    upwards = np.array([axis == "Z" for axis in axes])
+    return np.where(upwards, distance, -first_directions(shape, plan.turning_points, axes, s, end) * distance)
+
+
+def first_directions(
+    shape: TrackShape, points: Sequence[TurningPoint], axes: tuple[str, ...], s: float, end: float
+) -> Array:
+    """Sign of each axis' first travel after `s`, 0 where there is none up to `end`.
+
+    An axis rises up to a maximum and falls down to a minimum, however soon after the start that comes; where
+    it does not reverse, the ends tell.
+    """
+    origin, last = shape.positions(np.array([s, end]))
+    senses: Array = np.where(np.abs(last - origin) > SNAP, np.sign(last - origin), 0.0)
+    for column, axis in enumerate(axes):
+        for point in points:
+            moved = s < point.s < end and abs(point.position - origin[column]) > SNAP
+            if point.axis == axis and moved:
+                senses[column] = 1.0 if point.sense == "max" else -1.0
+                break
+    return senses
+
+
+class Program(msgspec.Struct, frozen=True, kw_only=True):
+    """A part program.
+
+    `text`, its lines ended by a newline each; `warnings` in words; `moves` the number of moves on the path,
+    `time` [s] the time planned for them.
+    """
+
+    text: str
+    warnings: tuple[str, ...]
+    moves: int
+    time: float
+
+
+def write_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None) -> str:
+    """Return the text of :func:`make_program`."""
+    return make_program(plan, track, dialect, options).text
+
+
+def program_warnings(
+    plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None
+) -> tuple[str, ...]:
+    """Return the warnings of :func:`make_program`."""
+    return make_program(plan, track, dialect, options).warnings
+
+
+def make_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None) -> Program:
+    """Write a plan as a part program.
+
+    Parameters
+    ----------
+    plan : Plan
+    track : Track
+        Of the plan's path.
+    dialect : Dialect
+        See :func:`ph_post.dialects.registry.find_dialect`.
+    options : ProgramOptions, optional
+
+    Returns
+    -------
+    Program
+        The same input gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        Where an option cannot be, or the dialect cannot do what was asked for.
+    """
+    chosen = options or ProgramOptions()
+    inverse = chosen.feed_mode == "inverse-time"
+    if inverse and not dialect.capabilities.inverse_time:
+        what = f"the dialect {dialect.name} has no inverse time"
+        raise InputError("--feed-mode", what, expected="per-minute", got=chosen.feed_mode)
+    check_options(chosen, plan.path, plan.machine.servo_period)
+    return _Job(plan, track, dialect, chosen).program()
+
+
+class _Job:
+    """One program in the making."""
+
+    def __init__(self, plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions) -> None:
+        self.plan = plan
+        self.dialect = dialect
+        self.options = options
+        self.axes = plan.path.axes
+        found = read_jogs(plan)
+        check_jogs(found.jogs, dialect)
+        blocks, self.shape = cut_blocks(msgspec.structs.replace(plan, phases=found.phases), track, dialect, options)
+        blocks, carried = with_jogs(blocks, found, self.axes)
+        self.moves = round_blocks(blocks, self.shape, dialect, carried, found.phases)
+        self.out = make_writer(dialect, self.axes, options.chord_tolerance)
+        self.out.rapid_speed = _rapid_speed(plan)
+        self.safe = self._height(options.safe_z)
+        self.depth = self._height(options.depth)
+
+    def program(self) -> Program:
+        """Header, opening, the cuts each with its approach, and the end."""
+        self.out.add(header_lines(self.plan, self.dialect, self.options))
+        self.out.add(self.dialect.opening(plane_of(self.axes)[0]))
+        for first, last, rapid in _groups(self.moves):
+            if rapid:
+                self._rapids(first, last)
+            else:
+                self._cut(first, last)
+        self._leave()
+        sizes = np.array(self.out.sizes)
+        warnings = (
+            *plan_warnings(self.plan, self.options, self.moves),
+            *controller_warnings(self.plan, self.dialect, self.options, self.moves, sizes),
+        )
+        lines = self.dialect.finished(self.out.lines, self.plan.path.name)
+        text = "\n".join([*lines, ""])
+        time = float(self.moves.duration.sum())
+        return Program(text=text, warnings=warnings, moves=self.moves.kind.size, time=time)
+
+    def _rapids(self, first: int, last: int) -> None:
+        """Rapid segments, above the part where a safe height is known and the path has no heights itself."""
+        self.out.path_mode(exact=True)
+        if self.depth is not None:
+            self._lift()
+        if first == 0:
+            self.out.straight("G0", self._point(0))
+        if (self.moves.kind[first:last] == JOG).any():
+            self.out.feed_mode(inverse=self.options.feed_mode == "inverse-time")
+        self.out.moves(self.moves, first, last)
+
+    def _cut(self, first: int, last: int) -> None:
+        """Write the moves between rapids; only the first are approached where nothing lifts the tool."""
+        self.out.path_mode(exact=True)
+        if first == 0 or self.depth is not None:
+            self._approach(first, last)
+        self.out.path_mode(exact=False)
+        self.out.feed_mode(inverse=self.options.feed_mode == "inverse-time")
+        self.out.moves(self.moves, first, last)
+
+    def _approach(self, first: int, last: int) -> None:
+        """Go beside the start, then slowly onto it, each axis in the sense of its first motion, then down."""
+        start, offset = self._point(first), self._offset(first, last)
+        across = [axis for axis in self.axes if axis != "Z"]
+        self.out.feed_mode(inverse=False)
+        self._lift()
+        self.out.straight("G0", {axis: start[axis] + offset[axis] for axis in across})
+        if "Z" in start and self.safe is None:
+            self.out.straight("G0", {"Z": start["Z"] + offset["Z"]})
+        feed = min(APPROACH_FEED, self.plan.path.feed)
+        self.out.straight("G1", {axis: start[axis] for axis in across if offset[axis] != 0}, feed)
+        depth = start.get("Z", self.depth)
+        if depth is not None:
+            self.out.straight("G1", {"Z": depth}, feed)
+
+    def _leave(self) -> None:
+        """Lift off, and take the offset back, so that the axes stand where their coordinates say."""
+        self.out.feed_mode(inverse=False)
+        self._lift()
+        end, plain = self._point(self.moves.kind.size), self.moves.plain.tolist()
+        back = {axis: place for axis, place in zip(self.axes, plain, strict=True) if end[axis] != place}
+        if back:
+            self.out.path_mode(exact=True)
+            self.out.straight("G1", back, min(APPROACH_FEED, self.plan.path.feed))
+        self.out.add(self.dialect.closing)
+
+    def _lift(self) -> None:
+        if self.safe is not None:
+            self.out.straight("G0", {"Z": self.safe})
+
+    def _point(self, number: int) -> dict[str, int]:
+        return dict(zip(self.axes, self.moves.points[number].tolist(), strict=True))
+
+    def _offset(self, first: int, last: int) -> dict[str, int]:
+        s, end = float(self.moves.s0[first]), float(self.moves.s1[last - 1])
+        offset = approach_offset(self.shape, self.plan, s, end)
+        return dict(zip(self.axes, to_grid(offset, self._decimals).tolist(), strict=True))
+
+    def _height(self, z: float | None) -> int | None:
+        return None if z is None else int(to_grid(z, self._decimals))
+
+    @property
+    def _decimals(self) -> int:
+        return self.dialect.capabilities.decimals
+
+
+def _rapid_speed(plan: Plan) -> float:
+    """Speed of rapids [m/s] that no axis exceeds; the feed of the path where no limit is known."""
+    speeds = [axis.limits.velocity for axis in plan.machine.axes.values()]
+    speed = min(speeds, default=math.inf)
+    return speed if math.isfinite(speed) else plan.path.feed
+
+
+def _groups(moves: Moves) -> Iterator[tuple[int, int, bool]]:
+    """Neighbouring moves that are all rapid, or none: (first, last + 1, rapid).
+
+    A rest that has nothing but rapids around it belongs to them, with what is shifted in it: nothing is cut
+    there, so the tool stays up.
+    """
+    rapid = moves.rapid != 0
+    still = np.isin(moves.kind, (DWELL, JOG))
+    for first, last in _runs(rapid):
+        rapid[first:last] |= still[first:last].all()
+    for first, last in _runs(rapid):
+        yield first, last, bool(rapid[first])
+
+
+def _runs(values: BoolArray) -> list[tuple[int, int]]:
+    """Stretches of equal values: (first, last + 1)."""
+    changes = (np.flatnonzero(np.diff(values)) + 1).tolist()
+    return list(pairwise([0, *changes, values.size]))

@@ -1,0 +1,1 @@
+"""Rehearse programs on a real LinuxCNC without a screen."""

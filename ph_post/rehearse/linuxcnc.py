@@ -1,0 +1,394 @@
+"""Run a program on an installed LinuxCNC without a screen, and record the joint commands of every servo period."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import math
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import IO, Any, Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError, PhPostError
+from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, sealed
+from ph_post.units import MM
+
+AXES: Final = ("X", "Y", "Z")
+"""LinuxCNC always runs with these three joints; those the machine has not get the limits of its fastest."""
+
+REACH_MM: Final = 1e6
+"""Soft limits and the following error that stops a joint [mm]: none."""
+
+RING: Final = 200_000
+"""Rows that the recorder may fall behind: some seconds."""
+
+TOOLS: Final = 99
+"""Tools 1 to this one are in the table, of no length."""
+
+START_UP_CODE: Final = "G21 G17 G90 G94 G40 G49 G54 G64"
+"""LinuxCNC's own state at power on, said aloud."""
+
+NANOSECOND: Final = 1e-9
+
+
+def write_configuration(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float]) -> pathlib.Path:
+    """Write ini, tool table and parameters into a folder; `backlash` [m] by axis is LinuxCNC's own."""
+    (folder / "machine.tbl").write_text("".join(f"T{n} P{n} Z0\n" for n in range(1, TOOLS + 1)))
+    (folder / "machine.var").write_text("")
+    ini = folder / "machine.ini"
+    ini.write_text(_ini_text(folder, machine, backlash))
+    return ini
+
+
+def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float]) -> str:
+    limits = [_limits(machine, name) for name in AXES]
+    velocity = math.hypot(*(one.velocity for one in limits)) / MM
+    acceleration = math.hypot(*(one.acceleration for one in limits)) / MM
+    sections: dict[str, Mapping[str, object]] = {
+        "EMC": {"VERSION": 1.1, "MACHINE": "rehearsal", "DEBUG": 0},
+        "DISPLAY": {
+            "DISPLAY": folder / "display",
+            "PROGRAM_PREFIX": folder,
+            "CYCLE_TIME": 0.1,
+            "MAX_FEED_OVERRIDE": 1.0,
+        },
+        "TASK": {"TASK": "milltask", "CYCLE_TIME": 0.001},
+        "RS274NGC": {"PARAMETER_FILE": folder / "machine.var", "RS274NGC_STARTUP_CODE": START_UP_CODE},
+        "EMCMOT": {
+            "EMCMOT": "motmod",
+            "COMM_TIMEOUT": 5.0,
+            "SERVO_PERIOD": round(machine.servo_period / NANOSECOND),
+        },
+        "HAL": {"HALFILE": _HERE / "machine.hal"},
+        "PH_POST": {"ROWS": RING},
+        "TRAJ": {
+            "COORDINATES": "X Y Z",
+            "LINEAR_UNITS": "mm",
+            "ANGULAR_UNITS": "degree",
+            "DEFAULT_LINEAR_VELOCITY": velocity,
+            "MAX_LINEAR_VELOCITY": velocity,
+            "DEFAULT_LINEAR_ACCELERATION": acceleration,
+            "MAX_LINEAR_ACCELERATION": acceleration,
+            "NO_FORCE_HOMING": 1,
+        },
+        "EMCIO": {"EMCIO": "io", "CYCLE_TIME": 0.01, "TOOL_TABLE": folder / "machine.tbl"},
+        "KINS": {"KINEMATICS": "trivkins coordinates=XYZ", "JOINTS": len(AXES)},
+    }
+    for number, (name, one) in enumerate(zip(AXES, limits, strict=True)):
+        kept = {
+            "MIN_LIMIT": -REACH_MM,
+            "MAX_LIMIT": REACH_MM,
+            "MAX_VELOCITY": one.velocity / MM,
+            "MAX_ACCELERATION": one.acceleration / MM,
+        }
+        joint = {
+            "TYPE": "LINEAR",
+            "HOME": 0,
+            "HOME_SEQUENCE": 0,
+            "FERROR": REACH_MM,
+            "MIN_FERROR": REACH_MM,
+            "BACKLASH": backlash.get(name, 0.0) / MM,
+        }
+        sections[f"AXIS_{name}"] = kept
+        sections[f"JOINT_{number}"] = {**kept, **joint}
+    return "\n".join(_section(name, values) for name, values in sections.items())
+
+
+def _section(name: str, values: Mapping[str, object]) -> str:
+    return "\n".join([f"[{name}]", *(f"{key} = {value}" for key, value in values.items()), ""])
+
+
+def _limits(machine: Machine, name: str) -> Limits:
+    if name in machine.axes:
+        return machine.axes[name].limits
+    every: Sequence[Limits] = [axis.limits for axis in machine.axes.values()]
+    return max(every, key=lambda one: one.velocity)
+
+
+LOCK: Final = "ph-post-linuxcnc.lock"
+"""In the folder for temporary files, so that all users meet at it."""
+
+FOREIGN: Final = ("milltask", "linuxcncsvr", "rtapi_app")
+"""Processes of a LinuxCNC that somebody else started."""
+
+ENDED: Final = ("Z", "X")
+"""States of processes that are over, though nobody has asked for their status."""
+
+_LOOK: Final = 0.2
+
+
+@contextlib.contextmanager
+def only_one(tell: Callable[[str], None]) -> Iterator[None]:
+    """Wait until no other LinuxCNC runs on this machine, and hold it for oneself."""
+    with _opened() as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            tell("waiting for another rehearsal to end")
+            fcntl.flock(file, fcntl.LOCK_EX)
+        if _foreign():
+            tell(f"waiting for the LinuxCNC that runs here to end ({', '.join(_foreign())})")
+        while _foreign():
+            time.sleep(_LOOK)
+        yield
+
+
+def _opened() -> IO[bytes]:
+    place = pathlib.Path(tempfile.gettempdir()) / LOCK
+    file = place.open("ab")
+    with contextlib.suppress(PermissionError):
+        place.chmod(0o666)
+    return file
+
+
+def _foreign() -> list[str]:
+    """Names of LinuxCNC's processes that run."""
+    found = set()
+    for process in pathlib.Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            name, _, rest = process.read_text(errors="replace").partition("(")[2].rpartition(")")
+            if not rest.split()[0].startswith(ENDED):
+                found.add(name)
+    return sorted(found & set(FOREIGN))
+
+
+INSTALL: Final = "apt-get install linuxcnc-uspace"
+"""How LinuxCNC is installed on Debian."""
+
+TIME_LIMIT: Final = 600.0
+"""Time on the wall that a program may take [s]."""
+
+_PATH: Final = "/usr/bin:/bin:/usr/sbin:/sbin"
+"""LinuxCNC's scripts want the system's Python, not one of a virtual environment."""
+
+_NOBODY: Final = "65534"
+
+_SHUT_DOWN: Final = 20.0
+"""Time within which LinuxCNC has to shut down [s]."""
+
+_END: Final = b"\nM2\n"
+"""Other controllers take a program that just stops; behind an end of its own nothing is read any more."""
+
+_PAGE: Final = 4096
+_HERE = pathlib.Path(__file__).parent
+
+Tell = Callable[[str], None]
+
+
+class NotInstalledError(PhPostError):
+    """LinuxCNC is not installed; the message says how to."""
+
+
+class Recording(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What LinuxCNC commanded, one row a servo period, from the last row before the first motion on.
+
+    `position` (n, 3) [m]: X, Y and Z as planned; `motor` (n, 3) [m]: with LinuxCNC's own compensation of
+    backlash. `line` (n,) the line of the program, from 0, -1 where none runs. `settled` (n,) whether the
+    planner had nothing to do. `lockstep` says whether the program was run in lockstep, or as time passes on
+    the wall, where the waits of a dwell depend on how busy the machine is.
+    """
+
+    period: float
+    position: Array
+    motor: Array
+    line: IntArray
+    settled: BoolArray
+    lockstep: bool
+
+
+def is_installed() -> bool:
+    """Whether a LinuxCNC can be run here."""
+    return all(shutil.which(name, path=_PATH) for name in ("linuxcnc", "halsampler", "rs274"))
+
+
+def run_on_linuxcnc(
+    program: bytes,
+    name: str,
+    machine: Machine,
+    *,
+    backlash: Mapping[str, float] | None = None,
+    limit: float = TIME_LIMIT,
+    tell: Tell = lambda _text: None,
+) -> Recording:
+    """Run a program on LinuxCNC's own interpreter, planner and servo thread.
+
+    The machine begins at the origin of all systems. Of several callers one runs at a time, the others wait.
+
+    Parameters
+    ----------
+    program : bytes
+    name : str
+        Its name in messages.
+    machine : Machine
+        Its limits and servo period are LinuxCNC's.
+    backlash : mapping, optional
+        Lost motion by axis [m] that LinuxCNC itself is to compensate for.
+    limit : float, optional
+        Time on the wall that may pass [s].
+    tell : callable, optional
+        Told what is being waited for.
+
+    Raises
+    ------
+    NotInstalledError
+        Where there is no LinuxCNC.
+    InputError
+        Where LinuxCNC refuses the program, or does not come to its end in time.
+    """
+    if not is_installed():
+        raise NotInstalledError(f"LinuxCNC is not installed; install it with: {INSTALL}")
+    with tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True) as place, only_one(tell):
+        folder = pathlib.Path(place)
+        lockstep = _prepare(folder, program, machine, backlash or {}, limit)
+        log = _run(folder, limit)
+        _require_end(folder, name, limit, log)
+        return _recording(folder, machine.servo_period, name, lockstep)
+
+
+def _prepare(
+    folder: pathlib.Path, program: bytes, machine: Machine, backlash: Mapping[str, float], limit: float
+) -> bool:
+    """Write all that LinuxCNC reads; whether it will run in lockstep."""
+    folder.chmod(0o777)  # what runs beside the servo thread does so as nobody
+    (folder / "program.ngc").write_bytes(program if machine.dialect == "linuxcnc" else program + _END)
+    write_configuration(folder, machine, backlash)
+    display = folder / "display"
+    display.write_text("#!/usr/bin/python3\n" + (_HERE / "display.py").read_text())
+    display.chmod(0o755)
+    lockstep = _build_lockstep(folder)
+    clock = folder / "clock"
+    clock.write_bytes(bytes(_PAGE))
+    clock.chmod(0o666)
+    job = {"program": str(folder / "program.ngc"), "limit": limit, "clock": str(clock) if lockstep else ""}
+    (folder / "job.json").write_text(json.dumps(job))
+    return lockstep
+
+
+def _build_lockstep(folder: pathlib.Path) -> bool:
+    """Compile the clock that rtapi_app and milltask share, where there is a compiler.
+
+    LinuxCNC's rtapi_app belongs to root, and is loaded with nothing added where another user starts it.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or os.geteuid() != 0:
+        return False
+    source, library = _HERE / "lockstep.c", folder / "lockstep.so"
+    words = [compiler, "-shared", "-fPIC", "-O2", "-o", str(library), str(source), "-ldl"]
+    return subprocess.run(words, capture_output=True, check=False).returncode == 0  # noqa: S603
+
+
+def _environment(folder: pathlib.Path, *, lockstep: bool = True) -> dict[str, str]:
+    found = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "LD_PRELOAD")}
+    found |= {"PATH": _PATH, "HOME": str(folder), "PH_POST_JOB": str(folder / "job.json")}
+    if os.geteuid() == 0:  # rtapi_app refuses to stay root
+        found |= {"RTAPI_UID": _NOBODY, "RTAPI_FIFO_PATH": str(folder / "rtapi_fifo")}
+    if lockstep and (folder / "lockstep.so").exists():
+        found |= {"LD_PRELOAD": str(folder / "lockstep.so"), "PH_POST_CLOCK": str(folder / "clock")}
+    return found
+
+
+def _run(folder: pathlib.Path, limit: float) -> str:
+    """Run LinuxCNC from start to end; what it said. Nothing of it is left running, whatever happens."""
+    log = folder / "log.txt"
+    with log.open("wb") as output:
+        process = subprocess.Popen(  # noqa: S603
+            ["linuxcnc", "-r", str(folder / "machine.ini")],  # noqa: S607
+            env=_environment(folder),
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+            cwd=folder,
+        )
+        with _stopping(process, folder), contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(limit + 3.0 * _SHUT_DOWN)
+    return log.read_text(errors="replace")
+
+
+@contextlib.contextmanager
+def _stopping(process: subprocess.Popen[bytes], folder: pathlib.Path) -> Iterator[None]:
+    """End LinuxCNC if it still runs: its display first, whose end shuts it down, and else all of it."""
+    try:
+        yield
+    finally:
+        if process.poll() is None:
+            with contextlib.suppress(OSError, ValueError):
+                os.kill(int((folder / "display.pid").read_text()), signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_SHUT_DOWN)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            _tool(folder, "halrun", "-U")
+
+
+def _require_end(folder: pathlib.Path, name: str, limit: float, log: str) -> None:
+    """See what the display reported.
+
+    Raises
+    ------
+    InputError
+        Where the program did not come to its end.
+    """
+    try:
+        result: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    except (OSError, ValueError):
+        last = [line for line in log.splitlines() if line.strip()][-1:]
+        said = last[0].strip() if last else "nothing"
+        raise InputError(name, "LinuxCNC did not start", got=said) from None
+    if result["outcome"] == "limit":
+        raise InputError(name, f"LinuxCNC did not come to the end within {limit:.0f} s on the wall")
+    if result["outcome"] != "ok":
+        messages = [text for text in result["messages"] if text] or ["an error without a message"]
+        line = result["line"] or _refused_line(folder)
+        where = f"{name}:{line}" if line else name
+        raise InputError(where, "LinuxCNC refuses the program", got="; ".join(messages))
+
+
+def _refused_line(folder: pathlib.Path) -> int:
+    """Find the number of the line that the interpreter stops at, from 1; 0 where that cannot be told.
+
+    LinuxCNC forgets it before its display can ask; the interpreter alone says what stands on that line.
+    """
+    done = _tool(folder, "rs274", "-g", str(folder / "program.ngc"))
+    said = done.stderr.splitlines()
+    lines = (folder / "program.ngc").read_bytes().splitlines()
+    found = [number for number, text in enumerate(lines, start=1) if said and text.strip() == said[-1].strip()]
+    return found[0] if done.returncode and len(found) == 1 else 0
+
+
+def _tool(folder: pathlib.Path, *words: str) -> subprocess.CompletedProcess[bytes]:
+    """Run one of LinuxCNC's own commands to its end."""
+    environment = _environment(folder, lockstep=False)
+    return subprocess.run(words, env=environment, capture_output=True, timeout=_SHUT_DOWN, check=False)  # noqa: S603
+
+
+def _recording(folder: pathlib.Path, period: float, name: str, lockstep: bool) -> Recording:
+    lines = (folder / "rows.txt").read_bytes().splitlines()
+    lost = sum(b"overrun" in line for line in lines)
+    if lost:
+        raise InputError(name, f"the recording has {lost} gaps; the machine is too busy, try again")
+    table = np.loadtxt(folder / "rows.txt", ndmin=2)
+    position, motor = table[:, 1:4] * MM, table[:, 4:7] * MM
+    moving = np.flatnonzero((np.diff(motor, axis=0) != 0.0).any(axis=1))
+    if moving.size == 0:
+        raise InputError(name, "the program moves nothing")
+    rows = slice(int(moving[0]), int(moving[-1]) + 2)
+    return Recording(
+        period=period,
+        position=sealed(position[rows].copy()),
+        motor=sealed(motor[rows].copy()),
+        line=table[rows, 7].astype(np.int64) - 1,
+        settled=table[rows, 8] > 0.5,
+        lockstep=lockstep,
+    )

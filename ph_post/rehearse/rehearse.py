@@ -1,0 +1,253 @@
+"""Rehearse a program: a real LinuxCNC's commands through the drive model, beside what was planned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.dialects.reading import read_anew
+from ph_post.edit.header import read_declaration
+from ph_post.edit.undo import undo
+from ph_post.gcode.program import AXES, PartProgram
+from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
+from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
+from ph_post.simulate.controllers.run import run_program, tolerances
+from ph_post.types import Array, BoolArray, Command, IntArray, Machine, frozen, sealed
+
+OPERATOR: Final = (0, 1, 6, 60)
+"""M words that wait for somebody: how long that takes is not compared."""
+
+NEAR: Final = 0.1
+"""Time [s] around a change of the program that counts as its window."""
+
+GRID: Final = 5e-6
+"""Speeds are compared at places so far apart [m]."""
+
+Stage = Callable[[str], None]
+
+
+class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A program as one controller runs it, and what that makes of the machine's table."""
+
+    command: Command
+    error: ProgramError
+
+    @property
+    def time(self) -> float:
+        """From rest to rest [s]."""
+        return float(self.command.t[-1] - self.command.t[0])
+
+
+class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What the rehearsal of a program shows.
+
+    `plan` is the model's run of the program, `real` LinuxCNC's; `before` LinuxCNC's run of the original and
+    `backlash` that with LinuxCNC's own compensation of backlash, None where these were not asked for.
+    `speed` (rms) and `speed_worst` are how far the speed along the path is from the plan's in the windows,
+    relative to the feed there, `windows` how many there are. `path` [m] is how far the commands are at most
+    from the path that the program declares, where `allowed` [m] is what its path mode allows, None where that
+    is not bounded.
+    """
+
+    plan: Execution
+    real: Execution
+    before: Execution | None
+    backlash: Execution | None
+    speed: float
+    speed_worst: float
+    windows: int
+    path: float
+    allowed: float | None
+    lockstep: bool
+
+
+def rehearse(
+    program: PartProgram,
+    machine: Machine,
+    *,
+    original: PartProgram | None = None,
+    backlash: bool = False,
+    limit: float = TIME_LIMIT,
+    stage: Stage = lambda _text: None,
+) -> Rehearsal:
+    """Run a program on LinuxCNC, and compare what it does with the plan and with the original.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+        With a drive for every axis that the program moves.
+    original : PartProgram, optional
+        What `program` was made of; its path counts then.
+    backlash : bool, optional
+        Also run the original with LinuxCNC's own compensation of the machine's lost motion.
+    limit : float, optional
+        Time on the wall that each run may take [s].
+    stage : callable, optional
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        Where LinuxCNC refuses a program.
+    NotInstalledError
+        Where there is no LinuxCNC.
+    """
+    target = program if original is None else original
+
+    def execute(which: PartProgram, own: Mapping[str, float]) -> tuple[Execution, Recording]:
+        stage(f"running {which.name} on LinuxCNC" + (" with its own compensation" if own else ""))
+        recording = run_on_linuxcnc(which.data, which.name, machine, backlash=own, limit=limit, tell=stage)
+        command = _without_waits(command_of(recording, machine), which)
+        return Execution(command=command, error=program_error(command, machine, target)), recording
+
+    stage("planning")
+    planned = run_program(program, machine)
+    plan = Execution(command=planned, error=program_error(planned, machine, target))
+    real, recording = execute(program, {})
+    lost = {name: axis.gap.lost_motion for name, axis in machine.axes.items()}
+    before = execute(target, {})[0] if original is not None else None
+    own = execute(target, lost)[0] if backlash else None
+    stage("comparing")
+    path, near = _path(program, machine, real.command, planned)
+    speed, worst, windows = near
+    return Rehearsal(
+        plan=plan,
+        real=real,
+        before=before,
+        backlash=own,
+        speed=speed,
+        speed_worst=worst,
+        windows=windows,
+        path=path,
+        allowed=_allowed(program),
+        lockstep=recording.lockstep,
+    )
+
+
+def command_of(recording: Recording, machine: Machine) -> Command:
+    """Put what LinuxCNC commanded its joints into the form of a plan's command."""
+    names = tuple(name for name in AXES if name in machine.axes)
+    position = recording.motor[:, [AXES.index(name) for name in names]]
+    return _command(position, names, recording.period)
+
+
+def _command(position: Array, names: tuple[str, ...], period: float) -> Command:
+    count = len(position)
+    steps = np.sqrt((np.diff(position, axis=0, prepend=position[:1]) ** 2).sum(axis=1))
+    return Command(
+        axes=names,
+        period=period,
+        t=frozen(np.arange(count) * period),
+        segment=np.zeros(count, dtype=np.int64),
+        xi=sealed(np.zeros(count)),
+        s=frozen(np.cumsum(steps)),
+        position=frozen(position),
+        feed=frozen(steps / period),
+        window=np.full(count, -1, dtype=np.int64),
+    )
+
+
+def _without_waits(command: Command, program: PartProgram) -> Command:
+    """Leave out the longest rests, one for every word that waits for somebody."""
+    words = program.words
+    waits = int(((words.letter == ord("M")) & np.isin(words.value, OPERATOR)).sum())
+    if not waits:
+        return command
+    begins, ends = _stretches(command.feed == 0.0)
+    longest = np.argsort(begins - ends, kind="stable")[:waits]
+    kept = np.ones(command.t.size, dtype=bool)
+    for begin, end in zip(begins[longest], ends[longest], strict=True):
+        kept[begin:end] = False
+    return _command(command.position[kept], command.axes, command.period)
+
+
+def _stretches(marks: BoolArray) -> tuple[IntArray, IntArray]:
+    """First rows of the stretches of a mark, and the rows behind their ends."""
+    edges = np.diff(np.concatenate([[0], marks.astype(np.int64), [0]]))
+    begins, ends = (np.flatnonzero(edges == kind).astype(np.int64) for kind in (1, -1))
+    return begins, ends
+
+
+def _path(
+    program: PartProgram, machine: Machine, real: Command, plan: Command
+) -> tuple[float, tuple[float, float, int]]:
+    """How far the real commands are from the program's path, and how far their speeds are from the plan's."""
+    path = CutPath(program, machine)
+    leg, place = path.follow(real)
+    distance = path.command_distance(real, place)
+    cuts = path.legs.rapid[leg] == 0.0
+    off = float(distance[cuts].max(initial=0.0))
+    return off, _speeds(program, path, (real, place, cuts), (plan, path.follow(plan)[1]))
+
+
+def _speeds(
+    program: PartProgram, path: CutPath, real: tuple[Command, Array, BoolArray], plan: tuple[Command, Array]
+) -> tuple[float, float, int]:
+    """Compare the speed in the windows with the plan's: rms and largest, by feed, and their number."""
+    where = np.arange(0.0, float(path.starts[-1]), GRID)
+    leg = np.clip(np.searchsorted(path.starts, where, side="right") - 1, 0, path.legs.length.size - 1)
+    changed = _windows(program, path)
+    inside = changed[leg] & (path.legs.rapid[leg] == 0.0)
+    if not inside.any():
+        return 0.0, 0.0, 0
+    off = _speed_at(real[0], real[1], where) - _speed_at(plan[0], plan[1], where)
+    share = (off / path.legs.speed[leg])[inside]
+    return float(np.sqrt(np.mean(share * share))), float(np.abs(share).max()), _stretches(inside)[0].size
+
+
+def _speed_at(command: Command, place: Array, where: Array) -> Array:
+    """Speed of a command at places along the program [m/s]."""
+    forward = np.maximum.accumulate(place)
+    middle = 0.5 * (forward[1:] + forward[:-1])
+    moving = np.diff(forward, prepend=-1.0)[1:] > 0.0
+    return np.interp(where, middle[moving], command.feed[1:][moving])
+
+
+def _windows(program: PartProgram, path: CutPath) -> BoolArray:
+    """Legs in and next to the stretches that were changed; all where none is marked."""
+    motion = path.legs.motion.astype(np.int64)
+    block = program.motions.block[motion]
+    hunks = changed_blocks(program)
+    if not hunks.any():
+        return np.ones(block.size, dtype=bool)
+    marks = hunks[block]
+    return np.asarray(marks | np.roll(marks, 1) | np.roll(marks, -1))
+
+
+def changed_blocks(program: PartProgram) -> BoolArray:
+    """Blocks of a compensated program that stand in place of others, by the marks before them."""
+    found = np.zeros(program.blocks, dtype=bool)
+    if b"(ph-post: +" not in program.data:
+        return found
+    for block in range(program.blocks):
+        text = program.text(block)
+        if text.startswith(b"(ph-post: +"):
+            count = int(text[len(b"(ph-post: +") :].split(b" ", 1)[0])
+            found[block + 1 : block + 1 + count] = True
+    return found
+
+
+def _allowed(program: PartProgram) -> float | None:
+    """How far the program's path modes let the controller round joints [m]; None where they do not say."""
+    cuts = program.motions.kind != 0
+    found = tolerances(program)[cuts]
+    if found.size == 0 or (found == 0.0).any():
+        return None
+    return float(max(found.max(), 0.0))
+
+
+def original_of(program: PartProgram) -> PartProgram | None:
+    """Return what a compensated program was made of, None of one that is not compensated.
+
+    Raises
+    ------
+    InputError
+        Where a compensated program was changed after that.
+    """
+    if read_declaration(program.data) is None:
+        return None
+    return read_anew(program, undo(program.data, program.name), f"original of {program.name}")

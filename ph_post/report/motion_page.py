@@ -1,0 +1,193 @@
+"""Page of a motion before and after compensation: path, error, feed and reversals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.post.remarks import package_version
+from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
+from ph_post.report.simulations import error_view, scenario_words
+from ph_post.report.tables import format_table
+from ph_post.report.traces import DrawnMotion, Mark, Picture
+from ph_post.report.views import View, machine_table
+from ph_post.simulate.contour import ContourError, TurningError
+from ph_post.types import IntArray
+from ph_post.units import MICROMETRE, MM, MM_PER_MIN
+
+ROWS: Final = 10_000
+"""Rows that a motion is drawn with at most, apart from those that show the error of a turning point."""
+
+LENGTHS: Final = 5
+"""Decimals of places [mm]: also of the whole length, so that no place lies behind it."""
+
+MARKS: Final = 2_000
+"""Turning points that are listed at most: of more, those with the largest errors."""
+
+
+def motion_page(picture: Picture) -> str:
+    """Return the page."""
+    picture, left_out = _listed(picture)
+    title = f"ph-post report {picture.name}"
+    return make_page("motion", title, motion_view(picture, left_out), motion_lines(picture))
+
+
+def motion_view(picture: Picture, notes: Sequence[str]) -> View:
+    """Return the page's data: lengths in mm, errors in µm, feeds in mm/min, times in s; more `notes` last."""
+    kept = [_rows(picture, trace) for trace in picture.traces]
+    return {
+        "name": picture.name,
+        "kind": picture.kind,
+        "axes": list(picture.axes),
+        "length": round(picture.length / MM, LENGTHS),
+        "strategy": picture.strategy,
+        "version": package_version(),
+        "summary": motion_summary(picture),
+        "machine": machine_table(picture.machine, picture.axes),
+        "warnings": list(picture.warnings),
+        "notes": [*_thinned(picture, kept), *notes],
+        "path": _path(picture, kept),
+        "points": [_point(picture, number) for number in range(len(picture.marks))],
+        "runs": [_run(picture, trace, rows) for trace, rows in zip(picture.traces, kept, strict=True)],
+    }
+
+
+def motion_summary(picture: Picture) -> str:
+    """Say in a sentence what a machinist wants to know first.
+
+    Such as ``oval: contour error 11.4 µm before, 4.45 µm after; 13.500 s before, 13.864 s after``.
+    """
+    before, after = picture.traces[0], picture.traces[-1]
+    if before.size is None:
+        return f"{picture.name}: over before its contour error counts"
+    size = f"contour error {_micro(before.size)} µm"
+    if after is before or after.size is None:
+        return f"{picture.name}: {size}, {before.time:.3f} s, nothing is changed"
+    times = f"{before.time:.3f} s before, {after.time:.3f} s after"
+    return f"{picture.name}: {size} before, {_micro(after.size)} µm after; {times}"
+
+
+def _micro(error: ContourError) -> str:
+    return f"{error.max / MICROMETRE:.3g}"
+
+
+def motion_lines(picture: Picture) -> list[str]:
+    """Say the same in lines, for a reader without scripts."""
+    header = ("#", "axis", "sense", "s mm", "done", *(f"{one.name} µm" for one in picture.traces))
+    rows = [
+        (
+            str(mark.view["index"]),
+            mark.view["axis"],
+            mark.view["sense"],
+            f"{mark.s / MM:.3f}",
+            mark.view["strategy"],
+            *(_cell(one.turning[k]) for one in picture.traces),
+        )
+        for k, mark in enumerate(picture.marks)
+    ]
+    table = [format_table(header, rows)] if rows else ["no axis turns round"]
+    return [motion_summary(picture), *table, *(f"warning: {text}" for text in picture.warnings)]
+
+
+def _cell(error: TurningError | None) -> str:
+    return "-" if error is None else f"{error.max / MICROMETRE:.2f}"
+
+
+def _listed(picture: Picture) -> tuple[Picture, list[str]]:
+    """Leave out turning points where there are too many, and say so."""
+    count = len(picture.marks)
+    if count <= MARKS:
+        return picture, []
+    sizes = [[0.0 if one is None else one.max for one in trace.turning] for trace in picture.traces]
+    worst = np.max(np.array(sizes), axis=0)
+    kept = np.sort(np.argsort(-worst, kind="stable")[:MARKS]).tolist()
+    traces = tuple(replace(trace, turning=tuple(trace.turning[k] for k in kept)) for trace in picture.traces)
+    words = f"of {count} turning points the {MARKS} with the largest errors are listed and marked"
+    return replace(picture, marks=tuple(picture.marks[k] for k in kept), traces=traces), [words]
+
+
+def _rows(picture: Picture, trace: DrawnMotion) -> IntArray:
+    """Choose the rows that are drawn: those with the error that the table tells are always among them."""
+    told = np.array([one.extreme for one in trace.turning if one is not None])
+    largest = [] if trace.size is None else [np.flatnonzero(trace.counted & (np.abs(trace.error) == trace.size.max))]
+    always = np.flatnonzero(np.isin(trace.error, told) & trace.counted)
+    every = np.concatenate([always[: 2 * ROWS], *largest])
+    return rows_to_draw(trace.error, trace.feed, picture.inside(trace.s), every, ROWS)
+
+
+def _thinned(picture: Picture, kept: Sequence[IntArray]) -> list[str]:
+    return [
+        f"{trace.name}: {rows.size} of {trace.t.size} samples are drawn, closer in windows; the largest and "
+        "smallest errors and feeds are among them, and lines between them are straight"
+        for trace, rows in zip(picture.traces, kept, strict=True)
+        if rows.size < trace.t.size
+    ]
+
+
+def _path(picture: Picture, kept: Sequence[IntArray]) -> View:
+    """Points of the path [mm] at the places that are drawn, and its rapid stretches."""
+    drawn = [trace.s[rows] for trace, rows in zip(picture.traces, kept, strict=True)]
+    marks = [np.array([mark.s, *(mark.window or ())]) for mark in picture.marks]
+    thinned = [one[evenly(one.size, ROWS)] for one in (np.unique(np.concatenate(drawn)), picture.joints)]
+    fine = np.concatenate([*thinned, *marks])
+    s = np.unique(np.clip(fine, 0.0, picture.length).round(9))
+    points = picture.points(s)
+    return {
+        "s": numbers(s / MM, LENGTHS),
+        **{name: numbers(points[:, k] / MM, LENGTHS) for k, name in enumerate("xyz"[: len(picture.axes)])},
+        "rapid": [[begin / MM, end / MM] for begin, end in picture.rapids[:ROWS]],
+        "closed": picture.closed,
+    }
+
+
+def _run(picture: Picture, trace: DrawnMotion, rows: IntArray) -> View:
+    names = "xyz"[: len(picture.axes)]
+    worst = None if trace.worst_scenario is None else scenario_words(trace.worst_scenario)
+    return {
+        "name": trace.name,
+        "time": trace.time,
+        "error": error_view(trace.size),
+        "worst": error_view(trace.worst),
+        "worst_words": worst,
+        "assumed": scenario_words(trace.run.scenario),
+        "samples": trace.t.size,
+        "t": numbers(trace.t[rows], 6),
+        "s": numbers(trace.s[rows] / MM, LENGTHS),
+        "feed": numbers(trace.feed[rows] / MM_PER_MIN, 3),
+        "e": numbers(trace.error[rows] / MICROMETRE, 4),
+        **{name: numbers(trace.foot[rows, k] / MM, LENGTHS) for k, name in enumerate(names)},
+        **{f"d{name}": numbers(trace.away[rows, k] / MM, 7) for k, name in enumerate(names)},
+        "counted": trace.counted[rows].astype(int).tolist(),
+        "line": None if trace.line is None else trace.line[rows].tolist(),
+    }
+
+
+def _point(picture: Picture, number: int) -> View:
+    mark: Mark = picture.marks[number]
+    view = mark.view
+    backlash = view["backlash"]
+    return {
+        **{key: view[key] for key in ("index", "kind", "axis", "sense", "strategy", "ratio")},
+        "line": view.get("line"),
+        "s": mark.s / MM,
+        "at": [x / MM for x in mark.point],
+        "window": None if mark.window is None else [end / MM for end in mark.window],
+        "half": None if view["window"] is None else view["window"]["half_length"],
+        "limited_by": None if view["window"] is None else view["window"]["limited_by"],
+        "lag": None if backlash is None else 1e3 * backlash["lag"],
+        "duration": None if backlash is None else 1e3 * backlash["duration"],
+        "errors": [_turning(trace.turning[number]) for trace in picture.traces],
+        "notes": list(dict.fromkeys([*_said(view), *view["notes"]])),
+    }
+
+
+def _said(view: View) -> list[str]:
+    window = [] if view["window"] is None else view["window"]["notes"]
+    return [*([view["note"]] if view["note"] else []), *window]
+
+
+def _turning(error: TurningError | None) -> float | None:
+    return None if error is None else error.max / MICROMETRE

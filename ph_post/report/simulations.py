@@ -1,0 +1,238 @@
+"""Results of simulations and comparisons as plain objects for JSON and as tables for a terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from ph_post.compensate.comparison import LAST, Contender
+from ph_post.report.tables import NOTHING, chosen_at, chosen_words, format_table
+from ph_post.report.views import View
+from ph_post.simulate.assess import Assessment
+from ph_post.simulate.contour import ContourError, TurningError
+from ph_post.types import Event, Plan, Run, Scenario, TurningPoint
+from ph_post.units import MM, MM_PER_MIN
+
+COLUMN_NOTES = (
+    "error, rms: as the machine file has it; worst: of all the machines it leaves possible",
+    "slowest: feed while cutting, without standstills and the ramps from and to them",
+)
+"""What the columns of the comparison mean."""
+
+
+def error_view(error: ContourError | TurningError | None) -> View | None:
+    """Return an error as INTERFACE §5 has it [mm]."""
+    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}
+
+
+def scenario_view(scenario: Scenario) -> View:
+    """Return a scenario; null is what the machine file says."""
+    return {name: getattr(scenario, name) for name in scenario.__struct_fields__}
+
+
+def simulation_view(run: Run, assessment: Assessment | None, points: Sequence[TurningPoint]) -> View:
+    """Return what ``simulate --json`` prints of a run; errors are null where no path is known."""
+    view: View = {
+        "cycle_time": float(run.t[-1]),
+        "error": None,
+        "error_gap": None,
+        "error_worst": None,
+        "per_turning_point": None,
+        "events": [{"t": event.t, "axis": event.axis, "kind": event.kind} for event in run.events],
+        "scenario": scenario_view(run.scenario),
+        "scenarios": [],
+    }
+    if assessment is not None:
+        tried = zip(assessment.scenarios, assessment.errors, strict=True)
+        view |= {
+            "error": error_view(assessment.error),
+            "error_gap": error_view(assessment.error_gap),
+            "error_worst": error_view(assessment.error_worst),
+            "per_turning_point": [_turning_view(assessment, number, p) for number, p in enumerate(points)],
+            "scenarios": [{**scenario_view(one), "error": error_view(error)} for one, error in tried],
+        }
+    return view
+
+
+def _turning_view(assessment: Assessment, number: int, point: TurningPoint) -> View:
+    """Return the error around a turning point; `extreme` is the largest, in a plane positive to the left."""
+    error, gap = assessment.turning[number], assessment.turning_gap[number]
+    return {
+        "index": point.index,
+        "axis": point.axis,
+        "sense": point.sense,
+        "s": point.s / MM,
+        "extreme": None if error is None else error.extreme / MM,
+        "error": error_view(error),
+        "error_gap": error_view(gap),
+    }
+
+
+def table_would_reach(program: ContourError | None, table: ContourError | None) -> list[str]:
+    """Say what an interpolator table would gain, where it would."""
+    if program is None or table is None or table.max >= program.max:
+        return []
+    return [
+        f"error of this program {program.max / MM:.4g} mm; an interpolator table would reach {table.max / MM:.4g} mm"
+    ]
+
+
+def comparison_view(contenders: Sequence[Contender]) -> View:
+    """Return what ``compare --json`` prints."""
+    return {"strategies": [_contender_view(one) for one in contenders]}
+
+
+def _contender_view(one: Contender) -> View:
+    pace, found = one.pace, one.assessment
+    slowest = None if pace is None or pace.min_feed is None else pace.min_feed / MM_PER_MIN
+    return {
+        "name": one.name,
+        "error": None if found is None else error_view(found.error),
+        "error_worst": None if found is None else error_view(found.error_worst),
+        "error_gap": None if found is None else error_view(found.error_gap),
+        "cycle_time": None if pace is None else pace.cycle_time,
+        "min_feed": slowest,
+        "standstill_time": None if pace is None else pace.standstill_time,
+        "retrograde": None if pace is None else pace.retrograde,
+        "peak_acceleration": None if pace is None else pace.peak_acceleration / MM,
+        "ok": one.ok,
+        "reason": one.reason or None,
+        "chosen": [] if one.plan is None else _chosen(one.plan),
+        "warnings": [] if one.plan is None else list(one.plan.warnings),
+    }
+
+
+def _chosen(plan: Plan) -> list[View]:
+    """Return what a plan does at every turning point."""
+    named = {index: name for name, indices in chosen_at(plan).items() for index in indices}
+    return [{"index": point.index, "axis": point.axis, "strategy": named[point.index]} for point in plan.turning_points]
+
+
+def scenario_words(scenario: Scenario) -> str:
+    """Say what a scenario assumes.
+
+    Examples
+    --------
+    >>> scenario_words(Scenario(pickup="contact", gap=1.2))
+    'pick-up contact, gap x 1.2'
+    """
+    words = [f"pick-up {scenario.pickup}"] if scenario.pickup else []
+    words += [f"first flank {scenario.flank}"] if scenario.flank else []
+    factors = (("gap", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
+    words += [f"{name} x {factor:g}" for name, factor in factors if factor != 1.0]
+    return ", ".join(words) or "as the machine file has it"
+
+
+def error_table(assessment: Assessment) -> str:
+    """Table of the contour error: at the file's values, what the gap makes of it, and the worst case."""
+    cases = len(assessment.scenarios)
+    rows = [
+        ("contour error", assessment.error, scenario_words(assessment.run.scenario)),
+        ("of it by the gap", assessment.error_gap, "against the same run without a gap"),
+        (f"worst of {cases} cases", assessment.error_worst, scenario_words(assessment.worst)),
+    ]
+    cells = [(name, *_error_cells(error), words) for name, error, words in rows]
+    return format_table(("", "max mm", "rms mm", "assumed"), cells)
+
+
+def turning_table(assessment: Assessment, points: Sequence[TurningPoint]) -> str:
+    """Table of the contour error around every turning point."""
+    header = ("#", "axis", "sense", "s mm", "error mm", "rms mm", "by the gap mm")
+    rows = []
+    for point, error, gap in zip(points, assessment.turning, assessment.turning_gap, strict=True):
+        place = (str(point.index), point.axis, point.sense, f"{point.s / MM:.3f}")
+        rows.append((*place, _signed(error), _error_cells(error)[1], _signed(gap)))
+    return format_table(header, rows)
+
+
+def event_words(events: Sequence[Event]) -> list[str]:
+    """Say how often what happened, a line an axis."""
+    counts = Counter((event.axis, event.kind) for event in events)
+    axes = sorted({axis for axis, _ in counts})
+    return [
+        f"{axis}: " + ", ".join(f"{kind} {n} x" for (name, kind), n in counts.items() if name == axis) for axis in axes
+    ]
+
+
+def comparison_table(contenders: Sequence[Contender]) -> str:
+    """Table of all strategies; a gain is how many times smaller than the first one's a largest error is."""
+    header = (
+        "strategy",
+        "error mm",
+        "rms mm",
+        "worst mm",
+        "gain",
+        "worst gain",
+        "time s",
+        "longer",
+        "slowest mm/min",
+        "standstill s",
+        "peak mm/s²",
+        "moves back",
+        "",
+    )
+    return format_table(header, [_contender_cells(one, contenders[0]) for one in contenders])
+
+
+def floor_words(without: ContourError | None) -> list[str]:
+    """Say how much of the plain program's error is there without any gap."""
+    if without is None:
+        return []
+    return [f"without backlash the plain program would be off by {without.max / MM:.5f} mm: servo lag"]
+
+
+def refusals(contenders: Sequence[Contender]) -> list[str]:
+    """Say why strategies are out, a line each."""
+    return [f"refused {one.name}: {one.reason}" for one in contenders if not one.ok]
+
+
+def choices(contenders: Sequence[Contender]) -> list[str]:
+    """Say what the strategy that chooses among others chose where."""
+    return [f"{LAST} chose {chosen_words(plan)}" for plan in _choosing(contenders)]
+
+
+def warnings_of_choice(contenders: Sequence[Contender]) -> list[str]:
+    """Return the warnings of the strategy that chooses among others."""
+    return [f"{LAST}: {text}" for plan in _choosing(contenders) for text in plan.warnings]
+
+
+def _choosing(contenders: Sequence[Contender]) -> list[Plan]:
+    return [one.plan for one in contenders if one.name == LAST and one.plan is not None]
+
+
+def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:
+    pace, found = one.pace, one.assessment
+    if pace is None or found is None:
+        return (one.name, *(NOTHING,) * 11, "refused")
+    base = first.assessment
+    longer = NOTHING
+    if first.pace is not None:
+        longer = f"{100.0 * (pace.cycle_time / first.pace.cycle_time - 1.0):+.1f} %"
+    return (
+        one.name,
+        *_error_cells(found.error),
+        _error_cells(found.error_worst)[0],
+        _gain(None if base is None else base.error, found.error),
+        _gain(None if base is None else base.error_worst, found.error_worst),
+        f"{pace.cycle_time:.3f}",
+        longer,
+        NOTHING if pace.min_feed is None else f"{pace.min_feed / MM_PER_MIN:.0f}",
+        f"{pace.standstill_time:.3f}",
+        f"{pace.peak_acceleration / MM:.0f}",
+        "yes" if pace.retrograde else "no",
+        "" if one.ok else "refused",
+    )
+
+
+def _gain(base: ContourError | None, error: ContourError | None) -> str:
+    if base is None or error is None or error.max == 0.0:
+        return NOTHING
+    return f"{base.max / error.max:.3g} x"
+
+
+def _error_cells(error: ContourError | TurningError | None) -> tuple[str, str]:
+    return (NOTHING, NOTHING) if error is None else (f"{error.max / MM:.5f}", f"{error.rms / MM:.5f}")
+
+
+def _signed(error: TurningError | None) -> str:
+    return NOTHING if error is None else f"{error.extreme / MM:+.5f}"

@@ -1,0 +1,1 @@
+"""Models of controllers: look-ahead, corners, stops and dwells, sampled every servo period."""

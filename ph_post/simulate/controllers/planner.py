@@ -1,0 +1,669 @@
+"""LinuxCNC's planner as a model: corners, speeds at the joints, and the motion of every servo period.
+
+The rules are those of its trajectory planner in version 2.9. A corner is passed at the speed that changes no
+axis' velocity by more than a tenth of its acceleration in one period, or rounded by an arc, or blended: the
+next leg starts while this one slows down; whichever is fastest. The end of a queue is approached with half
+the acceleration. In arcs half of the acceleration is left for the direction of travel where the other part is
+needed towards the centre. A leg takes at least one period.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ph_post.compiling import compiled, inner
+from ph_post.simulate.controllers.legs import (
+    ASKED,
+    BLEND,
+    CAN,
+    DRAINS,
+    EXACT,
+    EXTENT,
+    FIRST,
+    LEAD,
+    MOTION,
+    ORIGIN,
+    PAUSE,
+    PUSH,
+    RADIUS,
+    RAPID,
+    RISE,
+    SECOND,
+    SHARE0,
+    SHARE1,
+    STOP,
+    SWEEP,
+    TANGENT,
+    TOLERANCE,
+)
+from ph_post.types import Array, IntArray
+
+KINK = 0.1
+"""Share of an axis' acceleration that the change of direction at a joint may take in one period."""
+
+ALONG = 0.5
+"""Share of the acceleration that is kept for the direction of travel in an arc."""
+
+ACROSS = math.sqrt(0.75)
+"""What is left towards the centre then."""
+
+REVERSAL = (2.0 * math.pi / 180.0) ** 2
+"""Squared length of the sum of two unit tangents below which a corner is a reversal, with a stop."""
+
+DEPTH = 50
+"""Legs that are looked ahead."""
+
+GAP_CYCLES = 4.0
+"""A line that is left with fewer periods between two rounded corners becomes part of the second."""
+
+LEAST_CYCLES = 1.02
+"""Periods that a leg takes at least where it is passed at speed."""
+
+RAMP_TIME = 0.01
+"""Legs shorter than this [s] change their speed evenly from end to end."""
+
+QUARTER = 0.25
+"""Share of a leg's length up to which its corner may be rounded where no tolerance is given."""
+
+LEAST_LENGTH = 1e-15
+"""[m]: what is left at the end of a leg counts as nothing."""
+
+OFF_TANGENT = 1e-6
+"""How far an arc may be from its tangent where a rounding ends [m]; roundings are reckoned with tangents."""
+
+LEAST_SPEED = 1e-11
+LEAST_TIME = 1e-12
+LEAST_ARC = 1e-9
+LEAST_ANGLE = 1e-6
+
+LINE, ARC, ROUNDING = 0.0, 1.0, 2.0
+"""Kind of a leg; a rounding is an arc that the planner put into a corner."""
+
+# Columns of the working table, a row a leg: what it is, and how far it has come.
+KIND, ACC, MOST, SPEED, LENGTH, END, FINAL, KINK_SPEED, LESS, LESS_BEFORE, BLENDS, RATIO, NOMINAL = range(13)
+DONE, V, CYCLE, SPLIT, TERM_V, REMOVE, LATCHED, SLOWING, BLEND_V, RAMP, ACTIVE = range(13, 24)
+COLUMNS = 24
+
+
+@inner
+def _tangent(legs: Array, row: int, at_end: bool, out: Array) -> None:
+    """Put the unit tangent of a leg at one of its ends into `out`."""
+    if legs[row, RADIUS] == 0.0:
+        for k in range(3):
+            out[k] = legs[row, FIRST + k]
+        return
+    angle = legs[row, SWEEP] if at_end else 0.0
+    turn = 1.0 if legs[row, SWEEP] > 0.0 else -1.0
+    c, s = math.cos(angle), math.sin(angle)
+    way = legs[row, EXTENT] - legs[row, LEAD]
+    norm = 0.0
+    for k in range(3):
+        out[k] = (
+            legs[row, RADIUS] * abs(legs[row, SWEEP]) * turn * (c * legs[row, SECOND + k] - s * legs[row, FIRST + k])
+        )
+        out[k] += legs[row, RISE + k]
+        norm += out[k] * out[k]
+    norm = math.sqrt(norm) if way > 0.0 else 1.0
+    for k in range(3):
+        out[k] /= norm
+
+
+@inner
+def _acceleration(table: Array, row: int) -> float:
+    """Acceleration along a leg, with what corners and blends take of it."""
+    scale = 1.0 - max(table[row, LESS], table[row, LESS_BEFORE])
+    if table[row, BLENDS] > 0.0 or table[row, END] == BLEND:
+        scale *= 0.5
+    found: float = table[row, ACC] * scale
+    return found
+
+
+@inner
+def _along(table: Array, row: int) -> float:
+    """Acceleration in the direction of travel."""
+    return _acceleration(table, row) * (table[row, RATIO] if table[row, KIND] != LINE else 1.0)
+
+
+@inner
+def _finish(legs: Array, table: Array, row: int, period: float) -> None:
+    """Fix a leg whose length will not change any more."""
+    table[row, MOST] = min(table[row, MOST], table[row, LENGTH] / period)
+    if table[row, KIND] != ARC:
+        return
+    bound = _acceleration(table, row)
+    way2 = legs[row, EXTENT] ** 2
+    flat = legs[row, RADIUS] * abs(legs[row, SWEEP])
+    effective = legs[row, RADIUS] * (way2 / max(flat * flat, 1e-300))
+    needed = table[row, MOST] ** 2 / max(effective, 1e-300)
+    if needed > ACROSS * bound:
+        table[row, MOST] = math.sqrt(ACROSS * bound * effective)
+        table[row, RATIO] = ALONG
+    else:
+        table[row, RATIO] = math.sqrt(max(1.0 - (needed / bound) ** 2, 0.0))
+
+
+@inner
+def _kink(one: Array, two: Array, speed: float, push: float, period: float, limits: Array) -> float:
+    """Largest share of an axis' acceleration that a corner takes in one period at some speed."""
+    worst = 0.0
+    for k in range(3):
+        worst = max(worst, abs(two[k] - one[k]) * (speed / period + push) / limits[k, 1])
+    return worst
+
+
+@inner
+def _blend_speeds(legs: Array, table: Array, row: int, one: Array, two: Array, part: float) -> tuple[float, float]:
+    """Speed below which a leg lets the next one start, and the speed that passes the corner then.
+
+    `part` of each leg's length counts.
+    """
+    acc_this, acc_next = _along(table, row), _along(table, row + 1)
+    reach_this = min(math.sqrt(acc_this * part * table[row, LENGTH]), table[row, SPEED], table[row, MOST])
+    reach_next = min(math.sqrt(acc_next * part * table[row + 1, LENGTH]), table[row + 1, SPEED], table[row + 1, MOST])
+    longest = min(table[row, LENGTH] / reach_this, table[row + 1, LENGTH] / reach_next)
+    time = min(longest, max(reach_this / acc_this, reach_next / acc_next))
+    this, after = min(reach_this, time * acc_this), min(reach_next, time * acc_next)
+    dot = min(max(one[0] * two[0] + one[1] * two[1] + one[2] * two[2], -1.0), 1.0)
+    theta = 0.5 * math.acos(-dot)
+    if legs[row, TOLERANCE] > 0.0 and math.cos(theta) > 1e-3:
+        bound = 2.0 * math.sqrt(acc_this * legs[row, TOLERANCE] / math.cos(theta))
+        this, after = min(this, bound), min(after, bound)
+    return this, 0.5 * math.sin(theta) * (this + after)
+
+
+@inner
+def _copy(moves: Array, source: int, legs: Array, row: int) -> None:
+    for k in range(moves.shape[1]):
+        legs[row, k] = moves[source, k]
+
+
+@inner
+def _enter(legs: Array, table: Array, row: int, period: float) -> None:
+    """Begin the row of the working table of a leg that enters the queue."""
+    for k in range(COLUMNS):
+        table[row, k] = 0.0
+    table[row, KIND] = ARC if legs[row, RADIUS] > 0.0 else LINE
+    table[row, ACC], table[row, SPEED] = legs[row, PUSH], legs[row, ASKED]
+    table[row, LENGTH] = table[row, NOMINAL] = legs[row, EXTENT]
+    table[row, MOST] = min(legs[row, CAN], legs[row, EXTENT] / period)
+    table[row, END] = BLEND
+    if legs[row, TOLERANCE] < 0.0:
+        table[row, END] = EXACT if legs[row, TOLERANCE] > -2.0 else STOP
+    table[row, KINK_SPEED], table[row, RATIO], table[row, CYCLE] = -1.0, ALONG, period
+
+
+@inner
+def _cross(one: Array, two: Array, out: Array) -> None:
+    """Put the vector product into `out`."""
+    out[0] = one[1] * two[2] - one[2] * two[1]
+    out[1] = one[2] * two[0] - one[0] * two[2]
+    out[2] = one[0] * two[1] - one[1] * two[0]
+
+
+@inner
+def _least_extent(one: Array, two: Array, limits: Array, column: int) -> float:
+    """Smallest limit of the axes in the plane of two directions."""
+    normal = np.empty(3)
+    _cross(one, two, normal)
+    size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    least = math.inf
+    for k in range(3):
+        inside = math.sqrt(max(1.0 - (normal[k] / size) ** 2, 0.0))
+        least = min(least, limits[k, column] / max(inside, 1e-12))
+    return least
+
+
+@inner
+def _rounding(
+    legs: Array, table: Array, row: int, one: Array, two: Array, limits: Array
+) -> tuple[float, float, float, float]:
+    """Arc that rounds the corner between two legs: radius, cut off either leg, speed and acceleration.
+
+    A radius of zero where there is none.
+    """
+    dot = min(max(one[0] * two[0] + one[1] * two[1] + one[2] * two[2], -1.0), 1.0)
+    theta = 0.5 * math.acos(-dot)
+    if theta < LEAST_ANGLE or 0.5 * math.pi - theta < LEAST_ANGLE:
+        return 0.0, 0.0, 0.0, 0.0
+    if not (_turns_in_plane(legs, row, one, two) and _turns_in_plane(legs, row + 1, one, two)):
+        return 0.0, 0.0, 0.0, 0.0
+    phi = math.pi - 2.0 * theta
+    push = _least_extent(one, two, limits, 1)
+    allowed = QUARTER * min(table[row, NOMINAL], table[row + 1, NOMINAL])
+    for k in (row, row + 1):
+        if legs[k, TOLERANCE] > 0.0:
+            allowed = min(allowed, legs[k, TOLERANCE])
+    longest = min(table[row, LENGTH], 0.5 * table[row, NOMINAL], 0.5 * table[row + 1, LENGTH])
+    for k in (row, row + 1):
+        if legs[k, RADIUS] > 0.0:
+            longest = min(longest, math.sqrt(2.0 * legs[k, RADIUS] * OFF_TANGENT))
+    way = min(longest, math.cos(theta) * allowed / (1.0 - math.sin(theta)))
+    radius = math.tan(theta) * way
+    fast = max(min(table[row, SPEED], table[row, MOST]), min(table[row + 1, SPEED], table[row + 1, MOST]))
+    speed = min(math.sqrt(ACROSS * push * radius), fast, _least_extent(one, two, limits, 0))
+    time = 2.0 * min(math.sqrt(push * way), speed) / push
+    radius = max(speed * speed / (ACROSS * push), min(time * speed / phi, radius))
+    cut = radius / math.tan(theta)
+    if radius * phi < LEAST_ARC:
+        return 0.0, 0.0, 0.0, 0.0
+    return radius, cut, speed, push
+
+
+@inner
+def _turns_in_plane(legs: Array, row: int, one: Array, two: Array) -> bool:
+    """Whether a leg lies in the plane of two directions."""
+    if legs[row, RADIUS] == 0.0:
+        return True
+    normal, axis, across = np.empty(3), np.empty(3), np.empty(3)
+    _cross(one, two, normal)
+    _cross(legs[row, FIRST : FIRST + 3], legs[row, SECOND : SECOND + 3], axis)
+    _cross(normal, axis, across)
+    size = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    return math.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2) < LEAST_ANGLE * size
+
+
+@inner
+def _round(
+    legs: Array,
+    table: Array,
+    row: int,
+    arc: tuple[float, float, float, float],
+    tangents: Array,
+    period: float,
+) -> int:
+    """Put a rounding between a leg and the one behind it; the number of the latter then."""
+    radius, cut, speed, push = arc
+    one, two = tangents[0], tangents[1]
+    dot = min(max(one[0] * two[0] + one[1] * two[1] + one[2] * two[2], -1.0), 1.0)
+    sweep = math.pi - math.acos(-dot)
+    _copy(legs, row + 1, legs, row + 2)
+    _enter(legs, table, row + 2, period)
+    _copy(legs, row, legs, row + 1)
+    corner = np.empty(3)
+    for k in range(3):
+        corner[k] = _place(legs, row, legs[row, EXTENT], k)
+    legs[row, EXTENT] -= cut
+    if legs[row, RADIUS] > 0.0:
+        legs[row, SWEEP] *= legs[row, EXTENT] / (legs[row, EXTENT] + cut)
+        for k in range(3):
+            legs[row, RISE + k] *= legs[row, EXTENT] / (legs[row, EXTENT] + cut)
+    _cut_beginning(legs, row + 2, cut)
+    table[row + 2, LENGTH] = legs[row + 2, EXTENT]
+    size = math.sqrt(max(1.0 - dot * dot, 1e-300))
+    for k in range(3):
+        inward = (two[k] - dot * one[k]) / size
+        legs[row + 1, ORIGIN + k] = corner[k] - cut * one[k] + radius * inward
+        legs[row + 1, FIRST + k] = -inward
+        legs[row + 1, SECOND + k] = one[k]
+        legs[row + 1, RISE + k] = 0.0
+    legs[row + 1, RADIUS], legs[row + 1, SWEEP] = radius, sweep
+    legs[row + 1, EXTENT], legs[row + 1, LEAD] = radius * sweep, 0.0
+    legs[row + 1, ASKED] = max(min(table[row, SPEED], table[row, MOST]), legs[row + 2, ASKED])
+    legs[row + 1, CAN], legs[row + 1, PUSH] = speed, push
+    legs[row + 1, PAUSE], legs[row + 1, DRAINS] = 0.0, 0.0
+    legs[row + 1, SHARE0] = legs[row + 1, SHARE1] = legs[row, SHARE1]
+    _enter(legs, table, row + 1, period)
+    table[row + 1, KIND], table[row + 1, END] = ROUNDING, TANGENT
+    table[row, LENGTH], table[row, END] = legs[row, EXTENT], TANGENT
+    table[row, KINK_SPEED], table[row, LESS] = -1.0, 0.0
+    nominal = table[row, NOMINAL]
+    _finish(legs, table, row, period)
+    table[row, NOMINAL] = nominal
+    if table[row, KIND] == LINE and legs[row, EXTENT] < GAP_CYCLES * period * speed:
+        return _swallow(legs, table, row)
+    return row + 2
+
+
+@inner
+def _cut_beginning(legs: Array, row: int, cut: float) -> None:
+    """Take a piece off the beginning of a leg."""
+    length = legs[row, EXTENT]
+    if legs[row, RADIUS] == 0.0:
+        for k in range(3):
+            legs[row, ORIGIN + k] += cut * legs[row, FIRST + k]
+    else:
+        angle = legs[row, SWEEP] * cut / length
+        c, s = math.cos(angle), math.sin(angle)
+        for k in range(3):
+            first, second = legs[row, FIRST + k], legs[row, SECOND + k]
+            legs[row, FIRST + k], legs[row, SECOND + k] = c * first + s * second, c * second - s * first
+            legs[row, ORIGIN + k] += legs[row, RISE + k] * cut / length
+            legs[row, RISE + k] *= 1.0 - cut / length
+        legs[row, SWEEP] -= angle
+    legs[row, EXTENT] = length - cut
+
+
+@inner
+def _swallow(legs: Array, table: Array, row: int) -> int:
+    """Make what is left of a line the beginning of the rounding behind it; the number of the leg after it."""
+    lead = legs[row, EXTENT]
+    before = table[row, BLENDS]
+    less = table[row, LESS_BEFORE]
+    pause, drains, share0 = legs[row, PAUSE], legs[row, DRAINS], legs[row, SHARE0]
+    for target in (row, row + 1):
+        _copy(legs, target + 1, legs, target)
+        for k in range(COLUMNS):
+            table[target, k] = table[target + 1, k]
+    legs[row, LEAD], legs[row, EXTENT] = lead, legs[row, EXTENT] + lead
+    legs[row, PAUSE], legs[row, DRAINS], legs[row, SHARE0] = pause, drains, share0
+    table[row, LENGTH] = table[row, NOMINAL] = legs[row, EXTENT]
+    table[row, BLENDS], table[row, LESS_BEFORE] = before, less
+    return row + 1
+
+
+@inner
+def _place(legs: Array, row: int, s: float, k: int) -> float:
+    """Coordinate k of the point of a leg at s from its beginning."""
+    place: float
+    radius = legs[row, RADIUS]
+    if radius == 0.0:
+        place = legs[row, ORIGIN + k] + s * legs[row, FIRST + k]
+        return place
+    lead = legs[row, LEAD]
+    if s < lead:
+        place = legs[row, ORIGIN + k] + radius * legs[row, FIRST + k] + (s - lead) * legs[row, SECOND + k]
+        return place
+    part = (s - lead) / (legs[row, EXTENT] - lead)
+    angle = legs[row, SWEEP] * part
+    turned = math.cos(angle) * legs[row, FIRST + k] + math.sin(angle) * legs[row, SECOND + k]
+    place = legs[row, ORIGIN + k] + radius * turned + part * legs[row, RISE + k]
+    return place
+
+
+@inner
+def _join(legs: Array, table: Array, row: int, tangents: Array, limits: Array, period: float) -> int:
+    """Decide how a leg ends, now that the next one is known; the number of the latter then."""
+    after = row + 1
+    if table[row, END] == STOP or legs[row, RAPID] != legs[after, RAPID]:
+        table[row, END] = STOP
+        _finish(legs, table, row, period)
+        return after
+    one, two = tangents[0], tangents[1]
+    _tangent(legs, row, True, one)
+    _tangent(legs, after, False, two)
+    if (one[0] + two[0]) ** 2 + (one[1] + two[1]) ** 2 + (one[2] + two[2]) ** 2 < REVERSAL:
+        table[row, END] = STOP
+        _finish(legs, table, row, period)
+        return after
+    slower = min(table[row, SPEED], table[row, MOST], table[after, SPEED], table[after, MOST])
+    kink = _kink(one, two, slower, table[after, ACC], period, limits)
+    if table[row, KIND] != LINE or table[after, KIND] != LINE:
+        kink /= ALONG
+    less, passes = min(kink, KINK), slower * min(1.0, KINK / max(kink, 1e-300))
+    table[row, LESS], table[after, LESS_BEFORE] = max(less, table[row, LESS]), less
+    table[row, KINK_SPEED] = passes
+    if kink < KINK:
+        table[row, END] = TANGENT
+        _finish(legs, table, row, period)
+        return after
+    if table[row, END] == EXACT:
+        _finish(legs, table, row, period)
+        return after
+    arc = _rounding(legs, table, row, one, two, limits)
+    blended = 0.5 * _blend_speeds(legs, table, row, one, two, 0.5)[1]
+    rounded = 0.0
+    if arc[0] > 0.0:
+        rounded = min(arc[2], arc[0] * (math.pi - 2.0 * math.atan2(arc[0], arc[1])) / period)
+    if rounded > blended and rounded > passes:
+        table[after, LESS_BEFORE] = 0.0
+        return _round(legs, table, row, arc, tangents, period)
+    if passes > blended:
+        table[row, END] = TANGENT
+    else:
+        table[row, END], table[row, KINK_SPEED], table[row, LESS] = BLEND, -1.0, 0.0
+        table[after, LESS_BEFORE], table[after, BLENDS] = 0.0, 1.0
+    _finish(legs, table, row, period)
+    return after
+
+
+@inner
+def _look_ahead(table: Array, begin: int, end: int, period: float) -> None:
+    """Speeds at the ends of the legs of one queue, so that every later one can be kept."""
+    speed = 0.0
+    for row in range(end - 1, begin - 1, -1):
+        if row == end - 1 or table[row, END] != TANGENT:
+            table[row, FINAL] = speed = 0.0
+            continue
+        after = row + 1
+        bound = min(table[row, MOST], table[after, MOST])
+        if table[row, KINK_SPEED] >= 0.0:
+            bound = min(bound, table[row, KINK_SPEED])
+        if after < end - 1:
+            table[after, MOST] = min(table[after, MOST], table[after, LENGTH] / (LEAST_CYCLES * period))
+        acc = _along(table, after)
+        if after == end - 1:  # its length may yet change: only half of it counts
+            speed = min(math.sqrt(acc * table[after, LENGTH]), table[after, SPEED], bound)
+        else:
+            speed = min(math.sqrt(speed * speed + 2.0 * acc * table[after, LENGTH]), bound)
+        table[row, FINAL] = speed
+    way, last = 0.0, begin
+    for row in range(begin, end):
+        while last < min(row + DEPTH, end - 1):
+            last += 1
+            way += 2.0 * _along(table, last) * table[last, LENGTH]
+        if row > begin:
+            way -= 2.0 * _along(table, row) * table[row, LENGTH]
+        if last < end - 1:
+            table[row, FINAL] = min(table[row, FINAL], math.sqrt(max(way, 0.0)))
+
+
+@compiled
+def plan_legs(moves: Array, legs: Array, table: Array, limits: Array, period: float) -> int:
+    """Fill the planner's queue with the moves of a program; the number of legs that come of them.
+
+    Parameters
+    ----------
+    moves : Legs
+        Lines and arcs as programmed.
+    legs : Legs
+        Room for twice as many, filled.
+    table : Array, shape (2 n, COLUMNS)
+        Room for the working table, filled.
+    limits : Array, shape (3, 2)
+        Velocity [m/s] and acceleration [m/s²] of the axes.
+    period : float
+        [s]
+    """
+    count, begin = 0, 0
+    tangents = np.empty((2, 3))
+    for source in range(moves.shape[0]):
+        if moves[source, DRAINS] > 0.0:
+            _look_ahead(table, begin, count, period)
+            begin = count
+        _copy(moves, source, legs, count)
+        _enter(legs, table, count, period)
+        if count > begin:
+            count = _join(legs, table, count - 1, tangents, limits, period)
+        count += 1
+    _look_ahead(table, begin, count, period)
+    return count
+
+
+@inner
+def _final_speed(table: Array, row: int, after: int) -> float:
+    """Speed with which a leg is to end."""
+    if table[row, END] != TANGENT or after < 0:
+        return 0.0
+    bound = min(table[row, SPEED], table[row, MOST], table[after, SPEED], table[after, MOST])
+    final: float = min(table[row, FINAL], bound)
+    return final
+
+
+@inner
+def _towards(table: Array, row: int, after: int) -> tuple[float, float]:
+    """Acceleration of a leg in the next step, and the speed it is after."""
+    left = table[row, LENGTH] - table[row, DONE]
+    speed, final, most = table[row, V], _final_speed(table, row, after), _along(table, row)
+    step = table[row, CYCLE]
+    if table[row, RAMP] > 0.0 and table[row, END] == TANGENT and final >= LEAST_SPEED:
+        mean = 0.5 * (speed + final)
+        time = max(left / mean, 1e-16) if mean > LEAST_SPEED else 1e-16
+        return min(max((final - speed) / time, -most), most), final
+    half = 0.5 * most * step
+    inside = final * final + most * (2.0 * left - speed * step) + half * half
+    reachable = -half + (math.sqrt(inside) if inside > half * half else 0.0)
+    asked = min(table[row, SPEED], table[row, MOST])
+    aim = min(max(reachable, -asked), asked)
+    return min(max((aim - speed) / max(step, LEAST_TIME), -most), most), reachable
+
+
+@inner
+def _step(table: Array, row: int, after: int, period: float) -> None:
+    """Take a leg one step on, and see whether it will end within the next period."""
+    acc, wanted = _towards(table, row, after)
+    speed, step = table[row, V], table[row, CYCLE]
+    new = speed + acc * step
+    if new < 0.0:
+        new = 0.0
+        if table[row, LENGTH] - table[row, DONE] < speed * step:
+            table[row, DONE] = table[row, LENGTH]
+    else:
+        table[row, DONE] = min(max(table[row, DONE] + 0.5 * (new + speed) * step, 0.0), table[row, LENGTH])
+    table[row, V] = new
+    table[row, SLOWING] = 1.0 if abs(wanted - new) < LEAST_SPEED and acc < 0.0 else 0.0
+    _see_end(table, row, after, period)
+
+
+@inner
+def _see_end(table: Array, row: int, after: int, period: float) -> None:
+    """Mark a leg that will end within the next period, with the time and the speed it ends with."""
+    table[row, CYCLE] = period
+    left, speed = table[row, LENGTH] - table[row, DONE], table[row, V]
+    if left <= LEAST_LENGTH:
+        table[row, DONE] = table[row, LENGTH]
+        table[row, SPLIT], table[row, CYCLE], table[row, TERM_V] = 1.0, 0.0, speed
+        if table[row, END] in (STOP, EXACT):
+            table[row, REMOVE] = 1.0
+        return
+    if table[row, END] in (STOP, EXACT):
+        return
+    final = _final_speed(table, row, after)
+    mean = 0.5 * (speed + final)
+    time = 0.5 * LEAST_TIME
+    if mean > LEAST_SPEED:
+        time = max(time, left / mean)
+    elif left > mean * period:
+        return
+    most = _along(table, row)
+    acc = (final - speed) / time
+    if abs(acc) > most:
+        acc = math.copysign(most, acc)
+        inside = (speed / acc) ** 2 + 2.0 / acc * left
+        if inside < 0.0:
+            return
+        root = math.sqrt(inside) if inside >= LEAST_TIME * LEAST_TIME else 0.0
+        time = -speed / acc + (root if acc > 0.0 else -root)
+        final = speed + time * acc
+    if time < LEAST_TIME:
+        table[row, DONE] = table[row, LENGTH]
+        time = 0.0
+    if time < period:
+        table[row, SPLIT], table[row, CYCLE], table[row, TERM_V] = 1.0, time, final
+
+
+@inner
+def _activate(table: Array, row: int, rapid: float) -> None:
+    """Choose how a leg changes its speed when it begins: evenly where it is short."""
+    table[row, ACTIVE] = 1.0
+    table[row, LATCHED] = table[row, SLOWING] = 0.0
+    aim = table[row, V] + min(table[row, FINAL], table[row, SPEED], table[row, MOST])
+    left = 2.0 * (table[row, LENGTH] - table[row, DONE])
+    if rapid == 0.0 and table[row, END] == TANGENT and left < RAMP_TIME * aim:
+        table[row, RAMP] = 1.0
+
+
+@inner
+def _cycle(legs: Array, table: Array, row: int, end: int, tangents: Array, period: float) -> int:
+    """Run the planner for one period; the leg that is active then."""
+    after = row + 1 if row + 1 < end else -1
+    if table[row, ACTIVE] == 0.0:
+        _activate(table, row, legs[row, RAPID])
+    if table[row, SPLIT] > 0.0 and table[row, REMOVE] == 0.0:
+        used = table[row, CYCLE]
+        table[row, DONE], table[row, REMOVE] = table[row, LENGTH], 1.0
+        if after >= 0:
+            if table[row, END] == TANGENT:
+                table[after, CYCLE], table[after, V] = period - used, table[row, TERM_V]
+            _step(table, after, after + 1 if after + 1 < end else -1, period)
+    elif table[row, REMOVE] == 0.0:
+        table[row, CYCLE] = period
+        _step(table, row, after, period)
+        if after >= 0 and table[row, END] == BLEND:
+            _tangent(legs, row, True, tangents[0])
+            _tangent(legs, after, False, tangents[1])
+            bound = _blend_speeds(legs, table, row, tangents[0], tangents[1], 1.0)[0]
+            if table[row, SLOWING] > 0.0 and table[row, V] < bound:
+                table[row, LATCHED] = 1.0
+            if table[row, LATCHED] > 0.0:
+                _step(table, after, -1, period)
+    return row + 1 if table[row, REMOVE] > 0.0 else row
+
+
+@compiled
+def run_legs(
+    legs: Array,
+    table: Array,
+    count: int,
+    period: float,
+    rests: IntArray,
+    row0: int,
+    state: Array,
+    place: Array,
+    motion: IntArray,
+    share: Array,
+) -> tuple[int, int]:
+    """Run the planner's queue, a row a period.
+
+    Parameters
+    ----------
+    legs, table : of :func:`plan_legs`
+    count : int
+        Number of legs.
+    period : float
+    rests : IntArray, shape (count,)
+        Periods for which the axes rest before each leg.
+    row0 : int
+        Leg to go on with.
+    state : Array, shape (5,)
+        Where the axes are (3), periods of rest that are done, and the last motion.
+    place, motion, share : Array, shape (room, 3) and (room,)
+        Filled: position [m], motion, and how much of it is done.
+
+    Returns
+    -------
+    leg, rows : int
+        The leg to go on with, `count` where all are done, and the rows that were filled.
+    """
+    room, filled, row = motion.size, 0, row0
+    tangents = np.empty((2, 3))
+    at = np.empty(3)
+    while row < count and filled < room:
+        if rests[row] > state[3]:
+            state[3] += 1.0
+            for k in range(3):
+                place[filled, k] = state[k]
+            motion[filled], share[filled] = int(state[4]), 1.0
+            filled += 1
+            continue
+        end = row + 1
+        while end < count and legs[end, DRAINS] == 0.0 and end < row + 3:
+            end += 1
+        new = _cycle(legs, table, row, end, tangents, period)
+        for k in range(3):
+            at[k] = _place(legs, row, table[row, DONE], k)
+            if row + 1 < end and table[row + 1, DONE] > 0.0:
+                at[k] += _place(legs, row + 1, table[row + 1, DONE], k) - _place(legs, row + 1, 0.0, k)
+        for k in range(3):
+            place[filled, k] = state[k] = at[k]
+        lead = row + 1 if row + 1 < end and table[row + 1, DONE] > 0.0 and new > row else row
+        part = table[lead, DONE] / table[lead, LENGTH]
+        motion[filled] = int(legs[lead, MOTION])
+        share[filled] = legs[lead, SHARE0] + part * (legs[lead, SHARE1] - legs[lead, SHARE0])
+        state[4] = motion[filled]
+        filled += 1
+        if new > row:
+            state[3] = 0.0
+            row = new
+    return row, filled

@@ -1,0 +1,411 @@
+"""Run a part program on a model of its controller: its moves as legs, linked lines, stops, and the command.
+
+LinuxCNC's NaiveCAM makes one line of lines of one feed that are within a tolerance of it, and takes flat arcs
+in the XY plane for lines, too. A feed on every line, or ``Q0``, keeps it from linking.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, TypeVar
+
+import numpy as np
+
+from ph_post.compiling import compiled, inner
+from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
+from ph_post.simulate.controllers.legs import (
+    DRAINS,
+    FIRST,
+    ORIGIN,
+    PAUSE,
+    RADIUS,
+    Legs,
+    make_legs,
+    table_of,
+    with_splines,
+)
+from ph_post.simulate.controllers.planner import COLUMNS, plan_legs, run_legs
+from ph_post.types import Array, BoolArray, Command, IntArray, Limits, Machine, frozen, sealed
+
+MOST_LINKED = 101
+"""Lines that become one at most."""
+
+
+@compiled
+def linked_ends(starts: Array, ends: Array, linking: Array, feed: Array, flat: IntArray) -> IntArray:
+    """Find the moves at whose end a line ends that the planner gets.
+
+    Parameters
+    ----------
+    starts, ends : Array, shape (n, 3)
+        Of the moves of the program [m].
+    linking : Array, shape (n,)
+        How far each may leave the line it becomes part of [m]; 0 where nothing is linked.
+    feed : Array, shape (n,)
+        What F says [m/s]; only equal ones are linked.
+    flat : IntArray, shape (n,)
+        1 for the lines, and the arcs that are taken for lines; 2 for those behind a stop.
+
+    Returns
+    -------
+    IntArray, shape (n,)
+        1 where the planner gets a move, 0 where it only gets it together with the next.
+    """
+    count = linking.size
+    kept = np.ones(count, dtype=np.int64)
+    first = 0
+    for row in range(1, count):
+        joins = flat[row] == 1 and flat[row - 1] > 0 and row - first < MOST_LINKED
+        joins = joins and linking[row] > 0.0 and linking[row] == linking[row - 1] and feed[row] == feed[row - 1]
+        if joins and _is_near(starts[first], ends, first, row, linking[row]):
+            kept[row - 1] = 0
+        else:
+            first = row
+    return kept
+
+
+@inner
+def _is_near(start: Array, ends: Array, first: int, last: int, tolerance: float) -> bool:
+    """Whether the ends of moves are within a tolerance of the line from `start` to the end of the last."""
+    square = 0.0
+    for k in range(3):
+        square += (ends[last, k] - start[k]) ** 2
+    if square == 0.0:
+        return False
+    for row in range(first, last):
+        part, off = 0.0, 0.0
+        for k in range(3):
+            part += (ends[last, k] - start[k]) * (ends[row, k] - start[k]) / square
+        part = min(max(part, 0.0), 1.0)
+        for k in range(3):
+            off += (ends[row, k] - start[k] - part * (ends[last, k] - start[k])) ** 2
+        if off > tolerance * tolerance:
+            return False
+    return True
+
+
+SHORTEST: Final = 1e-15
+"""Moves up to this [m] are none."""
+
+STOPS_BEFORE: Final = (3, 4, 5, 6, 7, 8, 9, 19, 61, 66)
+"""M words that wait until the axes stand, and are carried out before the motion on their line."""
+
+STOPS_AFTER: Final = (0, 1, 2, 30, 60)
+"""M words that are carried out behind the motion on their line."""
+
+
+def limits_of(machine: Machine) -> tuple[Limits, Limits, Limits]:
+    """Limits of X, Y and Z; an axis that the machine has not has those of its fastest."""
+    fastest = max((axis.limits for axis in machine.axes.values()), key=lambda one: one.velocity)
+    x, y, z = (machine.axes[name].limits if name in machine.axes else fastest for name in AXES)
+    return x, y, z
+
+
+def limit_table(machine: Machine) -> Array:
+    """Velocity [m/s] and acceleration [m/s²] of X, Y and Z, shape (3, 2)."""
+    return np.array([(one.velocity, one.acceleration) for one in limits_of(machine)])
+
+
+def moves_of(program: PartProgram, limits: Array) -> Legs:
+    """List the moves that the planner gets of a program: those that have a length, flat ones linked.
+
+    Parameters
+    ----------
+    program : PartProgram
+    limits : Array, shape (3, 2)
+        Of :func:`limit_table`.
+    """
+    return _with_length(_linked(programmed(program, limits), program, limits))
+
+
+def moved_axes(program: PartProgram) -> tuple[str, ...]:
+    """Name the axes that a program moves, or sends somewhere from where it does not know."""
+    start, end = program.motions.start, program.motions.end
+    moves = ((start != end) & ~np.isnan(end)).any(axis=0)
+    for number, (first, second, _) in PLANE_AXES.items():
+        turns = (program.motions.kind == ARC) & (program.motions.plane == number)
+        moves[[first, second]] |= bool(turns.any())
+    return tuple(name for name, does in zip(AXES, moves, strict=True) if does)
+
+
+def programmed(program: PartProgram, limits: Array) -> Legs:
+    """List the motions of a program as they are written: a leg each, several for a spline."""
+    return with_splines(_written(program, limits), program, limits)
+
+
+def _written(program: PartProgram, limits: Array) -> Legs:
+    """Make one leg of every motion, a straight one of a spline."""
+    start, end = _ends(program)
+    legs = make_legs(len(start))
+    legs.motion[:], legs.share1[:] = np.arange(len(start)), 1.0
+    legs.rapid[:] = program.motions.kind == RAPID
+    straight = program.motions.kind != ARC
+    _put_lines(legs, straight, start, end, limits)
+    _put_arcs(legs, np.flatnonzero(~straight), program, start, end, limits)
+    _put_feeds(legs, program)
+    legs.tolerance[:] = tolerances(program)
+    _put_stops(legs, program)
+    return legs
+
+
+def _ends(program: PartProgram) -> tuple[Array, Array]:
+    """Where motions begin and end [m]; what is not known at the beginning is the machine's origin."""
+    start, end = program.motions.start, program.motions.end
+    return np.nan_to_num(start), np.nan_to_num(end)
+
+
+def _linked(legs: Legs, program: PartProgram, limits: Array) -> Legs:
+    """Let the controller make one line of several."""
+    start, end = _ends(program)
+    motions = program.motions
+    found = np.array([linking_of(state.path, state.units) for state in program.modal] or [0.0])
+    linking = found[program.state[motions.block]] if motions.block.size else np.zeros(0)
+    if not linking.any():
+        return legs
+    flat = _flat(legs, program, linking) * (1 + (legs.drains > 0.0))
+    kept = linked_ends(start, end, linking, np.where(motions.duration > 0.0, legs.speed, motions.feed), flat)
+    last = np.flatnonzero(kept)
+    first = np.concatenate([[0], last[:-1] + 1])
+    rows = (last > first) | (_flat(legs, program, linking)[last] == 1)
+    joined = Legs(*(column[last].copy() for column in legs))
+    lines = make_legs(last.size)
+    everywhere = np.ones(last.size, dtype=bool)
+    _put_lines(lines, everywhere, start[first], end[last], limits)
+    for name in ("origin", "first", "length", "most", "push", "radius"):
+        getattr(joined, name)[rows] = getattr(lines, name)[rows]
+    joined.pause[:], joined.drains[:] = legs.pause[first], legs.drains[first]
+    joined.speed[:] = np.where(rows, np.minimum(legs.speed[last], joined.most), joined.speed)
+    return joined
+
+
+def _flat(legs: Legs, program: PartProgram, linking: Array) -> IntArray:
+    """Lines at feed, and arcs so flat that they are taken for lines: 1, others 0."""
+    motions = program.motions
+    height = legs.radius * (1.0 - np.cos(0.5 * motions.angle))
+    arcs = (motions.kind == ARC) & (motions.plane == 17) & (np.abs(motions.angle) < math.pi)
+    flat = (arcs & (height < linking)) | ((motions.kind == LINE) & (linking > 0.0))
+    return np.asarray(flat, dtype=np.int64)
+
+
+def _put_lines(legs: Legs, rows: BoolArray, start: Array, end: Array, limits: Array) -> None:
+    way = end - start
+    length = np.sqrt((way * way).sum(axis=1))
+    whole = np.where(length > 0.0, length, 1.0)
+    legs.origin[:], legs.length[:] = start, np.where(rows, length, 0.0)
+    legs.first[:] = way / whole[:, None]
+    legs.most[:], legs.push[:] = (_reach(way, length, limits[:, k]) for k in range(2))
+
+
+def _reach(way: Array, length: Array, limit: Array) -> Array:
+    """Largest speed or acceleration along a straight way, shape (n,)."""
+    time = (np.abs(way) / limit).max(axis=1)
+    return np.asarray(length / np.where(time > 0.0, time, 1.0))
+
+
+def _put_arcs(legs: Legs, rows: IntArray, program: PartProgram, start: Array, end: Array, limits: Array) -> None:
+    """Write arcs and helices: half of what the worse axis of the plane can is theirs everywhere."""
+    motions = program.motions
+    for plane, (a, b, c) in PLANE_AXES.items():
+        here = rows[motions.plane[rows] == plane]
+        if here.size == 0:
+            continue
+        center, sweep = motions.center[here], motions.angle[here]
+        ray = start[here][:, [a, b]] - center
+        radius = np.hypot(ray[:, 0], ray[:, 1])
+        rise = end[here][:, c] - start[here][:, c]
+        for k, column in enumerate((a, b)):
+            legs.origin[here, column] = center[:, k]
+            legs.first[here, column] = ray[:, k] / radius
+        legs.origin[here, c], legs.rise[here, c] = start[here][:, c], rise
+        legs.first[here, c] = 0.0
+        legs.second[here, a], legs.second[here, b] = -ray[:, 1] / radius, ray[:, 0] / radius
+        legs.radius[here], legs.sweep[here] = radius, sweep
+        flat = radius * np.abs(sweep)
+        legs.length[here] = np.hypot(flat, rise)
+        _put_arc_limits(legs, here, flat, end[here] - start[here], limits, (a, b))
+
+
+def _put_arc_limits(legs: Legs, here: IntArray, flat: Array, way: Array, limits: Array, axes: Sequence[int]) -> None:
+    velocity, push = limits[list(axes)].min(axis=0)
+    planar = np.minimum(np.sqrt(push * math.sqrt(0.75) * legs.radius[here]), velocity)
+    slowest = np.maximum((np.abs(way) / limits[:, 0]).max(axis=1), flat / planar)
+    weakest = np.maximum((np.abs(way) / limits[:, 1]).max(axis=1), flat / push)
+    legs.most[here], legs.push[here] = legs.length[here] / slowest, legs.length[here] / weakest
+
+
+def _put_feeds(legs: Legs, program: PartProgram) -> None:
+    """Write the speeds asked for: those of F, of the time under G93, and all that the axes give in rapids."""
+    motions = program.motions
+    timed = motions.duration > 0.0
+    feed = np.where(timed, legs.length / np.where(timed, motions.duration, 1.0), motions.feed)
+    free = (legs.rapid == 1.0) | ~(feed > 0.0)
+    legs.speed[:] = np.where(free, legs.most, np.minimum(feed, legs.most))
+
+
+def tolerances(program: PartProgram) -> Array:
+    """How far the corner behind each motion may be rounded [m]: as :func:`tolerance_of` says."""
+    found = np.array([tolerance_of(state.path, state.units) for state in program.modal] or [0.0])
+    if not program.motions.block.size:
+        return np.zeros(0)
+    return np.asarray(found[program.state[program.motions.block]])
+
+
+def tolerance_of(path: str | None, units: float) -> float:
+    """Read a path mode: the P of G64 [m], 0 where it has none or no mode is named, -1 for G61, -2 for G61.1.
+
+    Examples
+    --------
+    >>> [tolerance_of(text, 1e-3) for text in ("G64 P0.01 Q0", "G61", "G61.1", None)]
+    [1e-05, -1.0, -2.0, 0.0]
+    """
+    if path is not None and path.startswith("G61"):
+        return -2.0 if path.startswith("G61.1") else -1.0
+    return _number(path, "P") * units
+
+
+def linking_of(path: str | None, units: float) -> float:
+    """Read how far lines of one feed may leave what is made one of them [m]: Q of G64, or else its P."""
+    if path is None or not path.startswith("G64"):
+        return 0.0
+    return _number(path, "Q" if "Q" in path else "P") * units
+
+
+def _number(path: str | None, letter: str) -> float:
+    for word in (path or "").split():
+        if word.startswith(letter):
+            return float(word[1:])
+    return 0.0
+
+
+def _put_stops(legs: Legs, program: PartProgram) -> None:
+    """Mark the moves before which the planner runs dry, and how long the axes rest there."""
+    words, block = program.words, program.motions.block
+    letter, value = words.letter, words.value
+    m_words = letter == ord("M")
+    before = (letter == ord("S")) | (m_words & np.isin(value, STOPS_BEFORE))
+    for rows, side in ((before, "left"), (m_words & np.isin(value, STOPS_AFTER), "right")):
+        _drain(legs, np.searchsorted(block, words.block[rows], side=side))  # type: ignore[call-overload]
+    _drain(legs, np.array([one.motion for one in program.breaks], dtype=np.int64))
+    lines, seconds = program.dwells()
+    at = np.searchsorted(block, lines, side="left")
+    _drain(legs, at)
+    inside = at < legs.pause.size
+    np.add.at(legs.pause, at[inside], np.nan_to_num(seconds[inside]))
+
+
+def _drain(legs: Legs, moves: IntArray) -> None:
+    legs.drains[moves[moves < legs.drains.size]] = 1.0
+
+
+def _with_length(legs: Legs) -> Legs:
+    """Drop moves that go nowhere; the stops before them stand before the next."""
+    kept = np.flatnonzero(legs.length > SHORTEST)
+    if kept.size == legs.length.size:
+        return legs
+    owner = np.minimum(np.searchsorted(kept, np.arange(legs.length.size)), max(kept.size - 1, 0))
+    pause, drains = np.zeros(kept.size), np.zeros(kept.size)
+    if kept.size:
+        inside = np.arange(legs.length.size) <= kept[-1]
+        np.add.at(pause, owner[inside], legs.pause[inside])
+        np.maximum.at(drains, owner[inside], legs.drains[inside])
+    taken = Legs(*(column[kept] for column in legs))
+    return taken._replace(pause=pause, drains=drains)
+
+
+DRAINED: Final = 4
+"""Periods that LinuxCNC takes from the end of a motion that it waits for to the next one."""
+
+DWELL: Final = 2
+"""Periods that a dwell takes beyond its time."""
+
+SMOOTHING: Final = np.array([1.0, 5.0, 5.0, 1.0]) / 12.0
+"""What LinuxCNC's joints make of the planner's positions, by period: cubic interpolation, half way on."""
+
+ROOM: Final = 1 << 16
+"""Rows that are filled at a time."""
+
+
+def run_program(program: PartProgram, machine: Machine) -> Command:
+    """Run a program on a model of its controller.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+        Its limits and servo period are the controller's.
+
+    Returns
+    -------
+    Command
+        X, Y and Z as far as the machine has them, a row every servo period, from rest to rest. `segment` is
+        the number of the motion in the program, -1 before the first; `xi` how much of it is done (0 to 1);
+        `s` the way the tool has come [m], rapids and shifts included; `feed` the speed along it.
+    """
+    limits = limit_table(machine)
+    period = machine.servo_period
+    moves = table_of(moves_of(program, limits))
+    legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
+    count = plan_legs(moves, legs, table, limits, period)
+    rows = _run(legs, table, count, period)
+    return _command(rows, machine)
+
+
+AnyArray = TypeVar("AnyArray", Array, IntArray)
+Rows = tuple[Array, IntArray, Array]
+
+
+def _run(legs: Array, table: Array, count: int, period: float) -> Rows:
+    """Position, motion and share of every period."""
+    pause = legs[:count, PAUSE]
+    dwell = np.ceil(pause / period - 1e-6) + DWELL
+    rests = np.where(pause > 0.0, dwell, legs[:count, DRAINS] * DRAINED).astype(np.int64)
+    state = np.array([*_beginning(legs, count), 0.0, -1.0])
+    rests[:1] = 0
+    leg, parts = 0, [(_beginning(legs, count)[None, :], np.array([-1]), np.zeros(1))]
+    while leg < count:
+        part = (np.empty((ROOM, 3)), np.empty(ROOM, dtype=np.int64), np.empty(ROOM))
+        leg, filled = run_legs(legs, table, count, period, rests, leg, state, *part)
+        parts.append((part[0][:filled], part[1][:filled], part[2][:filled]))
+    position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    behind = SMOOTHING.size - 1
+    return _smoothed(position), _padded(motion, 1, behind - 1), _padded(share, 1, behind - 1)
+
+
+def _padded(values: AnyArray, before: int, behind: int) -> AnyArray:
+    """Repeat the first and the last row."""
+    width = [(before, behind)] + [(0, 0)] * (values.ndim - 1)
+    return np.pad(values, width, mode="edge")
+
+
+def _smoothed(position: Array) -> Array:
+    wide = _padded(position, SMOOTHING.size - 1, SMOOTHING.size - 1)
+    return np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in wide.T], axis=1)
+
+
+def _beginning(legs: Array, count: int) -> Array:
+    """Where the first leg begins."""
+    if count == 0:
+        return np.zeros(3)
+    first: Array = legs[0]
+    return np.asarray(first[ORIGIN : ORIGIN + 3] + first[RADIUS] * first[FIRST : FIRST + 3])
+
+
+def _command(rows: Rows, machine: Machine) -> Command:
+    position, motion, share = rows
+    names = tuple(name for name in AXES if name in machine.axes)
+    columns = [AXES.index(name) for name in names]
+    period = machine.servo_period
+    steps = np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1))
+    count = len(position)
+    return Command(
+        axes=names,
+        period=period,
+        t=frozen(np.arange(count) * period),
+        segment=motion,
+        xi=sealed(share),
+        s=frozen(np.concatenate([[0.0], np.cumsum(steps)])),
+        position=frozen(position[:, columns]),
+        feed=frozen(np.concatenate([[0.0], steps]) / period),
+        window=np.full(count, -1, dtype=np.int64),
+    )

@@ -1,0 +1,270 @@
+"""The program builder of test programs, and the test volume with its speed limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from itertools import combinations
+from typing import Final
+
+import msgspec
+
+from ph_post.dialects.base import Dialect, plane_of
+from ph_post.dialects.lines import LineWriter
+from ph_post.gcode.numbers import to_grid
+from ph_post.types import Machine
+from ph_post.units import MM, MM_PER_MIN
+
+ARC_SHARE: Final = 0.5
+"""Share of an axis' acceleration that v²/r may take: controllers keep part of it for the ends of an arc."""
+
+TOP_SHARE: Final = 0.8
+"""Share of the greatest speed that programs use where a person names no feeds: drives need some in hand."""
+
+CRAWL: Final = 0.2 * MM
+"""Slowest feed [m/s] of the programs, where friction falls with speed if it does so anywhere."""
+
+
+class TestVolume(msgspec.Struct, frozen=True, kw_only=True):
+    """Where test programs move, and how fast. SI units.
+
+    `spans` is the room of each axis [m], in the order X, Y, Z; nothing else is moved. `radius` [m] is that of
+    the circles, `feeds` [m/s] rise. `settle` [s] is how long an axis is given to come to rest.
+    """
+
+    machine: Machine
+    spans: Mapping[str, tuple[float, float]]
+    radius: float
+    feeds: tuple[float, ...]
+    settle: float
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes that are moved."""
+        return tuple(self.spans)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Every two of them."""
+        return tuple(combinations(self.axes, 2))
+
+    def centre(self, axis: str) -> float:
+        """Middle of an axis' room [m]."""
+        low, high = self.spans[axis]
+        return 0.5 * (low + high)
+
+    def half(self, axis: str) -> float:
+        """How far an axis may go to either side of it [m]."""
+        low, high = self.spans[axis]
+        return 0.5 * (high - low)
+
+    def top(self, *axes: str) -> float:
+        """Greatest speed of the slowest of these axes [m/s]."""
+        return top_speed(self.machine, axes)
+
+    def slow(self, axis: str, seconds: float) -> float:
+        """Feed [m/s] that takes so long from end to end of an axis, within its limits."""
+        return min(2.0 * self.half(axis) / seconds, TOP_SHARE * self.top(axis))
+
+
+def top_speed(machine: Machine, axes: tuple[str, ...]) -> float:
+    """Greatest speed [m/s] that each of these axes has."""
+    return min(machine.axes[axis].limits.velocity for axis in axes)
+
+
+def arc_speed(machine: Machine, axes: tuple[str, ...], radius: float, share: float = ARC_SHARE) -> float:
+    """Greatest speed [m/s] around a circle of `radius` [m], within speed, acceleration and jerk of its axes.
+
+    The acceleration is v²/r and the jerk v³/r² on either axis, of which `share` of the limits is used.
+    """
+    limits = [machine.axes[axis].limits for axis in axes]
+    acceleration = share * min(one.acceleration for one in limits)
+    jerk = share * min(one.jerk for one in limits)
+    return min(top_speed(machine, axes), math.sqrt(acceleration * radius), math.cbrt(jerk * radius * radius))
+
+
+def settling_time(machine: Machine, axes: tuple[str, ...]) -> float:
+    """How long axes are given to come to rest [s]: ten times c, their time constant, at least 0.3."""
+    return max(0.3, *(10.0 * machine.axes[axis].servo.c for axis in axes))
+
+
+JOINT: Final = 0.005 * MM
+"""How far the joints of circles may be rounded [m]; one turn goes on where the last one ends."""
+
+CHORD: Final = 0.001 * MM
+"""How far chords may leave a circle [m] where the dialect has no arcs."""
+
+APPROACH: Final = 10.0 * MM
+"""Speed [m/s] at which the axes go to where a program begins, at most a quarter of their greatest."""
+
+_OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
+
+
+class ProgramBuilder:
+    """Collects the lines of one test program, which begins and ends in the middle of its ground.
+
+    Attributes
+    ----------
+    seconds : float
+        About how long the program takes [s].
+    """
+
+    def __init__(self, ground: TestVolume, dialect: Dialect) -> None:
+        self.ground = ground
+        self.dialect = dialect
+        self.seconds = 0.0
+        self._lines: list[str] = []
+        self._own = None if dialect.writer is None else dialect.writer(dialect, tuple("XYZ"), JOINT)
+        self._at: dict[str, int] = {}
+        self._motion = self._feed = self._path_mode = ""
+        self._plane = "G17"
+        self.home(min(APPROACH, 0.25 * ground.top(*ground.axes)))
+        self.dwell(1.0)
+
+    def text(self, remarks: Iterable[str], name: str = "calibration") -> str:
+        """Return the program whole, `remarks` as comments at its head; it goes back to where it began."""
+        self.home()
+        if self._plane != "G17":
+            self._write("G17", [], modal=False)
+        self._exact()
+        head = [line for remark in remarks for line in self.dialect.remark(remark)]
+        lines = [*head, *self.dialect.opening("G17"), *self._lines, *self.dialect.closing]
+        return "\n".join(self.dialect.finished(lines, name)) + "\n"
+
+    def say(self, words: str) -> None:
+        """Write a comment."""
+        self._lines += self.dialect.remark(words)
+
+    def home(self, speed: float | None = None) -> None:
+        """Go to the middle of the ground, quickly where no speed is given [m/s]."""
+        axes = self.ground.axes
+        speed = TOP_SHARE * self.ground.top(*axes) if speed is None else speed
+        self.line({axis: self.ground.centre(axis) for axis in axes}, speed)
+
+    def dwell(self, seconds: float) -> None:
+        """Let the axes stand."""
+        self.seconds += seconds
+        if self._own is not None:
+            self._own.write_dwell(seconds)
+            self._take()
+            return
+        word, *words = self.dialect.dwell.words(seconds, 4)
+        self._write(word, words, modal=False)
+
+    def line(self, target: Mapping[str, float], speed: float) -> None:
+        """Go straight to places [m] by axis, at `speed` [m/s], and stop there."""
+        to = {axis: self._count(place) for axis, place in target.items()}
+        moved = {axis: count for axis, count in to.items() if self._at.get(axis) != count}
+        if not moved:
+            return
+        words = [axis + self._length(count) for axis, count in moved.items()]
+        self._exact()
+        self._write("G1", words, self._digits(speed))
+        self._spend(self._distance(moved), speed, tuple(moved))
+        self._at |= to
+
+    def circle(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int = 1) -> None:
+        """Go around the middle of the ground from the side towards plus of the first axis, and back to it.
+
+        Parameters
+        ----------
+        pair : tuple of str
+        radius : float
+            [m].
+        turn : int
+            +1 from the first axis to the second, counterclockwise as the pair is drawn; -1 the other way.
+        speed : float
+            [m/s].
+        turns : int
+            How often.
+        """
+        first, second = pair
+        middle = {axis: self.ground.centre(axis) for axis in pair}
+        self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.ground.top(*pair))
+        self.dwell(self.ground.settle)
+        arcs = self.dialect.capabilities.arcs and plane_of(pair)[0] in self.dialect.arc_planes
+        if arcs and (self._own is None or type(self._own).write_arc is LineWriter.write_arc):
+            self._arcs(pair, turn, speed, turns)
+        else:
+            self._chords(pair, radius, turn, speed, turns)
+        self._spend(math.tau * radius * turns, speed, pair)
+        self.dwell(self.ground.settle)
+
+    def _arcs(self, pair: tuple[str, str], turn: int, speed: float, turns: int) -> None:
+        """Whole turns by G2 or G3, each with its end, which is its beginning."""
+        first, second = pair
+        word, sense = plane_of(pair)
+        if word != self._plane:
+            self._write(word, [], modal=False)
+            self._plane = word
+        if self.dialect.path_mode is not None:
+            self._mode(self.dialect.path_mode(JOINT))
+        offset = self._count(self.ground.centre(first)) - self._at[first]
+        words = [axis + self._length(self._at[axis]) for axis in pair]
+        words += [_OFFSET_WORDS[first] + self._length(offset), _OFFSET_WORDS[second] + self._length(0)]
+        for _ in range(turns):
+            self._write("G3" if turn * sense > 0 else "G2", words, self._digits(speed))
+
+    def _chords(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int) -> None:
+        """Go the same way by straight moves."""
+        if self.dialect.path_mode is not None:
+            self._mode(self.dialect.path_mode(JOINT))
+        count = max(8, math.ceil(math.pi / math.acos(max(1.0 - CHORD / radius, 0.0))))
+        for k in range(1, turns * count + 1):
+            angle = math.tau * turn * (k % count) / count
+            place = (radius * math.cos(angle), radius * math.sin(angle))
+            to = {axis: self._count(self.ground.centre(axis) + off) for axis, off in zip(pair, place, strict=True)}
+            self._write("G1", [axis + self._length(to[axis]) for axis in pair], self._digits(speed))
+            self._at |= to
+
+    def _exact(self) -> None:
+        """Have every end point reached, where the dialect can say so."""
+        if self.dialect.path_mode is not None:
+            self._mode(self.dialect.path_mode(None))
+
+    def _mode(self, word: str) -> None:
+        if word != self._path_mode:
+            self._lines += word.split("\n")
+            self._path_mode = word
+
+    def _take(self) -> None:
+        """Take over what the dialect's own writer has written."""
+        assert self._own is not None
+        self._lines += self._own.lines
+        self._own.lines.clear()
+
+    def _distance(self, moved: Mapping[str, int]) -> float:
+        """Length of a straight move [m]; of the first one nobody knows where it begins."""
+        steps = [count - self._at.get(axis, count) for axis, count in moved.items()]
+        return math.hypot(*steps) * MM / 10.0**self.dialect.capabilities.decimals
+
+    def _spend(self, length: float, speed: float, axes: tuple[str, ...]) -> None:
+        """Count the time of a motion from rest to rest with straight ramps."""
+        ramp = min(self.ground.machine.axes[axis].limits.acceleration for axis in axes)
+        slow = length < speed * speed / ramp
+        self.seconds += 2.0 * math.sqrt(length / ramp) if slow else length / speed + speed / ramp
+
+    def _count(self, place: float) -> int:
+        return int(to_grid(place, self.dialect.capabilities.decimals))
+
+    def _length(self, count: int) -> str:
+        return self.dialect.length(count, self.dialect.capabilities.decimals)
+
+    def _digits(self, speed: float) -> str:
+        return self.dialect.feed(speed / MM_PER_MIN)
+
+    def _write(self, word: str, words: list[str], feed: str = "", *, modal: bool = True) -> None:
+        """One line; F only where it changes, and no repeated motion word where the dialect is terse."""
+        if self._own is not None and word == "G1":
+            self._own.write_straight(word, words, feed)
+            self._take()
+            return
+        able = self.dialect.terse and self.dialect.modal_motion
+        repeats = able and modal and word == self._motion
+        parts = words if repeats else [word, *words]
+        if feed and feed != self._feed:
+            parts = [*parts, "F" + feed]
+            self._feed = feed
+        if modal:
+            self._motion = word
+        self._lines.append(("" if self.dialect.terse else " ").join(parts))

@@ -1,0 +1,371 @@
+"""The calibration kit: the test programs of a machine, its checked options, and the recording plan."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from msgspec.structs import replace
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.errors import InputError
+from ph_post.testprograms import motions as parts
+from ph_post.testprograms.builder import (
+    TOP_SHARE,
+    ProgramBuilder,
+    TestVolume,
+    arc_speed,
+    settling_time,
+    top_speed,
+)
+from ph_post.testprograms.program import READ_WITH, build_experiment
+from ph_post.types import Machine
+from ph_post.types.diagnosis import Experiment
+from ph_post.units import MINUTE, MM, MM_PER_MIN
+
+TRAVEL: Final = 100.0 * MM
+"""Room of every axis where a person names none [m], end to end."""
+
+RADIUS_SHARE: Final = 0.3
+"""Radius of the circles where a person names none, as a share of the room."""
+
+LEAST: Final = 2.0 * MM
+"""Room [m] in which nothing worth while can be seen."""
+
+LEAST_RADIUS: Final = 0.5 * MM
+"""Radius [m] below which a circle is a point to most controllers."""
+
+FARTHEST: Final = 100.0
+"""Places [m] that no machine has."""
+
+SLOWEST: Final = 1.0 * MM_PER_MIN
+"""Feeds below it [m/s] take a day."""
+
+_FEED_RATIOS: Final = (1.0 / 6.0, 0.4, 1.0)
+"""Feeds of the circles where a person names none, by the greatest that is taken."""
+
+
+def choose_volume(
+    machine: Machine,
+    axes: Sequence[str],
+    centre: Sequence[float],
+    travel: Sequence[float],
+    radius: float | None,
+    feeds: Sequence[float],
+) -> TestVolume:
+    """Check what a person asked for and fill in the rest; parameters as of :func:`calibration_kit`."""
+    names = _axes(machine, axes)
+    middles = _each(names, tuple(centre) or (0.0,) * len(names), "--centre")
+    given = tuple(travel) or (TRAVEL,)
+    rooms = _each(names, given * len(names) if len(given) == 1 else given, "--travel")
+    for axis in names:
+        _check_room(axis, middles[axis], rooms[axis])
+    spans = {axis: (middles[axis] - 0.5 * rooms[axis], middles[axis] + 0.5 * rooms[axis]) for axis in names}
+    size = RADIUS_SHARE * min(rooms.values()) if radius is None else radius
+    _check_radius(size, rooms)
+    return TestVolume(
+        machine=machine,
+        spans=spans,
+        radius=size,
+        settle=settling_time(machine, names),
+        feeds=_feeds(machine, names, size, feeds),
+    )
+
+
+def _axes(machine: Machine, wanted: Sequence[str]) -> tuple[str, ...]:
+    there = tuple(axis for axis in "XYZ" if axis in machine.axes)
+    for axis in wanted:
+        if axis not in there:
+            raise InputError("--axes", "the machine has no such axis", expected=" or ".join(there), got=repr(axis))
+    chosen = tuple(axis for axis in there if (axis in wanted if wanted else axis != "Z"))
+    if not chosen:
+        raise InputError("--axes", "the machine has no axis but Z", expected="Z, to have it moved")
+    return chosen
+
+
+def _each(axes: Sequence[str], values: Sequence[float], option: str) -> dict[str, float]:
+    """One number an axis."""
+    if len(values) != len(axes):
+        names = ", ".join(axes)
+        raise InputError(option, "not one number an axis", expected=f"{len(axes)}, for {names}", got=f"{len(values)}")
+    return dict(zip(axes, values, strict=True))
+
+
+def _check_room(axis: str, middle: float, room: float) -> None:
+    if not (math.isfinite(middle) and abs(middle) <= FARTHEST):
+        raise InputError("--centre", f"no place for {axis}", expected="within 100 m", got=f"{middle / MM:g} mm")
+    if not LEAST <= room <= FARTHEST:
+        what = f"no room for {axis} to move in"
+        raise InputError("--travel", what, expected=f"at least {LEAST / MM:g} mm, up to 100 m", got=f"{room / MM:g} mm")
+
+
+def _check_radius(radius: float, rooms: Mapping[str, float]) -> None:
+    most = 0.5 * min(rooms.values())
+    if not LEAST_RADIUS <= radius <= most:
+        raise InputError(
+            "--radius",
+            "the circles leave the travel" if radius > most else "no radius for a circle",
+            expected=f"{LEAST_RADIUS / MM:g} mm up to {most / MM:g} mm, half of the travel",
+            got=f"{radius / MM:g} mm",
+        )
+
+
+def _feeds(machine: Machine, axes: tuple[str, ...], radius: float, wanted: Sequence[float]) -> tuple[float, ...]:
+    """Take the feeds asked for, each once and rising, or three of our own."""
+    round_circle = arc_speed(machine, axes, radius)
+    if not wanted:
+        return tuple(TOP_SHARE * round_circle * ratio for ratio in _FEED_RATIOS)
+    top = top_speed(machine, axes)
+    for feed in wanted:
+        told = f"{feed / MM_PER_MIN:g} mm/min"
+        if not feed >= SLOWEST:
+            raise InputError("--feeds", "no feed", expected="at least 1 mm/min", got=told)
+        if feed > top:
+            what = "the feed is above what the machine has"
+            raise InputError("--feeds", what, expected=f"up to {top / MM_PER_MIN:g} mm/min", got=told)
+        if len(axes) > 1 and feed > round_circle:
+            what = f"circles of {radius / MM:g} mm take more acceleration or jerk than the machine has"
+            most = f"up to {math.floor(round_circle / MM_PER_MIN)} mm/min, or a larger --radius"
+            raise InputError("--feeds", what, expected=most, got=told)
+    return tuple(sorted(set(wanted)))
+
+
+WARM_UP: Final = 10.0 * MINUTE
+"""How long the run takes that warms the screws [s]."""
+
+
+LONGEST: Final = 120.0 * MINUTE
+"""Longest of such runs [s]."""
+
+
+def calibration_kit(
+    machine: Machine,
+    *,
+    axes: Sequence[str] = (),
+    centre: Sequence[float] = (),
+    travel: Sequence[float] = (),
+    radius: float | None = None,
+    feeds: Sequence[float] = (),
+    warm_up: float = WARM_UP,
+) -> tuple[Experiment, ...]:
+    """Write the test programs of a machine, the one that holds a little of everything first. SI units.
+
+    Parameters
+    ----------
+    machine : Machine
+    axes : sequence of str, optional
+        Axes to move; all but Z where none are named: a Z that nobody asked for could meet the table.
+    centre : sequence of float, optional
+        Middle of the room, by axis [m]; 0.
+    travel : sequence of float, optional
+        Room of the axes from end to end [m], one for all or one each; 100 mm.
+    radius : float, optional
+        Of the circles [m]; 0.3 of the room.
+    feeds : sequence of float, optional
+        Of the circles [m/s]; three up to 0.8 of what speed, acceleration and jerk allow.
+    warm_up : float, optional
+        How long the run takes that warms the screws [s].
+
+    Raises
+    ------
+    InputError
+        Where the machine lacks an axis, the circles leave the room, or a feed is beyond the machine.
+    """
+    ground = choose_volume(machine, axes, centre, travel, radius, feeds)
+    if not (math.isfinite(warm_up) and 0.0 < warm_up <= LONGEST):
+        raise InputError(
+            "--warm-up",
+            "no time for a run",
+            expected="minutes, above 0 up to 120",
+            got=f"{warm_up / MINUTE:g}",
+        )
+    return (
+        _whole(ground),
+        *(one for axis in ground.axes for one in _of_axis(ground, axis)),
+        *(one for pair in ground.pairs for one in _of_pair(ground, pair)),
+        _warm(ground, warm_up),
+    )
+
+
+def _whole(ground: TestVolume) -> Experiment:
+    why = "a little of everything in one record: steps, sweeps, speeds, circles and diagonals"
+    return build_experiment(ground, "mix", why, lambda draft: parts.mix(draft, ground.axes))
+
+
+def _of_axis(ground: TestVolume, axis: str) -> list[Experiment]:
+    """Programs that move one axis, and no other."""
+    small = axis.lower()
+    ground = replace(ground, spans={axis: ground.spans[axis]})
+    return [
+        build_experiment(
+            ground,
+            f"ladder_{small}",
+            f"steps of {axis} from 0.01 to 10 mm to either side: gap and friction",
+            lambda draft: _between(draft, lambda: parts.ladder(draft, axis)),
+        ),
+        build_experiment(
+            ground,
+            f"sweep_{small}",
+            f"all of {axis} slowly and faster, and reversals along it: screw, scale, gap by position",
+            lambda draft: _between(draft, lambda: parts.sweeps(draft, axis), lambda: parts.places(draft, axis, 7)),
+        ),
+        build_experiment(
+            ground,
+            f"speed_{small}",
+            f"{axis} at speeds from a crawl up, both ways: friction by speed",
+            lambda draft: _between(draft, lambda: parts.speeds(draft, axis)),
+            ("act", "force"),
+        ),
+        build_experiment(
+            ground,
+            f"fast_{small}",
+            f"{axis} with all acceleration, and stops: servo, wind-up, saturation, delay",
+            lambda draft: _between(draft, lambda: parts.fast(draft, axis), lambda: parts.stops(draft, axis)),
+        ),
+    ]
+
+
+def _of_pair(ground: TestVolume, pair: tuple[str, str]) -> list[Experiment]:
+    """Programs that move two axes at a time."""
+    ground = replace(ground, spans={axis: ground.spans[axis] for axis in pair})
+    small, names = "".join(pair).lower(), f"{pair[0]} and {pair[1]}"
+    return [
+        build_experiment(
+            ground,
+            f"circles_{small}",
+            f"circles in {names} at several feeds both ways: gap, servo mismatch, delay, pick-up",
+            lambda draft: _between(
+                draft,
+                lambda: parts.circles(draft, pair, ground.feeds, ground.radius),
+                lambda: parts.small_circles(draft, pair),
+            ),
+        ),
+        build_experiment(
+            ground,
+            f"diagonals_{small}",
+            f"both diagonals of {names}, to and fro: squareness beside scale",
+            lambda draft: _between(draft, lambda: parts.diagonals(draft, pair)),
+            gauge=True,
+        ),
+    ]
+
+
+def _warm(ground: TestVolume, seconds: float) -> Experiment:
+    """Let the screws grow, and look at the same way again and again."""
+
+    def write(draft: ProgramBuilder) -> None:
+        def look() -> None:
+            for axis in ground.axes:
+                parts.sweeps(draft, axis, (ground.slow(axis, 0.25 * parts.SLOW_SWEEP),))
+
+        parts.standstill(draft)
+        parts.warm_up(draft, ground.axes, seconds, look)
+
+    why = "a long run from cold with the same sweeps again and again: growth by warmth, beside scale"
+    return build_experiment(ground, "warm_up", why, write, gauge=True)
+
+
+def _between(draft: ProgramBuilder, *motions: Callable[[], None]) -> None:
+    """Stand still before, between and after, for the noise floor."""
+    parts.standstill(draft)
+    for motion in motions:
+        motion()
+        parts.standstill(draft)
+
+
+def program_file(machine: Machine, one: Experiment) -> str:
+    """Name of the file that a program goes to, with the ending that the machine's controller expects."""
+    return one.name + find_dialect(machine.dialect).ending
+
+
+def recording_plan(machine: Machine, source: str, folder: str, kit: Sequence[Experiment]) -> str:
+    """Write the plan as Markdown.
+
+    Parameters
+    ----------
+    machine : Machine
+    source : str
+        What the person called the machine: a file, or the name of a shipped one.
+    folder : str
+        Where the programs are, and the logs are wanted.
+    kit : sequence of Experiment
+    """
+    lines = (*_before(machine, kit), *_runs(machine, source, folder, kit), *_by_hand(machine))
+    return "\n".join(lines) + "\n"
+
+
+def _before(machine: Machine, kit: Sequence[Experiment]) -> Iterator[str]:
+    yield f"# Test programs for {machine.name}"
+    yield ""
+    yield f"`{program_file(machine, kit[0])}` alone is a good beginning; the others look at one thing each."
+    yield ""
+    yield "## Before"
+    yield ""
+    yield "- Read the head of each program: it says where it moves. The tool must be clear of all there."
+    yield "- The programs cut air. Spindle off, feed override at 100 percent, work offset G54."
+    yield f"- Switch off what the controller compensates{_compensation(machine)}: it would hide the gap."
+    cold = program_file(machine, kit[-1])
+    yield f"- `{cold}` wants a machine that was off for the night; the others a warm one."
+    closed = [name for name, axis in machine.axes.items() if axis.feedback == "load"]
+    if closed:
+        yield (
+            f"- The loops of {', '.join(closed)} follow a scale, and cannot show what is wrong with it:"
+            " scale, cyclic error, growth and squareness want a gauge outside of the loop, such as a laser."
+        )
+    yield "- A log is a CSV file with a column t [s] and those named below, at a constant period."
+
+
+def _compensation(machine: Machine) -> str:
+    return " (BACKLASH and COMP_FILE in the ini file)" if machine.dialect == "linuxcnc" else ""
+
+
+def _runs(machine: Machine, source: str, folder: str, kit: Sequence[Experiment]) -> Iterator[str]:
+    yield ""
+    yield "## Run, record, diagnose"
+    for one in kit:
+        yield ""
+        yield f"### {program_file(machine, one)}"
+        yield ""
+        yield f"{one.why[:1].upper()}{one.why[1:]}."
+        yield ""
+        yield from (f"- {_code(line)}" for line in one.record if not line.startswith(READ_WITH))
+        yield ""
+        yield "```"
+        yield _command(machine, source, folder, one)
+        yield "```"
+
+
+def _code(line: str) -> str:
+    """Set what is typed as code."""
+    return f"`{line}`" if line.startswith(("halcmd ", "halsampler ")) else line.replace("_", "\\_")
+
+
+def _command(machine: Machine, source: str, folder: str, one: Experiment) -> str:
+    """Line that judges a log; the log has the columns that were recorded, and the place of the program."""
+    linuxcnc = machine.dialect == "linuxcnc"
+    log = Path(folder, one.name + (".txt" if linuxcnc else ".csv"))
+    words = ["ph-post", "diagnose", str(log), "-m", source]
+    if not linuxcnc:
+        words += ["--program", str(Path(folder, program_file(machine, one)))]
+    for line in one.record:
+        if line.startswith(READ_WITH):
+            words += line.removeprefix(READ_WITH).split()
+    return shlex.join([*words, "-o", str(Path(folder, f"better_{one.name}.toml"))])
+
+
+def _by_hand(machine: Machine) -> Iterator[str]:
+    """Say what no program can do."""
+    closed = [name for name, axis in machine.axes.items() if axis.feedback == "load"]
+    yield ""
+    yield "## By hand"
+    yield ""
+    yield "- Repeat one program without touching anything: what differs between two runs is noise."
+    if closed:
+        yield (
+            f"- Coast-down ({', '.join(closed)}): a program can only stop under control. For the motor's own"
+            " time constant uncouple it from the screw, run it at a steady speed, take away the drive's power"
+            " (never with an axis that can fall), and record the motor's encoder until it stands."
+        )

@@ -1,0 +1,204 @@
+"""One test program with its heading, and the channels to record while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from typing import Final
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.testprograms.builder import APPROACH, ProgramBuilder, TestVolume
+from ph_post.types import Machine
+from ph_post.types.diagnosis import Channel, Experiment
+from ph_post.units import MM, MM_PER_MIN
+
+EVERY: Final[tuple[Channel, ...]] = ("act", "motor", "force")
+
+LEAST_RATE: Final = 1000.0
+"""Samples a second that a record wants, where the controller's own period is longer."""
+
+MARGIN: Final = 60.0
+"""How much longer than the program is recorded [s]; a person starts one after the other."""
+
+READ_WITH: Final = "read it with "
+"""Before the options with which a record is read that has no header."""
+
+STORE: Final = 10.0
+"""What LinuxCNC's sampler holds until it is read [s]."""
+
+
+def what_to_record(
+    machine: Machine,
+    axes: Sequence[str],
+    needed: Collection[Channel],
+    seconds: float,
+    name: str,
+    *,
+    gauge: bool = False,
+) -> tuple[str, ...]:
+    """Say what to record of a test program, a line a thing.
+
+    Parameters
+    ----------
+    machine : Machine
+    axes : sequence of str
+        Axes that move.
+    needed : collection of {"act", "motor", "force"}
+        Channels without which the program tells nothing; the others are welcome.
+    seconds : float
+        About how long the program takes [s].
+    name : str
+        Of the program; the log is called like it.
+    gauge : bool, optional
+        Whether the table has to be read by something that is no part of the loop.
+    """
+    rate = max(1.0 / machine.servo_period, LEAST_RATE)
+    commands = ", ".join(f"{axis}_cmd" for axis in axes)
+    lines = [
+        f"from before the start until after the end, about {seconds:.0f} s, {rate:.0f} samples a second",
+        f"{commands} [mm]: what is commanded, each sample with the rest",
+    ]
+    lines += [
+        _channel(machine, axis, channel, needed, gauge)
+        for axis in axes
+        for channel in EVERY
+        if _is_offered(machine, axis, channel, needed)
+    ]
+    if machine.dialect == "linuxcnc":
+        lines += halsampler_lines(machine, axes, seconds, name, gauge=gauge)
+    elif machine.dialect.startswith("grbl"):
+        lines.append(
+            "the controller reports positions some ten times a second, which is too few: record with a scale"
+            f" or an encoder that has a logger of its own, and give {name}.ngc beside the log in place of"
+            f" {commands}"
+        )
+    return tuple(lines)
+
+
+def halsampler_lines(
+    machine: Machine, axes: Sequence[str], seconds: float, name: str, *, gauge: bool = False
+) -> list[str]:
+    """Lines for a shell with which LinuxCNC records its joints every servo period.
+
+    The joints are taken to be numbered as the axes are; their positions are those of the machine, not of the
+    work offset. Where a gauge is read only the person who wired it knows: its pin is a word in capitals.
+    """
+    pins = _pins(machine, axes, gauge)
+    depth, rows = (round(span / machine.servo_period) for span in (STORE, seconds + MARGIN))
+    return [
+        "halcmd unloadrt sampler || true",
+        f"halcmd loadrt sampler depth={depth} cfg={'f' * len(pins)}",
+        "halcmd addf sampler.0 servo-thread",
+        *(f"halcmd net {_signal(column, pin)} {pin} sampler.0.pin.{k}" for k, (column, pin) in enumerate(pins)),
+        f"halsampler -t -n {rows} {name}.txt",
+        "more channels: one f more in cfg, one net each, and one --column more below",
+        # The sample's number is the first column.
+        READ_WITH + " ".join(f"--column {column}={k}:mm" for k, (column, _) in enumerate(pins, 2)),
+    ]
+
+
+def _signal(column: str, pin: str) -> str:
+    """Name a signal of HAL: one that has a writer already can take no other."""
+    side = "gauge" if "GAUGE" in pin else column[2:]
+    return f"kit-{column[0].lower()}-{side}"
+
+
+def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:
+    """Columns of LinuxCNC's record, and where in HAL they come from."""
+    known = [axis for axis in "XYZ" if axis in machine.axes]
+    pins = []
+    for axis in axes:
+        joint = f"joint.{known.index(axis)}"
+        own = _own(machine, axis)
+        pins.append((f"{axis}_cmd", f"{joint}.pos-cmd"))
+        if own == "motor" or (own == "act" and not gauge):
+            pins.append((f"{axis}_{own}", f"{joint}.pos-fb"))
+        if own is None or (gauge and own == "act"):
+            pins.append((f"{axis}_act", f"PIN_OF_THE_{axis}_GAUGE"))
+    return pins
+
+
+def _own(machine: Machine, axis: str) -> Channel | None:
+    """Which side of the gap the loop's own feedback is on."""
+    feedback = machine.axes[axis].feedback
+    if feedback == "none":
+        return None
+    return "act" if feedback == "load" else "motor"
+
+
+def _is_offered(machine: Machine, axis: str, channel: Channel, needed: Collection[Channel]) -> bool:
+    """Whether an axis can have it: without feedback there is no force, and an encoder only if put on."""
+    if machine.axes[axis].feedback != "none":
+        return True
+    return channel == "act" or (channel == "motor" and channel in needed)
+
+
+def _channel(machine: Machine, axis: str, channel: Channel, needed: Collection[Channel], gauge: bool) -> str:
+    own = channel == _own(machine, axis)
+    if channel == "force":
+        words = f"{axis}_force [N] or {axis}_current [A]: what the drive gives the motor"
+    elif channel == "motor":
+        words = f"{axis}_motor [mm of travel]: " + (
+            "the motor's own encoder" if own else "an encoder on the motor or on the screw"
+        )
+    elif gauge:
+        words = f"{axis}_act [mm]: a gauge at the table outside of the loop, such as a laser or a ballbar"
+    else:
+        words = f"{axis}_act [mm]: " + ("the table's own scale" if own else "a scale or gauge at the table")
+    return words + (", needed" if channel in needed else ", if there is one")
+
+
+Write = Callable[[ProgramBuilder], None]
+"""Adds the motions of a program to a draft."""
+
+
+def build_experiment(
+    ground: TestVolume,
+    name: str,
+    why: str,
+    write: Write,
+    needed: Sequence[Channel] = ("act",),
+    notes: Sequence[str] = (),
+    *,
+    gauge: bool = False,
+) -> Experiment:
+    """Write one program.
+
+    Parameters
+    ----------
+    ground : TestVolume
+    name : str
+        What it and its log are called.
+    why : str
+        What it is for, a sentence.
+    write : callable
+        Adds the motions to a draft.
+    needed : sequence of {"act", "motor", "force"}
+        Channels without which it tells nothing.
+    notes : sequence of str, optional
+        What else the program says at its head.
+    gauge : bool, optional
+        Whether the table has to be read by something that is no part of the loop.
+    """
+    draft = ProgramBuilder(ground, find_dialect(ground.machine.dialect, "controller.dialect"))
+    write(draft)
+    record = what_to_record(ground.machine, ground.axes, needed, draft.seconds, name, gauge=gauge)
+    remarks = [*_remarks(ground, name, why, draft), *notes]
+    return Experiment(name=name, why=why, record=record, program=draft.text(remarks))
+
+
+def _remarks(ground: TestVolume, name: str, why: str, draft: ProgramBuilder) -> list[str]:
+    """Say what a person must know before starting a program."""
+    room = ", ".join(f"{axis} from {low / MM:g} to {high / MM:g}" for axis, (low, high) in ground.spans.items())
+    middle = " ".join(f"{axis}{ground.centre(axis) / MM:g}" for axis in ground.axes)
+    others = [axis for axis in "XYZ" if axis not in ground.axes]
+    still = "" if not others else f", {' and '.join(others)} not moved: the height at which the tool stands stays"
+    speed = min(APPROACH, 0.25 * ground.top(*ground.axes)) / MM_PER_MIN
+    return [
+        f"ph-post test program {name} for {ground.machine.name}, about {draft.seconds:.0f} s",
+        why.replace(";", ","),  # which ends a line to some controllers
+        f"THE TOOL MUST BE CLEAR of everything: moves {room} mm{still}",
+        f"go to {middle} by hand first: the program begins with a straight move to there at {speed:g} mm/min,"
+        " and ends there",
+        "cut air, spindle off, feed override 100 percent, work offset G54, the controller's own backlash and"
+        " screw compensation off",
+    ]

@@ -1,0 +1,123 @@
+"""Records of a machine: axes with drive and limits, abilities of a controller, scenarios of what a file leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import msgspec
+
+Feedback = Literal["load", "motor", "none"]
+Flank = Literal["+", "-", "unknown"]
+Pickup = Literal["standstill", "momentum", "contact"]
+
+
+class Servo(msgspec.Struct, frozen=True, kw_only=True):
+    """Closed loop of one axis: b [s²] and c [s] of Eq. (9), and the PI/PID gains relative to k_p.
+
+    `stiffness` [N/m] is the force on the table that a P loop answers with a position error of one metre,
+    k_p k_a k_t N / r; None where the file does not tell it.
+    """
+
+    b: float
+    c: float
+    ki_over_kp: float = 0.0
+    kd_over_kp: float = 0.0
+    stiffness: float | None = None
+
+
+class Gap(msgspec.Struct, frozen=True, kw_only=True):
+    """Backlash of one axis.
+
+    `lost_motion` [m] is what a dial indicator shows, r Δθ_m / N. The other fields are None where a
+    `motor` or `none` axis does not need them: `motor_angle` Δθ_m [rad], `gear_ratio` N,
+    `travel_per_rad` r [m/rad], `inertia_fraction` η, `beta` 1/τ [1/s].
+    """
+
+    lost_motion: float
+    motor_angle: float | None = None
+    gear_ratio: float | None = None
+    travel_per_rad: float | None = None
+    inertia_fraction: float | None = None
+    beta: float | None = None
+    pickup: Pickup | None = None
+    initial_flank: Flank = "unknown"
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True):
+    """Limits of one axis [m/s, m/s², m/s³, rad/s²]; `motor_acceleration` is None where not given."""
+
+    velocity: float
+    acceleration: float
+    jerk: float
+    motor_acceleration: float | None = None
+
+
+class EffectSetting(msgspec.Struct, frozen=True, kw_only=True):
+    """A physical effect switched on in the machine file: its name and its parameters, as they stand there."""
+
+    name: str
+    parameters: Mapping[str, Any]
+
+
+class Uncertainty(msgspec.Struct, frozen=True, kw_only=True):
+    """Relative uncertainties of one axis' drive parameters."""
+
+    backlash: float = 0.2
+    beta: float = 0.2
+    gain: float = 0.2
+
+
+class Axis(msgspec.Struct, frozen=True, kw_only=True):
+    """One axis of a machine: its drive and its limits."""
+
+    name: str
+    feedback: Feedback
+    servo: Servo
+    gap: Gap
+    limits: Limits
+    uncertainty: Uncertainty = Uncertainty()
+    effects: tuple[EffectSetting, ...] = ()
+
+
+class Machine(msgspec.Struct, frozen=True, kw_only=True):
+    """A machine: axes by name, controller dialect and servo period [s]."""
+
+    name: str
+    dialect: str
+    servo_period: float
+    axes: Mapping[str, Axis]
+    digest: str = ""
+
+
+class Scenario(msgspec.Struct, frozen=True, kw_only=True):
+    """One of the machines that a machine file leaves possible.
+
+    `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+");
+    `gap`, `beta` and `gain` are factors on the file's values. A gap of 0 is the machine without backlash.
+    """
+
+    pickup: Pickup | None = None
+    flank: Literal["+", "-"] | None = None
+    gap: float = 1.0
+    beta: float = 1.0
+    gain: float = 1.0
+
+
+class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
+    """What a dialect can carry."""
+
+    arcs: bool
+    cubic_splines: bool
+    inverse_time: bool
+    decimals: int
+    max_line: int
+    blending: bool
+    """Whether a path-blending word (G64) is understood."""
+    dwells: bool = True
+    """Whether the axes stand still in a G4, so that a short move between two of them is not blended away."""
+    polynomial_degree: int = 1
+    """Highest degree of a block that is a polynomial, or a quotient of two, of each axis; 1 where there is
+    none but the straight move."""
+    feed_degree: int = 0
+    """Highest degree of the feed of one block as a polynomial of the way; 0 where a block has one feed."""

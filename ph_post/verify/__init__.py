@@ -1,0 +1,1 @@
+"""Prove that a compensated program is its original but for what its header declares."""

@@ -1,0 +1,331 @@
+"""Check that the tool follows the original path through changes, and that axes with an offset move in its direction."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ph_post.compiling import compiled, inner
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, plane_columns
+from ph_post.types import Array, BoolArray, IntArray
+from ph_post.units import MM
+from ph_post.verify.declared import NO_HUNK, VerifyCase
+from ph_post.verify.pairing import (
+    EXACT,
+    Pairing,
+    Stretches,
+    StretchSide,
+    declared_ways,
+    doubtful,
+    dwell_beside,
+    find_stretches,
+    is_declared,
+    millimetres,
+)
+from ph_post.verify.polylines import follow, polylines
+from ph_post.verify.states import Dwells
+
+_FINE = 20.0
+"""Chords stand in for arcs within this part of the tolerance, and the bound is widened by as much."""
+
+_HALVINGS = 32
+_LONGEST = 1.0
+"""Deviations are told up to this length [m]."""
+
+_CELLS = 10**6
+"""Ways of more pairs of pieces than this take too long to tell how far they are apart."""
+
+_TOLD = 20
+"""Of so many stretches the deviation is worked out."""
+
+
+class _Way(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The polylines of the stretches of one program, less what is added to the axes.
+
+    `points` (n, 3) [m], those of stretch r from ``first[r]`` on; `owner` (n,) the motion that a point is of,
+    -1 where a stretch has none.
+    """
+
+    points: Array
+    first: IntArray
+    owner: IntArray
+
+
+def check_course(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> Stretches:
+    """Compare the stretches of all hunks with what they replace; `dwells` are the added ones."""
+    one, other = case.original.motions, case.compensated.motions
+    found = find_stretches(one, other, pairing)
+    case.findings.count("stretches", found.hunk.size)
+    doubts = _doubtful_jogs(case, pairing, dwells)
+    told = _check_ways(case, doubtful(one, other, found, case.bound), doubts)
+    gap = np.abs(_last(one, other, found))
+    off = np.any(gap > 0.5 * _grid(case, found)[:, None] + EXACT, axis=1)
+    for place in np.flatnonzero(off).tolist():
+        if int(found.hunk[place]) not in told and not _tell_jogs(case, doubts, found, place):
+            _tell_end(case, int(found.hunk[place]), gap[place])
+    return found
+
+
+def _check_ways(case: VerifyCase, closer: Stretches, doubts: BoolArray) -> set[int]:
+    """Compare the ways of the stretches that need a closer look; returns the hunks that failed."""
+    if not closer.hunk.size:
+        return set()
+    sagitta = case.bound / _FINE
+    old, new = (
+        _way(program.motions, side, sagitta)
+        for program, side in ((case.original, closer.old), (case.compensated, closer.new))
+    )
+    old, new = _filled(old, new), _filled(new, old)
+    bound = np.full(closer.hunk.size, case.bound + 2.0 * sagitta)
+    stuck = follow(old.points, old.first, new.points, new.first, bound)
+    failed = np.flatnonzero(stuck >= 0)
+    for rank, place in enumerate(failed.tolist()):
+        if not _tell_jogs(case, doubts, closer, place):
+            deviation = _deviation(old, new, place) if rank < _TOLD else None
+            _tell_way(case, int(closer.hunk[place]), new, place, int(stuck[place]), deviation)
+    return set(closer.hunk[failed].tolist())
+
+
+def _way(motions: Motions, side: StretchSide, sagitta: float) -> _Way:
+    lines = polylines(motions, side.motion, sagitta)
+    owner = np.repeat(np.arange(side.motion.size), np.diff(lines.first))
+    points = np.nan_to_num(lines.points) - side.shift[owner]
+    return _Way(points=points, first=lines.first[side.first], owner=side.motion[owner])
+
+
+def _filled(way: _Way, other: _Way) -> _Way:
+    """Give stretches without a motion a point: the first of the other program's."""
+    empty = np.flatnonzero(np.diff(way.first) == 0)
+    added = np.zeros(way.first.size, dtype=np.int64)
+    added[empty + 1] = 1
+    return _Way(
+        points=np.insert(way.points, way.first[empty], other.points[other.first[empty]], axis=0),
+        first=way.first + np.cumsum(added),
+        owner=np.insert(way.owner, way.first[empty], -1),
+    )
+
+
+def _last(one: Motions, other: Motions, found: Stretches) -> Array:
+    """Tell by what stretches end elsewhere [m]; a stretch without a motion ends where it begins."""
+    ends = []
+    for motions, side in ((one, found.old), (other, found.new)):
+        first, last = np.zeros((found.hunk.size, 3)), np.zeros((found.hunk.size, 3))
+        there = np.flatnonzero(np.diff(side.first) > 0)
+        low, high = side.first[there], side.first[there + 1] - 1
+        first[there] = np.nan_to_num(motions.start[side.motion[low]]) - side.shift[low]
+        last[there] = np.nan_to_num(motions.end[side.motion[high]]) - side.shift[high]
+        ends.append((first, last, np.diff(side.first) == 0))
+    (old_first, old_last, no_old), (new_first, new_last, no_new) = ends
+    old_last = np.where(no_old[:, None], new_first, old_last)
+    return np.asarray(np.where(no_new[:, None], old_first, new_last) - old_last)
+
+
+def _grid(case: VerifyCase, found: Stretches) -> Array:
+    """Last decimal [m] that is written in each stretch."""
+    program, decimals = case.compensated, case.declared.decimals
+    units = np.array([modal.units for modal in program.modal])
+    block = case.lines.hunks.new_last[found.hunk] - 1
+    return np.asarray(units[program.state[block]] * 10.0 ** -(0 if decimals is None else decimals))
+
+
+def _doubtful_jogs(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> BoolArray:
+    """Find moves that count as part of the way, but look like a jog that is not as it should be."""
+    motions = case.compensated.motions
+    straight = np.flatnonzero((motions.kind == LINE) & ~pairing.jog & (pairing.new_hunk != NO_HUNK))
+    way = np.nan_to_num(np.abs(motions.end[straight] - motions.start[straight]))
+    alone = (way > EXACT).sum(axis=1) == 1
+    ahead, behind = dwell_beside(motions.block, pairing.new_hunk, dwells, case.lines)
+    amount = np.zeros(way.shape[0], dtype=bool)
+    for axis, (offset, pulse) in declared_ways(case.declared).items():
+        amount |= is_declared(way[:, axis], offset, 0.0) | (np.abs(way[:, axis] - pulse) <= EXACT)
+    doubts = np.zeros(motions.kind.size, dtype=bool)
+    doubts[straight] = alone & ((ahead & behind)[straight] | amount)
+    return doubts
+
+
+def _tell_jogs(case: VerifyCase, doubts: BoolArray, found: Stretches, place: int) -> bool:
+    """Tell the doubtful jogs of a stretch; whether there are any."""
+    motions = case.compensated.motions
+    own = found.new.motion[found.new.first[place] : found.new.first[place + 1]]
+    for motion in own[doubts[own]].tolist():
+        case.findings.add(
+            "jog",
+            "a move of one axis beside the path is no declared jog between two dwells",
+            compensated=int(motions.block[motion]),
+            got=millimetres(np.nan_to_num(motions.end[motion] - motions.start[motion])),
+        )
+    return bool(doubts[own].any())
+
+
+def _replaced(case: VerifyCase, hunk: int) -> int | None:
+    """First of the lines that a hunk replaces, if it does."""
+    hunks = case.lines.hunks
+    return int(hunks.old_first[hunk]) if hunks.old_last[hunk] > hunks.old_first[hunk] else None
+
+
+def _tell_end(case: VerifyCase, hunk: int, ends: Array) -> None:
+    case.findings.add(
+        "path",
+        "the changed stretch does not end where the original does",
+        original=_replaced(case, hunk),
+        compensated=int(case.lines.hunks.new_last[hunk]) - 1,
+        got=millimetres(ends),
+    )
+
+
+def _tell_way(case: VerifyCase, hunk: int, new: _Way, place: int, stuck: int, deviation: float | None) -> None:
+    """Say where a stretch leaves the original's way, and by how much."""
+    owner = new.owner[min(new.first[place] + stuck, new.first[place + 1] - 1)]
+    block = case.compensated.motions.block[owner] if owner >= 0 else case.lines.hunks.marker[hunk]
+    case.findings.add(
+        "path",
+        "the tool does not go where the original does",
+        original=_replaced(case, hunk),
+        compensated=int(block),
+        expected=f"within {case.bound / MM:.4g} mm",
+        got="" if deviation is None else f"{deviation / MM:.4g} mm, in the order of travel",
+    )
+
+
+def _deviation(old: _Way, new: _Way, place: int) -> float | None:
+    """How far the ways of a stretch are apart, in order [m], up to a metre; None where they are very long."""
+    one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
+    if len(one) * len(other) > _CELLS:
+        return None
+    ends = np.array([0, len(one)]), np.array([0, len(other)])
+    low, high = 0.0, _LONGEST
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        apart = follow(one, ends[0], other, ends[1], np.array([middle]))[0] >= 0
+        low, high = (middle, high) if apart else (low, middle)
+    return high
+
+
+_SPARE = 1.01
+"""Excursions may be longer than the dead band by this factor: rounding of the places where an axis turns."""
+
+_SAGITTA = 1e-3 * MM
+"""Splines are followed in chords that leave them by no more than this [m]."""
+
+SignArray = NDArray[np.int8]
+
+_SKIP = -1
+"""The chain of a jog."""
+
+
+def check_direction(case: VerifyCase, pairing: Pairing) -> None:
+    """Demand that no axis moves back farther than the dead band under the offset of its other direction.
+
+    The dead band is the tolerance, or the offset itself where that is more: to follow an excursion that is
+    smaller than the lost motion is nobody's duty.
+    """
+    motions = case.compensated.motions
+    curves = np.isin(motions.kind, (CUBIC, NURBS))
+    lines = polylines(motions, np.flatnonzero(curves), _SAGITTA)
+    first = np.zeros(motions.kind.size + 1, dtype=np.int32)
+    first[1:][curves] = np.diff(lines.first)
+    np.cumsum(first, out=first)
+    chain = np.where(pairing.jog, _SKIP, motions.chain)
+    for name, amount in case.declared.offsets.items():
+        axis, band = AXES.index(name), max(case.band, amount.metres)
+        sign = np.rint(pairing.after[:, axis] / amount.metres).astype(np.int8)
+        ends = (motions.start[:, axis], motions.end[:, axis])
+        shift = (pairing.before[:, axis], pairing.after[:, axis])
+        places = np.ascontiguousarray(lines.points[:, axis])
+        excursion = _excursions(sign, chain, ends, shift, _swings(motions, axis), (places, first))
+        over = excursion > _SPARE * band
+        for motion in np.flatnonzero(over & ~np.append(False, over)[:-1]).tolist():
+            case.findings.add(
+                "direction",
+                f"{name} moves back under the offset of its other direction",
+                original=_original_line(case, pairing, motion),
+                compensated=int(motions.block[motion]),
+                expected=f"<= {band / MM:.6g} mm",
+                got=f"{excursion[motion] / MM:.6g} mm",
+            )
+
+
+def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | None:
+    place = int(np.searchsorted(pairing.new, motion))
+    if place < pairing.new.size and pairing.new[place] == motion:
+        return int(case.original.motions.block[pairing.old[place]])
+    return None
+
+
+def _swings(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
+    """Tell how arcs swing an axis: middle [m], radius [m], where they begin and how far they go.
+
+    The last two in half turns from where the axis is farthest; radius 0 where the axis does not swing.
+    """
+    # Zeros that nothing is written to take no memory.
+    middle, radius, begin, sweep = (np.zeros(motions.kind.size) for _ in range(4))
+    arcs = np.flatnonzero(motions.kind == ARC)
+    columns = plane_columns(motions.plane[arcs])
+    spoke = np.take_along_axis(motions.start[arcs], columns[:, :2], axis=1) - motions.center[arcs]
+    second = columns[:, 1] == axis
+    middle[arcs] = motions.center[arcs, second.astype(np.int64)]
+    radius[arcs] = np.nan_to_num(np.where(columns[:, 2] != axis, np.hypot(*spoke.T), 0.0))
+    begin[arcs] = np.arctan2(spoke[:, 1], spoke[:, 0]) / math.pi - 0.5 * second
+    sweep[arcs] = motions.angle[arcs] / math.pi
+    return middle, radius, begin, sweep
+
+
+@inner
+def _visit(x: float, spot: Any) -> None:
+    """Follow the axis to a place: `spot` has the farthest one so far, and the longest way back from it."""
+    spot[0] = max(spot[0], x)
+    spot[1] = max(spot[1], spot[0] - x)
+
+
+@inner
+def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> None:
+    """Visit the places inside an arc at which the axis turns, in order."""
+    middle, radius, begin, sweep = swings
+    step = 1.0 if sweep[k] > 0.0 else -1.0
+    n = math.floor(begin[k]) + 1.0 if sweep[k] > 0.0 else math.ceil(begin[k]) - 1.0
+    while (n - begin[k] - sweep[k]) * step < 0.0:
+        _visit(sign * (middle[k] - shift + (radius[k] if n % 2.0 == 0.0 else -radius[k])), spot)
+        n += step
+
+
+@compiled
+def _excursions(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any) -> Array:
+    """Longest way back [m] under one offset that each motion adds to, 0 where the axis carries none.
+
+    Parameters
+    ----------
+    sign : ndarray, shape (k,)
+        Direction whose offset the axis carries at the end of each motion, 0 for none.
+    chain : ndarray, shape (k,)
+        Number of the chain, ``_SKIP`` for jogs.
+    ends, shift : tuple of ndarray, shape (k,)
+        Position at start and end [m], and what is added there.
+    swings : tuple of ndarray, shape (k,)
+        Middle, radius, begin and sweep of arcs.
+    curve : tuple
+        Positions along splines [m], and where those of each motion begin (k + 1,).
+    """
+    out, spot = np.zeros(sign.size), np.zeros(2)
+    places, first = curve
+    latest, its_chain = 0, _SKIP
+    for k in range(sign.size):
+        if chain[k] == _SKIP:
+            continue
+        if sign[k] == 0 or np.isnan(ends[0][k]) or np.isnan(ends[1][k]):
+            latest = 0
+            continue
+        if sign[k] != latest or chain[k] != its_chain:
+            spot[0], latest, its_chain = -math.inf, sign[k], chain[k]
+        spot[1] = 0.0
+        _visit(sign[k] * (ends[0][k] - shift[0][k]), spot)
+        if swings[1][k] > 0.0:
+            _visit_turns(k, sign[k], shift[1][k], swings, spot)
+        for n in range(first[k], first[k + 1]):
+            _visit(sign[k] * (places[n] - shift[1][k]), spot)
+        _visit(sign[k] * (ends[1][k] - shift[1][k]), spot)
+        out[k] = spot[1]
+    return out

@@ -1,0 +1,280 @@
+"""Check what is added to the motions, and the feeds in changes.
+
+Only declared amounts may be added, only where that is allowed, and they are taken back in time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane_columns
+from ph_post.types import Array, BoolArray, IntArray, Machine
+from ph_post.units import MM, MM_PER_MIN
+from ph_post.verify.declared import NO_HUNK, VerifyCase
+from ph_post.verify.pairing import EXACT, Pairing, Stretches, StretchSide, declared_ways, millimetres
+from ph_post.verify.states import Dwells
+from ph_post.verify.verdict import FailureKind
+
+_ROUNDING = 1e-4
+"""Feeds may be above the original's by this part of themselves: their last digit."""
+
+_TIMED = 0.01
+"""The same under inverse time, where a feed is a length over a time, and lengths of arcs are rounded."""
+
+_SLOWER = 0.02
+"""A feed that is lower than the original's by this part of it is a dip, and not rounding."""
+
+_NEAR = 1e-6
+"""Shares of a stretch this close are the same place."""
+
+_NOTHING = 1e-12
+"""No length [m] is divided by that is smaller."""
+
+
+def check_feeds(case: VerifyCase, found: Stretches) -> None:
+    """Compare the feed of every cutting move in a hunk with the largest of the original's beside it."""
+    run = found.new.stretch()
+    mine = np.flatnonzero(np.diff(found.old.first)[run] > 0)
+    bound = _feeds_beside(case, found, mine)
+    feed = _feeds(case.compensated.motions, found.new)[mine]
+    grid = 2.0 * MM * 10.0 ** -(case.declared.decimals if case.declared.decimals is not None else 0)
+    timed = case.compensated.motions.duration[found.new.motion[mine]] > 0.0
+    spare = np.where(timed, _TIMED, _ROUNDING) + grid / np.maximum(found.new.length[mine], _NOTHING)
+    right = feed <= bound * (1.0 + spare)
+    right |= np.isnan(feed) & np.isnan(bound)
+    case.findings.count("feeds", mine.size)
+    slower = np.flatnonzero(feed < bound * (1.0 - _SLOWER))
+    if case.declared.dips == 0 and slower.size:
+        block = case.compensated.motions.block[found.new.motion[mine[slower[0]]]]
+        case.findings.add("count", "the feed dips, and the header tells of no dip", compensated=int(block))
+    for place in np.flatnonzero(~right).tolist():
+        block = case.compensated.motions.block[found.new.motion[mine[place]]]
+        case.findings.add(
+            "feed",
+            "the feed is above the original's",
+            compensated=int(block),
+            expected=f"<= {bound[place] / MM_PER_MIN:.6g} mm/min",
+            got=f"{feed[place] / MM_PER_MIN:.6g} mm/min",
+        )
+
+
+def _feeds_beside(case: VerifyCase, found: Stretches, mine: IntArray) -> Array:
+    """Largest feed of the original along each of the moves [m/s]."""
+    run = found.new.stretch()[mine]
+    low, high = (side[mine] for side in found.new.places())
+    old_low, old_high = found.old.places()
+    # Lengths differ by what the tolerance allows: a move does not count as beside what it only touches.
+    reach = _NEAR + case.bound / np.maximum(found.new.totals()[run], case.bound)
+    reach = np.minimum(reach, 0.25 * (high - low))
+    begin, end = found.old.first[run], found.old.first[run + 1]
+    first = np.clip(np.searchsorted(old_high, low + reach), begin, end - 1)
+    last = np.clip(np.searchsorted(old_low, high - reach), first + 1, end)
+    return _largest(_feeds(case.original.motions, found.old), first, last)
+
+
+def _feeds(motions: Motions, side: StretchSide) -> Array:
+    """Feed of each motion [m/s]; under inverse time, from its length."""
+    timed = motions.duration[side.motion]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(timed > 0.0, side.length / timed, motions.feed[side.motion]))
+
+
+def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
+    """Largest of the values in each of the ranges ``[first, last)``, none of which is empty."""
+    if not first.size:
+        return np.zeros(0)
+    ends = np.column_stack([first, last]).ravel()
+    return np.asarray(np.maximum.reduceat(np.append(values, -np.inf), ends)[::2])
+
+
+def check_jogs(case: VerifyCase, pairing: Pairing, machine: Machine) -> None:
+    """Demand of every jog a feed that its axis can reach on its way, inside its limits."""
+    motions, jogs = case.compensated.motions, np.flatnonzero(pairing.jog)
+    ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
+    timed = motions.duration[jogs]
+    axis, length = np.argmax(ways, axis=1), np.max(ways, axis=1, initial=0.0)
+    with np.errstate(divide="ignore"):
+        feed = np.where(timed > 0.0, length / timed, motions.feed[jogs])
+    for column in np.unique(axis).tolist():
+        name, own = AXES[column], np.flatnonzero(axis == column)
+        if name not in machine.axes:
+            block = int(motions.block[jogs[own[0]]])
+            case.findings.add("limits", f"the machine has no axis {name}", compensated=block)
+            continue
+        limits = machine.axes[name].limits
+        most = np.minimum(limits.velocity, np.sqrt(limits.acceleration * length[own]))
+        for place in np.flatnonzero(~(feed[own] <= most * (1.0 + _ROUNDING))).tolist():
+            case.findings.add(
+                "limits",
+                f"the jog of {name} is faster than the machine can be on its way",
+                compensated=int(motions.block[jogs[own[place]]]),
+                expected=f"<= {most[place] / MM_PER_MIN:.6g} mm/min",
+                got=f"{feed[own[place]] / MM_PER_MIN:.6g} mm/min",
+            )
+
+
+_ANGLE = 1e-9
+"""Angles [rad] that differ by no more are the same."""
+
+_RELATIVE = 1e-9
+"""Feeds that differ by no more of themselves are the same."""
+
+
+def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
+    """Motions that stand for each other are the same but for one shift, which only a rapid may change."""
+    one, other, old, new = case.original.motions, case.compensated.motions, pairing.old, pairing.new
+    changes, unknown = np.zeros(old.size, dtype=bool), np.zeros(old.size, dtype=bool)
+    for axis in range(3):  # one by one, as there may be a million motions
+        changes |= np.abs(pairing.after[new, axis] - pairing.before[new, axis]) > EXACT
+        unknown |= np.isnan(one.start[old, axis]) != np.isnan(other.start[new, axis])
+        unknown |= np.isnan(one.end[old, axis]) != np.isnan(other.end[new, axis])
+    faults: tuple[tuple[FailureKind, BoolArray, str], ...] = (
+        ("path", one.kind[old] != other.kind[new], "the motion is of another kind"),
+        ("path", unknown, "the position is known in one of the programs only"),
+        ("path", _bent(case, pairing), "the arc is another one"),
+        ("path", _bulged(case, pairing), "the spline is another one"),
+        ("path", one.exact[old] != other.exact[new], "the path mode at its end is another one"),
+        ("feed", _differ(one.feed[old], other.feed[new]), "the feed of the motion is another one"),
+        ("feed", _differ(one.duration[old], other.duration[new]), "the time of the motion is another one"),
+        (
+            "offset",
+            (one.kind[old] != RAPID) & changes,
+            "the shift changes while the tool cuts",
+        ),
+    )
+    for kind, wrong, what in faults:
+        for first, second in zip(one.block[old[wrong]].tolist(), other.block[new[wrong]].tolist(), strict=True):
+            case.findings.add(kind, what, original=first, compensated=second)
+
+
+def _differ(one: Array, other: Array) -> BoolArray:
+    """Which numbers are not the same but for rounding; two unknown ones are."""
+    return ~((np.abs(one - other) <= _RELATIVE * np.abs(one)) | (np.isnan(one) & np.isnan(other)))
+
+
+def _bent(case: VerifyCase, pairing: Pairing) -> BoolArray:
+    """Arcs whose plane, sweep or centre, less the shift, differ."""
+    one, other = case.original.motions, case.compensated.motions
+    both = np.flatnonzero((one.kind[pairing.old] == ARC) & (other.kind[pairing.new] == ARC))
+    old, new = pairing.old[both], pairing.new[both]
+    shift = np.take_along_axis(pairing.after[new], plane_columns(one.plane[old])[:, :2], axis=1)
+    wrong = np.zeros(pairing.old.size, dtype=bool)
+    wrong[both] = (
+        (one.plane[old] != other.plane[new])
+        | (np.abs(one.angle[old] - other.angle[new]) > _ANGLE)
+        | np.any(np.abs(other.center[new] - shift - one.center[old]) > EXACT, axis=1)
+    )
+    return wrong
+
+
+def _bulged(case: VerifyCase, pairing: Pairing) -> BoolArray:
+    """Splines whose control points, less the shift, or weights differ."""
+    one, other = case.original.motions, case.compensated.motions
+    wrong = np.zeros(pairing.old.size, dtype=bool)
+    curves = np.isin(one.kind[pairing.old], (CUBIC, NURBS))
+    for place in np.flatnonzero(curves & (one.kind[pairing.old] == other.kind[pairing.new])).tolist():
+        old, new, shift = int(pairing.old[place]), int(pairing.new[place]), pairing.after[pairing.new[place]]
+        if one.kind[old] == CUBIC:
+            wrong[place] = not _same_points(one.control[old], other.control[new], shift)
+            continue
+        (order, points, weights), (order2, points2, weights2) = one.nurbs[old], other.nurbs[new]
+        alike = order == order2 and np.array_equal(weights, weights2)
+        wrong[place] = not (alike and _same_points(points, points2, shift))
+    return wrong
+
+
+def _same_points(one: Array, other: Array, shift: Array) -> bool:
+    if one.shape != other.shape:
+        return False
+    unknown = np.isnan(one) & np.isnan(other)
+    return bool(np.all((np.abs(other - shift - one) <= EXACT) | unknown))
+
+
+def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
+    """While the tool moves every axis carries -offset, 0 or offset; a pulse lasts only while it stands."""
+    ways = declared_ways(case.declared)
+    allowed = np.array([ways.get(axis, (0.0, 0.0)) for axis in range(3)])
+    hunk = pairing.new_hunk
+    last = np.append(hunk[1:] != hunk[:-1], True)[: hunk.size] & (hunk != NO_HUNK)
+    wrong = np.zeros(pairing.after.shape, dtype=bool)
+    for axis, (offset, pulse) in enumerate(allowed.tolist()):
+        size = np.abs(pairing.after[:, axis])
+        beyond, off = size > max(offset, pulse) + EXACT, np.minimum(size, np.abs(size - offset)) > EXACT
+        wrong[:, axis] = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
+    # A wrong shift lasts until it is taken back: it is told where it begins.
+    begins = wrong & ~np.vstack([np.zeros((1, 3), dtype=bool), wrong])[:-1]
+    for motion, axis in np.argwhere(begins).tolist():
+        _tell_amount(case, pairing, motion, axis, *allowed[axis].tolist())
+
+
+def _tell_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, offset: float, pulse: float) -> None:
+    line = int(case.compensated.motions.block[motion])
+    got = millimetres(pairing.after[motion])
+    if pulse:
+        case.findings.add(
+            "pulse",
+            f"what {AXES[axis]} was moved by has not come back",
+            compensated=line,
+            got=got,
+            expected=f"0 when the tool moves on, at most {pulse / MM:g} mm before",
+        )
+        return
+    case.findings.add(
+        "offset",
+        f"{AXES[axis]} is shifted by something else than the declared offset",
+        compensated=line,
+        expected=f"-{offset / MM:g}, 0 or {offset / MM:g} mm" if offset else "0",
+        got=got,
+    )
+
+
+def check_returns(case: VerifyCase, pairing: Pairing) -> None:
+    """Before each break, and at the end of the program, nothing is added."""
+    for mark in case.compensated.breaks:
+        shift = pairing.after[mark.motion - 1] if mark.motion else np.zeros(3)
+        if np.any(np.abs(shift) > EXACT):
+            case.findings.add(
+                "return",
+                f"an axis is still shifted at this place: {mark.kind}",
+                expected="0",
+                compensated=min(mark.block, case.compensated.blocks - 1),
+                got=millimetres(shift),
+            )
+
+
+def check_known(case: VerifyCase, pairing: Pairing) -> None:
+    """In a hunk no axis is moved from an unknown position, but where the original does so itself."""
+    number = max(case.lines.hunks.number, 1)
+    moved = []
+    for motions, hunk in (
+        (case.original.motions, pairing.old_hunk),
+        (case.compensated.motions, pairing.new_hunk),
+    ):
+        motion, axis = np.nonzero(np.isnan(motions.start) & ~np.isnan(motions.end) & (hunk != NO_HUNK)[:, None])
+        moved.append((motion, np.bincount(3 * hunk[motion] + axis, minlength=3 * number)))
+    (_, old), (motion, new) = moved
+    for place in np.flatnonzero(new > old).tolist():
+        first = motion[pairing.new_hunk[motion] == place // 3][0]
+        case.findings.add(
+            "path",
+            f"{AXES[place % 3]} is moved from where its position is not known",
+            compensated=int(case.compensated.motions.block[first]),
+        )
+
+
+def check_stops(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> None:
+    """As many stops as the header says: added dwells with nothing but jogs between them are one stop."""
+    motions = case.compensated.motions
+    cutting = motions.block[~pairing.jog]
+    passed = np.searchsorted(cutting, dwells.block)
+    hunk = case.lines.new_hunk[dwells.block]
+    stops = len(np.unique(np.stack([hunk, passed]), axis=1).T)
+    case.findings.count("stops", stops)
+    case.findings.count("hunks", case.lines.hunks.number)
+    if case.declared.stops is not None and stops != case.declared.stops:
+        case.findings.add(
+            "count",
+            "there are not as many stops as the header says",
+            expected=str(case.declared.stops),
+            got=str(stops),
+        )

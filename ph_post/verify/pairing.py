@@ -1,0 +1,346 @@
+"""Pair the motions of both programs, find the added jogs and the stretches that need a closer look."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.program import ARC, AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, plane_columns
+from ph_post.types import Array, BoolArray, IntArray
+from ph_post.units import MM
+from ph_post.verify.declared import NO_HUNK, Alignment, Amount, DeclaredChanges, VerifyCase, expand
+from ph_post.verify.polylines import motion_lengths, places_on, radii
+from ph_post.verify.states import Dwells
+
+EXACT = 1e-9
+"""Lengths [m] that differ by no more are the same number: rounding of doubles, over many blocks of G91."""
+
+
+_LEAST = 0.01
+"""In a shorter dwell [s] a controller may not stand still, and blend away what is between two of them."""
+
+_ROUNDING = 1e-4
+"""Part of a dwell that its last digit may take away."""
+
+
+class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The motions of both programs, side by side.
+
+    `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside hunks, and the
+    rapids inside them. `old_hunk`, `new_hunk` the hunk of every motion; `jog` (k,) which of the compensated
+    motions move an axis while the path stands still; `before`, `after` (k, 3) [m] what the axes are shifted
+    by at the start and at the end of each compensated motion.
+    """
+
+    old: PlaceArray
+    new: PlaceArray
+    old_hunk: PlaceArray
+    new_hunk: PlaceArray
+    jog: BoolArray
+    before: Array
+    after: Array
+
+
+def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
+    """Pair the motions, and follow what is added to them; None where one has no counterpart.
+
+    `dwells` are those that the compensation added.
+    """
+    one, other = case.original.motions, case.compensated.motions
+    old_hunk, new_hunk = case.lines.old_hunk[one.block], case.lines.new_hunk[other.block]
+    pairs = _pairs(case, old_hunk, new_hunk)
+    if pairs is None:
+        return None
+    old, new = pairs
+    jog = _find_jogs(case, new_hunk, dwells)
+    before, after = _follow_shifts(one, other, old, new, jog)
+    case.findings.count("motions", other.block.size)
+    case.findings.count("jogs", int(jog.sum()))
+    return Pairing(old=old, new=new, old_hunk=old_hunk, new_hunk=new_hunk, jog=jog, before=before, after=after)
+
+
+def _pairs(case: VerifyCase, old_hunk: PlaceArray, new_hunk: PlaceArray) -> tuple[PlaceArray, PlaceArray] | None:
+    """Motions one to one: by their lines outside hunks, and the rapids of each hunk by their order."""
+    one, other, lines = case.original.motions, case.compensated.motions, case.lines
+    old_line = np.zeros(case.original.blocks, dtype=np.int32)
+    new_line = np.zeros(case.compensated.blocks, dtype=np.int32)
+    old_line[lines.old] = new_line[lines.new] = np.arange(lines.old.size)
+    old = np.flatnonzero((old_hunk == NO_HUNK) | (one.kind == RAPID)).astype(np.int32)
+    new = np.flatnonzero((new_hunk == NO_HUNK) | (other.kind == RAPID)).astype(np.int32)
+    old_place = np.where(old_hunk[old] == NO_HUNK, old_line[one.block[old]], -1 - old_hunk[old])
+    new_place = np.where(new_hunk[new] == NO_HUNK, new_line[other.block[new]], -1 - new_hunk[new])
+    if np.array_equal(old_place, new_place):
+        return old, new
+    shared = min(old.size, new.size)
+    apart = np.flatnonzero(old_place[:shared] != new_place[:shared])
+    place = int(apart[0]) if apart.size else shared
+    case.findings.add(
+        "path",
+        "a motion has no counterpart in the other program",
+        original=int(one.block[old[place]]) if place < old.size else None,
+        compensated=int(other.block[new[place]]) if place < new.size else None,
+    )
+    return None
+
+
+def _find_jogs(case: VerifyCase, hunk: PlaceArray, dwells: Dwells) -> BoolArray:
+    """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
+    motions = case.compensated.motions
+    straight = np.flatnonzero((motions.kind == LINE) & (hunk != NO_HUNK))
+    start, end = motions.start[straight], motions.end[straight]
+    # What comes from where it is not known moves some way, however short the others' are.
+    way = np.where(np.isnan(end), 0.0, np.where(np.isnan(start), np.inf, np.abs(end - start)))
+    enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
+    long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
+    ahead, behind = dwell_beside(motions.block, hunk, long, case.lines)
+    jog = np.zeros(hunk.size, dtype=bool)
+    for axis, (offset, pulse) in declared_ways(case.declared).items():
+        alone = np.all(np.delete(way, axis, axis=1) <= EXACT, axis=1)
+        jog[straight] |= alone & is_declared(way[:, axis], offset, pulse)
+    return np.asarray(jog & ahead & behind)
+
+
+def declared_ways(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
+    """By column of a declared axis: the lasting offset and the largest pulse [m], 0 where there is none."""
+
+    def metres(amounts: Mapping[str, Amount], axis: str) -> float:
+        return amounts[axis].metres if axis in amounts else 0.0
+
+    return {
+        AXES.index(axis): (metres(declared.offsets, axis), metres(declared.pulses, axis))
+        for axis in (*declared.offsets, *declared.pulses)
+    }
+
+
+def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
+    """Whether lengths are a change of the offset, or no longer than a pulse, offset included."""
+    change = (offset > 0.0) & (np.minimum(np.abs(way - offset), np.abs(way - 2.0 * offset)) <= EXACT)
+    return np.asarray((way > EXACT) & (change | (way <= pulse + offset + EXACT) & (pulse > 0.0)))
+
+
+def dwell_beside(block: PlaceArray, hunk: PlaceArray, dwells: Dwells, lines: Alignment) -> tuple[BoolArray, BoolArray]:
+    """Whether one of the dwells stands between a motion and the one before it, and the one after it.
+
+    Both in the motion's own hunk.
+    """
+    if not dwells.block.size or not block.size:
+        nothing = np.zeros(block.size, dtype=bool)
+        return nothing, nothing
+    place = np.searchsorted(dwells.block, block)
+    previous = np.concatenate([[-1], block[:-1]])
+    following = np.concatenate([block[1:], [np.iinfo(np.int64).max]])
+    last = dwells.block[np.maximum(place - 1, 0)]
+    first = dwells.block[np.minimum(place, dwells.block.size - 1)]
+    ahead = (place > 0) & (last > previous) & (lines.new_hunk[last] == hunk)
+    behind = (place < dwells.block.size) & (first < following) & (lines.new_hunk[first] == hunk)
+    return ahead, behind
+
+
+def _follow_shifts(
+    one: Motions, other: Motions, old: PlaceArray, new: PlaceArray, jog: BoolArray
+) -> tuple[Array, Array]:
+    """Shifts at the start and end of each motion: at pairs their difference, between them the jogs."""
+    number = jog.size
+    latest = np.zeros(number + 1, dtype=np.int32)
+    latest[new + 1] = new + 1
+    latest = np.maximum.accumulate(latest)
+    before, after = np.empty((number, 3)), np.empty((number, 3))
+    for axis in range(3):  # one by one, each in a call of its own: there may be a million motions
+        shift = _shift_of(one.end[:, axis], other.start[:, axis], other.end[:, axis], (old, new, latest), jog)
+        before[:, axis], after[:, axis] = shift[:-1], shift[1:]
+        del shift
+        before[new, axis] = np.nan_to_num(other.start[new, axis] - one.start[old, axis])
+    return before, after
+
+
+def _shift_of(
+    old_end: Array, start: Array, end: Array, pairs: tuple[PlaceArray, PlaceArray, PlaceArray], jog: BoolArray
+) -> Array:
+    """Shift of an axis before the first motion and after each, (k + 1,): the latest pair's, and jogs."""
+    old, new, latest = pairs
+    total = np.zeros(jog.size + 1)
+    np.cumsum(np.where(jog, np.nan_to_num(end - start), 0.0), out=total[1:])
+    shift = np.zeros(jog.size + 1)
+    shift[new + 1] = np.nan_to_num(end[new] - old_end[old])
+    shift = shift[latest]
+    shift += total
+    shift -= total[latest]
+    return shift
+
+
+def millimetres(shift: Array) -> str:
+    """Show the shifts of the axes that have one, in a message."""
+    parts = [f"{name} {value / MM:.6g} mm" for name, value in zip(AXES, shift, strict=True) if abs(value) > EXACT]
+    return ", ".join(parts) or "0"
+
+
+_RANK = 1 << 32
+"""More than there are rapids in a hunk."""
+
+_NOTHING = 1e-12
+"""No length [m] is divided by that is smaller."""
+
+
+class StretchSide(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The stretches of one program: `motion` (k,) all of them, those of stretch r from ``first[r]`` on.
+
+    `length` (k,) [m] of each motion, `shift` (k, 3) [m] what is added to it.
+    """
+
+    motion: IntArray
+    first: IntArray
+    length: Array
+    shift: Array
+
+    def stretch(self) -> IntArray:
+        """Return the number of the stretch of each motion."""
+        return np.repeat(np.arange(self.first.size - 1), np.diff(self.first))
+
+    def totals(self) -> Array:
+        """Return the length of each stretch [m]."""
+        sums = np.append(0.0, np.cumsum(self.length))[self.first]
+        return np.asarray(np.diff(sums))
+
+    def places(self) -> tuple[Array, Array]:
+        """Where each motion begins and ends: number of its stretch and share of that stretch's length."""
+        run = self.stretch()
+        total = np.maximum(self.totals(), _NOTHING)[run]
+        sums = np.append(0.0, np.cumsum(self.length))
+        begins = sums[self.first[:-1]][run]
+        low, high = (np.clip((ends - begins) / total, 0.0, 1.0) for ends in (sums[:-1], sums[1:]))
+        return run + low, run + high
+
+
+class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Stretches of cutting moves, r of them, in hunks, cut at the rapids; `hunk` (r,) of each.
+
+    Jogs are left out. A stretch may be without a motion in one of the programs.
+    """
+
+    hunk: IntArray
+    old: StretchSide
+    new: StretchSide
+
+
+def find_stretches(original: Motions, compensated: Motions, pairing: Pairing) -> Stretches:
+    """Find all stretches."""
+    nothing = np.zeros((original.kind.size, 3))
+    old_key, old = _keys(original.kind, pairing.old_hunk, np.zeros(original.kind.size, dtype=bool))
+    new_key, new = _keys(compensated.kind, pairing.new_hunk, pairing.jog)
+    keys = np.union1d(old_key, new_key)
+    return Stretches(
+        hunk=keys // _RANK,
+        old=_side(original, old, np.append(np.searchsorted(old_key, keys), old.size), nothing),
+        new=_side(compensated, new, np.append(np.searchsorted(new_key, keys), new.size), pairing.after),
+    )
+
+
+def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> StretchSide:
+    return StretchSide(motion=which, first=first, length=motion_lengths(motions, which), shift=shift[which])
+
+
+def _keys(kind: CodeArray, hunk: PlaceArray, without: BoolArray) -> tuple[IntArray, IntArray]:
+    """Hunk and number of rapids before it there, as one number, of the motions that cut in hunks."""
+    rapids = np.cumsum(kind == RAPID)
+    which = np.flatnonzero((hunk != NO_HUNK) & (kind != RAPID) & ~without)
+    begins = np.append(True, hunk[1:] != hunk[:-1])[: hunk.size]
+    start = np.maximum.accumulate(np.where(begins, np.arange(hunk.size), 0))[which]
+    ranks = rapids[which] - np.append(0, rapids)[start]
+    return np.asarray(hunk[which].astype(np.int64) * _RANK + ranks), which
+
+
+def doubtful(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:
+    """Leave out what is plainly the same: motions that were only divided, each part on its motion.
+
+    Parts of a line are lines and parts of an arc are arcs about its centre; both are measured against the
+    point of their motion that lies at the same share of it. What remains are stretches of neighbours.
+    """
+    owner = _owners(found)
+    fine = _divided(original, compensated, found, owner, bound)
+    run = found.old.stretch()
+    bad = np.flatnonzero(~fine)
+    begins = np.append(True, (np.diff(bad) > 1) | (np.diff(run[bad]) > 0))[: bad.size]
+    low, high = bad[begins], bad[np.append(begins[1:], True)[: bad.size]] + 1
+    new_low, new_high = (
+        np.searchsorted(owner, 2 * low + 1),
+        np.searchsorted(owner, 2 * high - 1, side="right"),
+    )
+    alone = np.flatnonzero((np.diff(found.old.first) == 0) & (np.diff(found.new.first) > 0))
+    spans = np.concatenate(
+        [
+            [run[low], low, high, new_low, new_high],
+            [alone, *2 * [found.old.first[alone]], found.new.first[alone], found.new.first[alone + 1]],
+        ],
+        axis=1,
+    )
+    spans = spans[:, np.argsort(spans[0], kind="stable")]
+    return Stretches(
+        hunk=found.hunk[spans[0]],
+        old=_part(found.old, spans[1], spans[2]),
+        new=_part(found.new, spans[3], spans[4]),
+    )
+
+
+def _owners(found: Stretches) -> IntArray:
+    """Place of the original's motion that each new one is a part of, twice and one.
+
+    Twice the place of the next one for stretches that have none: the numbers never fall.
+    """
+    run = found.new.stretch()
+    low, high = found.new.places()
+    _, old_high = found.old.places()
+    first, last = found.old.first[run], found.old.first[run + 1]
+    owner = np.clip(np.searchsorted(old_high, 0.5 * (low + high)), first, np.maximum(last - 1, first))
+    return np.asarray(np.where(first < last, 2 * np.maximum.accumulate(owner) + 1, 2 * first))
+
+
+def _divided(original: Motions, compensated: Motions, found: Stretches, owner: IntArray, bound: float) -> BoolArray:
+    """Which motions of the original, by place, are there part by part and nothing else."""
+    part = np.flatnonzero(owner % 2 == 1)
+    place, new = owner[part] // 2, found.new.motion[part]
+    old = found.old.motion[place]
+    arc = original.kind[old] == ARC
+    amount = np.where(arc, np.abs(compensated.angle[new]), found.new.length[part])
+    whole = np.bincount(place, weights=amount, minlength=found.old.motion.size)
+    sums = np.append(0.0, np.cumsum(amount))
+    begins = np.append(True, np.diff(place) > 0)[: place.size]
+    start = sums[:-1][np.maximum.accumulate(np.where(begins, np.arange(place.size), 0))]
+    scale = np.maximum(whole[place], _NOTHING)
+    shift = found.new.shift[part]
+    off = np.zeros(place.size)
+    for ends, reached in ((compensated.start, sums[:-1]), (compensated.end, sums[1:])):
+        there = places_on(original, old, np.clip((reached - start) / scale, 0.0, 1.0))
+        gap = np.nan_to_num(ends[new]) - shift - np.nan_to_num(there)
+        off = np.maximum(off, np.linalg.norm(gap, axis=1))
+    off[arc] += _bends(original, compensated, old[arc], new[arc], shift[arc], whole[place[arc]])
+    alike = (original.kind[old] == compensated.kind[new]) & (arc | (original.kind[old] == LINE))
+    many = np.bincount(place, minlength=found.old.motion.size)
+    good = np.bincount(place, weights=alike & (off <= bound), minlength=found.old.motion.size)
+    return np.asarray((many == good) & ((many > 0) | (found.old.length <= _NOTHING)))
+
+
+def _bends(original: Motions, compensated: Motions, old: IntArray, new: IntArray, shift: Array, swept: Array) -> Array:
+    """How far a part of an arc may be off beyond its ends: by its centre, its radius and its sweep [m]."""
+    arcs = compensated.kind[new] == ARC
+    columns = plane_columns(original.plane[old])[:, :2]
+    centre = compensated.center[new] - np.take_along_axis(shift, columns, axis=1) - original.center[old]
+    one, other = radii(original, old), radii(compensated, new)
+    radius = np.abs(other[0] - one[0]) + np.abs(one[1] - one[0]) + np.abs(other[1] - other[0])
+    sweep = np.maximum(one[0], one[1]) * np.abs(swept - np.abs(original.angle[old]))
+    same = (original.plane[old] == compensated.plane[new]) & (
+        np.sign(original.angle[old]) == np.sign(compensated.angle[new])
+    )
+    return np.asarray(np.where(arcs & same, 2.0 * (np.hypot(*centre.T) + radius) + sweep, np.inf), dtype=np.float64)
+
+
+def _part(side: StretchSide, low: IntArray, high: IntArray) -> StretchSide:
+    """Take stretches out of a side."""
+    which, _ = expand(low, high)
+    return StretchSide(
+        motion=side.motion[which],
+        first=np.append(0, np.cumsum(high - low)),
+        length=side.length[which],
+        shift=side.shift[which],
+    )

@@ -1,0 +1,255 @@
+"""Check that every byte outside of changes is the original's, but for numbers that an offset shifts exactly."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from itertools import product
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.program import (
+    ARC,
+    RAPID,
+    ByteArray,
+    CodeArray,
+    PartProgram,
+    PlaceArray,
+    WordTable,
+    span_of,
+)
+from ph_post.types import BoolArray, IntArray
+from ph_post.units import MM
+from ph_post.verify.declared import Amount, VerifyCase, as_mask
+from ph_post.verify.verdict import shown
+
+_AXES = b"XYZ"
+_CENTRES = b"IJK"
+_POWERS = 18
+"""The largest power of ten that an int64 holds."""
+
+_SAFE = 2.0**61
+"""Scaled numbers below this fit an int64 with room for their difference."""
+
+
+_LINES = 20_000
+"""So many pairs of lines are compared at a time, so that only what is known of their words is held."""
+
+
+class _Side(NamedTuple):
+    """Kind of the motion on each line of a program, -1 where there is none; where its comments begin."""
+
+    kind: CodeArray
+    comments: PlaceArray
+
+    @classmethod
+    def of(cls, program: PartProgram) -> _Side:
+        """Look at a program."""
+        kind = np.full(program.blocks, -1, dtype=np.int8)
+        kind[program.motions.block] = program.motions.kind
+        comments = np.flatnonzero(np.frombuffer(program.data, dtype=np.uint8) == ord("("))
+        return cls(kind, comments.astype(np.int32))
+
+
+class _Pairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """WordTable of the lines that belong together, one to one: their numbers in each program."""
+
+    old: IntArray
+    new: IntArray
+
+
+def check_wording(case: VerifyCase) -> None:
+    """Compare the lines outside hunks, byte for byte, and numbers that differ with the declared offsets."""
+    original, compensated, lines = case.original, case.compensated, case.lines
+    sides = _Side.of(original), _Side.of(compensated)
+    shifted = sum(_check_part(case, sides, slice(low, low + _LINES)) for low in range(0, lines.old.size, _LINES))
+    case.findings.count("lines", lines.old.size)
+    case.findings.count("shifted words", shifted)
+    foreign = compensated.data.find(b"\r") if b"\r" not in original.data else -1
+    if foreign >= 0:
+        line = int(np.searchsorted(compensated.lines, foreign, side="right")) - 1
+        case.findings.add("text", "the line ends in another way than the original's", compensated=line)
+
+
+def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice) -> int:
+    """Compare some pairs of lines; returns how many of their words are shifted."""
+    original, compensated = case.original, case.compensated
+    old, new = case.lines.old[part], case.lines.new[part]
+    pairs = _pair_words(original, compensated, old, new)
+    shifted = _may_shift(case, sides, pairs)
+    pairs = _Pairs(old=pairs.old[shifted], new=pairs.new[shifted])
+    _check_amounts(case, pairs)
+    old_kept, new_kept = _kept(original, old, pairs.old), _kept(compensated, new, pairs.new)
+    if case.lines.ends and old[-1] == original.blocks - 1:
+        text = compensated.text(int(new[-1]))
+        new_kept[new_kept.size - (len(text) - len(text.rstrip(b"\r\n"))) :] = False
+    for place in _differing(old_kept, new_kept, (original, old), (compensated, new)).tolist():
+        first, second = int(old[place]), int(new[place])
+        case.findings.add(
+            "text",
+            "the line differs outside what is declared",
+            original=first,
+            compensated=second,
+            expected=shown(original.text(first)),
+            got=shown(compensated.text(second)),
+        )
+    return pairs.old.size
+
+
+def _pair_words(
+    original: PartProgram, compensated: PartProgram, old_lines: PlaceArray, new_lines: PlaceArray
+) -> _Pairs:
+    """WordTable of lines with the same letters; the others are told by their bytes."""
+    both = ((original.words.block, old_lines), (compensated.words.block, new_lines))
+    spans = [(span_of(block, lines[0])[0], span_of(block, lines[-1])[1]) for block, lines in both]
+    own = [block[low:high] - lines[0] for (block, lines), (low, high) in zip(both, spans, strict=True)]
+    chosen = [lines - lines[0] for _, lines in both]
+    many = [np.bincount(block, minlength=lines[-1] + 1)[lines] for block, lines in zip(own, chosen, strict=True)]
+    alike = many[0] == many[1]
+    old, new = (
+        low + np.flatnonzero(as_mask(int(lines[-1]) + 1, lines[alike])[block])
+        for block, lines, (low, _) in zip(own, chosen, spans, strict=True)
+    )
+    return _Pairs(old=old, new=new)
+
+
+def _changed(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
+    """WordTable whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
+    one, other = case.original.words, case.compensated.words
+    plain = (one.decimals[pairs.old] >= 0) & (other.decimals[pairs.new] >= 0)
+    same_letter = one.letter[pairs.old] == other.letter[pairs.new]
+    commented = _has_comment(sides[0], one, pairs.old) | _has_comment(sides[1], other, pairs.new)
+    return np.asarray(plain & same_letter & ~commented & (one.value[pairs.old] != other.value[pairs.new]))
+
+
+def _may_shift(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
+    """Find the words that an offset may have changed: those of declared axes, in blocks of motion."""
+    original, compensated = case.original, case.compensated
+    kind = sides[0].kind[original.words.block[pairs.old]]
+    block = compensated.words.block[pairs.new]
+    letter = compensated.words.letter[pairs.new]
+    absolute, centres = (_modes(compensated, name, block) for name in ("absolute", "arc_absolute"))
+    axis = np.isin(letter, [ord(name) for name in case.declared.offsets])
+    centre = np.isin(letter, [_centre(name) for name in case.declared.offsets]) & centres & (kind == ARC)
+    moving = (kind >= 0) & (sides[1].kind[block] >= 0)
+    changed = _changed(case, sides, pairs)
+    return np.asarray(changed & moving & ((axis & (absolute | (kind == RAPID))) | centre))
+
+
+def _centre(axis: str) -> int:
+    """Letter of an arc's centre in the direction of an axis."""
+    return _CENTRES[_AXES.index(ord(axis))]
+
+
+def _modes(program: PartProgram, name: str, lines: PlaceArray) -> Any:
+    """One mode after each of some lines."""
+    return np.array([getattr(modal, name) for modal in program.modal])[program.state[lines]]
+
+
+def _has_comment(side: _Side, words: WordTable, chosen: IntArray) -> BoolArray:
+    """WordTable with a comment between their letter and their digits."""
+    first, last = (np.searchsorted(side.comments, ends[chosen]) for ends in (words.start, words.end))
+    return np.asarray(first != last)
+
+
+def _check_amounts(case: VerifyCase, pairs: _Pairs) -> None:
+    """Demand that each word differs by the declared offset, exactly; under G91 by a change of it."""
+    letters = case.compensated.words.letter[pairs.new]
+    block = case.compensated.words.block[pairs.new]
+    units, absolute = (_modes(case.compensated, name, block) for name in ("units", "absolute"))
+    for axis, amount in case.declared.offsets.items():
+        own = np.isin(letters, [ord(axis), _centre(axis)])
+        for unit, (steps, mode) in product(np.unique(units[own]).tolist(), (((1,), True), ((1, 2), False))):
+            which = np.flatnonzero(own & (units == unit) & (absolute == mode))
+            chosen = _Pairs(old=pairs.old[which], new=pairs.new[which])
+            for place in np.flatnonzero(~_differ_by(case, chosen, amount, steps, unit)).tolist():
+                _tell_word(case, int(chosen.old[place]), int(chosen.new[place]), amount)
+
+
+def _differ_by(case: VerifyCase, pairs: _Pairs, amount: Amount, steps: tuple[int, ...], unit: float) -> BoolArray:
+    """Which words differ by one of the multiples of the amount, to the last digit."""
+    one, other = case.original.words, case.compensated.words
+    if unit != amount.unit:
+        grid = 0.5 * 10.0 ** -(case.declared.decimals or 0) * max(unit, MM)
+        way = np.abs(other.value[pairs.new] - one.value[pairs.old]) * unit
+        return np.asarray(np.any([np.abs(way - step * amount.metres) <= grid for step in steps], axis=0))
+    number, places = _as_integer(amount.number)
+    before, after = (  # powers of ten need the whole range
+        words.decimals[chosen].astype(np.int64) for words, chosen in ((one, pairs.old), (other, pairs.new))
+    )
+    decimals = np.maximum(np.maximum(before, after), places)
+    largest = np.maximum(np.abs(one.value[pairs.old]), np.abs(other.value[pairs.new])) + float(amount.number)
+    fits = (decimals <= _POWERS) & (largest * 10.0 ** np.minimum(decimals, _POWERS) < _SAFE)
+    scale = np.where(fits, decimals, _POWERS)
+    with np.errstate(over="ignore"):
+        way = other.digits[pairs.new] * 10 ** np.maximum(scale - after, 0)
+        way = np.abs(way - one.digits[pairs.old] * 10 ** np.maximum(scale - before, 0))
+        right = fits & np.any([way == step * number * 10 ** (scale - places) for step in steps], axis=0)
+    for place in np.flatnonzero(~fits).tolist():
+        way_there = _way(case, int(pairs.old[place]), int(pairs.new[place]))
+        right[place] = abs(way_there) in [step * amount.number for step in steps]
+    return np.asarray(right)
+
+
+def _as_integer(number: Decimal) -> tuple[int, int]:
+    """Return a decimal as digits and number of decimals."""
+    places = max(0, -int(number.as_tuple().exponent))
+    return int(number.scaleb(places)), places
+
+
+def _way(case: VerifyCase, old: int, new: int) -> Decimal:
+    """Return what a number was changed by, however long it is, from its bytes."""
+    before, after = (
+        Decimal(b"".join(program.data[program.words.start[word] + 1 : program.words.end[word]].split()).decode())
+        for program, word in ((case.original, old), (case.compensated, new))
+    )
+    return after - before
+
+
+def _tell_word(case: VerifyCase, old: int, new: int, amount: Amount) -> None:
+    letter = chr(case.compensated.words.letter[new])
+    case.findings.add(
+        "offset",
+        f"{letter} is shifted by something else than the declared offset",
+        original=int(case.original.words.block[old]),
+        compensated=int(case.compensated.words.block[new]),
+        expected=f"+ or - {amount.number}",
+        got=f"{_way(case, old, new)}",
+    )
+
+
+def _kept(program: PartProgram, lines: PlaceArray, without: IntArray) -> BoolArray:
+    """Mark the bytes of the lines, from the first to the last of them, without the numbers of some words."""
+    starts = program.lines[lines[0] : lines[-1] + 2]
+    kept = np.repeat(as_mask(starts.size - 1, lines - lines[0]), np.diff(starts))
+    if without.size:
+        turns = np.zeros(kept.size + 1, dtype=np.int8)
+        turns[program.words.start[without] + 1 - starts[0]] += 1
+        turns[program.words.end[without] - starts[0]] -= 1
+        kept &= np.cumsum(turns[:-1], dtype=np.int8) == 0
+    return kept
+
+
+def _bytes_of(kept: BoolArray, program: PartProgram, lines: PlaceArray) -> tuple[ByteArray, IntArray]:
+    """Return the kept bytes of some lines, one after the other, and how many each line has."""
+    starts = program.lines[lines[0] : lines[-1] + 1]
+    size = np.add.reduceat(np.append(kept, False), starts - starts[0], dtype=np.int64)[lines - lines[0]]
+    text = np.frombuffer(program.data, dtype=np.uint8, count=kept.size, offset=int(starts[0]))
+    return text[kept], size
+
+
+def _differing(
+    old_kept: BoolArray,
+    new_kept: BoolArray,
+    old: tuple[PartProgram, PlaceArray],
+    new: tuple[PartProgram, PlaceArray],
+) -> IntArray:
+    """Pairs of lines, by place, whose kept bytes are not the same."""
+    (one, old_size), (other, new_size) = _bytes_of(old_kept, *old), _bytes_of(new_kept, *new)
+    alike = old_size == new_size
+    one = one[np.repeat(alike, old_size)]
+    other = other[np.repeat(alike, new_size)]
+    begins = np.cumsum(old_size[alike]) - old_size[alike]
+    wrong = np.unique(np.searchsorted(begins, np.flatnonzero(one != other), side="right") - 1)
+    return np.union1d(np.flatnonzero(~alike), np.flatnonzero(alike)[wrong])

@@ -1,0 +1,157 @@
+"""Check that a compensated program is its original but for what its header declares."""
+
+from __future__ import annotations
+
+from ph_post.gcode.program import PartProgram
+from ph_post.types import Machine
+from ph_post.units import MM
+from ph_post.verify.course import check_course, check_direction
+from ph_post.verify.declared import DeclaredChanges, VerifyCase, align, read_declared
+from ph_post.verify.offsets import (
+    check_amounts,
+    check_feeds,
+    check_jogs,
+    check_known,
+    check_pairs,
+    check_returns,
+    check_stops,
+)
+from ph_post.verify.pairing import pair_motions
+from ph_post.verify.states import check_breaks, check_dwells, check_orders, check_states
+from ph_post.verify.text import check_wording
+from ph_post.verify.verdict import Findings, Verdict, shown
+
+ROUNDED = 4.0
+"""A point may be off by so many units of its last decimal: rounding of ends and of an arc's centre."""
+
+
+def verify(
+    original: PartProgram, compensated: PartProgram, *, tolerance: float, machine: Machine | None = None
+) -> Verdict:
+    """Judge whether only what is declared was changed, and the tool still goes the same way.
+
+    Parameters
+    ----------
+    original, compensated : PartProgram
+        The program, and what was made of it.
+    tolerance : float
+        How far the way may be off in changed stretches, and the longest excursion of an axis that need not
+        be followed by its offset [m]. Where the header declares a finer chord tolerance, the way is held to
+        that.
+    machine : Machine, optional
+        The machine the program is for: jogs are held to its limits, and the declaration to its lost motion.
+
+    Returns
+    -------
+    Verdict
+        With every failure, its place in both programs, and counts of what was looked at.
+    """
+    findings = Findings()
+    declared = read_declared(original, compensated)
+    if declared is None:
+        _check_undeclared(original, compensated, findings)
+        return findings.verdict()
+    for line, fault in declared.faults:
+        findings.add("header", fault, compensated=line)
+    if declared.original != original.digest:
+        findings.add(
+            "original",
+            "the header tells of another original",
+            compensated=declared.first,
+            expected=original.digest,
+            got=declared.original,
+        )
+        return findings.verdict()
+    if machine is not None:
+        _check_machine(declared, machine, findings)
+    lines = align(original, compensated, declared, findings)
+    if lines is not None:
+        case = VerifyCase(
+            original=original,
+            compensated=compensated,
+            declared=declared,
+            lines=lines,
+            bound=_bound(declared, tolerance),
+            band=tolerance,
+            findings=findings,
+        )
+        _compare(case, machine)
+    return findings.verdict()
+
+
+def _check_undeclared(original: PartProgram, compensated: PartProgram, findings: Findings) -> None:
+    """Without a header nothing may differ."""
+    findings.count("lines", compensated.blocks)
+    if original.data == compensated.data:
+        return
+    shared = min(original.blocks, compensated.blocks)
+    place = next((k for k in range(shared) if original.text(k) != compensated.text(k)), shared)
+    findings.add(
+        "undeclared",
+        "the programs differ, and no header declares why",
+        original=place if place < original.blocks else None,
+        compensated=place if place < compensated.blocks else None,
+        expected=shown(original.text(place)) if place < original.blocks else "nothing more",
+        got=shown(compensated.text(place)) if place < compensated.blocks else "nothing more",
+    )
+
+
+def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findings) -> None:
+    """Demand that the declaration names this machine, and half the lost motion of axes behind their loop."""
+    digest = declared.machine_digest
+    if digest and machine.digest and not machine.digest.startswith(digest):
+        findings.add(
+            "machine",
+            "the program was made for another machine",
+            compensated=declared.first,
+            expected=f"{machine.name}, {machine.digest[: len(digest)]}",
+            got=f"{declared.machine}, {digest}",
+        )
+    for axis, amount in declared.offsets.items():
+        if axis not in machine.axes or machine.axes[axis].feedback == "load":
+            findings.add(
+                "machine",
+                f"{axis} carries a lasting offset",
+                compensated=declared.first,
+                expected="an axis with its gap behind the loop",
+            )
+            continue
+        half = 0.5 * machine.axes[axis].gap.lost_motion
+        step = amount.unit * 10.0 ** -(declared.decimals or 0)
+        if abs(amount.metres - half) > step:
+            findings.add(
+                "machine",
+                f"the offset of {axis} is not half its lost motion",
+                compensated=declared.first,
+                expected=f"{half / MM:.6g} mm",
+                got=f"{amount.metres / MM:.6g} mm",
+            )
+
+
+def _compare(case: VerifyCase, machine: Machine | None) -> None:
+    """Compare text, state, motion and feed, line by line of the alignment."""
+    check_wording(case)
+    check_states(case)
+    check_breaks(case)
+    check_orders(case)
+    dwells = check_dwells(case)
+    pairing = pair_motions(case, dwells)
+    if pairing is None:
+        return
+    check_pairs(case, pairing)
+    check_known(case, pairing)
+    check_amounts(case, pairing)
+    check_returns(case, pairing)
+    check_stops(case, pairing, dwells)
+    found = check_course(case, pairing, dwells)
+    check_feeds(case, found)
+    check_direction(case, pairing)
+    if machine is not None:
+        check_jogs(case, pairing, machine)
+
+
+def _bound(declared: DeclaredChanges, tolerance: float) -> float:
+    """How far the way may be off [m]: the tolerance, or what the header promises where that is less."""
+    if declared.chord is None or declared.decimals is None:
+        return tolerance
+    return min(tolerance, declared.chord + ROUNDED * MM * 10.0**-declared.decimals)
