@@ -11,13 +11,13 @@ from msgspec.structs import replace
 from ph_post.diagnose.evidence import evidence_of
 from ph_post.diagnose.evidence.base import Evidence
 from ph_post.diagnose.findings import AxisDiagnosis, FittedEffect
-from ph_post.diagnose.fit import Model, correlation_inflation, mean_square, plant_at, residuals_of
+from ph_post.diagnose.fit import Model, plant_at, residuals_of
 from ph_post.diagnose.hypotheses import barred
 from ph_post.diagnose.residual_features import is_structured
 from ph_post.diagnose.residual_places import locate, spectral_line
 from ph_post.diagnose.search import has_structure
 from ph_post.diagnose.sentences import best_phrase, length
-from ph_post.identify.free_run import ObservedChannel, residuals
+from ph_post.identify.free_run import ObservedChannel, correlation_inflation, mean_square, residuals
 from ph_post.identify.linear_drive import AxisMotion, motion_of
 from ph_post.testprograms.experiments import next_experiment
 from ph_post.types import Array, BoolArray, Log, Machine

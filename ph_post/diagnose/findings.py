@@ -16,6 +16,7 @@ from ph_post.diagnose.search import with_noise
 from ph_post.diagnose.selection import ModelChoice
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
+from ph_post.identify.estimates import LEAST_UNCERTAINTY
 from ph_post.identify.free_run import AxisProblem, predict
 from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty
 from ph_post.types.diagnosis import Estimate, Finding
@@ -31,9 +32,6 @@ _SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
 """Unit and its size of those numbers."""
 
 _KEYS: Final = {"lost_motion": "lost_motion_mm", "b": "b", "c": "c"}
-
-LEAST_UNCERTAINTY: Final = 0.005
-"""No number of a machine is known better than that from one record."""
 
 
 class FittedEffect(msgspec.Struct, frozen=True, kw_only=True, eq=False):

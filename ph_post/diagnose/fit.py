@@ -17,12 +17,9 @@ from scipy.optimize import least_squares
 
 from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
 from ph_post.drive.plant import Plant
-from ph_post.identify.free_run import AxisProblem, residuals
+from ph_post.identify.free_run import PRIOR, AxisProblem, correlation_inflation, mean_square, residuals, weights_of
 from ph_post.types import Array, BoolArray
 from ph_post.types.diagnosis import Channel
-
-PRIOR: Final = 0.02
-"""Relative standard error of a base value where nothing else is said."""
 
 REACH: Final = 3.0
 """Standard errors within which a base value may still be what the file says."""
@@ -41,9 +38,6 @@ CLOSE: Final = 1e-5
 
 FIRST: Final = 1e-4
 """The same of a fit that is only looked at."""
-
-WHITE: Final = 256
-"""Samples over which what is left is averaged to see how far it is from white noise."""
 
 
 class Prior(msgspec.Struct, frozen=True, kw_only=True):
@@ -113,11 +107,6 @@ def base_model(problem: AxisProblem) -> Model:
     return Model(priors=priors, off=(0.0,) * len(priors))
 
 
-def mean_square(values: Array, use: BoolArray) -> float:
-    """Mean square of the samples in use, at least the smallest number that has a logarithm."""
-    return max(float(np.mean(values[use] ** 2)), 1e-300)
-
-
 def log_likelihood(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
     """Log likelihood of what is left on the samples in use."""
     total = 0.0
@@ -127,29 +116,9 @@ def log_likelihood(problem: AxisProblem, left: Mapping[Channel, Array], use: Boo
     return float(total)
 
 
-def correlation_inflation(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
-    """By how much fewer independent samples there are than samples: the residual's variance over windows."""
-    worst = 1.0
-    for one in problem.observed:
-        values = left[one.channel][use & one.ok]
-        whole = values[: values.size // WHITE * WHITE].reshape(-1, WHITE)
-        spread = np.mean(values * values)
-        if whole.shape[0] > 1 and spread > 0.0:
-            worst = max(worst, float(WHITE * np.mean(whole.mean(axis=1) ** 2) / spread))
-    return worst
-
-
 def residuals_of(problem: AxisProblem, model: Model) -> dict[Channel, Array]:
     """Residuals of a model by channel."""
     return residuals(problem, plant_at(problem, model), model.origin_free)
-
-
-def weights_of(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> dict[Channel, float]:
-    """One over what each channel leaves, but no more than one over its noise."""
-    return {
-        one.channel: 1.0 / max(np.sqrt(mean_square(left[one.channel], use & one.ok)), one.noise, 1e-12)
-        for one in problem.observed
-    }
 
 
 def _numbers(model: Model) -> list[HypothesisNumber]:

@@ -17,20 +17,17 @@ from ph_post.diagnose.fit import (
     FittedModel,
     Model,
     ModelPart,
-    correlation_inflation,
     fit_briefly,
     fit_model,
     log_likelihood,
-    mean_square,
     pack,
     residuals_of,
     weighted_rows,
-    weights_of,
 )
 from ph_post.diagnose.hypotheses import hypotheses
 from ph_post.diagnose.hypotheses.base import Hypothesis, Numbers
 from ph_post.diagnose.residual_features import is_structured
-from ph_post.identify.free_run import AxisProblem
+from ph_post.identify.free_run import AxisProblem, correlation_inflation, mean_square, weights_of
 from ph_post.types import Array, BoolArray
 from ph_post.types.diagnosis import Channel
 

@@ -15,9 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.optimize import least_squares
 
-from ph_post.diagnose.fit import correlation_inflation, mean_square, weights_of
 from ph_post.drive.plant import Plant
-from ph_post.identify.free_run import AxisProblem, residuals
+from ph_post.identify.free_run import AxisProblem, correlation_inflation, mean_square, residuals, weights_of
 from ph_post.types import Array, AxisLog, BoolArray
 from ph_post.types.diagnosis import Channel
 from ph_post.units import MICROMETRE

@@ -16,12 +16,10 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.diagnose.findings import LEAST_UNCERTAINTY
-from ph_post.diagnose.fit import weights_of
 from ph_post.drive.plant import Plant
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, left_by, position_rms, rows_of
-from ph_post.identify.free_run import AxisProblem
+from ph_post.identify.free_run import AxisProblem, weights_of
 from ph_post.types import Array, Axis, AxisLog, Gap, Uncertainty
 from ph_post.types.diagnosis import Estimate, IdentifiedDrive, Origin, Sensitivity
 from ph_post.units import MICROMETRE, MM
@@ -398,3 +396,7 @@ def _relative(estimate: Estimate | None) -> float | None:
     if estimate is None or not estimate.stderr or estimate.value <= 0.0:
         return None
     return float(f"{min(max(estimate.stderr / estimate.value, LEAST_UNCERTAINTY), MOST_UNCERTAIN):.3g}")
+
+
+LEAST_UNCERTAINTY: Final = 0.005
+"""No number of a machine is known better than that from one record."""

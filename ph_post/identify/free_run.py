@@ -260,3 +260,35 @@ def residuals(problem: AxisProblem, plant: Plant, origin_free: bool) -> dict[Cha
                 left = left - np.mean(left[use])
         found[one.channel] = np.where(one.ok, left, 0.0)
     return found
+
+
+PRIOR: Final = 0.02
+"""Relative standard error of a base value where nothing else is said."""
+
+WHITE: Final = 256
+"""Samples over which what is left is averaged to see how far it is from white noise."""
+
+
+def mean_square(values: Array, use: BoolArray) -> float:
+    """Mean square of the samples in use, at least the smallest number that has a logarithm."""
+    return max(float(np.mean(values[use] ** 2)), 1e-300)
+
+
+def correlation_inflation(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
+    """By how much fewer independent samples there are than samples: the residual's variance over windows."""
+    worst = 1.0
+    for one in problem.observed:
+        values = left[one.channel][use & one.ok]
+        whole = values[: values.size // WHITE * WHITE].reshape(-1, WHITE)
+        spread = np.mean(values * values)
+        if whole.shape[0] > 1 and spread > 0.0:
+            worst = max(worst, float(WHITE * np.mean(whole.mean(axis=1) ** 2) / spread))
+    return worst
+
+
+def weights_of(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> dict[Channel, float]:
+    """One over what each channel leaves, but no more than one over its noise."""
+    return {
+        one.channel: 1.0 / max(np.sqrt(mean_square(left[one.channel], use & one.ok)), one.noise, 1e-12)
+        for one in problem.observed
+    }

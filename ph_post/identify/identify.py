@@ -15,8 +15,6 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import gaussian_filter1d
 
-from ph_post.diagnose.findings import LEAST_UNCERTAINTY
-from ph_post.diagnose.fit import PRIOR
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
 from ph_post.identify.direct_readings import (
@@ -37,8 +35,15 @@ from ph_post.identify.drive_fit import (
     why_backlash_hidden,
     with_all_samples,
 )
-from ph_post.identify.estimates import AssessedFit, AxisFit, estimate_drive, identified_axis, shown_names
-from ph_post.identify.free_run import AxisProblem, problem_of
+from ph_post.identify.estimates import (
+    LEAST_UNCERTAINTY,
+    AssessedFit,
+    AxisFit,
+    estimate_drive,
+    identified_axis,
+    shown_names,
+)
+from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
 from ph_post.types import Array, Axis, AxisLog, Feedback, Gap, Limits, Log, Machine, Servo

@@ -20,9 +20,9 @@ from ph_post.diagnose.evidence.base import (
     similar_sizes,
     slopes,
 )
-from ph_post.diagnose.fit import PRIOR
 from ph_post.diagnose.residual_features import by_speed, reversal_sizes
 from ph_post.diagnose.sentences import UM, length, velocity
+from ph_post.identify.free_run import PRIOR
 from ph_post.types import Array
 from ph_post.units import MM, MS
 
