@@ -22,7 +22,7 @@ hypothesis.settings.load_profile("ph_post")
 
 HERE = Path(__file__).parent
 
-SLOW_FOLDERS = ("pages", "diagnose")
+SLOW_FOLDERS = ("pages", "hidden")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
 
 LONG = (
@@ -32,23 +32,23 @@ LONG = (
     "property/test_limits.py",
     "paper/test_strategies_win.py",
     "property/test_auto_random.py",
-    "unit/test_corpus.py",
+    "corpus/test_corpus.py",
     "controllers/test_freecad.py",
-    "unit/test_cli_examples.py",
-    "unit/test_effects_everywhere.py",
+    "cli/test_examples.py",
+    "drive/effects/test_everywhere.py",
     "pages/test_motion_page.py",
     "property/test_turning_reference.py",
     "controllers/test_axis_filter.py",
     "pages/test_other_pages.py",
-    "unit/test_cli_watch.py",
+    "cli/test_watch.py",
     "property/test_verify_random.py",
     "property/test_splice_laws.py",
     "property/test_deliver_random.py",
-    "unit/test_identify.py",
-    "unit/test_cli_compare.py",
-    "unit/test_simulate.py",
+    "identify/test_identify.py",
+    "cli/test_compare.py",
+    "simulate/test_machine.py",
     "property/test_turning_laws.py",
-    "unit/test_layout.py",
+    "compensate/test_layout.py",
 )
 """Files that take longest, in the order they begin in: at the end no process is left alone with one.
 

@@ -2,7 +2,7 @@
 
 A folder without a machine of its own takes that of all the others.
 
-After a change that is meant, ``pytest tests/unit/test_gcode_golden.py --renew-golden`` writes them anew; read
+After a change that is meant, ``pytest tests/golden/test_golden.py --renew-golden`` writes them anew; read
 the difference line by line before committing it.
 """
 

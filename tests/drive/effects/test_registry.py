@@ -21,7 +21,7 @@ from ph_post.drive.plant import GapProfile, Plant, TableReading, base_plant
 from ph_post.errors import InputError
 from ph_post.types import Axis, EffectSetting, Gap, Limits, Scenario, Servo
 
-README = Path(__file__).parents[2] / "README.md"
+README = Path(__file__).parents[3] / "README.md"
 THIS_STEP = {
     "coulomb_friction",
     "stribeck_friction",
@@ -396,7 +396,7 @@ def plugged_in(monkeypatch):
 @pytest.fixture
 def read(tmp_path):
     def read_axis(effects):
-        paper = Path(__file__).parents[2] / "samples" / "machines" / "paper.toml"
+        paper = Path(__file__).parents[3] / "samples" / "machines" / "paper.toml"
         head = paper.read_text(encoding="utf-8").split("[axes.Y]")[0]
         file = tmp_path / "machine.toml"
         file.write_text(head + effects, encoding="utf-8")

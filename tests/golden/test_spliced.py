@@ -1,6 +1,6 @@
 """Compensated programs, byte by byte: the original of each folder of tests/spliced gives its other program.
 
-After a change that is meant, ``pytest tests/unit/test_splice_golden.py --renew-golden`` writes them anew;
+After a change that is meant, ``pytest tests/golden/test_spliced.py --renew-golden`` writes them anew;
 read the difference line by line before committing it.
 """
 

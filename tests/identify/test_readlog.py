@@ -18,7 +18,7 @@ from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.machine import simulate
 from ph_post.types import Run, Scenario, frozen
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 MEASURED = [folder / "shared" / "data" / "emps" / "DATA_EMPS.mat" for folder in ROOT.parents]
 K = np.arange(300)
 X = np.round(10.0 * np.sin(2 * np.pi * K / 150), 4)
