@@ -47,7 +47,7 @@ class LineWriter:
         self.dialect = dialect
         self.axes = tuple(axes)
         self._tolerance = tolerance
-        self._sense = plane_of(self.axes)[1]
+        self._plane, self._sense = plane_of(self.axes)
         self._at: dict[str, int] = {}
         self._motion = ""
         self._feed = ""
@@ -72,6 +72,12 @@ class LineWriter:
         if word != self._path_mode:
             self.lines += word.split("\n")
             self._path_mode = word
+
+    def plane(self, word: str) -> None:
+        """Write G17, G18 or G19 where another plane is in force; at first it is that of the first two axes."""
+        if word != self._plane:
+            self.lines.append(word)
+            self._plane = word
 
     def straight(self, word: str, target: dict[str, int], speed: float = 0.0) -> None:
         """Write a G0 or a G1 [m/s] to positions on the grid, by axis."""
@@ -115,7 +121,23 @@ class LineWriter:
 
     def write_arc(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, an arc in the plane of the first two axes; `body` are the words of its end."""
-        self._write("G3" if self._left(moves, i) else "G2", body + self._center(moves, i), feed)
+        self.arc(body, self._center(moves, i), self._left(moves, i), feed)
+
+    def arc(self, end_words: list[str], offset_words: list[str], left: bool, feed: str) -> None:
+        """Write an arc in the plane in force, a full circle where it ends at its start.
+
+        Parameters
+        ----------
+        end_words : list of str
+            Coordinate words of its end.
+        offset_words : list of str
+            Words of its centre, counted from its start.
+        left : bool
+            Whether it turns counterclockwise in its plane.
+        feed : str
+            Its F, empty where it has none; written where it changes.
+        """
+        self._write("G3" if left else "G2", [*end_words, *offset_words], feed)
 
     def write_spline(self, moves: Moves, i: int, body: list[str], feed: str) -> None:
         """Write move `i`, a planar cubic; `body` are the words of its end."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 import pytest
+
 from support import helppages, reference
 from support.helppages import pages
 

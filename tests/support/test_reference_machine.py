@@ -8,6 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+
 from support.drives import AMPLITUDE, OMEGA, Printed
 from support.reference_machine import Drive, Motion, simulate_axis
 
