@@ -21,7 +21,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.edit.inputs import read_program_file
 from ph_post.files.path import read_path
 from ph_post.files.storage import shipped
-from ph_post.identify.readlog import read_log
+from ph_post.identify.logprogram import read_log
 from ph_post.simulate.assess import contour_errors
 from ph_post.simulate.contour import Nominal
 from ph_post.simulate.controllers.run import run_program

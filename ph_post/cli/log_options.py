@@ -104,7 +104,7 @@ def read_log_with_options(log: str | SourceBytes, how: Mapping[str, Any], machin
         Where it cannot be read, or does not belong to the machine or the program.
     """
     from ph_post.edit.inputs import read_program_file
-    from ph_post.identify.readlog import read_log
+    from ph_post.identify.logprogram import read_log
 
     program = None if how["program"] is None else read_program_file(how["program"], machine=machine)
     return read_log(log, columns=how["columns"], sides=how["sides"], program=program, machine=machine)

@@ -1,15 +1,19 @@
-"""Check that a log belongs to a machine and a program, and take missing commands from the program."""
+"""Read logs, check that they belong to a machine and a program, and take missing commands from the program."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from msgspec.structs import replace
 
 from ph_post.errors import InputError
+from ph_post.files.check import quoted
+from ph_post.files.log import LogFile, read_log_file
+from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, AxisLog, Command, Log, Machine, sealed
@@ -45,24 +49,77 @@ AROUND: Final = 0.25
 Where = Callable[[int], str]
 
 
-def require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:
-    """Refuse axes that the machine does not have.
+def read_log(
+    source: str | os.PathLike[str] | SourceBytes,
+    *,
+    columns: Sequence[str] = (),
+    sides: Mapping[str, str] | None = None,
+    program: PartProgram | None = None,
+    machine: Machine | None = None,
+) -> Log:
+    """Read a log: CSV, a ``.mat``, ``.npz`` or ``.parquet`` file, or what LinuxCNC's ``halsampler`` wrote.
+
+    Columns are `t` [s]; `X_cmd`, `X_act` (at the table) and `X_motor` [mm]; `X_force` [N] or `X_current` [A];
+    and those of Y and Z. A file without a header has its columns numbered from 1; whole numbers that count up
+    in the first of them are the numbers of the samples.
+
+    Parameters
+    ----------
+    source : str, path or SourceBytes
+        ``-`` is standard input; what was read already is taken as it is.
+    columns : sequence of str
+        Mappings ``NAME=SOURCE[*FACTOR]:UNIT``, such as ``X_act=qm:m``; they go before the file's own names.
+    sides : mapping of str to str, optional
+        By axis where `X_act` was read, "table", "motor" or "unknown"; goes before the remark ``X_act.side``.
+    program : PartProgram, optional
+        The program that ran, which gives the commands that the log lacks and must fit those that it has.
+    machine : Machine, optional
+        The machine that was logged: refuses axes that it does not have; its servo period is the period of
+        rows without a time.
+
+    Returns
+    -------
+    Log
+        SI units, at one constant period; samples that are missing are NaN in the readings.
 
     Raises
     ------
     InputError
+        One line naming file and line, what was expected and what was found.
     """
-    other = [] if machine is None else [name for name in names if name not in machine.axes]
-    if machine is not None and other:
+    return fit_program(read_log_file(source, columns=columns, sides=sides, machine=machine), program, machine)
+
+
+def fit_program(file: LogFile, program: PartProgram | None, machine: Machine | None) -> Log:
+    """Take the commands that a log lacks from the program, and refuse what does not belong together.
+
+    Raises
+    ------
+    InputError
+        Where commands are missing and nothing gives them, or program or readings do not fit the commands.
+    """
+    log, lacking = file.log, file.lacking
+    if lacking and (program is None or machine is None):
         raise InputError(
-            where,
-            f"the machine has no axis {', '.join(other)}; is the log of another one?",
-            expected=", ".join(machine.axes),
-            got=", ".join(names),
+            file.sheet.header,
+            f"column {quoted(f'{lacking[0]}_cmd')} is missing",
+            expected=f"it, a mapping such as --column {lacking[0]}_cmd=SOURCE:mm, or the program that ran"
+            + ("" if machine is not None else " and the machine"),
+            got=file.sheet.listed,
         )
+    if program is not None and machine is not None:
+        if len(lacking) < len(log.axes):
+            log = _require_program(log, program, machine, file.samples.where)
+        if lacking:
+            log = _fill_commands(log, lacking, program, machine, file.sheet.name)
+    elif program is not None:
+        words = f"without a machine the commands cannot be compared with {program.name}"
+        log = replace(log, warnings=(*log.warnings, words))
+    _require_readings(log, file.samples.where)
+    return log
 
 
-def require_readings(log: Log, where: Where) -> None:
+def _require_readings(log: Log, where: Where) -> None:
     """Refuse readings that are not those of their commands.
 
     Raises
@@ -93,7 +150,7 @@ def require_readings(log: Log, where: Where) -> None:
                 )
 
 
-def require_program(log: Log, program: PartProgram, machine: Machine, where: Where) -> Log:
+def _require_program(log: Log, program: PartProgram, machine: Machine, where: Where) -> Log:
     """Refuse commands that leave the path of a program; what is before and after it is told in a warning.
 
     Raises
@@ -122,7 +179,7 @@ def require_program(log: Log, program: PartProgram, machine: Machine, where: Whe
     return replace(log, warnings=(*log.warnings, words))
 
 
-def fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machine: Machine, file: str) -> Log:
+def _fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machine: Machine, file: str) -> Log:
     """Take commands from the program, at the time that fits the record best.
 
     Commands that were recorded tell the time exactly. Where none was, readings are compared with the command

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ph_post.errors import InputError
-from ph_post.identify.readlog import read_log
+from ph_post.identify.logprogram import read_log
 
 HERE = Path(__file__).parent / "logs"
 CASES = sorted(HERE.glob("*.error"))

@@ -8,7 +8,7 @@ from scipy.io import loadmat, savemat
 
 from ph_post.errors import InputError
 from ph_post.files.logsheet import mat_variables
-from ph_post.identify.readlog import read_log
+from ph_post.identify.logprogram import read_log
 
 VALUES = {
     "column": np.arange(5.0)[:, None],

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from support.amount import examples
 
 from ph_post.errors import InputError
-from ph_post.identify.readlog import read_log
+from ph_post.identify.logprogram import read_log
 
 K = np.arange(240)
 X = 10.0 * np.sin(2 * np.pi * K / 150)

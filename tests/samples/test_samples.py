@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ph_post.cli.main import main
-from ph_post.identify.readlog import read_log
+from ph_post.identify.logprogram import read_log
 
 SAMPLES = Path(__file__).resolve().parents[2] / "samples"
 

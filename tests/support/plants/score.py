@@ -36,7 +36,7 @@ def judge(trial: Trial, case: Case) -> Result:
     """Hand the texts of a case to the diagnosis, as a person would, and keep what it says."""
     from ph_post.diagnose.diagnose import diagnose
     from ph_post.drive.machinefile import read_machine
-    from ph_post.identify.readlog import read_log
+    from ph_post.identify.logprogram import read_log
 
     begun = time.monotonic()
     with TemporaryDirectory() as folder:

@@ -13,7 +13,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
 from ph_post.files.table import log_content
 from ph_post.gcode.read import read_program
-from ph_post.identify.readlog import read_log
+from ph_post.identify.logprogram import read_log
 from ph_post.simulate.controllers.run import run_program
 from ph_post.simulate.machine import simulate
 from ph_post.types import Run, Scenario, frozen

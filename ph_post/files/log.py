@@ -1,4 +1,7 @@
-"""Read measured and simulated logs: commands and positions of the axes at a constant period."""
+"""Read the file of a log: commands and positions of the axes at a constant period.
+
+Whether the log belongs to a machine and a part program is checked by :mod:`ph_post.identify.logprogram`.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 
 from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
 from ph_post.files.logcolumns import AXES, TIME, Clock, Column, clock_of, columns_of, parse_columns
 from ph_post.files.logsheet import Sheet, stored_ending, stored_sheet, text_sheet
 from ph_post.files.storage import SourceBytes, decoded, read_raw
-from ph_post.gcode.program import PartProgram
-from ph_post.identify.logprogram import fill_commands, require_axes, require_program, require_readings
 from ph_post.types import Array, AxisLog, Log, Machine, frozen, sealed
 
 FEWEST: Final = 200
@@ -28,94 +28,67 @@ _LARGEST: Final = {"t": 1e9, "cmd": 100.0, "act": 100.0, "motor": 100.0, "force"
 """Largest number that is taken, in SI units by kind."""
 
 
-def read_log(
+class LogFile(NamedTuple):
+    """A log as its file has it: the commands of an axis are NaN where the file has no column of them."""
+
+    log: Log
+    sheet: Sheet
+    samples: _Samples
+
+    @property
+    def lacking(self) -> list[str]:
+        """Axes without a column of commands."""
+        return [name for name, axis in self.log.axes.items() if np.isnan(axis.command[0])]
+
+
+def read_log_file(
     source: str | os.PathLike[str] | SourceBytes,
     *,
     columns: Sequence[str] = (),
     sides: Mapping[str, str] | None = None,
-    program: PartProgram | None = None,
     machine: Machine | None = None,
-) -> Log:
-    """Read a log: CSV, a ``.mat``, ``.npz`` or ``.parquet`` file, or what LinuxCNC's ``halsampler`` wrote.
-
-    Columns are `t` [s]; `X_cmd`, `X_act` (at the table) and `X_motor` [mm]; `X_force` [N] or `X_current` [A];
-    and those of Y and Z. A file without a header has its columns numbered from 1; whole numbers that count up
-    in the first of them are the numbers of the samples.
-
-    Parameters
-    ----------
-    source : str, path or SourceBytes
-        ``-`` is standard input; what was read already is taken as it is.
-    columns : sequence of str
-        Mappings ``NAME=SOURCE[*FACTOR]:UNIT``, such as ``X_act=qm:m``; they go before the file's own names.
-    sides : mapping of str to str, optional
-        By axis where `X_act` was read, "table", "motor" or "unknown"; goes before the remark ``X_act.side``.
-    program : PartProgram, optional
-        The program that ran, which gives the commands that the log lacks and must fit those that it has.
-    machine : Machine, optional
-        Whose record it is: refuses axes that it does not have; its servo period is that of rows without a
-        time.
-
-    Returns
-    -------
-    Log
-        SI units, at one constant period; samples that are missing are NaN in the readings.
-
-    Raises
-    ------
-    InputError
-        One line naming file and line, what was expected and what was found.
-    """
+) -> LogFile:
+    """Read the file of a log; parameters and errors as :func:`ph_post.identify.logprogram.read_log`."""
     raw = source if isinstance(source, SourceBytes) else read_raw(source)
     ending = stored_ending(raw)
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw))
-    found, aside = columns_of(sheet, parse_columns(columns))
+    found, ignored = columns_of(sheet, parse_columns(columns))
     names = _axes_of(found, sheet)
-    require_axes(names, machine, sheet.header)
-    _require_rows(sheet)
+    _require_axes(names, machine, sheet.header)
+    if sheet.rows < FEWEST:
+        raise InputError(sheet.name, "too few samples", expected=f"at least {FEWEST}", got=str(sheet.rows))
     values = _values(found, sheet)
     timed = _timed(found, values, sheet, machine)
-    table = _Samples(sheet, clock_of(timed.t, sheet))
-    told = _sides(sheet, names, found, {} if sides is None else sides)
+    samples = _Samples(sheet, clock_of(timed.t, sheet))
+    side_of = _sides(sheet, names, found, {} if sides is None else sides)
     axes, doubled = {}, []
     for name in names:
-        axes[name], words = _axis(name, values, table, told[name])
+        axes[name], words = _axis(name, values, samples, side_of[name])
         doubled += words
     log = Log(
         name=sheet.stem,
-        t=sealed(table.t),
-        period=table.clock.period,
+        t=sealed(samples.t),
+        period=samples.clock.period,
         axes=axes,
         digest=sheet.digest,
-        jitter=table.clock.jitter,
-        missing=table.missing,
+        jitter=samples.clock.jitter,
+        missing=samples.missing,
         remarks=sheet.remarks,
-        warnings=(*sheet.warnings, *aside, *timed.warnings, *doubled, *table.words()),
+        warnings=(*sheet.warnings, *ignored, *timed.warnings, *doubled, *samples.words()),
     )
-    return _with_program(log, sheet, table, program, machine)
+    return LogFile(log=log, sheet=sheet, samples=samples)
 
 
-def _with_program(log: Log, sheet: Sheet, table: _Samples, program: PartProgram | None, machine: Machine | None) -> Log:
-    """Fill in commands from the program, and refuse what does not belong together."""
-    lacking = [name for name, axis in log.axes.items() if np.isnan(axis.command[0])]
-    if lacking and (program is None or machine is None):
+def _require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:
+    """Refuse axes that the machine does not have."""
+    other = [] if machine is None else [name for name in names if name not in machine.axes]
+    if machine is not None and other:
         raise InputError(
-            sheet.header,
-            f"column {quoted(f'{lacking[0]}_cmd')} is missing",
-            expected=f"it, a mapping such as --column {lacking[0]}_cmd=SOURCE:mm, or the program that ran"
-            + ("" if machine is not None else " and the machine"),
-            got=sheet.listed,
+            where,
+            f"the machine has no axis {', '.join(other)}; is the log of another one?",
+            expected=", ".join(machine.axes),
+            got=", ".join(names),
         )
-    if program is not None and machine is not None:
-        if len(lacking) < len(log.axes):
-            log = require_program(log, program, machine, table.where)
-        if lacking:
-            log = fill_commands(log, lacking, program, machine, sheet.name)
-    elif program is not None:
-        words = f"without a machine the commands cannot be compared with {program.name}"
-        log = replace(log, warnings=(*log.warnings, words))
-    require_readings(log, table.where)
-    return log
 
 
 class _Samples:
@@ -143,7 +116,7 @@ class _Samples:
         return sealed(np.interp(np.arange(self.t.size), self.clock.place, values))
 
     def words(self) -> tuple[str, ...]:
-        """Tell what was filled in."""
+        """Say what was filled in."""
         if not self.missing:
             return ()
         first = self.where(int(np.argmax(np.diff(self.clock.place) > 1)) + 1)
@@ -161,11 +134,6 @@ def _axes_of(found: Mapping[str, Column], sheet: Sheet) -> tuple[str, ...]:
             got=sheet.listed,
         )
     return names
-
-
-def _require_rows(sheet: Sheet) -> None:
-    if sheet.rows < FEWEST:
-        raise InputError(sheet.name, "too few samples", expected=f"at least {FEWEST}", got=str(sheet.rows))
 
 
 def _values(found: Mapping[str, Column], sheet: Sheet) -> dict[str, Array]:
@@ -268,17 +236,17 @@ def _sides(sheet: Sheet, names: Sequence[str], found: Mapping[str, Column], aske
     return sides
 
 
-def _axis(name: str, values: Mapping[str, Array], table: _Samples, side: str) -> tuple[AxisLog, list[str]]:
-    """Make the record of one axis, its command NaN where the log has none; and what was left aside."""
+def _axis(name: str, values: Mapping[str, Array], samples: _Samples, side: str) -> tuple[AxisLog, list[str]]:
+    """Return the log of one axis, its command NaN where the file has none, and the columns ignored in words."""
     laid: dict[str, Any] = {}
     for kind in ("act", "motor", "force", "current"):
         column = values.get(f"{name}_{kind}")
-        laid[kind] = None if column is None else table.reading(column)
+        laid[kind] = None if column is None else samples.reading(column)
     command = values.get(f"{name}_cmd")
     both = laid["force"] is not None and laid["current"] is not None
     at_motor = side == "motor"
     axis = AxisLog(
-        command=frozen(np.full(table.t.size, np.nan)) if command is None else table.command(command),
+        command=frozen(np.full(samples.t.size, np.nan)) if command is None else samples.command(command),
         table=None if at_motor else laid["act"],
         motor=laid["act"] if at_motor and laid["act"] is not None else laid["motor"],
         effort=laid["current"] if laid["force"] is None else laid["force"],
