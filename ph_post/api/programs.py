@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from typing import Final
 
 import msgspec
@@ -11,7 +10,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.strategies.base import silent
 from ph_post.dialects.base import require_spliceable
 from ph_post.dialects.reading import read_anew
 from ph_post.dialects.registry import find_dialect
@@ -26,6 +24,7 @@ from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
 from ph_post.gcode.program import PartProgram
 from ph_post.post.remarks import package_version
+from ph_post.progress import Progress, no_progress
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.run import moved_axes, run_program
@@ -77,7 +76,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def compensate_program(
-    program: PartProgram, machine: Machine, request: ProgramRequest, tell: Callable[[str], None] = silent
+    program: PartProgram, machine: Machine, request: ProgramRequest, progress: Progress = no_progress
 ) -> CompensatedProgram:
     """Compensate a part program for a machine.
 
@@ -87,8 +86,8 @@ def compensate_program(
     machine : Machine
         Its dialect tells the words of new lines.
     request : ProgramRequest
-    tell : callable, optional
-        Told what a long job is at.
+    progress : Progress, optional
+        Called with what is being done.
 
     Returns
     -------
@@ -108,13 +107,13 @@ def compensate_program(
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
-    edits, windows = _plan(original, machine, request, tell)
+    edits, windows = _plan(original, machine, request, progress)
     if not _changes(edits):
         return CompensatedProgram(before=original, after=original, edits=edits, windows=windows)
-    tell("writing")
+    progress("writing")
     declaration = _declaration(original, edits, machine, request)
     data = apply_edits(original, edits, dialect, declaration)
-    tell("verifying")
+    progress("verifying")
     after = read_anew(original, data)
     verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
     if not verdict.ok:
@@ -142,7 +141,7 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
 
 
 def _plan(
-    program: PartProgram, machine: Machine, request: ProgramRequest, tell: Callable[[str], None]
+    program: PartProgram, machine: Machine, request: ProgramRequest, progress: Progress
 ) -> tuple[Edits, tuple[WindowPlan, ...]]:
     """Plan lasting offsets of axes behind their loop, then what the strategy does for the others.
 
@@ -155,21 +154,21 @@ def _plan(
     gaps = [axis.feedback for axis in drives if has_backlash(axis)]
     behind = sum(feedback != "load" for feedback in gaps) if shifts_axes(request.plan) else 0
     if behind:
-        tell("planning lasting offsets")
+        progress("planning lasting offsets")
         share = request.splice.max_slowdown * behind / len(gaps)
         options = replace(request.splice, max_slowdown=share)
         lasting = plan_offsets(program, machine, find_dialect(machine.dialect), options)
     if behind == len(gaps):
         return lasting, ()
     share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
-    tell("fitting the path")
+    progress("fitting the path")
     found = plan_windows(
         program,
         paths_of(program),
         machine,
         replace(request.plan, max_slowdown=share),
         request.splice.tolerance,
-        tell,
+        progress,
         request.splice.block_time,
     )
     return merge(lasting, found.edits), found.plans
@@ -229,15 +228,13 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     after: Performance
 
 
-def weigh(
-    delivery: CompensatedProgram, machine: Machine, *, errors: bool, tell: Callable[[str], None] = silent
-) -> Outcome:
+def weigh(delivery: CompensatedProgram, machine: Machine, *, errors: bool, progress: Progress = no_progress) -> Outcome:
     """Run both programs of a delivery on the models, the drives only where `errors` are wanted."""
-    tell("running the original on a model of the controller")
+    progress("running the original on a model of the controller")
     before = _perform(delivery.before, machine, delivery.before, errors)
     if delivery.after.data == delivery.before.data:
         return Outcome(before=before, after=before)
-    tell("running the compensated program on a model of the controller")
+    progress("running the compensated program on a model of the controller")
     return Outcome(before=before, after=_perform(delivery.after, machine, delivery.before, errors))
 
 

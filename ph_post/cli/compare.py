@@ -41,7 +41,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
       warnings           a list of sentences
     """
     from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.compensate.comparison import compare_strategies, without_backlash
     from ph_post.files.storage import write_atomically
     from ph_post.report import simulations
@@ -49,14 +49,16 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     from ph_post.report.motion_figures import draw_comparison
     from ph_post.report.tables import print_json
 
-    with Progress() as stage:
-        analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"])
+    with ProgressPrinter() as progress:
+        analysis = load_and_analyse(
+            source, machine, how["tolerance"], progress, feed=how["feed"], dialect=how["dialect"]
+        )
         contenders = compare_strategies(
-            analysis, lambda name: plan_options({**how, "strategy": name}, how["carrier"]), stage
+            analysis, lambda name: plan_options({**how, "strategy": name}, how["carrier"]), progress
         )
         floor = without_backlash(analysis, contenders[0])
         if plot is not None:
-            stage("drawing")
+            progress("drawing")
             write_atomically({plot: render(draw_comparison(analysis.path.name, contenders), picture_format(plot))})
     assert analysis.machine is not None
     warnings = effect_warnings(analysis.machine, analysis.path.axes)

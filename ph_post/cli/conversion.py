@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -13,6 +13,7 @@ import msgspec
 from ph_post.cli import options
 from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.files.storage import STDIO, SourceBytes
+from ph_post.progress import Progress
 from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
@@ -91,17 +92,17 @@ def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
 
 def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
     from ph_post.api.programs import weigh
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.programs import program_lines, program_view
     from ph_post.report.tables import print_json
 
-    with Progress() as stage:
-        found, machine, request = deliver_program(name, data, how, stage)
+    with ProgressPrinter() as progress:
+        found, machine, request = deliver_program(name, data, how, progress)
         products = {} if target is None else products_of(target, found.after.data, data)
-        outcome = None if how["no_simulation"] else weigh(found, machine, errors=as_json, tell=stage)
+        outcome = None if how["no_simulation"] else weigh(found, machine, errors=as_json, progress=progress)
         if how["plot"] is not None:
-            products = {**products, how["plot"]: _drawn(found, machine, how, stage)}
+            products = {**products, how["plot"]: _drawn(found, machine, how, progress)}
         write_atomically(products)
     if as_json:
         print_json(program_view(found, machine, request.splice.tolerance, outcome))
@@ -111,7 +112,7 @@ def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | No
 
 
 def deliver_program(
-    name: str, data: bytes, how: Mapping[str, Any], stage: Callable[[str], None], *, noted: bool = False
+    name: str, data: bytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False
 ) -> tuple[CompensatedProgram, Machine, ProgramRequest]:
     """Read a part program and the machine file, and compensate the one for the other.
 
@@ -122,8 +123,8 @@ def deliver_program(
     data : bytes
     how : mapping
         The command's options by name.
-    stage : callable
-        Told what is being done.
+    progress : Progress
+        Called with what is being done.
     noted : bool, optional
         Whether the head of the program is to tell the warnings too.
 
@@ -136,27 +137,25 @@ def deliver_program(
     from ph_post.cli.job import default_strategy, plan_options, read_drives
     from ph_post.dialects.reading import read_as
 
-    stage("reading")
+    progress("reading")
     machine = read_drives(how["machine"], how["dialect"])
     program = read_as(machine.dialect, data, name, strict=how["strict"])
     plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
     request = ProgramRequest(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
-    return compensate_program(program, machine, request, stage), machine, request
+    return compensate_program(program, machine, request, progress), machine, request
 
 
-def _drawn(found: CompensatedProgram, machine: Machine, how: dict[str, Any], stage: Callable[[str], None]) -> bytes:
+def _drawn(found: CompensatedProgram, machine: Machine, how: dict[str, Any], progress: Progress) -> bytes:
     """Draw a program as it was and as compensated."""
     from ph_post.report.figures import picture_format, render
     from ph_post.report.motion_figures import draw_picture
     from ph_post.report.traces import program_picture
 
-    picture = program_picture(found, machine, how["tolerance"] * MM, how["strategy"], stage)
+    picture = program_picture(found, machine, how["tolerance"] * MM, how["strategy"], progress)
     return render(draw_picture(picture), picture_format(how["plot"]))
 
 
-def compensated(
-    raw: SourceBytes, machine: Machine, how: dict[str, Any], stage: Callable[[str], None]
-) -> CompensatedProgram:
+def compensated(raw: SourceBytes, machine: Machine, how: dict[str, Any], progress: Progress) -> CompensatedProgram:
     """Compensate a part program as `convert` would; of one that is compensated already, recover the original.
 
     Parameters
@@ -165,8 +164,8 @@ def compensated(
     machine : Machine
     how : dict
         The options of planning by name.
-    stage : callable
-        Told what is being done.
+    progress : Progress
+        Called with what is being done.
     """
     from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
     from ph_post.cli.job import plan_options
@@ -184,7 +183,7 @@ def compensated(
         return CompensatedProgram(before=original, after=program, done=True)
     splicing = EditOptions(tolerance=how["tolerance"] * MM, max_slowdown=how["max_slowdown"])
     return compensate_program(
-        program, machine, ProgramRequest(plan=plan_options(how, "program"), splice=splicing), stage
+        program, machine, ProgramRequest(plan=plan_options(how, "program"), splice=splicing), progress
     )
 
 
@@ -222,9 +221,7 @@ class Converted(msgspec.Struct, frozen=True, kw_only=True):
         return (self.said, *(f"warning: {word}" for word in self.warnings))
 
 
-def convert_input(
-    raw: SourceBytes, how: Mapping[str, Any], stage: Callable[[str], None], *, noted: bool = False
-) -> Converted:
+def convert_input(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False) -> Converted:
     """Convert a path file or a part program into a compensated program.
 
     Parameters
@@ -232,8 +229,8 @@ def convert_input(
     raw : SourceBytes
     how : mapping
         Options of ``convert`` by name; those of :data:`DEFAULTS` may be missing.
-    stage : callable
-        Told what is being done.
+    progress : Progress
+        Called with what is being done.
     noted : bool, optional
         Whether the program itself is to tell the warnings, in comments at its head.
 
@@ -247,18 +244,16 @@ def convert_input(
     from ph_post.edit.inputs import is_program
 
     if is_program(raw):
-        return convert_part(raw, {**how, **_LEFT_OUT}, stage, noted=noted)
-    return _convert_path(raw, {**DEFAULTS, **how}, stage, noted=noted)
+        return convert_part(raw, {**how, **_LEFT_OUT}, progress, noted=noted)
+    return _convert_path(raw, {**DEFAULTS, **how}, progress, noted=noted)
 
 
-def convert_part(
-    raw: SourceBytes, how: Mapping[str, Any], stage: Callable[[str], None], *, noted: bool = False
-) -> Converted:
+def convert_part(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False) -> Converted:
     """Convert a part program, whatever its name ends with; as :func:`convert_input`."""
     from ph_post.report.programs import program_summary, warnings_of
 
     refuse_path_options(how)
-    found, _, _ = deliver_program(raw.name, raw.data, how, stage, noted=noted)
+    found, _, _ = deliver_program(raw.name, raw.data, how, progress, noted=noted)
     return Converted(
         data=found.after.data,
         said=program_summary(found, None),
@@ -268,7 +263,7 @@ def convert_part(
     )
 
 
-def _convert_path(raw: SourceBytes, how: Mapping[str, Any], stage: Callable[[str], None], *, noted: bool) -> Converted:
+def _convert_path(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool) -> Converted:
     from ph_post.cli.job import (
         default_strategy,
         effect_warnings,
@@ -286,16 +281,16 @@ def _convert_path(raw: SourceBytes, how: Mapping[str, Any], stage: Callable[[str
         raw,
         how["machine"],
         how["tolerance"],
-        stage,
+        progress,
         feed=how["feed"],
         dialect=how["dialect"],
         intervals=how["interval_table"],
     )
     assert analysis.machine is not None
-    stage("planning the program")
-    plan = make_plan(analysis, plan_options(how, "program"), stage)
+    progress("planning the program")
+    plan = make_plan(analysis, plan_options(how, "program"), progress)
     plan = with_warnings(plan, *effect_warnings(analysis.machine, analysis.path.axes))
-    stage("writing the program")
+    progress("writing the program")
     text, plan = program_of(analysis, plan, program_options(how))
     if noted:
         text = _noted(text, plan.warnings, plan.machine.dialect)

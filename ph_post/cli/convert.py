@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
+from ph_post.progress import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ph_post.analysis.path_analysis import Analysis
     from ph_post.compensate.options import PlanOutput
     from ph_post.types import Plan
@@ -128,7 +127,7 @@ def command(
     """
     from ph_post.cli.conversion import convert_program
     from ph_post.cli.job import default_strategy, load_and_analyse
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.edit.inputs import is_program
     from ph_post.files.storage import or_shipped, read_raw, write_atomically
     from ph_post.report.tables import print_json, print_plans
@@ -145,22 +144,22 @@ def command(
     how["strategy"] = how["strategy"] or default_strategy(how)
     program = output or (None if table is not None or as_json else "-")
     view = None
-    with Progress() as stage:
+    with ProgressPrinter() as progress:
         analysis = load_and_analyse(
             raw,
             machine,
             how["tolerance"],
-            stage,
+            progress,
             feed=how["feed"],
             dialect=how["dialect"],
             intervals=how["interval_table"],
         )
-        plans = _plans(analysis, how, table is not None or program is None, program is not None, stage)
-        products, plans = _products(analysis, plans, {"table": table, "program": program}, how, stage)
+        plans = _plans(analysis, how, table is not None or program is None, program is not None, progress)
+        products, plans = _products(analysis, plans, {"table": table, "program": program}, how, progress)
         if how["plot"] is not None:
-            products[how["plot"]] = _picture(analysis, next(iter(plans.values())), how["plot"], stage)
+            products[how["plot"]] = _picture(analysis, next(iter(plans.values())), how["plot"], progress)
         if as_json:
-            view, plans = _view(analysis, plans, how, stage)
+            view, plans = _view(analysis, plans, how, progress)
         write_atomically(products)
     if view is not None:
         print_json(view)
@@ -191,16 +190,16 @@ def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
         raise click.UsageError(f"{given[0]} is for a part program that is written as one")
 
 
-def _picture(analysis: Analysis, plan: Plan, target: str, stage: Callable[[str], None]) -> bytes:
+def _picture(analysis: Analysis, plan: Plan, target: str, progress: Progress) -> bytes:
     """Draw a plan."""
     from ph_post.report.figures import draw_plan, picture_format, render
 
-    stage("drawing")
+    progress("drawing")
     return render(draw_plan(analysis, plan), picture_format(target))
 
 
 def _plans(
-    analysis: Analysis, how: dict[str, Any], table: bool, program: bool, stage: Callable[[str], None]
+    analysis: Analysis, how: dict[str, Any], table: bool, program: bool, progress: Progress
 ) -> dict[PlanOutput, Plan]:
     """Plan what is asked for, each for what it is written as; where nothing is added they are the same."""
     from ph_post.cli.job import effect_warnings, plan_options, with_warnings
@@ -213,15 +212,15 @@ def _plans(
         if found and how["feed_only"]:
             found[carrier] = found[asked[0]]
             continue
-        stage(f"planning the {carrier}")
-        found[carrier] = make_plan(analysis, plan_options(how, carrier), stage)
+        progress(f"planning the {carrier}")
+        found[carrier] = make_plan(analysis, plan_options(how, carrier), progress)
         if carrier == "program" and how["strategy"] == "auto":
-            found[carrier] = _writable(analysis, found[carrier], how, stage)
+            found[carrier] = _writable(analysis, found[carrier], how, progress)
     said = effect_warnings(analysis.machine, analysis.path.axes)
     return {**found, asked[0]: with_warnings(found[asked[0]], *said)}
 
 
-def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], stage: Callable[[str], None]) -> Plan:
+def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], progress: Progress) -> Plan:
     """Return the plan, or one of feeds alone where the dialect cannot write what it adds to the path."""
     from ph_post.cli.job import plan_options, with_warnings
     from ph_post.compensate.plan import make_plan
@@ -232,8 +231,8 @@ def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], stage: Callab
     try:
         check_jogs(read_jogs(plan).jogs, find_dialect(plan.machine.dialect))
     except InputError as error:
-        stage("planning the program once more, by feeds alone")
-        feeds = make_plan(analysis, plan_options({**how, "feed_only": True}, "program"), stage)
+        progress("planning the program once more, by feeds alone")
+        feeds = make_plan(analysis, plan_options({**how, "feed_only": True}, "program"), progress)
         reason = str(error).removeprefix("--dialect: ")
         return with_warnings(feeds, f"nothing is added to the path: {reason}")
     return plan
@@ -244,7 +243,7 @@ def _products(
     plans: dict[PlanOutput, Plan],
     targets: dict[PlanOutput, str | None],
     how: dict[str, Any],
-    stage: Callable[[str], None],
+    progress: Progress,
 ) -> tuple[dict[str, str | bytes], dict[PlanOutput, Plan]]:
     """Write plans as what they are for, in memory, and add the writers' warnings to them."""
     from ph_post.cli.job import program_of, program_options, with_warnings
@@ -253,12 +252,12 @@ def _products(
 
     products: dict[str, str | bytes] = {}
     if (table := targets["table"]) is not None:
-        stage("sampling the interpolator table")
+        progress("sampling the interpolator table")
         plan = plans["table"]
         rows = command_of(plan, analysis.track, plan.machine.servo_period)
         products[table] = table_content(rows, table)
     if (program := targets["program"]) is not None:
-        stage("writing the program")
+        progress("writing the program")
         products[program], plan = program_of(analysis, plans["program"], program_options(how))
         plans = {**plans, "program": with_warnings(plan, *_caveats(plan, plans.get("table")))}
     return products, plans
@@ -276,7 +275,7 @@ def _caveats(program: Plan, table: Plan | None) -> list[str]:
 
 
 def _view(
-    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], stage: Callable[[str], None]
+    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], progress: Progress
 ) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return the JSON object, and the plans with what the simulation has to say about them."""
     from ph_post.compensate.offsets import command_of
@@ -284,7 +283,7 @@ def _view(
 
     errors: dict[str, Any] = {}
     if not how["no_simulation"]:
-        errors, plans = _simulated(analysis, plans, how, stage)
+        errors, plans = _simulated(analysis, plans, how, progress)
     views = {
         carrier: plan_view(
             analysis, plan, command_of(plan, analysis.track, plan.machine.servo_period), errors.get(carrier)
@@ -297,7 +296,7 @@ def _view(
 
 
 def _simulated(
-    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], stage: Callable[[str], None]
+    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], progress: Progress
 ) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return contour errors by carrier [mm], before and after, and `reached` by a table not asked for."""
     from ph_post.cli.job import plan_options, with_warnings
@@ -308,9 +307,9 @@ def _simulated(
     judged = list(plans.values())
     alone = list(plans) == ["program"]
     if alone:
-        stage("planning the table, to compare")
-        judged.append(make_plan(analysis, plan_options(how, "table"), stage))
-    stage("simulating")
+        progress("planning the table, to compare")
+        judged.append(make_plan(analysis, plan_options(how, "table"), progress))
+    progress("simulating")
     before, *after = before_and_after(analysis, *judged)
     errors: dict[str, Any] = {
         carrier: {"before": error_view(before.error), "after": error_view(found.error)}

@@ -38,7 +38,7 @@ def command(out: str, as_json: bool) -> int:
     from msgspec.structs import replace
 
     from ph_post.cli.job import load_and_analyse, program_of
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.compensate.offsets import command_of
     from ph_post.compensate.options import PlanOptions
     from ph_post.compensate.plan import make_plan
@@ -48,15 +48,15 @@ def command(out: str, as_json: bool) -> int:
     from ph_post.report.tables import dip_table, print_json, print_plans
     from ph_post.report.views import plan_view
 
-    with Progress() as stage:
-        analysis = load_and_analyse(str(shipped("paths", PATH)), MACHINE, options.DEFAULT_TOLERANCE_MM, stage)
-        stage("planning the table")
+    with ProgressPrinter() as progress:
+        analysis = load_and_analyse(str(shipped("paths", PATH)), MACHINE, options.DEFAULT_TOLERANCE_MM, progress)
+        progress("planning the table")
         quick = PlanOptions(strategy="auto", inverse_dynamics=True, effort=EFFORT)
-        plan = make_plan(analysis, quick, stage)
-        stage("planning the program")
+        plan = make_plan(analysis, quick, progress)
+        progress("planning the program")
         for_program = replace(quick, inverse_dynamics=False, carrier="program")
-        program, its_plan = program_of(analysis, make_plan(analysis, for_program, stage))
-        stage("sampling and drawing")
+        program, its_plan = program_of(analysis, make_plan(analysis, for_program, progress))
+        progress("sampling and drawing")
         folder = make_folder(out)
         rows = command_of(plan, analysis.track, plan.machine.servo_period)
         products: dict[str, str | bytes] = {

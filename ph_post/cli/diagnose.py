@@ -70,7 +70,7 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
       notes, warnings  lists of sentences
     """
     from ph_post.cli.log_options import check_places, read_log_with_options
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.diagnose.diagnose import diagnose
     from ph_post.drive.machinefile import machine_of, machine_source
     from ph_post.files.storage import write_atomically
@@ -79,13 +79,13 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
 
     places = {"-o": how["output"], "--html": how["html"], "--plot": how["plot"], "--next": how["following"]}
     check_places({"LOG": source, "-m": machine, "--program": how["program"]}, places, json=as_json)
-    with Progress() as stage:
-        stage("reading")
+    with ProgressPrinter() as progress:
+        progress("reading")
         text = machine_source(machine)
         drives = machine_of(text)
         log = read_log_with_options(source, how, drives)
-        found = diagnose(log, drives, stage)
-        stage("writing")
+        found = diagnose(log, drives, progress)
+        progress("writing")
         products = _products(found, log, text, how)
         write_atomically(products)
     if as_json:

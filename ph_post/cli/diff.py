@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from ph_post.cli import options
+from ph_post.progress import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ph_post.diff.records import Comparison
     from ph_post.report.diffs import Programs
 
@@ -81,7 +80,7 @@ def command(
       orders, notes    other commands that differ; what was compared as text
       error            with -m: contour error of A and B [mm], else null
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import STDIO, Content, write_atomically
     from ph_post.report.diff_page import diff_page
     from ph_post.report.diffs import diff_view, print_diff
@@ -91,9 +90,9 @@ def command(
     if as_json and html == STDIO:
         raise click.UsageError("standard output can take one product; got two for it")
     products: dict[str, Content] = {}
-    with Progress() as stage:
-        found, programs = compare_files(a, b, machine, tolerance, stage, dialect)
-        stage("drawing")
+    with ProgressPrinter() as progress:
+        found, programs = compare_files(a, b, machine, tolerance, progress, dialect)
+        progress("drawing")
         if html is not None:
             products[html] = diff_page(found, programs)
         if plot is not None:
@@ -116,7 +115,7 @@ def compare_files(
     b: str,
     machine: str | None,
     tolerance: float,
-    stage: Callable[[str], None],
+    progress: Progress,
     dialect: str | None = None,
 ) -> tuple[Comparison, Programs]:
     """Read two programs, and compare them within `tolerance` [mm], on a machine where one is given."""
@@ -130,11 +129,11 @@ def compare_files(
 
     if a == b == STDIO:
         raise click.UsageError("standard input can give one program; got - for both")
-    stage("reading")
+    progress("reading")
     drives = None if machine is None else read_machine(machine)
     programs = read_program_pair(a, b, drives, dialect)
     if drives is not None:
         for program in programs:
             check_axes(moved_axes(program), "program", drives, str(machine))
-    stage("comparing")
+    progress("comparing")
     return compare_programs(*programs, tolerance * MM, drives), programs

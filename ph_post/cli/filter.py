@@ -66,12 +66,12 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     if dialect.partition("+")[0] != _DIALECT:
         raise InputError("--dialect", "LinuxCNC reads what is filtered", expected=_DIALECT, got=dialect)
     how = {**how, "machine": _in_full(machine) if machine else _beside_the_ini(), "dialect": dialect}
-    stage = FilterProgress(None if quiet else sys.stderr)
+    progress = FilterProgress(None if quiet else sys.stderr)
     raw = read_raw(source)
     with silenced():
-        found = convert_input(raw, how, stage, noted=True)
+        found = convert_input(raw, how, progress, noted=True)
     write_atomically({STDIO: found.data})
-    stage("done")
+    progress("done")
     for line in () if quiet else found.lines:
         click.echo(line, err=True)
     return 0

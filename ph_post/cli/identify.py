@@ -98,7 +98,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
       notes, warnings  lists of sentences
     """
     from ph_post.cli.log_options import check_places, read_log_with_options
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.drive.machinefile import machine_of, machine_source
     from ph_post.files.storage import Content, write_atomically
     from ph_post.identify.identify import identify
@@ -109,22 +109,22 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
 
     inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
     check_places(inputs, {"-o": output, "--plot": plot}, json=as_json)
-    with Progress() as stage:
-        stage("reading")
+    with ProgressPrinter() as progress:
+        progress("reading")
         text = None if machine is None else machine_source(machine)
         drives = None if text is None else machine_of(text)
         transmission = _transmission(drives, how["gear_ratio"], how["screw_lead"])
         log = read_log_with_options(source, how, drives)
         loops = {name: cast("Feedback", kind) for name, kind in how["feedback"].items() if name in log.axes}
-        found = identify(log, drives, loops, transmission, stage)
+        found = identify(log, drives, loops, transmission, progress)
         products: dict[str, Content] = {}
         if output is not None:
-            stage("writing")
+            progress("writing")
             products[output] = identified_machine(text, found, log)
         if plot is not None:
             from ph_post.report.diagnosis_figures import draw_identification
 
-            stage("drawing")
+            progress("drawing")
             products[plot] = render(draw_identification(found, log), picture_format(plot))
         write_atomically(products)
     if as_json:

@@ -111,7 +111,7 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
       ph-post import part.dxf -o outline.json --layer OUTLINE --closed --origin corner
       ph-post import logo.svg --units mm --feed 600 | ph-post convert - -m router --safe-z 5 --depth -1 -o -
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.drawing.convert import import_drawing, name_of, read_drawing
     from ph_post.files.storage import write_atomically
     from ph_post.report.drawings import import_view, list_view, print_import, print_list
@@ -121,16 +121,16 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
         raise click.UsageError("standard output can take one product; got two for it")
     if listing and output is not None:
         raise click.UsageError("--list writes no path; leave out -o")
-    with Progress() as stage:
-        stage("reading the drawing")
+    with ProgressPrinter() as progress:
+        progress("reading the drawing")
         found = read_drawing(drawing, how["layers"], how["units"])
         if listing:
-            stage("measuring")
+            progress("measuring")
             shown = list_view(found)
         else:
-            stage("joining curves")
+            progress("joining curves")
             made = import_drawing(found, *name_of(drawing), _import_options(how))
-            stage("measuring")
+            progress("measuring")
             shown = import_view(made, output)
     if listing:
         if as_json:

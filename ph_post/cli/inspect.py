@@ -48,21 +48,21 @@ def command(
     """
     from ph_post.analysis.turning_points import certify as certify_turning_points
     from ph_post.cli.job import load_and_analyse
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_analysis, picture_format, render
     from ph_post.report.tables import print_certificate, print_inspection, print_json
     from ph_post.report.views import certificate_view, turning_point_views
 
     products: dict[str, Content] = {}
-    with Progress() as stage:
-        analysis = load_and_analyse(source, machine, tolerance, stage, feed=feed, dialect=dialect)
+    with ProgressPrinter() as progress:
+        analysis = load_and_analyse(source, machine, tolerance, progress, feed=feed, dialect=dialect)
         certificate = None
         if certify:
-            stage("counting roots in exact rational arithmetic")
+            progress("counting roots in exact rational arithmetic")
             certificate = certify_turning_points(analysis.track)
         if plot is not None:
-            stage("drawing")
+            progress("drawing")
             products[plot] = render(draw_analysis(analysis), picture_format(plot))
         write_atomically(products)
     if as_json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from ph_post.edit.inputs import read_input
 from ph_post.files.storage import SourceBytes, or_shipped, read_raw
 from ph_post.post.options import ProgramOptions
 from ph_post.post.program import make_program
+from ph_post.progress import Progress
 from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -74,7 +75,7 @@ def load_and_analyse(
     source: str | SourceBytes,
     machine: str | None,
     tolerance: float,
-    stage: Callable[[str], None],
+    progress: Progress,
     *,
     feed: float | None = None,
     dialect: str | None = None,
@@ -84,10 +85,10 @@ def load_and_analyse(
 
     `intervals` names a table in which backlash intervals are looked up in place of solving for them.
     """
-    stage("reading")
+    progress("reading")
     path, drives = load(source, machine, feed, dialect)
     solve = backlash_interval if intervals is None else _look_up_in(read_intervals(intervals))
-    stage("locating turning points, windows and backlash intervals")
+    progress("locating turning points, windows and backlash intervals")
     return analyse(path, drives, tolerance * MM, solve)
 
 

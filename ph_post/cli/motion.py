@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
 
@@ -20,13 +20,12 @@ from ph_post.drive.axes import check_axes
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.table import FORMATS, log_content, read_table, require_path
 from ph_post.post.remarks import package_version
+from ph_post.progress import Progress
 from ph_post.report import simulations
 from ph_post.simulate.assess import Assessment, assess, scenarios
 from ph_post.simulate.contour import Nominal, settling_time
 from ph_post.simulate.machine import simulate
 from ph_post.types import Command, Flank, Machine, Pickup, Run, TurningPoint
-
-Stage = Callable[[str], None]
 
 
 class SimulationJob(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -57,7 +56,9 @@ def is_table(source: str) -> bool:
     return PurePath(source).suffix.lower() in FORMATS
 
 
-def motion_of(source: str, machine: str, path_file: str | None, how: Mapping[str, Any], stage: Stage) -> SimulationJob:
+def motion_of(
+    source: str, machine: str, path_file: str | None, how: Mapping[str, Any], progress: Progress
+) -> SimulationJob:
     """Read or plan what is to be simulated, with a warning for whatever the simulation will not show.
 
     Raises
@@ -66,23 +67,25 @@ def motion_of(source: str, machine: str, path_file: str | None, how: Mapping[str
         For bad files, or a table of another path or of axes that path or machine do not have.
     """
     if is_table(source):
-        motion = _of_table(source, machine, path_file, how, stage)
+        motion = _of_table(source, machine, path_file, how, progress)
     else:
-        motion = _of_path(source, machine, how, stage)
+        motion = _of_path(source, machine, how, progress)
     return replace(motion, warnings=(*motion.warnings, *_caveats(motion.command, motion.machine)))
 
 
-def _of_path(source: str, machine: str, how: Mapping[str, Any], stage: Stage) -> SimulationJob:
-    analysis = load_and_analyse(source, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"])
-    stage("planning the feed")
-    plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
+def _of_path(source: str, machine: str, how: Mapping[str, Any], progress: Progress) -> SimulationJob:
+    analysis = load_and_analyse(source, machine, how["tolerance"], progress, feed=how["feed"], dialect=how["dialect"])
+    progress("planning the feed")
+    plan = make_plan(analysis, plan_options(how, how["carrier"]), progress)
     command = command_of(plan, analysis.track, plan.machine.servo_period)
     name = f"{analysis.path.name}, strategy {plan.strategy}"
     return SimulationJob(name=name, command=command, machine=plan.machine, analysis=analysis, warnings=plan.warnings)
 
 
-def _of_table(source: str, machine: str, path_file: str | None, how: Mapping[str, Any], stage: Stage) -> SimulationJob:
-    stage("reading")
+def _of_table(
+    source: str, machine: str, path_file: str | None, how: Mapping[str, Any], progress: Progress
+) -> SimulationJob:
+    progress("reading")
     command = read_table(source)
     name = PurePath(source).name
     if path_file is None:
@@ -90,7 +93,9 @@ def _of_table(source: str, machine: str, path_file: str | None, how: Mapping[str
         check_axes(command.axes, "table", drives, machine)
         warning = "without --path the path is not known, and so no contour error"
         return SimulationJob(name=name, command=command, machine=drives, analysis=None, warnings=(warning,))
-    analysis = load_and_analyse(path_file, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"])
+    analysis = load_and_analyse(
+        path_file, machine, how["tolerance"], progress, feed=how["feed"], dialect=how["dialect"]
+    )
     command = require_path(command, analysis.track, source)
     return SimulationJob(name=name, command=command, machine=drives_of(analysis), analysis=analysis)
 

@@ -30,17 +30,17 @@ def command(figures: str | None, as_json: bool) -> int:
     JSON:
       numbers  a list of {where, name, value, reference, error, agrees}
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import make_folder, write_atomically
     from ph_post.report.paper import number_view, paper_numbers
     from ph_post.report.paper_figures import paper_pictures
     from ph_post.report.tables import format_table, print_json
 
-    with Progress() as stage:
-        stage("computing the paper's numbers")
+    with ProgressPrinter() as progress:
+        progress("computing the paper's numbers")
         numbers = paper_numbers()
         if figures is not None:
-            pictures = paper_pictures(stage)
+            pictures = paper_pictures(progress)
             folder = make_folder(figures)
             write_atomically({str(folder / name): picture for name, picture in pictures.items()})
     if as_json:

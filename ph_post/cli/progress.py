@@ -13,13 +13,13 @@ PATIENCE_S = 1.0
 """Seconds of silence before the first word."""
 
 
-class Progress:
+class ProgressPrinter:
     """Names the stage a command is in: first when it has run for a second, then at most once a second.
 
     Examples
     --------
-    >>> with Progress() as stage:
-    ...     stage("planning")
+    >>> with ProgressPrinter() as progress:
+    ...     progress("planning")
     """
 
     def __init__(self, stream: TextIO | None = None, patience: float = PATIENCE_S) -> None:
@@ -31,7 +31,7 @@ class Progress:
         self._done = threading.Event()
         self._teller = threading.Thread(target=self._tell_now_and_then, daemon=True)
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressPrinter:
         self._teller.start()
         return self
 
@@ -63,9 +63,9 @@ class FilterProgress:
 
     Examples
     --------
-    >>> stage = FilterProgress(sys.stdout)
+    >>> progress = FilterProgress(sys.stdout)
     >>> for name in ("reading", "searching the best for turning point 3 of 4", "writing", "done"):
-    ...     stage(name)
+    ...     progress(name)
     FILTER_PROGRESS=1
     FILTER_PROGRESS=55
     FILTER_PROGRESS=90

@@ -61,7 +61,7 @@ def command(
       error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
       lockstep  whether it was run period by period, not as time passes
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.dialects.registry import find_dialect
     from ph_post.drive.axes import check_axes
     from ph_post.drive.machinefile import read_machine
@@ -82,8 +82,8 @@ def command(
     if against == program == "-":
         raise click.UsageError("standard input can give one program; got - for both")
     products: dict[str, Content] = {}
-    with Progress() as stage:
-        stage("reading")
+    with ProgressPrinter() as progress:
+        progress("reading")
         drives = read_machine(machine)
         words = find_dialect(drives.dialect)
         if words.front is not None or words.language != RS274:
@@ -92,7 +92,7 @@ def command(
         part = read_program_file(program)
         original = original_of(part) if against is None else read_program_file(against)
         check_axes(moved_axes(part), "program", drives, machine)
-        found = rehearse(part, drives, original=original, backlash=backlash, limit=limit, stage=stage)
+        found = rehearse(part, drives, original=original, backlash=backlash, limit=limit, progress=progress)
         if log is not None:
             remarks = {
                 "made by": f"ph-post {package_version()} rehearse",
@@ -102,7 +102,7 @@ def command(
             }
             products[log] = log_content(found.real.error.run, remarks)
         if plot is not None:
-            stage("drawing")
+            progress("drawing")
             products[plot] = render(draw_rehearsal(found, f"{part.name} on {drives.name}"), picture_format(plot))
         write_atomically(products)
     if as_json:

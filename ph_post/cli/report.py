@@ -9,14 +9,11 @@ from click.core import ParameterSource
 
 from ph_post.cli import options
 from ph_post.cli.log_options import log_options
+from ph_post.progress import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ph_post.files.storage import SourceBytes
     from ph_post.report.product import ReportProduct
-
-    Stage = Callable[[str], None]
 
 QUICK: Final = 0.1
 """Part of the search that `convert` makes: a page is looked at now."""
@@ -74,7 +71,7 @@ def command(
       ph-post report run.csv -m router.toml -o run.html
       ph-post report part.json -m mill.toml --strategy suppress --ratio 0.4 -o part.html
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.figures import picture_format, render
     from ph_post.report.tables import print_json
@@ -82,14 +79,14 @@ def command(
     page = output or (None if as_json or plot is not None else "-")
     if page == "-" and as_json:
         raise click.UsageError("standard output can take one product; got two for it")
-    with Progress() as stage:
-        made = _made(source, other, machine, how, stage)
+    with ProgressPrinter() as progress:
+        made = _made(source, other, machine, how, progress)
         products: dict[str, str | bytes] = {}
         if page is not None:
-            stage("making the page")
+            progress("making the page")
             products[page] = made.page()
         if plot is not None:
-            stage("drawing")
+            progress("drawing")
             products[plot] = render(made.figure(), picture_format(plot))
         write_atomically(products)
     if as_json:
@@ -98,24 +95,26 @@ def command(
     return 0
 
 
-def _made(source: str, other: str | None, machine: str | None, how: dict[str, Any], stage: Stage) -> ReportProduct:
+def _made(
+    source: str, other: str | None, machine: str | None, how: dict[str, Any], progress: Progress
+) -> ReportProduct:
     """Find out what IN is, and make what it takes."""
     from ph_post.edit.inputs import input_kind
     from ph_post.files.storage import or_shipped, read_raw
 
-    stage("reading")
+    progress("reading")
     if other is not None:
         _refuse("two programs", keep=())
-        return _of_two(source, other, machine, stage)
+        return _of_two(source, other, machine, progress)
     raw = read_raw(or_shipped("paths", source))
     kind = input_kind(raw)
     machine = options.require_machine(machine)
     if kind == "log":
         _refuse_table(raw)
         _refuse("a record", keep=OF_LOGS)
-        return _of_log(raw, machine, how, stage)
+        return _of_log(raw, machine, how, progress)
     _refuse(f"a {kind}", leave=OF_LOGS)
-    return (_of_path if kind == "path" else _of_program)(raw, machine, how, stage)
+    return (_of_path if kind == "path" else _of_program)(raw, machine, how, progress)
 
 
 def _refuse_table(raw: SourceBytes) -> None:
@@ -141,16 +140,16 @@ def _refuse(what: str, *, keep: tuple[str, ...] | None = None, leave: tuple[str,
             raise click.UsageError(f"{parameter.opts[-1]} does not go with {what}")
 
 
-def _of_two(a: str, b: str, machine: str | None, stage: Stage) -> ReportProduct:
+def _of_two(a: str, b: str, machine: str | None, progress: Progress) -> ReportProduct:
     from ph_post.cli.diff import compare_files
     from ph_post.diff.compare import TOLERANCE
     from ph_post.report.product import diff_product
     from ph_post.units import MM
 
-    return diff_product(*compare_files(a, b, machine, TOLERANCE / MM, stage))
+    return diff_product(*compare_files(a, b, machine, TOLERANCE / MM, progress))
 
 
-def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -> ReportProduct:
+def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
     from ph_post.cli.log_options import read_log_with_options
     from ph_post.diagnose.diagnose import diagnose
     from ph_post.drive.machinefile import read_machine
@@ -158,22 +157,22 @@ def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -
 
     drives = read_machine(machine)
     log = read_log_with_options(raw, how, drives)
-    return diagnosis_product(diagnose(log, drives, stage), log)
+    return diagnosis_product(diagnose(log, drives, progress), log)
 
 
-def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -> ReportProduct:
+def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
     from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
     from ph_post.compensate.plan import make_plan
     from ph_post.report.product import motion_product
     from ph_post.report.traces import path_picture
 
-    analysis = load_and_analyse(raw, machine, how["tolerance"], stage, feed=how["feed"], dialect=how["dialect"])
-    plan = make_plan(analysis, plan_options(how, how["carrier"]), stage)
-    stage("simulating before and after")
+    analysis = load_and_analyse(raw, machine, how["tolerance"], progress, feed=how["feed"], dialect=how["dialect"])
+    plan = make_plan(analysis, plan_options(how, how["carrier"]), progress)
+    progress("simulating before and after")
     return motion_product(path_picture(analysis, plan, effect_warnings(plan.machine, analysis.path.axes)))
 
 
-def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stage) -> ReportProduct:
+def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
     from ph_post.cli.conversion import compensated
     from ph_post.cli.job import read_drives
     from ph_post.report.product import motion_product
@@ -181,5 +180,5 @@ def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], stage: Stag
     from ph_post.units import MM
 
     drives = read_drives(machine, how["dialect"])
-    found = compensated(raw, drives, how, stage)
-    return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], stage))
+    found = compensated(raw, drives, how, progress)
+    return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], progress))

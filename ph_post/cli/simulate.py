@@ -69,7 +69,7 @@ def command(
       warnings            a list of sentences
     """
     from ph_post.cli.motion import is_table, log_of, motion_of, print_run, run_motion
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import picture_format, render
     from ph_post.report.motion_figures import draw_run
@@ -82,14 +82,14 @@ def command(
     if path_file is not None and not is_table(source):
         raise click.UsageError("--path goes with an interpolator table; a path file is its own path")
     products: dict[str, Content] = {}
-    with Progress() as stage:
-        motion = motion_of(source, machine, path_file, how, stage).on(pickup, flank)
-        stage("simulating")
+    with ProgressPrinter() as progress:
+        motion = motion_of(source, machine, path_file, how, progress).on(pickup, flank)
+        progress("simulating")
         motion, run, assessment = run_motion(motion)
         if log is not None:
             products[log] = log_of(motion, run)
         if plot is not None:
-            stage("drawing")
+            progress("drawing")
             products[plot] = render(draw_run(motion.name, run, motion.analysis, assessment), picture_format(plot))
         write_atomically(products)
     if as_json:

@@ -11,6 +11,7 @@ import click
 
 from ph_post.cli import options
 from ph_post.errors import InputError
+from ph_post.progress import no_progress
 
 _NAME: Final = "SLIC3R_PP_OUTPUT_NAME"
 """Slicers hand over a temporary file; this is what it will be called: a path, or a name on a print host."""
@@ -53,7 +54,6 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
       ph-post-slicer -m router.toml --backup --max-slowdown 0.25 part.gcode
     """
     from ph_post.cli.conversion import convert_part, silenced
-    from ph_post.compensate.strategies.base import silent
     from ph_post.files.storage import Content, SourceBytes, read_raw, write_atomically
 
     ctx.ensure_object(dict)["one_line"] = True
@@ -62,7 +62,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
     name = os.environ.get(_NAME) or source
     data = _program(source, name, read_raw(source).data)
     with silenced():
-        found = convert_part(SourceBytes(name=name, stem="", data=data), {**how, "machine": machine}, silent)
+        found = convert_part(SourceBytes(name=name, stem="", data=data), {**how, "machine": machine}, no_progress)
     products: dict[str, Content] = {}
     if found.data != data:
         if backup:

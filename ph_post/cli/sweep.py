@@ -131,20 +131,20 @@ def command(
       machine, axes   what it was worked out for
       format, version  of the file
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.drive.intervalfile import interval_content, interval_view
     from ph_post.drive.machinefile import read_machine
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_intervals, picture_format, render
     from ph_post.report.tables import print_json
 
-    with Progress() as stage:
-        stage("reading")
+    with ProgressPrinter() as progress:
+        progress("reading")
         drives = read_machine(machine)
         chosen = _chosen_axes(drives, axes, machine)
         radii, feeds = _circles(source, machine, chosen, radius, feed)
         _check_size(len(chosen), len(radii), len(feeds), len(beta), len(gain))
-        stage("solving for the backlash intervals")
+        progress("solving for the backlash intervals")
         table = _tabulate(drives, chosen, radii, feeds, beta, gain)
         products: dict[str, Content] = {}
         if output is not None or not as_json:

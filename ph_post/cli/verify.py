@@ -56,7 +56,7 @@ def command(
       found     how many failures there are
       checked   how much of each kind was looked at
     """
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
     from ph_post.drive.machinefile import read_machine
     from ph_post.edit.inputs import read_program_pair
     from ph_post.files.storage import STDIO
@@ -67,11 +67,11 @@ def command(
 
     if original == compensated == STDIO:
         raise click.UsageError("standard input can give one program; got - for both")
-    with Progress() as stage:
-        stage("reading")
+    with ProgressPrinter() as progress:
+        progress("reading")
         drives = None if machine is None else read_machine(machine)
         programs = read_program_pair(original, compensated, drives, dialect)
-        stage("comparing")
+        progress("comparing")
         verdict = verify(*programs, tolerance=tolerance * MM, machine=drives)
     if as_json:
         print_json(verdict_view(verdict))

@@ -18,11 +18,11 @@ from ph_post.cli import options
 from ph_post.cli.conversion import Converted, convert_input, silenced
 from ph_post.cli.job import read_drives
 from ph_post.cli.outputs import refuse_bad_suffix
-from ph_post.compensate.strategies.base import silent
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.inputs import PROGRAM_ENDINGS
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.storage import SourceBytes, make_folder, read_raw, write_atomically
+from ph_post.progress import no_progress
 
 HIDDEN: Final = (".", "~", "#")
 """How names begin that programs use while they write."""
@@ -276,7 +276,7 @@ class Watcher:
         else:
             self._require_own(target, name)
             with silenced():
-                found = convert_input(raw, self._how, silent)
+                found = convert_input(raw, self._how, no_progress)
             self._require_free(target, raw, found)
             said = found.said if found.said.startswith(raw.name) else f"{raw.name}: {found.said}"
             lines = [f"{said}; wrote {target}", *found.lines[1:]]
@@ -303,7 +303,7 @@ class Watcher:
         if not _is_ours(there):
             return False
         with contextlib.suppress(PhPostError), silenced():
-            found = convert_input(SourceBytes(name=target.name, stem="", data=there), self._how, silent)
+            found = convert_input(SourceBytes(name=target.name, stem="", data=there), self._how, no_progress)
             return found.done and found.original == raw.data
         return False
 

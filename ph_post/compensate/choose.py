@@ -208,7 +208,7 @@ class _Chooser:
         if place is None or not drives:
             return []
         self.reached += 1
-        self.task.tell(f"searching the best for turning point {self.reached} of {self.active}")
+        self.task.progress(f"searching the best for turning point {self.reached} of {self.active}")
         case = self._case(place, drives)
         families = self.choice(self.task, case)
         options, machine = self.task.options, self.task.machine

@@ -26,6 +26,7 @@ from ph_post.compensate.violations import (
 )
 from ph_post.errors import PhPostError
 from ph_post.geometry.track import Track
+from ph_post.progress import Progress, no_progress
 from ph_post.simulate.assess import Assessment, assess, contour_errors
 from ph_post.simulate.contour import ContourError, Nominal
 from ph_post.types import Array, BoolArray, Command, Phase, Plan, Scenario
@@ -134,7 +135,7 @@ class Contender(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def compare_strategies(
     analysis: Analysis,
     options_for: Callable[[str], PlanOptions],
-    stage: Callable[[str], None] = lambda _: None,
+    progress: Progress = no_progress,
     names: Sequence[str] = (),
 ) -> tuple[Contender, ...]:
     """Plan, sample and simulate every strategy.
@@ -145,8 +146,8 @@ def compare_strategies(
         With a machine.
     options_for : callable
         The options of a strategy, by its name.
-    stage : callable, optional
-        Told what is being done.
+    progress : Progress, optional
+        Called with what is being done.
     names : sequence of str, optional
         Strategies in place of all that are registered.
 
@@ -158,8 +159,8 @@ def compare_strategies(
     nominal = Nominal(analysis.track)
     found = []
     for name in names or in_order(strategy_names()):
-        stage(f"planning and simulating {name}")
-        found.append(_contender(analysis, options_for(name), nominal, _as_part_of(name, stage)))
+        progress(f"planning and simulating {name}")
+        found.append(_contender(analysis, options_for(name), nominal, _as_part_of(name, progress)))
     return tuple(found)
 
 
@@ -174,13 +175,13 @@ def in_order(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (name != FIRST, name == LAST, name)))
 
 
-def _as_part_of(name: str, stage: Callable[[str], None]) -> Callable[[str], None]:
-    return lambda text: stage(f"{name}: {text}")
+def _as_part_of(name: str, progress: Progress) -> Progress:
+    return lambda text: progress(f"{name}: {text}")
 
 
-def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, tell: Callable[[str], None]) -> Contender:
+def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, progress: Progress) -> Contender:
     try:
-        plan = make_plan(analysis, options, tell)
+        plan = make_plan(analysis, options, progress)
         command = command_of(plan, analysis.track, plan.machine.servo_period)
         assessment = assess(command, plan.machine, nominal, analysis.turning_points)
     except PhPostError as refusal:

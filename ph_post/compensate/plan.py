@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -22,13 +22,13 @@ from ph_post.compensate.strategies.base import (
     ProfileRequest,
     StrategyResult,
     require_loop,
-    silent,
 )
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.trial import flanks_before, half_distances
 from ph_post.compensate.violations import find_violations
 from ph_post.errors import InputError
 from ph_post.geometry.joints import find_stops
+from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, FeedProfile, Machine, Phase, Plan, Window, frozen
 from ph_post.units import MM_PER_MIN, MS
 
@@ -224,7 +224,7 @@ def cycle_time(phases: Sequence[Phase]) -> float:
     return phases[-1].start + phases[-1].duration if phases else 0.0
 
 
-def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], None] = silent) -> Plan:
+def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_progress) -> Plan:
     """Plan the feed along a path.
 
     First the plain plan: as fast as programmed, slower where an axis would break a limit, at rest in sharp
@@ -236,8 +236,8 @@ def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], No
     analysis : Analysis
         With a machine.
     options : PlanOptions
-    tell : callable, optional
-        Told what a long search is at.
+    progress : Progress, optional
+        Called with what is being done.
 
     Returns
     -------
@@ -256,12 +256,12 @@ def make_plan(analysis: Analysis, options: PlanOptions, tell: Callable[[str], No
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
     require_loop(strategy, analysis.path.axes, machine)
-    draft = Planner(analysis, machine, options, tell)
+    draft = Planner(analysis, machine, options, progress)
     proposal = strategy.profiles(draft.task)
     plan = draft.plan(strategy.name, proposal)
     if not proposal.proven:
         return plan
-    tell("proving the plan against the plain program")
+    progress("proving the plan against the plain program")
     return prove(plan, proposal, draft)
 
 
@@ -290,7 +290,7 @@ class Planner:
         analysis: Analysis,
         machine: Machine,
         options: PlanOptions,
-        tell: Callable[[str], None] = silent,
+        progress: Progress = no_progress,
     ) -> None:
         self.analysis, self.machine, self.options = analysis, machine, options
         self.moving = options.start == "moving"
@@ -317,7 +317,7 @@ class Planner:
             looped=course.looped,
             duration=end,
             allowed=self.longest - end,
-            tell=tell,
+            progress=progress,
         )
 
     @property

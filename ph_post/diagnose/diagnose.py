@@ -7,7 +7,7 @@ held-out samples, and one verdict over all axes.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
@@ -21,6 +21,7 @@ from ph_post.diagnose.search import has_structure
 from ph_post.diagnose.selection import choose
 from ph_post.identify.free_run import AxisProblem, problem_of
 from ph_post.identify.log_quality import examine
+from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, Log, Machine
 from ph_post.types.diagnosis import (
     Channel,
@@ -42,11 +43,7 @@ EXPLAINED: Final = 0.92
 """Part of the excess that the names must explain together where more than that is left."""
 
 
-def quiet(_words: str) -> None:
-    """Say nothing."""
-
-
-def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -> Diagnosis:
+def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Diagnosis:
     """Find what is missing from a machine file, as a record shows it.
 
     Parameters
@@ -54,14 +51,14 @@ def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -
     log : Log
     machine : Machine
         With a drive for every axis of the log.
-    stage : callable, optional
-        Told what is being done.
+    progress : Progress, optional
+        Called with what is being done.
 
     Returns
     -------
     Diagnosis
     """
-    stage("looking at the record")
+    progress("looking at the record")
     quality = examine(log, machine)
     problems = [
         problem for name in log.axes if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
@@ -69,8 +66,8 @@ def diagnose(log: Log, machine: Machine, stage: Callable[[str], None] = quiet) -
     if quality.faults or not problems:
         return _not_identifiable(log, machine, quality)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, stage)), problems))
-    stage("telling")
+        outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, progress)), problems))
+    progress("telling")
     return _assemble(log, machine, quality, outcomes)
 
 

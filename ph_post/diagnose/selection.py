@@ -6,7 +6,7 @@ independent samples, less a price for each of its numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import msgspec
@@ -33,6 +33,7 @@ from ph_post.diagnose.search import (
     without_part,
 )
 from ph_post.identify.free_run import AxisProblem, split_evenly, with_known_side
+from ph_post.progress import Progress
 
 EARNS: Final = 8.0
 """Nats above that from which an effect is believed."""
@@ -79,18 +80,18 @@ class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.stages[-1]
 
 
-def choose(problem: AxisProblem, stage: Callable[[str], None]) -> ModelChoice:
+def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
     """Find what is missing from one axis."""
     problem = with_known_side(problem)
     base = _base(problem)
     again = split_evenly(problem, base.left)
     if not np.array_equal(again.fit, problem.fit):
         problem, base = again, _base(again)
-    found = _choose_from(problem, base, stage)
+    found = _choose_from(problem, base, progress)
     if base.model.origin_free or (_settled(found) and len(found.fitted.model.parts) < 2):
         return found
     # The origin was held because a load would explain its shift: that was wrong if a free one needs less.
-    other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), stage)
+    other = _choose_from(problem, fit_model(problem, base_model(problem), problem.fit), progress)
     fewer = len(other.fitted.model.parts) < len(found.fitted.model.parts)
     return other if _settled(other) and (fewer or not _settled(found)) else found
 
@@ -100,14 +101,14 @@ def _settled(choice: ModelChoice) -> bool:
     return at_floor(choice.problem, choice.fitted) and not has_structure(choice.problem, choice.fitted)
 
 
-def _choose_from(problem: AxisProblem, base: FittedModel, stage: Callable[[str], None]) -> ModelChoice:
+def _choose_from(problem: AxisProblem, base: FittedModel, progress: Progress) -> ModelChoice:
     """Add one effect after the other to the file's values, as long as each earns its place."""
     name = problem.axis.name
     problem = with_noise(problem, base)
     search = HypothesisSearch(problem)
     stages = [base]
     while len(stages) <= MOST and _wants_a_name(problem, stages):
-        stage(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
+        progress(f"axis {name}: looking for {'a first' if len(stages) == 1 else 'another'} effect")
         worthy = [
             one
             for one in search.ranked(stages[-1])
@@ -120,7 +121,7 @@ def _choose_from(problem: AxisProblem, base: FittedModel, stage: Callable[[str],
             break
         best = _simplest(problem, worthy)
         stages = _settle(problem, [*stages, best.fitted])
-    stage(f"axis {name}: comparing names")
+    progress(f"axis {name}: comparing names")
     stages, standings = _exchange(search, stages)
     return ModelChoice(problem=problem, stages=tuple(stages), standings=standings)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Final
@@ -14,7 +14,6 @@ from msgspec.structs import replace
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.strategies.base import silent
 from ph_post.drive.axes import has_backlash, with_gap
 from ph_post.edit.directions import chain_spans
 from ph_post.edit.edits import DipEdit, Edits, StopEdit
@@ -26,6 +25,7 @@ from ph_post.geometry.curves import Composite
 from ph_post.geometry.joints import find_stops
 from ph_post.geometry.track import Track
 from ph_post.post.options import BLOCK_TIME
+from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, IntArray, Machine, Path, Plan, Segment, frozen
 
 
@@ -130,7 +130,7 @@ def plan_windows(
     machine: Machine,
     options: PlanOptions,
     tolerance: float,
-    tell: Callable[[str], None] = silent,
+    progress: Progress = no_progress,
     block_time: float = BLOCK_TIME,
 ) -> WindowEdits:
     """Plan the windows of a program, and tell them as changes to its motions.
@@ -150,8 +150,8 @@ def plan_windows(
         that may be added are shared out among them by their windows.
     tolerance : float
         ε of the windows [m].
-    tell : callable, optional
-        Told what a long search is at.
+    progress : Progress, optional
+        Called with what is being done.
     block_time : float, optional
         Longest block of a dip [s].
 
@@ -178,7 +178,7 @@ def plan_windows(
     plans: list[WindowPlan] = []
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
-        made = _planned(part, chosen, tolerance, _telling(tell, where))
+        made = _planned(part, chosen, tolerance, _telling(progress, where))
         done = window_edits(program.motions, part.path, made.plan, block_time, partial(why_bound, program))
         stops += done.stops
         dips += done.dips
@@ -252,8 +252,8 @@ def _where(program: PartProgram, path: ProgramPath) -> str:
     return line_words(first, last)
 
 
-def _telling(tell: Callable[[str], None], where: str) -> Callable[[str], None]:
-    return lambda text: tell(f"{where}: {text}")
+def _telling(progress: Progress, where: str) -> Progress:
+    return lambda text: progress(f"{where}: {text}")
 
 
 def shifts_axes(options: PlanOptions) -> bool:
@@ -275,10 +275,10 @@ def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machi
     return replace(machine, axes=axes)
 
 
-def _planned(part: _Part, options: PlanOptions, tolerance: float, tell: Callable[[str], None]) -> WindowPlan:
+def _planned(part: _Part, options: PlanOptions, tolerance: float, progress: Progress) -> WindowPlan:
     analysis = analyse(part.path.path, part.machine, tolerance)
-    tell("planning")
-    return WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, options, tell))
+    progress("planning")
+    return WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, options, progress))
 
 
 def _reasons(program: PartProgram) -> dict[int, str]:

@@ -8,7 +8,7 @@ machine file the starting machine is made from the log alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,6 +46,7 @@ from ph_post.identify.estimates import (
 from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
+from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, Axis, AxisLog, Feedback, Gap, Limits, Log, Machine, Servo
 from ph_post.types.diagnosis import Identification, IdentifiedDrive, LogQuality
 
@@ -179,16 +180,12 @@ ASSUMED: Final = {"b": 1.0, "c": 1.0, "eta": 0.5, "beta": 1.5}
 """Standard errors of the logarithms of what is assumed because nobody said it."""
 
 
-def quiet(_words: str) -> None:
-    """Say nothing."""
-
-
 def identify(
     log: Log,
     machine: Machine | None = None,
     feedback: Mapping[str, Feedback] | None = None,
     transmission: Mapping[str, Transmission] | None = None,
-    stage: Callable[[str], None] = quiet,
+    progress: Progress = no_progress,
 ) -> Identification:
     """Identify the drives of a record.
 
@@ -202,8 +199,8 @@ def identify(
         from which sides were read.
     transmission : mapping, optional
         N and r by axis, where there is no machine.
-    stage : callable, optional
-        Told what is being done.
+    progress : Progress, optional
+        Called with what is being done.
 
     Returns
     -------
@@ -214,7 +211,7 @@ def identify(
     InputError
         Where the record shows no parameter at all, or contradicts what was given.
     """
-    stage("looking at the record")
+    progress("looking at the record")
     draft = starting_machine(log, machine, feedback or {}, transmission or {})
     quality = examine(log, _nearer(log, draft.machine))
     if quality.faults:
@@ -225,7 +222,7 @@ def identify(
         problem = problem_of(log, name, axes[name], quality) if name in axes else None
         if problem is None:
             continue
-        stage(f"identifying {name}")
+        progress(f"identifying {name}")
         drives[name], axes[name] = _identify_axis(problem, record, quality, draft, machine is not None)
     if not any(drive.parameters for drive in drives.values()):
         raise InputError(log.name, "the record shows no parameter", expected="an axis that moves and is read")

@@ -13,13 +13,14 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import IO, Any, Final
 
 import msgspec
 import numpy as np
 
 from ph_post.errors import InputError, PhPostError
+from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, sealed
 from ph_post.units import MM
 
@@ -128,16 +129,16 @@ _LOOK: Final = 0.2
 
 
 @contextlib.contextmanager
-def only_one(tell: Callable[[str], None]) -> Iterator[None]:
+def only_one(progress: Progress) -> Iterator[None]:
     """Wait until no other LinuxCNC runs on this machine, and hold it for oneself."""
     with _opened() as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            tell("waiting for another rehearsal to end")
+            progress("waiting for another rehearsal to end")
             fcntl.flock(file, fcntl.LOCK_EX)
         if _foreign():
-            tell(f"waiting for the LinuxCNC that runs here to end ({', '.join(_foreign())})")
+            progress(f"waiting for the LinuxCNC that runs here to end ({', '.join(_foreign())})")
         while _foreign():
             time.sleep(_LOOK)
         yield
@@ -182,8 +183,6 @@ _END: Final = b"\nM2\n"
 _PAGE: Final = 4096
 _HERE = pathlib.Path(__file__).parent
 
-Tell = Callable[[str], None]
-
 
 class NotInstalledError(PhPostError):
     """LinuxCNC is not installed; the message says how to."""
@@ -218,7 +217,7 @@ def run_on_linuxcnc(
     *,
     backlash: Mapping[str, float] | None = None,
     limit: float = TIME_LIMIT,
-    tell: Tell = lambda _text: None,
+    progress: Progress = no_progress,
 ) -> Recording:
     """Run a program on LinuxCNC's own interpreter, planner and servo thread.
 
@@ -235,8 +234,8 @@ def run_on_linuxcnc(
         Lost motion by axis [m] that LinuxCNC itself is to compensate for.
     limit : float, optional
         Time on the wall that may pass [s].
-    tell : callable, optional
-        Told what is being waited for.
+    progress : Progress, optional
+        Called with what is being done.
 
     Raises
     ------
@@ -247,7 +246,7 @@ def run_on_linuxcnc(
     """
     if not is_installed():
         raise NotInstalledError(f"LinuxCNC is not installed; install it with: {INSTALL}")
-    with tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True) as place, only_one(tell):
+    with tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True) as place, only_one(progress):
         folder = pathlib.Path(place)
         lockstep = _prepare(folder, program, machine, backlash or {}, limit)
         log = _run(folder, limit)

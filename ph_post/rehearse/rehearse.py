@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 import msgspec
@@ -12,6 +12,7 @@ from ph_post.dialects.reading import read_anew
 from ph_post.edit.header import read_declaration
 from ph_post.edit.undo import undo
 from ph_post.gcode.program import AXES, PartProgram
+from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
 from ph_post.simulate.controllers.run import run_program, tolerances
@@ -25,8 +26,6 @@ NEAR: Final = 0.1
 
 GRID: Final = 5e-6
 """Speeds are compared at places so far apart [m]."""
-
-Stage = Callable[[str], None]
 
 
 class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -71,7 +70,7 @@ def rehearse(
     original: PartProgram | None = None,
     backlash: bool = False,
     limit: float = TIME_LIMIT,
-    stage: Stage = lambda _text: None,
+    progress: Progress = no_progress,
 ) -> Rehearsal:
     """Run a program on LinuxCNC, and compare what it does with the plan and with the original.
 
@@ -86,8 +85,8 @@ def rehearse(
         Also run the original with LinuxCNC's own compensation of the machine's lost motion.
     limit : float, optional
         Time on the wall that each run may take [s].
-    stage : callable, optional
-        Told what is being done.
+    progress : Progress, optional
+        Called with what is being done.
 
     Raises
     ------
@@ -99,19 +98,19 @@ def rehearse(
     target = program if original is None else original
 
     def execute(which: PartProgram, own: Mapping[str, float]) -> tuple[Execution, Recording]:
-        stage(f"running {which.name} on LinuxCNC" + (" with its own compensation" if own else ""))
-        recording = run_on_linuxcnc(which.data, which.name, machine, backlash=own, limit=limit, tell=stage)
+        progress(f"running {which.name} on LinuxCNC" + (" with its own compensation" if own else ""))
+        recording = run_on_linuxcnc(which.data, which.name, machine, backlash=own, limit=limit, progress=progress)
         command = _without_waits(command_of(recording, machine), which)
         return Execution(command=command, error=program_error(command, machine, target)), recording
 
-    stage("planning")
+    progress("planning")
     planned = run_program(program, machine)
     plan = Execution(command=planned, error=program_error(planned, machine, target))
     real, recording = execute(program, {})
     lost = {name: axis.gap.lost_motion for name, axis in machine.axes.items()}
     before = execute(target, {})[0] if original is not None else None
     own = execute(target, lost)[0] if backlash else None
-    stage("comparing")
+    progress("comparing")
     path, near = _path(program, machine, real.command, planned)
     speed, worst, windows = near
     return Rehearsal(

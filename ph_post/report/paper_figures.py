@@ -21,6 +21,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.drive.steady_state import steady_interval
 from ph_post.errors import SolveError
 from ph_post.geometry.frenet import curvature
+from ph_post.progress import Progress
 from ph_post.report.figures import new_figure, render
 from ph_post.report.paper import (
     AMPLITUDE,
@@ -259,7 +260,7 @@ CURVE, CIRCLE = "#c0392b", "#0b62a4"
 SAMPLES = 801
 
 
-def paper_pictures(stage: Callable[[str], None]) -> dict[str, bytes]:
+def paper_pictures(progress: Progress) -> dict[str, bytes]:
     """Draw Figures 1, 2 and 5 to 11 (3 and 4 are schemes): pictures by the names of their files."""
     analysis = figure_1_analysis()
     drawings: dict[int, Callable[[], Figure]] = {
@@ -275,7 +276,7 @@ def paper_pictures(stage: Callable[[str], None]) -> dict[str, bytes]:
     }
     pictures = {}
     for number, draw in drawings.items():
-        stage(f"drawing Figure {number}")
+        progress(f"drawing Figure {number}")
         pictures[f"figure{number}.png"] = render(draw(), "png")
     return pictures
 

@@ -14,9 +14,9 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.programs import CompensatedProgram
 from ph_post.compensate.comparison import plain
 from ph_post.compensate.offsets import command_of
-from ph_post.compensate.strategies.base import silent
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.track import Track
+from ph_post.progress import Progress, no_progress
 from ph_post.report.programs import TurningPlace, turning_places, warnings_of
 from ph_post.report.views import View, strategy_at, turning_point_views, window_number, windows_by_point
 from ph_post.simulate.assess import assess
@@ -204,12 +204,12 @@ def program_picture(
     machine: Machine,
     tolerance: float,
     strategy: str,
-    tell: Callable[[str], None] = silent,
+    progress: Progress = no_progress,
 ) -> Picture:
     """Run a program as it was and as compensated on the models of controller and drives."""
     original = delivery.before
     path = CutPath(original, machine)
-    tell("locating turning points, windows and backlash intervals")
+    progress("locating turning points, windows and backlash intervals")
     turns = turning_places(delivery, machine, tolerance)
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
@@ -217,7 +217,7 @@ def program_picture(
     both += [("compensated", delivery.after)] if delivery.after.data != original.data else []
     traces = []
     for name, program in both:
-        tell(f"running the program {name} on the models of controller and drives")
+        progress(f"running the program {name} on the models of controller and drives")
         traces.append(_program_trace(name, program, original, machine, path, points))
     axes = traces[0].run.axes
     at = path.points(np.array([point.s for point in points]), axes).tolist()

@@ -38,7 +38,7 @@ def found(monkeypatch):
     """Return how to say what the diagnosis is; the mathematics has its own tests."""
 
     def say(made):
-        monkeypatch.setattr("ph_post.diagnose.diagnose.diagnose", lambda log, machine, stage: made)
+        monkeypatch.setattr("ph_post.diagnose.diagnose.diagnose", lambda log, machine, progress: made)
 
     return say
 
@@ -65,7 +65,7 @@ def test_every_verdict_is_done(capsys, log, found, verdict):
 def test_log_and_machine_come_to_the_diagnosis_as_they_were_named(capsys, log, monkeypatch):
     seen = {}
 
-    def diagnose(record, machine, stage):
+    def diagnose(record, machine, progress):
         seen.update(log=record, machine=machine)
         return diagnosis(machine=machine)
 

@@ -404,14 +404,14 @@ def test_help_page_imports_nothing_slow():
 
 
 def test_progress_speaks_only_after_a_second(capsys):
-    from ph_post.cli.progress import Progress
+    from ph_post.cli.progress import ProgressPrinter
 
-    with Progress(patience=0.05) as stage:
-        stage("counting")
+    with ProgressPrinter(patience=0.05) as progress:
+        progress("counting")
         time.sleep(0.2)
     assert "ph-post: counting" in capsys.readouterr().err
-    with Progress(patience=5.0) as stage:
-        stage("counting")
+    with ProgressPrinter(patience=5.0) as progress:
+        progress("counting")
     assert capsys.readouterr().err == ""
 
 

@@ -195,7 +195,7 @@ def test_a_search_is_shared_out_and_told() -> None:
         read_machine("mill"),
         PlanOptions(strategy="takeup", effort=0.02),
         5e-6,
-        tell=said.append,
+        progress=said.append,
     )
     assert any(word.startswith("lines 3 to 6: ") for word in said)
     assert any(word.startswith("lines 10 to 13: ") for word in said)

@@ -21,6 +21,7 @@ from ph_post.compensate.motion import FeedAlong
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.axes import sized_machine
 from ph_post.errors import InputError
+from ph_post.progress import Progress, no_progress
 from ph_post.types import (
     BacklashInterval,
     Crossing,
@@ -34,16 +35,12 @@ from ph_post.types import (
 )
 
 
-def silent(_text: str) -> None:
-    """Tell nobody."""
-
-
 class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a strategy is asked about.
 
     `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
-    `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it. `tell` is told what a
-    long search is at, for whoever waits for it.
+    `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it. `progress` is called with
+    what a long search is doing.
     """
 
     analysis: Analysis
@@ -53,7 +50,7 @@ class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     allowed: float
     machine: Machine
     options: PlanOptions
-    tell: Callable[[str], None] = silent
+    progress: Progress = no_progress
 
     @property
     def sized(self) -> Machine:

@@ -1,0 +1,12 @@
+"""The callback by which long work reports what it is doing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[str], None]
+"""Called with the name of every stage that the work enters."""
+
+
+def no_progress(_stage: str) -> None:
+    """Ignore progress messages."""
