@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from ph_post.errors import InputError
+from ph_post.units import MINUTE, lengths_in
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _UNIT: Final = r"[^\W\d_][\w²^/]*|\""
@@ -18,33 +19,38 @@ _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _NAMED: Final = re.compile(r"([A-Za-z]+)\s*=\s*")
 _SHOWN: Final = 60
 
+_MM: Final = lengths_in("mm", ("mm", "um", "cm", "m", "inch", "mil"))
+_INCH: Final = _MM["inch"]
+
 LENGTH_UNITS: Final = {
-    "mm": 1.0,
-    "um": 1e-3,
-    "µm": 1e-3,
-    "cm": 10.0,
-    "in": 25.4,
-    "inch": 25.4,
-    '"': 25.4,
-    "thou": 0.0254,
-    "mil": 0.0254,
+    "mm": _MM["mm"],
+    "um": _MM["um"],
+    "µm": _MM["um"],
+    "cm": _MM["cm"],
+    "in": _INCH,
+    "inch": _INCH,
+    '"': _INCH,
+    "thou": _MM["mil"],
+    "mil": _MM["mil"],
 }
 """Units of a length in mm."""
 
 SPEED_UNITS: Final = {
     "mm/s": 1.0,
     "mm/sec": 1.0,
-    "mm/min": 1 / 60,
-    "m/min": 1e3 / 60,
-    "m/s": 1e3,
-    "in/s": 25.4,
-    "in/min": 25.4 / 60,
-    "ipm": 25.4 / 60,
+    "mm/min": 1.0 / MINUTE,
+    "m/min": _MM["m"] / MINUTE,
+    "m/s": _MM["m"],
+    "in/s": _INCH,
+    "in/min": _INCH / MINUTE,
+    "ipm": _INCH / MINUTE,
 }
 """Units of a speed in mm/s."""
 
 ACCELERATION_UNITS: Final = {
-    f"{unit}/s{power}": size for unit, size in (("mm", 1.0), ("m", 1e3), ("in", 25.4)) for power in ("2", "²", "^2")
+    f"{unit}/s{power}": size
+    for unit, size in (("mm", 1.0), ("m", _MM["m"]), ("in", _INCH))
+    for power in ("2", "²", "^2")
 } | {"g": 9806.65}
 """Units of an acceleration in mm/s²."""
 

@@ -185,7 +185,7 @@ QUESTIONS: Final = (
         "MM",
         "How far does one turn of the screw move the table? [mm; 5tpi for turns per inch]",
         "Stamped on the screw, or measured over ten turns; of a rack, one turn of the pinion.",
-        Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.1, 1000.0, inverse={"tpi": 25.4}),
+        Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.1, 1000.0, inverse={"tpi": LENGTH_UNITS["inch"]}),
         _shipped("lead"),
         _with("load"),
     ),

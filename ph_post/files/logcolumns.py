@@ -14,13 +14,13 @@ from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
 from ph_post.files.logsheet import Sheet
 from ph_post.types import Array, IntArray
-from ph_post.units import INCH, MM, MS
+from ph_post.units import MICROMETRE, MS, lengths_in
 
 AXES: Final = ("X", "Y", "Z")
 KINDS: Final = ("cmd", "act", "motor", "force", "current")
 TIME: Final = "t"
 
-_LENGTHS: Final = {"mm": MM, "m": 1.0, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "inch": INCH}
+_LENGTHS: Final = lengths_in("m", ("mm", "m", "um")) | {"µm": MICROMETRE, "μm": MICROMETRE} | lengths_in("m", ("inch",))
 _UNITS: Final[dict[str, dict[str, float]]] = {
     TIME: {"s": 1.0, "ms": MS, "us": 1e-6},
     "cmd": _LENGTHS,

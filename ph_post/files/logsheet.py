@@ -19,7 +19,6 @@ from __future__ import annotations
 import collections
 import csv
 import hashlib
-import io
 import re
 import warnings
 import zlib
@@ -31,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.errors import InputError
+from ph_post.files.arrays import ARRAY_FORMATS, read_arrays
 from ph_post.files.check import quoted
 from ph_post.files.storage import SourceBytes, SourceText
 from ph_post.types import Array
@@ -154,6 +154,9 @@ class Sheet(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return f"columns 1 to {len(self.names)}, without names"
 
 
+STORED_FORMATS: Final = (".mat", *ARRAY_FORMATS)
+"""Endings of logs that are not text."""
+
 _HDF5: Final = (b"MATLAB 7.3", b"\x89HDF")
 _MAGIC: Final = ((b"MATLAB ", ".mat"), (b"\x89HDF", ".mat"), (b"PK\x03\x04", ".npz"), (b"PAR1", ".parquet"))
 
@@ -167,7 +170,7 @@ def stored_ending(raw: SourceBytes) -> str:
     '.mat'
     """
     by_bytes = next((ending for magic, ending in _MAGIC if raw.data.startswith(magic)), "")
-    return by_bytes or next((ending for ending in _READERS if raw.name.lower().endswith(ending)), "")
+    return by_bytes or next((ending for ending in STORED_FORMATS if raw.name.lower().endswith(ending)), "")
 
 
 def stored_sheet(raw: SourceBytes, ending: str) -> Sheet:
@@ -187,14 +190,13 @@ def stored_sheet(raw: SourceBytes, ending: str) -> Sheet:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            variables = _READERS[ending](raw.data)
-    except ImportError:
-        how = "pyarrow: pip install 'ph-post[parquet]'; or a .csv, .npz or .mat file"
-        raise InputError(raw.name, "Parquet logs need a library that is not installed", expected=how) from None
+            stored = mat_variables(raw.data) if ending == ".mat" else read_arrays(raw.data, raw.name, ending)
+    except InputError:
+        raise
     except Exception as error:  # whatever a decoder of foreign bytes stumbles over
         what = f"not a {ending} file"
         raise InputError(raw.name, what, got=" ".join(str(error).split())[:100] or "other bytes") from None
-    return _sheet(raw, variables)
+    return _sheet(raw, stored)
 
 
 def _sheet(raw: SourceBytes, variables: Mapping[str, Any]) -> Sheet:
@@ -233,25 +235,6 @@ def _common_length(vectors: Mapping[str, Array]) -> int:
         return vectors["t"].size
     counts = collections.Counter(vector.size for vector in vectors.values())
     return max(counts, key=lambda size: (counts[size], size), default=0)
-
-
-def _npz(data: bytes) -> dict[str, Any]:
-    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-        return dict(stored)
-
-
-def _parquet(data: bytes) -> dict[str, Any]:
-    from pyarrow import parquet
-
-    table = parquet.read_table(io.BytesIO(data))
-    return {name: table[name].to_numpy() for name in table.column_names}
-
-
-_READERS: Final[dict[str, Callable[[bytes], dict[str, Any]]]] = {
-    ".mat": mat_variables,
-    ".npz": _npz,
-    ".parquet": _parquet,
-}
 
 
 REMARK: Final = "#"

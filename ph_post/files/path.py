@@ -28,12 +28,11 @@ from ph_post.files.pathcurves import (
 from ph_post.files.storage import SourceText, read_source
 from ph_post.geometry.piecewise import PiecewiseCurve
 from ph_post.types import Array, Curve, Path, Segment
-from ph_post.units import LENGTH_UNITS, MINUTE
+from ph_post.units import LENGTHS, MINUTE
 
 MAX_FEED = 1e3
 """Highest feed taken [m/s]; beyond it a unit has been mistaken, and squares leave a double's range."""
 
-_UNITS: Final = {name: Fraction(str(metres)) for name, metres in LENGTH_UNITS.items()}
 _FIRST_POINT: Final = {"arc": "start", "ph": "start", "polynomial": "coefficients"}
 
 
@@ -61,7 +60,7 @@ def read_path(source: str | os.PathLike[str]) -> Path:
 def path_of(text: SourceText) -> Path:
     """Make the path of a path file's text; see :func:`read_path`."""
     record = checked(loads(text.text, text.name), PathRecord, text.name)
-    frame = Frame(file=text.name, axes=_axes(record, text.name), units=record.units, unit=_UNITS[record.units])
+    frame = Frame(file=text.name, axes=_axes(record, text.name), units=record.units, unit=LENGTHS[record.units])
     feed = _feed(record.feed, FilePlace(frame, ("feed",)))
     places = [FilePlace(frame, ("segments", number)) for number in range(len(record.segments))]
     # what leaves a double's range is met by the checks, not by a warning

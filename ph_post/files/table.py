@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.errors import InputError
+from ph_post.files.arrays import ARRAY_FORMATS, array_content, read_arrays
 from ph_post.files.check import one_of
 from ph_post.files.storage import Content, write_atomically
 from ph_post.geometry.track import Track
@@ -31,7 +32,7 @@ DECIMALS: Final = 12
 CHUNK: Final = 65536
 """Rows turned into text at a time, so that a long table needs little memory."""
 
-FORMATS: Final = (".csv", ".npz", ".parquet")
+FORMATS: Final = (".csv", *ARRAY_FORMATS)
 """Endings of table files; standard output is CSV."""
 
 UNEVEN: Final = 1e-3
@@ -67,12 +68,8 @@ def table_content(command: Command, target: str) -> Content:
         Where the ending is unknown, or pyarrow is missing for ``.parquet``.
     """
     columns = table_columns(command)
-    match _ending(target):
-        case ".npz":
-            return _npz(columns)
-        case ".parquet":
-            return _parquet(columns, target)
-    return csv_rows(columns)
+    ending = _ending(target)
+    return csv_rows(columns) if ending == ".csv" else array_content(columns, target, ending)
 
 
 def table_columns(command: Command) -> dict[str, NDArray[Any]]:
@@ -102,7 +99,8 @@ def read_table(source: str | os.PathLike[str]) -> Command:
     """
     name = os.fspath(source)
     try:
-        columns = _READERS[_ending(name)](pathlib.Path(source))
+        ending, data = _ending(name), pathlib.Path(source).read_bytes()
+        columns = _read_csv(data) if ending == ".csv" else read_arrays(data, name, ending)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise InputError(name, "not an interpolator table", got=str(error).split("\n")[0]) from None
     return _command(columns, name)
@@ -179,50 +177,16 @@ def csv_rows(columns: Mapping[str, NDArray[Any]]) -> bytes:
     return b"\n".join([*lines, b""])
 
 
-def _npz(columns: dict[str, NDArray[Any]]) -> bytes:
-    file = io.BytesIO()
-    arrays: dict[str, Any] = dict(columns)
-    np.savez_compressed(file, **arrays)
-    return file.getvalue()
-
-
-def _parquet(columns: dict[str, NDArray[Any]], target: str) -> bytes:
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        how = "pyarrow: pip install 'ph-post[parquet]'; or a .csv or .npz file"
-        raise InputError(target, "Parquet tables need a library that is not installed", expected=how) from None
-    file = io.BytesIO()
-    parquet.write_table(pa.table(columns), file)
-    return file.getvalue()
-
-
-def _read_csv(file: pathlib.Path) -> dict[str, NDArray[Any]]:
-    with file.open(encoding="utf-8") as lines:
-        names = next(lines, "").strip().split(",")
-        with warnings.catch_warnings():
-            # An empty table is told in one line, by whoever misses its rows.
-            warnings.simplefilter("ignore", UserWarning)
-            body = np.loadtxt(lines, delimiter=",", ndmin=2)
+def _read_csv(data: bytes) -> dict[str, NDArray[Any]]:
+    lines = io.StringIO(data.decode(), newline=None)
+    names = next(lines, "").strip().split(",")
+    with warnings.catch_warnings():
+        # Whoever misses the rows of an empty table refuses it in one line.
+        warnings.simplefilter("ignore", UserWarning)
+        body = np.loadtxt(lines, delimiter=",", ndmin=2)
     if body.size and body.shape[1] != len(names):
         raise ValueError(f"{body.shape[1]} columns under {len(names)} names")
     return dict(zip(names, body.T if body.size else np.empty((len(names), 0)), strict=True))
-
-
-def _read_npz(file: pathlib.Path) -> dict[str, NDArray[Any]]:
-    with np.load(file, allow_pickle=False) as stored:
-        return dict(stored)
-
-
-def _read_parquet(file: pathlib.Path) -> dict[str, NDArray[Any]]:
-    from pyarrow import parquet
-
-    table = parquet.read_table(file)
-    return {name: table[name].to_numpy() for name in table.column_names}
-
-
-_READERS: Final = {".csv": _read_csv, ".npz": _read_npz, ".parquet": _read_parquet}
 
 
 def _command(columns: dict[str, NDArray[Any]], name: str) -> Command:

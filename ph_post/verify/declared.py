@@ -12,7 +12,7 @@ import numpy as np
 
 from ph_post.gcode.program import PartProgram, PlaceArray
 from ph_post.types import BoolArray, IntArray
-from ph_post.units import LENGTH_UNITS, MS
+from ph_post.units import LENGTHS, MM, MS
 from ph_post.verify.verdict import Findings, shown
 
 _COMPENSATED = re.compile(rb"\(ph-post \S.* compensated this program\)\s*", re.IGNORECASE)
@@ -182,13 +182,13 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     elif name == "machine":
         fields["machine"], fields["machine_digest"] = match[1], match[2].lower()
     elif name in ("offset", "pulse"):
-        unit = LENGTH_UNITS[match[3].lower()]
+        unit = float(LENGTHS[match[3].lower()])
         fields[f"{name}s"][match[1].upper()] = Amount(number=Decimal(match[2]), unit=unit)
     elif name == "edits":
         fields["stops"], fields["dips"] = int(match[1]), int(match[2])
     elif name == "dwell":
         fields["dwell"], fields["decimals"] = float(match[1]), int(match[2])
-        fields["chord"], fields["block_time"] = float(match[3]) * LENGTH_UNITS["mm"], float(match[4]) * MS
+        fields["chord"], fields["block_time"] = float(match[3]) * MM, float(match[4]) * MS
 
     elif name == "dwells":
         fields["longest"], fields["dwelt"] = float(match[1]), float(match[2])

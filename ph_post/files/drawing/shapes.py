@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import Final, Literal
 
 import msgspec
@@ -21,6 +20,7 @@ from ph_post.errors import InputError
 from ph_post.geometry import exact_polynomials
 from ph_post.geometry.nurbs import bezier_spans
 from ph_post.types import Array, frozen
+from ph_post.units import LENGTHS
 
 Kind = Literal["line", "arc", "bezier", "nurbs"]
 Turn = Literal["ccw", "cw"]
@@ -278,18 +278,8 @@ MAX_ENTITIES: Final = 100_000
 MAX_DEPTH: Final = 64
 """Deepest nesting of blocks or groups."""
 
-UNITS: Final = {
-    "mm": Fraction(1),
-    "cm": Fraction(10),
-    "m": Fraction(1000),
-    "um": Fraction(1, 1000),
-    "inch": Fraction(127, 5),
-    "ft": Fraction(1524, 5),
-    "mil": Fraction(127, 5000),
-    "px": Fraction(127, 480),
-    "pt": Fraction(127, 360),
-}
-"""Length units by the names of --units [mm]; px and pt as CSS has them, 96 and 72 to the inch."""
+UNITS: Final = {name: size / LENGTHS["mm"] for name, size in LENGTHS.items()}
+"""Length units by the names of --units [mm]."""
 
 
 class Subpath(msgspec.Struct, frozen=True, kw_only=True, eq=False):

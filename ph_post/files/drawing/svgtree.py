@@ -26,18 +26,16 @@ from ph_post.errors import InputError
 from ph_post.files.check import quoted
 from ph_post.files.drawing.shapes import MAX_DEPTH, MAX_ENTITIES, UNITS
 from ph_post.types import Array
+from ph_post.units import LENGTHS
 
 NUMBER: Final = r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?"
 
 USER_UNITS: Final = {
     "": Fraction(1),
-    "px": Fraction(1),
-    "in": Fraction(96),
-    "cm": Fraction(4800, 127),
-    "mm": Fraction(480, 127),
-    "q": Fraction(120, 127),
-    "pt": Fraction(4, 3),
-    "pc": Fraction(16),
+    **{name: LENGTHS[name] / LENGTHS["px"] for name in ("px", "cm", "mm", "pt")},
+    "in": LENGTHS["inch"] / LENGTHS["px"],
+    "q": LENGTHS["mm"] / 4 / LENGTHS["px"],
+    "pc": 12 * LENGTHS["pt"] / LENGTHS["px"],
 }
 """User units to a unit of length [2]_."""
 
