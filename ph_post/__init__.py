@@ -1,9 +1,70 @@
 """Backlash compensation of CNC toolpaths by localized feedrate modulation.
 
-The method is that of [1]_; the code map in README.md follows one turning point through the package.
+The method is that of [1]_; the code map in README.md follows one turning point through the package. Everything
+listed in ``__all__`` is the public interface; it is loaded when it is first used.
 
 References
 ----------
 .. [1] "Real-time compensation of backlash positional errors in CNC machines by localized feedrate
    modulation", Int. J. Adv. Manuf. Technol. 119 (2022), doi:10.1007/s00170-021-08515-z.
 """
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from ph_post.api.inputs import read_log, read_machine, read_path, read_program
+    from ph_post.errors import InputError, PhPostError
+    from ph_post.gcode.program import PartProgram
+    from ph_post.types import Log, Machine, Path
+
+__all__ = [
+    "InputError",
+    "Log",
+    "Machine",
+    "PartProgram",
+    "Path",
+    "PhPostError",
+    "read_log",
+    "read_machine",
+    "read_path",
+    "read_program",
+]
+
+_HOMES: Final = {
+    "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
+    "errors": ("InputError", "PhPostError"),
+    "gcode.program": ("PartProgram",),
+    "types": ("Log", "Machine", "Path"),
+}
+"""Public names by the module that holds them."""
+
+
+def __getattr__(name: str) -> Any:
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"ph_post.{home}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _FrontDoor(ModuleType):
+    """A package whose public functions keep their names where a room is called the same.
+
+    Importing ``ph_post.simulate.assess`` sets the attribute `simulate` of its package to the room, in place of
+    the function; rooms are imported by their full names, and need no attribute.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in __all__ and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _FrontDoor

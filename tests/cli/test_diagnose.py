@@ -10,6 +10,7 @@ from support.diagnoses import LADDER, diagnosis, each_verdict
 from support.streams import without_progress
 
 from ph_post.cli.main import main
+from ph_post.diagnose import diagnose as whole_diagnosis
 from ph_post.drive.machinefile import read_machine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,7 +39,7 @@ def found(monkeypatch):
     """Return how to say what the diagnosis is; the mathematics has its own tests."""
 
     def say(made):
-        monkeypatch.setattr("ph_post.diagnose.diagnose.diagnose", lambda log, machine, progress: made)
+        monkeypatch.setattr(whole_diagnosis, "diagnose", lambda log, machine, progress: made)
 
     return say
 
@@ -69,7 +70,7 @@ def test_log_and_machine_come_to_the_diagnosis_as_they_were_named(capsys, log, m
         seen.update(log=record, machine=machine)
         return diagnosis(machine=machine)
 
-    monkeypatch.setattr("ph_post.diagnose.diagnose.diagnose", diagnose)
+    monkeypatch.setattr(whole_diagnosis, "diagnose", diagnose)
     log.write_text(log.read_text().replace("X_act", "ist").replace("Y_act", "egal"))
     mapped = ("--column", "X_act=ist*2:mm", "--column", "Y_act=egal:mm", "--side", "X=unknown")
     status, _, _ = run(capsys, "diagnose", log, "-m", MILL, *mapped)

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from support.motions import circle, look, make_machine
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.compensate import profile, shapes
+from ph_post.compensate import choose, profile, shapes
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import Planner, make_plan
@@ -122,7 +122,7 @@ def same_phase(one: Phase, other: Phase) -> bool:
 
 @pytest.mark.parametrize("feedback", ["load", "motor"])
 def test_the_same_job_gives_the_same_plan_twice(feedback: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ph_post.compensate.choose.MOST", 60)
+    monkeypatch.setattr(choose, "MOST", 60)
     machine = make_machine(feedback=feedback)
     options = PlanOptions(strategy="auto", inverse_dynamics=True, max_slowdown=0.3)
     first, second = (make_plan(look(circle(RADIUS, FEED), machine), options) for _ in range(2))
