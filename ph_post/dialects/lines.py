@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -11,7 +12,9 @@ from ph_post.gcode.blocks import ARC, JOG, LINE, POLYNOMIAL, SPLINE, Moves
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM_PER_MIN
 
-_OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
+OFFSET_WORDS: Final = {"X": "I", "Y": "J", "Z": "K"}
+"""Words of an arc's centre, counted from its start."""
+
 _SPLINE_END_WORDS = {"X": "P", "Y": "Q"}
 
 
@@ -196,12 +199,12 @@ class LineWriter:
 
     def _center(self, moves: Moves, i: int) -> list[str]:
         offsets = (moves.center[i] - moves.points[i, :2]).tolist()
-        return [_OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes[:2], offsets, strict=True)]
+        return [OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes[:2], offsets, strict=True)]
 
     def _inner(self, moves: Moves, i: int) -> list[str]:
         near = (moves.inner[i, 0] - moves.points[i]).tolist()
         far = (moves.inner[i, 1] - moves.points[i + 1]).tolist()
-        words = [_OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, near, strict=True)]
+        words = [OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, near, strict=True)]
         return words + [_SPLINE_END_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, far, strict=True)]
 
     def _length(self, count: int) -> str:

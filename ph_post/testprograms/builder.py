@@ -10,8 +10,9 @@ from typing import Final
 import msgspec
 
 from ph_post.dialects.base import Dialect, plane_of
-from ph_post.dialects.lines import LineWriter
+from ph_post.dialects.lines import OFFSET_WORDS, LineWriter, make_writer
 from ph_post.gcode.numbers import to_grid
+from ph_post.gcode.program import AXES
 from ph_post.types import Machine
 from ph_post.units import MM, MM_PER_MIN
 
@@ -97,59 +98,49 @@ CHORD: Final = 0.001 * MM
 APPROACH: Final = 10.0 * MM
 """Speed [m/s] at which the axes go to where a program begins, at most a quarter of their greatest."""
 
-_OFFSET_WORDS = {"X": "I", "Y": "J", "Z": "K"}
-
 
 class ProgramBuilder:
-    """Collects the lines of one test program, which begins and ends in the middle of its ground.
+    """Collects the lines of one test program, which begins and ends in the middle of its volume.
 
     Attributes
     ----------
+    volume : TestVolume
     seconds : float
         About how long the program takes [s].
     """
 
-    def __init__(self, ground: TestVolume, dialect: Dialect) -> None:
-        self.ground = ground
+    def __init__(self, volume: TestVolume, dialect: Dialect) -> None:
+        self.volume = volume
         self.dialect = dialect
         self.seconds = 0.0
-        self._lines: list[str] = []
-        self._own = None if dialect.writer is None else dialect.writer(dialect, tuple("XYZ"), JOINT)
+        self._writer = make_writer(dialect, AXES, JOINT)
         self._at: dict[str, int] = {}
-        self._motion = self._feed = self._path_mode = ""
-        self._plane = "G17"
-        self.home(min(APPROACH, 0.25 * ground.top(*ground.axes)))
+        self.home(min(APPROACH, 0.25 * volume.top(*volume.axes)))
         self.dwell(1.0)
 
     def text(self, remarks: Iterable[str], name: str = "calibration") -> str:
         """Return the program whole, `remarks` as comments at its head; it goes back to where it began."""
         self.home()
-        if self._plane != "G17":
-            self._write("G17", [], modal=False)
-        self._exact()
+        self._writer.plane("G17")
+        self._writer.path_mode(exact=True)
         head = [line for remark in remarks for line in self.dialect.remark(remark)]
-        lines = [*head, *self.dialect.opening("G17"), *self._lines, *self.dialect.closing]
+        lines = [*head, *self.dialect.opening("G17"), *self._writer.lines, *self.dialect.closing]
         return "\n".join(self.dialect.finished(lines, name)) + "\n"
 
     def say(self, words: str) -> None:
         """Write a comment."""
-        self._lines += self.dialect.remark(words)
+        self._writer.add(self.dialect.remark(words))
 
     def home(self, speed: float | None = None) -> None:
-        """Go to the middle of the ground, quickly where no speed is given [m/s]."""
-        axes = self.ground.axes
-        speed = TOP_SHARE * self.ground.top(*axes) if speed is None else speed
-        self.line({axis: self.ground.centre(axis) for axis in axes}, speed)
+        """Go to the middle of the volume, quickly where no speed is given [m/s]."""
+        axes = self.volume.axes
+        speed = TOP_SHARE * self.volume.top(*axes) if speed is None else speed
+        self.line({axis: self.volume.centre(axis) for axis in axes}, speed)
 
     def dwell(self, seconds: float) -> None:
         """Let the axes stand."""
         self.seconds += seconds
-        if self._own is not None:
-            self._own.write_dwell(seconds)
-            self._take()
-            return
-        word, *words = self.dialect.dwell.words(seconds, 4)
-        self._write(word, words, modal=False)
+        self._writer.write_dwell(seconds)
 
     def line(self, target: Mapping[str, float], speed: float) -> None:
         """Go straight to places [m] by axis, at `speed` [m/s], and stop there."""
@@ -157,14 +148,15 @@ class ProgramBuilder:
         moved = {axis: count for axis, count in to.items() if self._at.get(axis) != count}
         if not moved:
             return
-        words = [axis + self._length(count) for axis, count in moved.items()]
-        self._exact()
-        self._write("G1", words, self._digits(speed))
-        self._spend(self._distance(moved), speed, tuple(moved))
+        self._writer.path_mode(exact=True)
+        self._writer.write_straight("G1", self._words(moved), self._feed(speed))
+        # The first move has no known start and counts as length 0.
+        steps = [count - self._at.get(axis, count) for axis, count in moved.items()]
+        self._spend(math.hypot(*steps) * MM / 10.0**self.dialect.capabilities.decimals, speed, tuple(moved))
         self._at |= to
 
     def circle(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int = 1) -> None:
-        """Go around the middle of the ground from the side towards plus of the first axis, and back to it.
+        """Go around the middle of the volume from the side towards plus of the first axis, and back to it.
 
         Parameters
         ----------
@@ -179,92 +171,53 @@ class ProgramBuilder:
             How often.
         """
         first, second = pair
-        middle = {axis: self.ground.centre(axis) for axis in pair}
-        self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.ground.top(*pair))
-        self.dwell(self.ground.settle)
+        middle = {axis: self.volume.centre(axis) for axis in pair}
+        self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.volume.top(*pair))
+        self.dwell(self.volume.settle)
         arcs = self.dialect.capabilities.arcs and plane_of(pair)[0] in self.dialect.arc_planes
-        if arcs and (self._own is None or type(self._own).write_arc is LineWriter.write_arc):
+        if arcs and type(self._writer).write_arc is LineWriter.write_arc:
             self._arcs(pair, turn, speed, turns)
         else:
             self._chords(pair, radius, turn, speed, turns)
         self._spend(math.tau * radius * turns, speed, pair)
-        self.dwell(self.ground.settle)
+        self.dwell(self.volume.settle)
 
     def _arcs(self, pair: tuple[str, str], turn: int, speed: float, turns: int) -> None:
-        """Whole turns by G2 or G3, each with its end, which is its beginning."""
+        """Write whole turns, each with its end, which is its beginning."""
         first, second = pair
-        word, sense = plane_of(pair)
-        if word != self._plane:
-            self._write(word, [], modal=False)
-            self._plane = word
-        if self.dialect.path_mode is not None:
-            self._mode(self.dialect.path_mode(JOINT))
-        offset = self._count(self.ground.centre(first)) - self._at[first]
-        words = [axis + self._length(self._at[axis]) for axis in pair]
-        words += [_OFFSET_WORDS[first] + self._length(offset), _OFFSET_WORDS[second] + self._length(0)]
+        plane, sense = plane_of(pair)
+        self._writer.plane(plane)
+        self._writer.path_mode(exact=False)
+        end = self._words({axis: self._at[axis] for axis in pair})
+        centre = self._words(
+            {OFFSET_WORDS[first]: self._count(self.volume.centre(first)) - self._at[first], OFFSET_WORDS[second]: 0}
+        )
         for _ in range(turns):
-            self._write("G3" if turn * sense > 0 else "G2", words, self._digits(speed))
+            self._writer.arc(end, centre, turn * sense > 0, self._feed(speed))
 
     def _chords(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int) -> None:
         """Go the same way by straight moves."""
-        if self.dialect.path_mode is not None:
-            self._mode(self.dialect.path_mode(JOINT))
+        self._writer.path_mode(exact=False)
         count = max(8, math.ceil(math.pi / math.acos(max(1.0 - CHORD / radius, 0.0))))
         for k in range(1, turns * count + 1):
             angle = math.tau * turn * (k % count) / count
             place = (radius * math.cos(angle), radius * math.sin(angle))
-            to = {axis: self._count(self.ground.centre(axis) + off) for axis, off in zip(pair, place, strict=True)}
-            self._write("G1", [axis + self._length(to[axis]) for axis in pair], self._digits(speed))
+            to = {axis: self._count(self.volume.centre(axis) + off) for axis, off in zip(pair, place, strict=True)}
+            self._writer.write_straight("G1", self._words(to), self._feed(speed))
             self._at |= to
-
-    def _exact(self) -> None:
-        """Have every end point reached, where the dialect can say so."""
-        if self.dialect.path_mode is not None:
-            self._mode(self.dialect.path_mode(None))
-
-    def _mode(self, word: str) -> None:
-        if word != self._path_mode:
-            self._lines += word.split("\n")
-            self._path_mode = word
-
-    def _take(self) -> None:
-        """Take over what the dialect's own writer has written."""
-        assert self._own is not None
-        self._lines += self._own.lines
-        self._own.lines.clear()
-
-    def _distance(self, moved: Mapping[str, int]) -> float:
-        """Length of a straight move [m]; of the first one nobody knows where it begins."""
-        steps = [count - self._at.get(axis, count) for axis, count in moved.items()]
-        return math.hypot(*steps) * MM / 10.0**self.dialect.capabilities.decimals
 
     def _spend(self, length: float, speed: float, axes: tuple[str, ...]) -> None:
         """Count the time of a motion from rest to rest with straight ramps."""
-        ramp = min(self.ground.machine.axes[axis].limits.acceleration for axis in axes)
+        ramp = min(self.volume.machine.axes[axis].limits.acceleration for axis in axes)
         slow = length < speed * speed / ramp
         self.seconds += 2.0 * math.sqrt(length / ramp) if slow else length / speed + speed / ramp
 
     def _count(self, place: float) -> int:
         return int(to_grid(place, self.dialect.capabilities.decimals))
 
-    def _length(self, count: int) -> str:
-        return self.dialect.length(count, self.dialect.capabilities.decimals)
+    def _words(self, counts: Mapping[str, int]) -> list[str]:
+        decimals = self.dialect.capabilities.decimals
+        return [letter + self.dialect.length(count, decimals) for letter, count in counts.items()]
 
-    def _digits(self, speed: float) -> str:
+    def _feed(self, speed: float) -> str:
         return self.dialect.feed(speed / MM_PER_MIN)
-
-    def _write(self, word: str, words: list[str], feed: str = "", *, modal: bool = True) -> None:
-        """One line; F only where it changes, and no repeated motion word where the dialect is terse."""
-        if self._own is not None and word == "G1":
-            self._own.write_straight(word, words, feed)
-            self._take()
-            return
-        able = self.dialect.terse and self.dialect.modal_motion
-        repeats = able and modal and word == self._motion
-        parts = words if repeats else [word, *words]
-        if feed and feed != self._feed:
-            parts = [*parts, "F" + feed]
-            self._feed = feed
-        if modal:
-            self._motion = word
-        self._lines.append(("" if self.dialect.terse else " ").join(parts))

@@ -339,21 +339,21 @@ def next_experiment(names: Sequence[str], axis: str, log: Log, machine: Machine)
     """
     others = [name.partition(":")[2] for name in names]
     involved = list(dict.fromkeys([axis, *(other for other in others if other)]))
-    ground = _test_volume(involved, log, machine)
-    if ground is None or axis not in ground.spans:
+    volume = _test_volume(involved, log, machine)
+    if volume is None or axis not in volume.spans:
         return None
     found = _combined(names)
-    where = [name for name in involved if name in ground.spans]
+    where = [name for name in involved if name in volume.spans]
 
-    def write(draft: ProgramBuilder) -> None:
-        standstill(draft)
+    def write(builder: ProgramBuilder) -> None:
+        standstill(builder)
         for part in found.parts:
             for name in where if part != "mix" else where[:1]:
-                PARTS[part](draft, name)
-            standstill(draft)
+                PARTS[part](builder, name)
+            standstill(builder)
 
     one = build_experiment(
-        ground,
+        volume,
         _name(names, found, axis),
         _why(names, found),
         write,

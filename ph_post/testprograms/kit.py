@@ -174,7 +174,7 @@ def calibration_kit(
     InputError
         Where the machine lacks an axis, the circles leave the room, or a feed is beyond the machine.
     """
-    ground = choose_volume(machine, axes, centre, travel, radius, feeds)
+    volume = choose_volume(machine, axes, centre, travel, radius, feeds)
     if not (math.isfinite(warm_up) and 0.0 < warm_up <= LONGEST):
         raise InputError(
             "--warm-up",
@@ -183,97 +183,99 @@ def calibration_kit(
             got=f"{warm_up / MINUTE:g}",
         )
     return (
-        _whole(ground),
-        *(one for axis in ground.axes for one in _of_axis(ground, axis)),
-        *(one for pair in ground.pairs for one in _of_pair(ground, pair)),
-        _warm(ground, warm_up),
+        _whole(volume),
+        *(one for axis in volume.axes for one in _of_axis(volume, axis)),
+        *(one for pair in volume.pairs for one in _of_pair(volume, pair)),
+        _warm(volume, warm_up),
     )
 
 
-def _whole(ground: TestVolume) -> Experiment:
+def _whole(volume: TestVolume) -> Experiment:
     why = "a little of everything in one record: steps, sweeps, speeds, circles and diagonals"
-    return build_experiment(ground, "mix", why, lambda draft: parts.mix(draft, ground.axes))
+    return build_experiment(volume, "mix", why, lambda builder: parts.mix(builder, volume.axes))
 
 
-def _of_axis(ground: TestVolume, axis: str) -> list[Experiment]:
+def _of_axis(volume: TestVolume, axis: str) -> list[Experiment]:
     """Programs that move one axis, and no other."""
     small = axis.lower()
-    ground = replace(ground, spans={axis: ground.spans[axis]})
+    volume = replace(volume, spans={axis: volume.spans[axis]})
     return [
         build_experiment(
-            ground,
+            volume,
             f"ladder_{small}",
             f"steps of {axis} from 0.01 to 10 mm to either side: gap and friction",
-            lambda draft: _between(draft, lambda: parts.ladder(draft, axis)),
+            lambda builder: _between(builder, lambda: parts.ladder(builder, axis)),
         ),
         build_experiment(
-            ground,
+            volume,
             f"sweep_{small}",
             f"all of {axis} slowly and faster, and reversals along it: screw, scale, gap by position",
-            lambda draft: _between(draft, lambda: parts.sweeps(draft, axis), lambda: parts.places(draft, axis, 7)),
+            lambda builder: _between(
+                builder, lambda: parts.sweeps(builder, axis), lambda: parts.places(builder, axis, 7)
+            ),
         ),
         build_experiment(
-            ground,
+            volume,
             f"speed_{small}",
             f"{axis} at speeds from a crawl up, both ways: friction by speed",
-            lambda draft: _between(draft, lambda: parts.speeds(draft, axis)),
+            lambda builder: _between(builder, lambda: parts.speeds(builder, axis)),
             ("act", "force"),
         ),
         build_experiment(
-            ground,
+            volume,
             f"fast_{small}",
             f"{axis} with all acceleration, and stops: servo, wind-up, saturation, delay",
-            lambda draft: _between(draft, lambda: parts.fast(draft, axis), lambda: parts.stops(draft, axis)),
+            lambda builder: _between(builder, lambda: parts.fast(builder, axis), lambda: parts.stops(builder, axis)),
         ),
     ]
 
 
-def _of_pair(ground: TestVolume, pair: tuple[str, str]) -> list[Experiment]:
+def _of_pair(volume: TestVolume, pair: tuple[str, str]) -> list[Experiment]:
     """Programs that move two axes at a time."""
-    ground = replace(ground, spans={axis: ground.spans[axis] for axis in pair})
+    volume = replace(volume, spans={axis: volume.spans[axis] for axis in pair})
     small, names = "".join(pair).lower(), f"{pair[0]} and {pair[1]}"
     return [
         build_experiment(
-            ground,
+            volume,
             f"circles_{small}",
             f"circles in {names} at several feeds both ways: gap, servo mismatch, delay, pick-up",
-            lambda draft: _between(
-                draft,
-                lambda: parts.circles(draft, pair, ground.feeds, ground.radius),
-                lambda: parts.small_circles(draft, pair),
+            lambda builder: _between(
+                builder,
+                lambda: parts.circles(builder, pair, volume.feeds, volume.radius),
+                lambda: parts.small_circles(builder, pair),
             ),
         ),
         build_experiment(
-            ground,
+            volume,
             f"diagonals_{small}",
             f"both diagonals of {names}, to and fro: squareness beside scale",
-            lambda draft: _between(draft, lambda: parts.diagonals(draft, pair)),
+            lambda builder: _between(builder, lambda: parts.diagonals(builder, pair)),
             gauge=True,
         ),
     ]
 
 
-def _warm(ground: TestVolume, seconds: float) -> Experiment:
+def _warm(volume: TestVolume, seconds: float) -> Experiment:
     """Let the screws grow, and look at the same way again and again."""
 
-    def write(draft: ProgramBuilder) -> None:
+    def write(builder: ProgramBuilder) -> None:
         def look() -> None:
-            for axis in ground.axes:
-                parts.sweeps(draft, axis, (ground.slow(axis, 0.25 * parts.SLOW_SWEEP),))
+            for axis in volume.axes:
+                parts.sweeps(builder, axis, (volume.slow(axis, 0.25 * parts.SLOW_SWEEP),))
 
-        parts.standstill(draft)
-        parts.warm_up(draft, ground.axes, seconds, look)
+        parts.standstill(builder)
+        parts.warm_up(builder, volume.axes, seconds, look)
 
     why = "a long run from cold with the same sweeps again and again: growth by warmth, beside scale"
-    return build_experiment(ground, "warm_up", why, write, gauge=True)
+    return build_experiment(volume, "warm_up", why, write, gauge=True)
 
 
-def _between(draft: ProgramBuilder, *motions: Callable[[], None]) -> None:
+def _between(builder: ProgramBuilder, *motions: Callable[[], None]) -> None:
     """Stand still before, between and after, for the noise floor."""
-    parts.standstill(draft)
+    parts.standstill(builder)
     for motion in motions:
         motion()
-        parts.standstill(draft)
+        parts.standstill(builder)
 
 
 def program_file(machine: Machine, one: Experiment) -> str:

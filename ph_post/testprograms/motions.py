@@ -34,167 +34,167 @@ PLACES: Final = 5
 
 
 def circles(
-    draft: ProgramBuilder, pair: tuple[str, str], feeds: Sequence[float], radius: float, turns: int = 2
+    builder: ProgramBuilder, pair: tuple[str, str], feeds: Sequence[float], radius: float, turns: int = 2
 ) -> None:
     """Go around at every feed, counterclockwise and clockwise; of two turns the first settles."""
-    draft.say(f"circles in {pair[0]} and {pair[1]}, each feed counterclockwise, then clockwise")
+    builder.say(f"circles in {pair[0]} and {pair[1]}, each feed counterclockwise, then clockwise")
     for feed in feeds:
         for turn in (1, -1):
-            draft.circle(pair, radius, turn, feed, turns)
-    draft.home()
+            builder.circle(pair, radius, turn, feed, turns)
+    builder.home()
 
 
-def small_circles(draft: ProgramBuilder, pair: tuple[str, str]) -> None:
+def small_circles(builder: ProgramBuilder, pair: tuple[str, str]) -> None:
     """Go around one small radius with accelerations from a little to as much as arcs may have."""
-    ground = draft.ground
-    radius = min(SHORT, ground.radius)
-    draft.say("small circles with more and more acceleration")
+    volume = builder.volume
+    radius = min(SHORT, volume.radius)
+    builder.say("small circles with more and more acceleration")
     for share in ACCELERATIONS:
-        speed = TOP_SHARE * arc_speed(ground.machine, pair, radius, share)
+        speed = TOP_SHARE * arc_speed(volume.machine, pair, radius, share)
         for turn in (1, -1):
-            draft.circle(pair, radius, turn, speed, turns=3)
-    draft.home()
+            builder.circle(pair, radius, turn, speed, turns=3)
+    builder.home()
 
 
-def ladder(draft: ProgramBuilder, axis: str, steps: Sequence[float] = STEPS, *, back: bool = True) -> None:
+def ladder(builder: ProgramBuilder, axis: str, steps: Sequence[float] = STEPS, *, back: bool = True) -> None:
     """Step to either side and back, with a rest behind each: small to large, and then `back`."""
-    ground = draft.ground
-    centre, speed = ground.centre(axis), min(20.0 * MM, TOP_SHARE * ground.top(axis))
-    rungs = [step for step in steps if step <= ground.half(axis)]
-    draft.say(f"reversal ladder of {axis}")
+    volume = builder.volume
+    centre, speed = volume.centre(axis), min(20.0 * MM, TOP_SHARE * volume.top(axis))
+    rungs = [step for step in steps if step <= volume.half(axis)]
+    builder.say(f"reversal ladder of {axis}")
     for step in [*rungs, *(reversed(rungs) if back else ())]:
         for place in (centre + step, centre, centre - step, centre):
-            draft.line({axis: place}, speed)
-            draft.dwell(ground.settle)
+            builder.line({axis: place}, speed)
+            builder.dwell(volume.settle)
 
 
-def places(draft: ProgramBuilder, axis: str, count: int = PLACES) -> None:
+def places(builder: ProgramBuilder, axis: str, count: int = PLACES) -> None:
     """Turn an axis round at places along its room, to and fro twice at each."""
-    ground = draft.ground
-    low, _ = ground.spans[axis]
-    swing = min(2.0 * MM, ground.half(axis) / count)
-    speed, way = TOP_SHARE * ground.top(axis), 2.0 * ground.half(axis) - swing
-    draft.say(f"{axis} is turned round at {count} places along its way")
+    volume = builder.volume
+    low, _ = volume.spans[axis]
+    swing = min(2.0 * MM, volume.half(axis) / count)
+    speed, way = TOP_SHARE * volume.top(axis), 2.0 * volume.half(axis) - swing
+    builder.say(f"{axis} is turned round at {count} places along its way")
     for k in range(count):
         place = low + way * k / (count - 1)
-        draft.line({axis: place}, speed)
+        builder.line({axis: place}, speed)
         for _ in range(2):
             for target in (place + swing, place):
-                draft.line({axis: target}, min(speed, 20.0 * MM))
-                draft.dwell(ground.settle)
-    draft.home()
+                builder.line({axis: target}, min(speed, 20.0 * MM))
+                builder.dwell(volume.settle)
+    builder.home()
 
 
-def sweeps(draft: ProgramBuilder, axis: str, feeds: Sequence[float] = ()) -> None:
+def sweeps(builder: ProgramBuilder, axis: str, feeds: Sequence[float] = ()) -> None:
     """Go over the whole room, to and fro at each feed; without `feeds` at one slow and one much faster."""
-    ground = draft.ground
-    slow = ground.slow(axis, SLOW_SWEEP)
-    low, high = ground.spans[axis]
-    draft.say(f"sweeps of {axis} over all of its way, to and fro")
-    draft.line({axis: low}, TOP_SHARE * ground.top(axis))
-    draft.dwell(ground.settle)
-    for feed in feeds or (slow, min(PERIODS_APART * slow, TOP_SHARE * ground.top(axis))):
+    volume = builder.volume
+    slow = volume.slow(axis, SLOW_SWEEP)
+    low, high = volume.spans[axis]
+    builder.say(f"sweeps of {axis} over all of its way, to and fro")
+    builder.line({axis: low}, TOP_SHARE * volume.top(axis))
+    builder.dwell(volume.settle)
+    for feed in feeds or (slow, min(PERIODS_APART * slow, TOP_SHARE * volume.top(axis))):
         for target in (high, low):
-            draft.line({axis: target}, feed)
-            draft.dwell(ground.settle)
-    draft.home()
+            builder.line({axis: target}, feed)
+            builder.dwell(volume.settle)
+    builder.home()
 
 
-def speeds(draft: ProgramBuilder, axis: str, count: int = 8, stroke: float = STROKE_TIME) -> None:
+def speeds(builder: ProgramBuilder, axis: str, count: int = 8, stroke: float = STROKE_TIME) -> None:
     """Make strokes to and fro at constant speeds, from a crawl to nearly all there is, equal in ratio."""
-    ground = draft.ground
-    top = TOP_SHARE * ground.top(axis)
+    volume = builder.volume
+    top = TOP_SHARE * volume.top(axis)
     low = min(CRAWL, 0.1 * top)
-    draft.say(f"strokes of {axis} at {count} speeds, to and fro")
+    builder.say(f"strokes of {axis} at {count} speeds, to and fro")
     for k in range(count):
         speed = low * (top / low) ** (k / (count - 1))
-        reach = min(ground.half(axis), 0.5 * stroke * speed)
+        reach = min(volume.half(axis), 0.5 * stroke * speed)
         for off in (reach, -reach, reach, -reach):
-            draft.line({axis: ground.centre(axis) + off}, speed)
-        draft.dwell(ground.settle)
-    draft.home()
+            builder.line({axis: volume.centre(axis) + off}, speed)
+        builder.dwell(volume.settle)
+    builder.home()
 
 
-def diagonals(draft: ProgramBuilder, pair: tuple[str, str], times: int = 2) -> None:
+def diagonals(builder: ProgramBuilder, pair: tuple[str, str], times: int = 2) -> None:
     """Go along both diagonals of the largest square, to and fro: an angle tells them apart."""
-    ground = draft.ground
-    half = min(ground.half(axis) for axis in pair)
-    speed = min(2.0 * half / 5.0, TOP_SHARE * ground.top(*pair))
-    first, second = (ground.centre(axis) for axis in pair)
-    draft.say(f"both diagonals of {pair[0]} and {pair[1]}, to and fro")
+    volume = builder.volume
+    half = min(volume.half(axis) for axis in pair)
+    speed = min(2.0 * half / 5.0, TOP_SHARE * volume.top(*pair))
+    first, second = (volume.centre(axis) for axis in pair)
+    builder.say(f"both diagonals of {pair[0]} and {pair[1]}, to and fro")
     for sign in (1.0, -1.0):
         for end in (-1.0, *times * (1.0, -1.0)):
             place = (first + end * half, second + sign * end * half)
-            draft.line(dict(zip(pair, place, strict=True)), speed)
-            draft.dwell(ground.settle)
-        draft.home()
+            builder.line(dict(zip(pair, place, strict=True)), speed)
+            builder.dwell(volume.settle)
+        builder.home()
 
 
-def fast(draft: ProgramBuilder, axis: str, shares: Sequence[float] = (1.0, 0.5, 0.2, 0.1)) -> None:
+def fast(builder: ProgramBuilder, axis: str, shares: Sequence[float] = (1.0, 0.5, 0.2, 0.1)) -> None:
     """Make strokes at the greatest speed, long and short: the controller takes all acceleration it may."""
-    ground = draft.ground
-    centre, speed = ground.centre(axis), ground.top(axis)
-    draft.say(f"strokes of {axis} at full speed and acceleration")
+    volume = builder.volume
+    centre, speed = volume.centre(axis), volume.top(axis)
+    builder.say(f"strokes of {axis} at full speed and acceleration")
     for share in shares:
-        reach = share * ground.half(axis)
+        reach = share * volume.half(axis)
         for _ in range(2):
-            draft.line({axis: centre + reach}, speed)
-            draft.line({axis: centre - reach}, speed)
-        draft.dwell(ground.settle)
-    draft.home()
+            builder.line({axis: centre + reach}, speed)
+            builder.line({axis: centre - reach}, speed)
+        builder.dwell(volume.settle)
+    builder.home()
 
 
-def stops(draft: ProgramBuilder, axis: str) -> None:
+def stops(builder: ProgramBuilder, axis: str) -> None:
     """Come to a standstill out of several speeds, from both sides, and stay: how the loop comes to rest."""
-    ground = draft.ground
-    centre, top = ground.centre(axis), TOP_SHARE * ground.top(axis)
-    draft.say(f"{axis} stops out of several speeds, and rests")
+    volume = builder.volume
+    centre, top = volume.centre(axis), TOP_SHARE * volume.top(axis)
+    builder.say(f"{axis} stops out of several speeds, and rests")
     for share in (0.1, 0.3, 1.0):
         for side in (1.0, -1.0):
-            draft.line({axis: centre - side * 0.8 * ground.half(axis)}, top)
-            draft.dwell(ground.settle)
-            draft.line({axis: centre}, share * top)
-            draft.dwell(1.0 + ground.settle)
+            builder.line({axis: centre - side * 0.8 * volume.half(axis)}, top)
+            builder.dwell(volume.settle)
+            builder.line({axis: centre}, share * top)
+            builder.dwell(1.0 + volume.settle)
 
 
-def standstill(draft: ProgramBuilder, seconds: float = 3.0) -> None:
+def standstill(builder: ProgramBuilder, seconds: float = 3.0) -> None:
     """Stand still: what is read then is noise."""
-    draft.say(f"standstill for {seconds:g} s")
-    draft.dwell(seconds)
+    builder.say(f"standstill for {seconds:g} s")
+    builder.dwell(seconds)
 
 
-def warm_up(draft: ProgramBuilder, axes: Sequence[str], seconds: float, sweep: Callable[[], None]) -> None:
+def warm_up(builder: ProgramBuilder, axes: Sequence[str], seconds: float, sweep: Callable[[], None]) -> None:
     """Run the axes warm, and `sweep` at the beginning, every two minutes and at the end."""
-    ground = draft.ground
-    speed = 0.5 * ground.top(*axes)
-    end = draft.seconds + seconds
+    volume = builder.volume
+    speed = 0.5 * volume.top(*axes)
+    end = builder.seconds + seconds
     sweep()
-    while draft.seconds < end:
-        until = min(draft.seconds + 2.0 * MINUTE, end)
-        draft.say("strokes that warm the screws")
-        while draft.seconds < until:
+    while builder.seconds < end:
+        until = min(builder.seconds + 2.0 * MINUTE, end)
+        builder.say("strokes that warm the screws")
+        while builder.seconds < until:
             for side in (0.9, -0.9):
-                draft.line({axis: ground.centre(axis) + side * ground.half(axis) for axis in axes}, speed)
-        draft.home()
-        draft.dwell(1.0)
+                builder.line({axis: volume.centre(axis) + side * volume.half(axis) for axis in axes}, speed)
+        builder.home()
+        builder.dwell(1.0)
         sweep()
 
 
-def mix(draft: ProgramBuilder, axes: Sequence[str]) -> None:
+def mix(builder: ProgramBuilder, axes: Sequence[str]) -> None:
     """Put everything into one record: what a first look at a machine needs."""
-    ground = draft.ground
-    standstill(draft)
+    volume = builder.volume
+    standstill(builder)
     for axis in axes:
-        ladder(draft, axis, FEW_STEPS, back=False)
-        places(draft, axis, 3)
-        sweeps(draft, axis, (ground.slow(axis, 0.25 * SLOW_SWEEP),))
-        speeds(draft, axis, 4, STROKE_TIME / 3.0)
-        fast(draft, axis, (1.0, 0.1))
-    for pair in ground.pairs:
+        ladder(builder, axis, FEW_STEPS, back=False)
+        places(builder, axis, 3)
+        sweeps(builder, axis, (volume.slow(axis, 0.25 * SLOW_SWEEP),))
+        speeds(builder, axis, 4, STROKE_TIME / 3.0)
+        fast(builder, axis, (1.0, 0.1))
+    for pair in volume.pairs:
         if set(pair) <= set(axes):
-            circles(draft, pair, ground.feeds, ground.radius, turns=1)
-            diagonals(draft, pair, times=1)
-    standstill(draft)
+            circles(builder, pair, volume.feeds, volume.radius, turns=1)
+            diagonals(builder, pair, times=1)
+    standstill(builder)
 
 
 Part = Callable[[ProgramBuilder, str], None]
@@ -204,43 +204,43 @@ Part = Callable[[ProgramBuilder, str], None]
 def _in_the_plane(of_pair: Callable[[ProgramBuilder, tuple[str, str]], None], alone: Part) -> Part:
     """Take the axis with the next one, or do without where it is the only one."""
 
-    def part(draft: ProgramBuilder, axis: str) -> None:
-        pair = next((pair for pair in draft.ground.pairs if axis in pair), None)
+    def part(builder: ProgramBuilder, axis: str) -> None:
+        pair = next((pair for pair in builder.volume.pairs if axis in pair), None)
         if pair is None:
-            alone(draft, axis)
+            alone(builder, axis)
         else:
-            of_pair(draft, pair)
+            of_pair(builder, pair)
 
     return part
 
 
-def _rungs(draft: ProgramBuilder, axis: str) -> None:
+def _rungs(builder: ProgramBuilder, axis: str) -> None:
     """Climb a ladder with the steps that every feed makes in a fifth of a second, beside usual ones."""
-    own = [0.2 * feed for feed in draft.ground.feeds]
-    ladder(draft, axis, sorted({*FEW_STEPS, *own}))
+    own = [0.2 * feed for feed in builder.volume.feeds]
+    ladder(builder, axis, sorted({*FEW_STEPS, *own}))
 
 
-def _warmer(draft: ProgramBuilder, axis: str) -> None:
-    slow = draft.ground.slow(axis, 0.5 * SLOW_SWEEP)
-    warm_up(draft, (axis,), 10.0 * MINUTE, lambda: sweeps(draft, axis, (slow,)))
+def _warmer(builder: ProgramBuilder, axis: str) -> None:
+    slow = builder.volume.slow(axis, 0.5 * SLOW_SWEEP)
+    warm_up(builder, (axis,), 10.0 * MINUTE, lambda: sweeps(builder, axis, (slow,)))
 
 
-def _all_circles(draft: ProgramBuilder, pair: tuple[str, str]) -> None:
-    circles(draft, pair, draft.ground.feeds, draft.ground.radius)
+def _all_circles(builder: ProgramBuilder, pair: tuple[str, str]) -> None:
+    circles(builder, pair, builder.volume.feeds, builder.volume.radius)
 
 
 PARTS: Final[Mapping[str, Part]] = {
-    "standstill": lambda draft, _axis: standstill(draft),
+    "standstill": lambda builder, _axis: standstill(builder),
     "ladder": _rungs,
     "places": places,
     "sweeps": sweeps,
     "speeds": speeds,
-    "circles": _in_the_plane(_all_circles, lambda draft, axis: sweeps(draft, axis, draft.ground.feeds)),
+    "circles": _in_the_plane(_all_circles, lambda builder, axis: sweeps(builder, axis, builder.volume.feeds)),
     "small circles": _in_the_plane(small_circles, fast),
     "diagonals": _in_the_plane(diagonals, sweeps),
     "fast": fast,
     "stops": stops,
     "warm-up": _warmer,
-    "mix": lambda draft, _axis: mix(draft, draft.ground.axes),
+    "mix": lambda builder, _axis: mix(builder, builder.volume.axes),
 }
 """Every motion by what it is called in the table of experiments."""

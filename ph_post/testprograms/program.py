@@ -148,11 +148,11 @@ def _channel(machine: Machine, axis: str, channel: Channel, needed: Collection[C
 
 
 Write = Callable[[ProgramBuilder], None]
-"""Adds the motions of a program to a draft."""
+"""Adds the motions of a program to a builder."""
 
 
 def build_experiment(
-    ground: TestVolume,
+    volume: TestVolume,
     name: str,
     why: str,
     write: Write,
@@ -165,13 +165,13 @@ def build_experiment(
 
     Parameters
     ----------
-    ground : TestVolume
+    volume : TestVolume
     name : str
         What it and its log are called.
     why : str
         What it is for, a sentence.
     write : callable
-        Adds the motions to a draft.
+        Adds the motions to a builder.
     needed : sequence of {"act", "motor", "force"}
         Channels without which it tells nothing.
     notes : sequence of str, optional
@@ -179,22 +179,22 @@ def build_experiment(
     gauge : bool, optional
         Whether the table has to be read by something that is no part of the loop.
     """
-    draft = ProgramBuilder(ground, find_dialect(ground.machine.dialect, "controller.dialect"))
-    write(draft)
-    record = what_to_record(ground.machine, ground.axes, needed, draft.seconds, name, gauge=gauge)
-    remarks = [*_remarks(ground, name, why, draft), *notes]
-    return Experiment(name=name, why=why, record=record, program=draft.text(remarks))
+    builder = ProgramBuilder(volume, find_dialect(volume.machine.dialect, "controller.dialect"))
+    write(builder)
+    record = what_to_record(volume.machine, volume.axes, needed, builder.seconds, name, gauge=gauge)
+    remarks = [*_remarks(volume, name, why, builder), *notes]
+    return Experiment(name=name, why=why, record=record, program=builder.text(remarks))
 
 
-def _remarks(ground: TestVolume, name: str, why: str, draft: ProgramBuilder) -> list[str]:
+def _remarks(volume: TestVolume, name: str, why: str, builder: ProgramBuilder) -> list[str]:
     """Say what a person must know before starting a program."""
-    room = ", ".join(f"{axis} from {low / MM:g} to {high / MM:g}" for axis, (low, high) in ground.spans.items())
-    middle = " ".join(f"{axis}{ground.centre(axis) / MM:g}" for axis in ground.axes)
-    others = [axis for axis in "XYZ" if axis not in ground.axes]
+    room = ", ".join(f"{axis} from {low / MM:g} to {high / MM:g}" for axis, (low, high) in volume.spans.items())
+    middle = " ".join(f"{axis}{volume.centre(axis) / MM:g}" for axis in volume.axes)
+    others = [axis for axis in "XYZ" if axis not in volume.axes]
     still = "" if not others else f", {' and '.join(others)} not moved: the height at which the tool stands stays"
-    speed = min(APPROACH, 0.25 * ground.top(*ground.axes)) / MM_PER_MIN
+    speed = min(APPROACH, 0.25 * volume.top(*volume.axes)) / MM_PER_MIN
     return [
-        f"ph-post test program {name} for {ground.machine.name}, about {draft.seconds:.0f} s",
+        f"ph-post test program {name} for {volume.machine.name}, about {builder.seconds:.0f} s",
         why.replace(";", ","),  # which ends a line to some controllers
         f"THE TOOL MUST BE CLEAR of everything: moves {room} mm{still}",
         f"go to {middle} by hand first: the program begins with a straight move to there at {speed:g} mm/min,"

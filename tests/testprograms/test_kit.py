@@ -239,13 +239,27 @@ def test_z_rests_unless_it_is_named() -> None:
     }
 
 
+@pytest.mark.parametrize("dialect", ["fanuc", "linuxcnc", "siemens"])
+def test_a_line_behind_an_arc_names_its_feed_anew(dialect: str) -> None:
+    machine = read_machine("mill")
+    builder = ProgramBuilder(choose_volume(machine, (), (), (), 0.01, ()), find_dialect(dialect))
+    builder.line({"X": 0.02}, 0.4)
+    builder.circle(("X", "Y"), 0.01, 1, 0.02)
+    builder.line({"X": 0.03}, 0.4)
+    lines = [line.replace(".", "") for line in builder.text(()).splitlines()]
+    arc = next(k for k, line in enumerate(lines) if line.startswith("G3"))
+    assert lines[arc].endswith("F1200")
+    behind = next(line for line in lines[arc:] if line.startswith("G1"))
+    assert behind == "G1 X30 F24000"
+
+
 def test_without_arcs_a_circle_is_chords_within_a_micrometre() -> None:
     machine = read_machine("mill")
     dialect = find_dialect("linuxcnc")
     straight = replace(dialect, capabilities=replace(dialect.capabilities, arcs=False))
-    draft = ProgramBuilder(choose_volume(machine, (), (), (), 0.01, ()), straight)
-    motions.circles(draft, ("X", "Y"), (0.02,), 0.01)
-    drive = Drive(draft.text(()))
+    builder = ProgramBuilder(choose_volume(machine, (), (), (), 0.01, ()), straight)
+    motions.circles(builder, ("X", "Y"), (0.02,), 0.01)
+    drive = Drive(builder.text(()))
     assert drive.circles == []
     radii = np.linalg.norm(drive.points[:, :2], axis=1)
     around = [one for one in drive.moves if one.word == "G1" and 0.0 < one.length < 1.0]
