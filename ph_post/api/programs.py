@@ -151,8 +151,8 @@ def _plan(
     if request.plan.strategy == "none":
         return lasting, ()
     drives = [machine.axes[name] for name in moved_axes(program)]
-    gaps = [axis.feedback for axis in drives if has_backlash(axis)]
-    behind = sum(feedback != "load" for feedback in gaps) if shifts_axes(request.plan) else 0
+    gaps = [axis.loop for axis in drives if has_backlash(axis)]
+    behind = sum(not loop.encloses_backlash for loop in gaps) if shifts_axes(request.plan) else 0
     if behind:
         progress("planning lasting offsets")
         share = request.splice.max_slowdown * behind / len(gaps)

@@ -93,9 +93,9 @@ def _dialects() -> Iterable[str]:
 
 
 def _loops() -> Iterable[str]:
-    from ph_post.cli.interview import LOOPS
+    from ph_post.types import LOOPS
 
-    return LOOPS.known
+    return LOOPS
 
 
 def _strategies() -> Iterable[str]:

@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     from ph_post.identify.identify import Transmission
     from ph_post.types import Feedback, Machine
 
-LOOPS: Final = ("load", "motor", "none")
 AXES: Final = ("X", "Y", "Z")
 
 
 def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
     """Read ``motor`` or ``X=motor``; what names its axis goes before what does not."""
+    from ph_post.types import LOOPS
+
     every: dict[str, str] = {}
     own: dict[str, str] = {}
     for text in given:

@@ -33,22 +33,6 @@ if TYPE_CHECKING:
     from ph_post.identify.newmachine import Answers
 
 
-LOOPS: Final = WordChoice(
-    ("load", "motor", "none"),
-    {
-        "scale": "load",
-        "scales": "load",
-        "glass": "load",
-        "table": "load",
-        "encoder": "motor",
-        "servo": "motor",
-        "neither": "none",
-        "stepper": "none",
-        "steppers": "none",
-    },
-)
-"""Loops, by the names of machine files and by what stands on the machine."""
-
 State = Mapping[str, Any]
 """What was answered so far, by key; by axis where the question is one for each."""
 
@@ -103,18 +87,32 @@ def _dialects() -> AnswerKind:
     return WordChoice(dialect_names())
 
 
+def loop_kind() -> WordChoice:
+    """Return the loops, by their names in machine files and by what stands on the machine."""
+    from ph_post.types import LOOPS
+
+    return WordChoice(tuple(LOOPS), {word: name for name, loop in LOOPS.items() for word in loop.synonyms})
+
+
 def _every(state: State) -> Sequence[str]:
     axes: Sequence[str] = state["axes"]
     return axes
 
 
-def _with(*loops: str) -> Callable[[State], Sequence[str]]:
-    """Return what chooses the axes with one of these loops."""
-    return lambda state: [axis for axis in state["axes"] if state["loop"][axis] in loops]
+def _enclosing(state: State) -> Sequence[str]:
+    from ph_post.types import LOOPS
+
+    return [axis for axis in state["axes"] if LOOPS[state["loop"][axis]].encloses_backlash]
+
+
+def _controlled(state: State) -> Sequence[str]:
+    from ph_post.types import LOOPS
+
+    return [axis for axis in state["axes"] if LOOPS[state["loop"][axis]].has_controller]
 
 
 def _dialect_default(state: State, _axes: Sequence[str]) -> str:
-    return "grbl" if set(state["loop"].values()) == {"none"} else "linuxcnc"
+    return "linuxcnc" if _controlled(state) else "grbl"
 
 
 def _shipped(key: str, unit: str = "") -> Callable[[State, Sequence[str]], str]:
@@ -157,7 +155,7 @@ QUESTIONS: Final = (
         "LOOP",
         "Is there a glass scale on the table (load), an encoder on the motor (motor), or neither (none)?",
         "What the drive closes its loop over; a stepper without encoder has none.",
-        LOOPS,
+        loop_kind,
         lambda _state, _axes: "none",
         _every,
     ),
@@ -187,7 +185,7 @@ QUESTIONS: Final = (
         "Stamped on the screw, or measured over ten turns; of a rack, one turn of the pinion.",
         Quantity("a length", LENGTH_UNITS, "mm", "mm", 0.1, 1000.0, inverse={"tpi": LENGTH_UNITS["inch"]}),
         _shipped("lead"),
-        _with("load"),
+        _enclosing,
     ),
     Question(
         "gear",
@@ -196,7 +194,7 @@ QUESTIONS: Final = (
         "1: coupled directly; teeth on the screw over teeth on the motor of a belt: 40:20.",
         Ratio(),
         _shipped("gear"),
-        _with("load"),
+        _enclosing,
     ),
     Question(
         "speed",
@@ -224,7 +222,7 @@ QUESTIONS: Final = (
         "?: nobody knows, take that of the shipped machine.",
         ServoLag(),
         lambda _state, _axes: "?",
-        _with("load", "motor"),
+        _controlled,
     ),
     Question(
         "servo_period",

@@ -96,7 +96,7 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
     """Look up what a table can hold; the gap of a loop that is not closed over the table knows no β and C."""
 
     def solve(axis: Axis, amplitude: float, omega: float) -> tuple[BacklashInterval | None, str]:
-        source = backlash_interval if axis.feedback != "load" else partial(look_up, table)
+        source = partial(look_up, table) if axis.loop.encloses_backlash else backlash_interval
         return source(axis, amplitude, omega)
 
     return solve

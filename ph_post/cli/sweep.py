@@ -177,7 +177,7 @@ def _chosen_axes(drives: Machine, wanted: tuple[str, ...], machine: str) -> list
     """Return the axes asked for, or all whose interval depends on β and C."""
     from ph_post.errors import InputError
 
-    closed = [name for name, axis in drives.axes.items() if axis.feedback == "load"]
+    closed = [name for name, axis in drives.axes.items() if axis.loop.encloses_backlash]
     for name in wanted:
         if name not in drives.axes:
             raise InputError(machine, f"no axis {name}", expected=" or ".join(drives.axes), got=name)

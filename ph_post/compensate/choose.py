@@ -73,7 +73,7 @@ def choose(task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> 
 def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
     """Return scenarios to search with, and how many of them are the machine as the file has it."""
     drives = [machine.axes[name] for name in axes]
-    inside = [axis for axis in drives if axis.feedback == "load"]
+    inside = [axis for axis in drives if axis.loop.encloses_backlash]
     rules = PICKUPS if any(axis.gap.pickup is None for axis in inside) else (None,)
     spread = max(axis.uncertainty.backlash for axis in drives)
     gaps = (1.0,) if spread == 0.0 else (1.0, 1.0 - spread, 1.0 + spread)
@@ -130,7 +130,7 @@ class _Chooser:
         times = [
             shortest_crossing(axis, self.lead, self.period) * (2.0 + axis.uncertainty.backlash)
             for axis in drives
-            if axis.feedback != "load" and axis.gap.lost_motion > 0.0
+            if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
         ]
         return max(times, default=0.0)
 
@@ -169,7 +169,7 @@ class _Chooser:
         if self.task.options.start == "moving":
             # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.
             drives = [axis for number, axis in enumerate(drives) if direction_at(self.track, 0.0, number)]
-        return tuple(axis.name for axis in drives if axis.feedback != "load" and axis.gap.lost_motion > 0.0)
+        return tuple(axis.name for axis in drives if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0)
 
     def _wish(self, found: TriedDesign | None, place: Surroundings | None, drives: Drives) -> ProfileRequest:
         if not drives:
@@ -197,7 +197,7 @@ class _Chooser:
             return ()
         if self.written:
             return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if carries_offset(axis))
-        open_loops = ((axis, direction) for axis, direction in drives if axis.feedback != "load")
+        open_loops = ((axis, direction) for axis, direction in drives if not axis.loop.encloses_backlash)
         return tuple(
             whole_crossing(axis, direction, 0.0, shortest_crossing(axis, self.lead, self.period))
             for axis, direction in open_loops
@@ -230,7 +230,7 @@ class _Chooser:
 
     def _may_rest(self, drives: Drives) -> bool:
         """Whether a rest in the plain motion would do: nothing inside a loop is to be crossed there."""
-        return self.offsets and all(axis.feedback != "load" for axis, _ in drives)
+        return self.offsets and not any(axis.loop.encloses_backlash for axis, _ in drives)
 
     @staticmethod
     def _serves(search: DesignSearch, known: ReversalDesigns) -> bool:

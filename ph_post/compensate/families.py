@@ -74,7 +74,7 @@ def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
     """
     gap, servo, limits = axis.gap, axis.servo, axis.limits
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    inside = axis.feedback == "load"
+    inside = axis.loop.encloses_backlash
     inertia = (gap.inertia_fraction or 0.0) * servo.b
 
     def fits(duration: float) -> bool:
@@ -136,7 +136,7 @@ def make_crossing(x: Array, case: ReversalCase) -> Design:
     crossings: list[Crossing] = []
     for axis, direction in case.reversing:
         gap = axis.gap.lost_motion * direction
-        if axis.feedback != "load":
+        if not axis.loop.encloses_backlash:
             crossings.append(whole_crossing(axis, direction, begin + 0.5 * hold, case.shortest[axis.name]))
             continue
         unit = _push_unit(axis, case.budget) * direction
@@ -206,7 +206,7 @@ def make_bare(x: Array, case: ReversalCase) -> Design:
     crossings = tuple(
         whole_crossing(axis, direction, 0.0, float(x[0]) * case.shortest[axis.name])
         for axis, direction in case.reversing
-        if axis.feedback != "load"
+        if not axis.loop.encloses_backlash
     )
     return Design(crossings=crossings, lead=case.lead)
 
@@ -329,7 +329,7 @@ def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) 
     jogs: list[Jog] = []
     t = DWELL
     for axis, direction in reversing:
-        if axis.feedback == "load":
+        if axis.loop.encloses_backlash:
             way = max(travel * axis.gap.lost_motion, LEAST)
             there = make_jog(axis, way * direction, t)
             turn = there.end + max(DWELL, out * _time_to_cross(axis, way) - there.duration)

@@ -96,7 +96,7 @@ def lay_out(job: Job) -> Layout:
 
 def is_open(job: Job, name: str) -> bool:
     """Whether the loop of an axis is not closed over the table."""
-    return job.machine.axes[name].feedback != "load"
+    return not job.machine.axes[name].loop.encloses_backlash
 
 
 def _at_windows(job: Job, motion: MotionLaw) -> tuple[list[Crossing], set[int]]:

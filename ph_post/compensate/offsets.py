@@ -107,7 +107,7 @@ def corner_pause(axis: Axis) -> float:
 
 def carries_offset(axis: Axis) -> bool:
     """Whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
-    return axis.feedback != "load" and axis.gap.lost_motion >= LEAST
+    return not axis.loop.encloses_backlash and axis.gap.lost_motion >= LEAST
 
 
 def approach_distance(gap: Gap) -> float:
@@ -244,7 +244,7 @@ def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, o
     mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]
     motor = sum((travelled(crossing, t) for crossing in mine), np.zeros((3, t.size)))
     fixed = sum((pushed(crossing, t) for crossing in mine), np.zeros(t.size))
-    if axis.feedback == "load":
+    if axis.loop.encloses_backlash:
         motor_inertia = (gap.inertia_fraction or 0.0) * servo.b
         crossing = motor_inertia * (motor[2] + (gap.beta or 0.0) * motor[1])
     else:

@@ -371,7 +371,7 @@ class Planner:
             for number, (wish, found) in enumerate(zip(wishes, profiles, strict=True))
             if wish.shape is not None
             and wish.crossings
-            and all(self.machine.axes[one.axis].feedback != "load" for one in wish.crossings)
+            and not any(self.machine.axes[one.axis].loop.encloses_backlash for one in wish.crossings)
             and (found is None or found.ratio > reported_ratio(wish.shape) + AS_DEEP)
         }
 

@@ -68,7 +68,7 @@ def slowed(caps: LimitCurve, factor: Array) -> list[str]:
 def lasting_offsets(machine: Machine, layout: Layout) -> list[str]:
     """Whether the table has to stay on a flank by itself, which only friction sees to."""
     shifted = {name for name, offset in layout.bias.items() if offset}
-    shifted |= {one.axis for one in layout.crossings if machine.axes[one.axis].feedback != "load"}
+    shifted |= {one.axis for one in layout.crossings if not machine.axes[one.axis].loop.encloses_backlash}
     return [*friction_words(shifted), *varying_words(machine.axes[name] for name in sorted(shifted))]
 
 
@@ -115,7 +115,7 @@ def varying_words(axes: Iterable[Axis]) -> list[str]:
     return [
         f"the gap of axis {axis.name} changes along its travel, and its lasting offset does not"
         for axis in axes
-        if axis.feedback != "load" and backlash_varies(axis)
+        if not axis.loop.encloses_backlash and backlash_varies(axis)
     ]
 
 

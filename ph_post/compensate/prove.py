@@ -116,7 +116,7 @@ def _ends(plan: Plan) -> tuple[float, float]:
 
 def _without(wish: ProfileRequest, machine: Machine) -> ProfileRequest:
     """Leave the feed alone; a lasting offset still has to be changed."""
-    lasting = tuple(one for one in wish.crossings if machine.axes[one.axis].feedback != "load")
+    lasting = tuple(one for one in wish.crossings if not machine.axes[one.axis].loop.encloses_backlash)
     if wish.shape is None and not wish.stop and lasting == wish.crossings:
         return wish
     return ProfileRequest(shape=None, crossings=lasting, note=GIVEN_UP)

@@ -293,7 +293,7 @@ class Trial:
     def _bias(self, name: str) -> float:
         """Lasting offset of an axis before the turning point [m]."""
         axis = self.sized.axes[name]
-        return 0.0 if axis.feedback == "load" else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
+        return 0.0 if axis.loop.encloses_backlash else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
 
     def _error(self, traces: Sequence[AxisCommand], velocity: Array, s: Array, plants: Sequence[Plant]) -> Array:
         """Signed contour error with the plants of one scenario, shape (n,) [m]."""

@@ -111,7 +111,7 @@ def asked_of_motor(command: Command, axis: Axis, number: int) -> Array:
     A metre of position error asks for C = N / (η r b) (the line after Eq. 16 of the paper), of the motor
     alone and under a P controller. The path's motion takes b ẍ + c ẋ whether the command leads it or lags.
     """
-    if command.offset is None or axis.feedback != "load":
+    if command.offset is None or not axis.loop.encloses_backlash:
         return np.zeros(command.t.size)
     path = command.position[:, number] - command.offset[:, number]
     speed = np.gradient(path, command.period)

@@ -102,7 +102,7 @@ def base_model(problem: AxisProblem) -> Model:
     plant = problem.plant
     fields = ["b", "c"]
     if plant.gap > 0.0:
-        fields += ["gap", "eta", "beta"] if plant.feedback == "load" else ["gap"]
+        fields += ["gap", "eta", "beta"] if plant.loop.encloses_backlash else ["gap"]
     priors = tuple(Prior(field=field) for field in fields if getattr(plant, field) > 0.0)
     return Model(priors=priors, off=(0.0,) * len(priors))
 

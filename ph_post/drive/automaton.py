@@ -267,6 +267,6 @@ def drive_of(plant: Plant) -> DriveModel:
     """Return the equations that fit a plant."""
     from ph_post.drive.loops import ElasticLoop, PlayBehindServo, RigidLoop
 
-    if plant.feedback != "load":
+    if not plant.loop.encloses_backlash:
         return PlayBehindServo(plant)
     return ElasticLoop(plant) if plant.windup_frequency else RigidLoop(plant)

@@ -59,7 +59,7 @@ def sized_machine(machine: Machine, points: Sequence[TurningPoint]) -> Machine:
     axes = dict(machine.axes)
     for name, axis in machine.axes.items():
         places = np.array([point.position for point in points if point.axis == name])
-        if axis.feedback != "load" and backlash_varies(axis):
+        if not axis.loop.encloses_backlash and backlash_varies(axis):
             gap = float(np.mean(gaps_of(axis, places))) if places.size else axis.gap.lost_motion
             axes[name] = with_gap(axis, gap)
     return machine if axes == dict(machine.axes) else replace(machine, axes=axes)

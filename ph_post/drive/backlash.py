@@ -242,7 +242,7 @@ def modulated_interval(
     note : str
         Why there is none; empty otherwise.
     """
-    if axis.feedback != "load":
+    if not axis.loop.encloses_backlash:
         return None, OUTSIDE
     if motor_gap(axis.gap) == 0.0:
         return BacklashInterval(lag=0.0, duration=0.0, position=x_i), ""

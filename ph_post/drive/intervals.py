@@ -25,7 +25,7 @@ from ph_post.drive.backlash import gap_constant, motor_gap
 from ph_post.drive.servo import harmonic_response, is_stable
 from ph_post.drive.steady_state import OUT_OF_RANGE, UNDAMPED, find_orbit, is_computable, steady_intervals
 from ph_post.errors import InputError
-from ph_post.types import Array, Axis, BacklashInterval, Feedback, Gap, Machine, Servo, frozen
+from ph_post.types import Array, Axis, BacklashInterval, Gap, Loop, Machine, Servo, frozen
 from ph_post.units import MM, MM_PER_MIN
 
 REMEMBERED: Final = 8192
@@ -67,19 +67,19 @@ def backlash_interval(axis: Axis, amplitude: float, omega: float) -> tuple[Backl
     >>> round(interval.duration, 6)  # arccos(1 - 0.1 / 20)
     0.100042
     """
-    return _interval(axis.feedback, axis.servo, axis.gap, amplitude, omega)
+    return _interval(axis.loop, axis.servo, axis.gap, amplitude, omega)
 
 
 @lru_cache(maxsize=REMEMBERED)
 def _interval(
-    feedback: Feedback, servo: Servo, gap: Gap, amplitude: float, omega: float
+    loop: Loop, servo: Servo, gap: Gap, amplitude: float, omega: float
 ) -> tuple[BacklashInterval | None, str]:
-    """Dispatch on the feedback (an Axis itself cannot be hashed: its effects hold mappings)."""
+    """Dispatch on the loop (an Axis itself cannot be hashed: its effects hold mappings)."""
     if not (0.0 < amplitude < math.inf and 0.0 < omega < math.inf):
         return None, NO_SWING
     if not is_computable(servo, gap, amplitude, omega):
         return None, OUT_OF_RANGE
-    if feedback != "load":
+    if not loop.encloses_backlash:
         return play_interval(servo, gap, amplitude, omega)
     if servo.b == 0.0:
         interval, note = play_interval(servo, Gap(lost_motion=0.0), amplitude, omega)

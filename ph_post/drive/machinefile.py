@@ -287,7 +287,7 @@ def _coefficients(given: _Given, motor: _MotorConstants) -> tuple[float, float]:
     b = given.agreed(("b", record.b), ("J", motor.b))
     c = given.agreed(("c", record.c), ("B", motor.c))
     if b is None or c is None:
-        ideal = "; 0 for an ideal stepper" if record.feedback == "none" else ""
+        ideal = "" if record.loop.has_controller else "; 0 for an ideal stepper"
         wanted = f"b [s²] and c [s] of Eq. (9), or J, B, k_p, k_a, k_t, N and r{ideal}"
         raise given.missing("b" if b is None else "c", wanted)
     return b, c
@@ -296,15 +296,15 @@ def _coefficients(given: _Given, motor: _MotorConstants) -> tuple[float, float]:
 def _servo(given: _Given, b: float, c: float, stiffness: float | None) -> Servo:
     """Check that the closed loop settles, and take its gains."""
     record = given.record
-    ideal = record.feedback == "none" and b == c == 0
+    ideal = not record.loop.has_controller and b == c == 0
     for key, value in (("b", b), ("c", c)):
         if value == 0 and not ideal:
-            both = ", or b and c both 0" if record.feedback == "none" else ""
+            both = "" if record.loop.has_controller else ", or b and c both 0"
             raise given.refuse(key, "no servo loop is without inertia or damping", f"> 0{both}", "0")
     if record.control is None:
         return Servo(b=b, c=c, stiffness=stiffness)
     ki, kd = record.control.ki_over_kp_per_s, record.control.kd_over_kp_s
-    if record.feedback == "none":
+    if not record.loop.has_controller:
         raise given.refuse("control", "an open loop has no controller", 'no such table, or feedback "load" or "motor"')
     if ki * b >= c + kd:  # Routh, for b s³ + (c + kd) s² + s + ki
         most = f"< (c + kd) / b = {(c + kd) / b:.6g}"
@@ -340,8 +340,8 @@ def _gap(given: _Given, ratio: float | None, travel: float | None) -> Gap:
 def _require_drive(given: _Given, ratio: float | None, travel: float | None) -> None:
     """Refuse an axis that lacks what its feedback or its way of giving the gap needs."""
     record = given.record
-    load = record.feedback == "load"
-    why = 'with feedback "load"' if load else "with backlash_motor_rad"
+    load = record.loop.encloses_backlash
+    why = f'with feedback "{record.feedback}"' if load else "with backlash_motor_rad"
     if load or record.backlash_motor_rad is not None:
         if ratio is None:
             raise given.missing("gear_ratio", f"the gear ratio N, {why}")

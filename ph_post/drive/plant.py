@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.types import Array, Axis, Feedback, Pickup, Scenario
+from ph_post.types import LOOPS, Array, Axis, Feedback, Loop, Pickup, Scenario
 
 Force = Callable[[float, float, float, float], float]
 """A force that resists motion, F/K [m].
@@ -142,6 +142,11 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     reading: TableReading = TableReading()
     forces: tuple[Force, ...] = ()
 
+    @property
+    def loop(self) -> Loop:
+        """The loop by the name that `feedback` gives it."""
+        return LOOPS[self.feedback]
+
 
 def force_on(plant: Plant, t: float, position: float, speed: float, direction: int) -> float:
     """Return what the `forces` of a plant add up to, F/K [m]."""
@@ -213,7 +218,7 @@ def following_error(plant: Plant, command: Array, table: Array, motor: Array, pe
     array([0. , 0. , 0.5])
     """
     arrives = delayed(command, plant.command_delay / period)
-    side = delayed(table, -plant.reading_delay / period) if plant.feedback == "load" else motor
+    side = plant.loop.closed_over(delayed(table, -plant.reading_delay / period), motor)
     return arrives - side
 
 

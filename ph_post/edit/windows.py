@@ -269,7 +269,7 @@ def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machi
     if not shifts_axes(options):
         return machine
     axes = {
-        name: axis if axis.feedback == "load" or name not in path.axes else with_gap(axis, 0.0)
+        name: axis if axis.loop.encloses_backlash or name not in path.axes else with_gap(axis, 0.0)
         for name, axis in machine.axes.items()
     }
     return replace(machine, axes=axes)

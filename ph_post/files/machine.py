@@ -13,7 +13,7 @@ import msgspec
 import tomlkit
 from tomlkit.items import AoT, Item, Table
 
-from ph_post.types import EffectSetting
+from ph_post.types import LOOPS, EffectSetting, Feedback, Loop
 
 DIGITS: Final = 7
 """Significant digits of a number that is written."""
@@ -290,7 +290,7 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     symbol: J, B, k_p, k_a, k_t, N, r. The rest has one name.
     """
 
-    feedback: Literal["load", "motor", "none"]
+    feedback: Feedback
     # Eq. (9), or the physical constants it is made of
     b: NotNegative | None = None
     c: NotNegative | None = None
@@ -328,6 +328,11 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     max_motor_acceleration_rad_s2: Positive | None = None
     control: ControlRecord | None = None
     effects: list[dict[str, Any]] = []
+
+    @property
+    def loop(self) -> Loop:
+        """The loop by the name that `feedback` gives it."""
+        return LOOPS[self.feedback]
 
 
 class AxesRecord(MachineTableRecord, frozen=True, kw_only=True):

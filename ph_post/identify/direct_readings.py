@@ -25,7 +25,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
 from ph_post.identify.noise import still_stretches
-from ph_post.types import Array, AxisLog, BoolArray, Feedback
+from ph_post.types import Array, AxisLog, BoolArray, Feedback, Loop
 
 SHORTEST_DECAY: Final = 0.2
 """Shortest stretch that is looked at [s]."""
@@ -172,13 +172,13 @@ MOST_STIFFNESS_ERROR: Final = 0.25
 """Relative standard error up to which K is known at all."""
 
 
-def effort_gain(record: AxisLog, feedback: Feedback, period: float, use: BoolArray) -> tuple[float, float] | None:
+def effort_gain(record: AxisLog, loop: Loop, period: float, use: BoolArray) -> tuple[float, float] | None:
     """Return K and its standard error [unit of the effort / m].
 
     Parameters
     ----------
     record : AxisLog
-    feedback : {"load", "motor", "none"}
+    loop : Loop
     period : float
         [s].
     use : BoolArray, shape (n,)
@@ -189,8 +189,8 @@ def effort_gain(record: AxisLog, feedback: Feedback, period: float, use: BoolArr
     tuple of float or None
         None where the loop's own side or its effort was not read, or the record does not tell K.
     """
-    reading = record.table if feedback == "load" else record.motor
-    if reading is None or record.effort is None or feedback == "none":
+    reading = loop.closed_over(record.table, record.motor)
+    if reading is None or record.effort is None or not loop.has_controller:
         return None
     use = use & _fully_known(np.isfinite(reading) & np.isfinite(record.effort))
     if np.count_nonzero(use) < 2 * EFFORT_WINDOW:
@@ -281,10 +281,10 @@ def lag_of(command: Array, reading: Array, period: float) -> FollowingLag:
     return FollowingLag(b, c, rms)
 
 
-def loop_reading(record: AxisLog, feedback: Feedback) -> Array | None:
+def loop_reading(record: AxisLog, loop: Loop) -> Array | None:
     """Return the reading at the side that the loop closes over, else the other, None where there is none."""
-    first, second = (record.table, record.motor) if feedback == "load" else (record.motor, record.table)
-    return second if first is None else first
+    own = loop.closed_over(record.table, record.motor)
+    return loop.closed_over(record.motor, record.table) if own is None else own
 
 
 def assumed_feedback(record: AxisLog, period: float) -> tuple[Feedback, str]:

@@ -269,7 +269,7 @@ def why_backlash_hidden(problem: AxisProblem, record: AxisLog) -> str:
     directions = np.sign(speed[np.abs(speed) > RESTS * np.max(np.abs(speed), initial=0.0)])
     if not np.any(np.diff(directions)):
         return "the gap does not show: no reversal"
-    if problem.plant.feedback == "load":
+    if problem.plant.loop.encloses_backlash:
         return ""
     if record.table is None:
         return "the gap does not show: behind the motor's loop only a reading of the table shows it"

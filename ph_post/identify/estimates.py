@@ -246,7 +246,7 @@ def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     if verdict.fit is None:
         return _no_gap(settled, notes)
     width, relative = plant.gap / MM, errors["gap"]
-    if plant.feedback != "load" or "eta" in settled.settling.shown:
+    if not plant.loop.encloses_backlash or "eta" in settled.settling.shown:
         return {"lost_motion": Estimate(value=width, stderr=width * relative, unit="mm")}, notes
     product = plant.eta * width
     told = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
@@ -301,7 +301,7 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
             f"the axis coasts down with {rate:.4g} ± {error:.2g} 1/s: motor and table together, the part of "
             "c/b that is no controller's; β of the motor alone it does not show"
         )
-    acts = plant.feedback == "load" and settled.verdict.fit is not None
+    acts = plant.loop.encloses_backlash and settled.verdict.fit is not None
     if acts and relative is None:
         notes.append(f"β does not show while the gap is crossed; {_held(settled, 'β')}")
     return parameters, notes
@@ -318,7 +318,7 @@ def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
     plant, problem, record = settled.plant, settled.problem, settled.record
     if plant.ki or plant.kd or plant.command_delay:
         return {}
-    found = effort_gain(record, plant.feedback, problem.period, problem.counted)
+    found = effort_gain(record, plant.loop, problem.period, problem.counted)
     if found is None:
         return {}
     K, stderr = found
@@ -341,7 +341,7 @@ def _origins(settled: AxisFit, parameters: dict[str, Estimate]) -> dict[str, Ori
     """Say of every number of the drive where it comes from."""
     rest: Origin = "file" if settled.from_file else "assumed"
     names = ["b", "c", "lost_motion"]
-    if settled.problem.plant.feedback == "load":
+    if settled.problem.plant.loop.encloses_backlash:
         names += ["inertia_fraction", "motor_time_constant"]
     return {name: "record" if name in parameters else rest for name in names}
 

@@ -195,7 +195,7 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
         elif one.channel == "motor":
             found["motor"] = motor
         else:
-            side = table if plant.feedback == "load" else motor
+            side = plant.loop.closed_over(table, motor)
             e = following_error(plant, command, table, motor, problem.period)
             # With a part of c that is electronic this is where the torque saturates at low speed only.
             e = np.clip(e, -plant.saturation, plant.saturation)

@@ -47,7 +47,7 @@ from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
 from ph_post.progress import Progress, no_progress
-from ph_post.types import Array, Axis, AxisLog, Feedback, Gap, Limits, Log, Machine, Servo
+from ph_post.types import LOOPS, Array, Axis, AxisLog, Feedback, Gap, Limits, Log, Loop, Machine, Servo
 from ph_post.types.diagnosis import Identification, IdentifiedDrive, LogQuality
 
 ASSUMED_ETA: Final = 0.5
@@ -110,9 +110,9 @@ def starting_machine(
     return StartingMachine(Machine(name=log.name, dialect=DIALECT, servo_period=log.period, axes=axes), assumed)
 
 
-def starting_lag(record: AxisLog, feedback: Feedback, period: float) -> FollowingLag | None:
+def starting_lag(record: AxisLog, loop: Loop, period: float) -> FollowingLag | None:
     """Return the following error's coefficients at the loop's side; None where nothing tells them."""
-    reading = loop_reading(record, feedback)
+    reading = loop_reading(record, loop)
     if reading is None or np.ptp(record.command) == 0.0 or np.count_nonzero(np.isfinite(reading)) < 200:
         return None
     return lag_of(record.command, reading, period)
@@ -128,9 +128,9 @@ def _starting_axis(
     if feedback is None:
         feedback, why = assumed_feedback(record, log.period)
         notes.append(f'feedback "{feedback}" is assumed: {why}; --feedback {name}=... says otherwise')
-    servo = _starting_servo(log, name, record, feedback)
+    servo = _starting_servo(log, name, record, LOOPS[feedback])
     gap = Gap(lost_motion=0.0)
-    if feedback == "load":
+    if LOOPS[feedback].encloses_backlash:
         gap = replace(gap, inertia_fraction=ASSUMED_ETA, beta=ASSUMED_BETA)
     if transmission is not None:
         ratio, travel = transmission
@@ -138,17 +138,17 @@ def _starting_axis(
     return Axis(name=name, feedback=feedback, servo=servo, gap=gap, limits=_limits(log, record)), tuple(notes)
 
 
-def _starting_servo(log: Log, name: str, record: AxisLog, feedback: Feedback) -> Servo:
-    lag = starting_lag(record, feedback, log.period)
+def _starting_servo(log: Log, name: str, record: AxisLog, loop: Loop) -> Servo:
+    lag = starting_lag(record, loop, log.period)
     if lag is not None and lag.c is not None:
         return Servo(b=lag.b or 0.25 * lag.c**2, c=lag.c)
-    if feedback == "none":
+    if not loop.has_controller:
         return Servo(b=0.0, c=0.0)
     raise InputError(
         f"{log.name}: {name}",
         "no reading that lags behind its command by its speed",
         expected="a drive as Eq. (9) has it, without feedforward, read for 0.2 s at least",
-        got=_why_no_lag(loop_reading(record, feedback), lag),
+        got=_why_no_lag(loop_reading(record, loop), lag),
     )
 
 
@@ -235,7 +235,7 @@ def _nearer(log: Log, machine: Machine) -> Machine:
     axes = dict(machine.axes)
     for name, record in log.axes.items():
         axis = axes.get(name)
-        lag = None if axis is None else starting_lag(record, axis.feedback, log.period)
+        lag = None if axis is None else starting_lag(record, axis.loop, log.period)
         if axis is None or lag is None or lag.c is None or axis.servo.b == 0.0 or axis.servo.ki_over_kp:
             continue
         axes[name] = replace(axis, servo=replace(axis.servo, b=lag.b or 0.25 * lag.c**2, c=lag.c))
@@ -297,7 +297,7 @@ def _without(problem: AxisProblem, coasts: list[CoastDown]) -> AxisProblem:
 def _start(problem: AxisProblem, record: AxisLog) -> Plant:
     """Return the plant without a gap, with b and c of the file or of the plain lag, whichever fit better."""
     plant = replace(problem.plant, gap=0.0)
-    lag = starting_lag(record, plant.feedback, problem.period)
+    lag = starting_lag(record, plant.loop, problem.period)
     if plant.b == 0.0 or lag is None or lag.c is None:
         return plant
     other = replace(plant, b=lag.b or plant.b, c=lag.c)
@@ -323,7 +323,7 @@ def _all_names(plant: Plant, verdict: BacklashVerdict, beta_known: bool) -> tupl
     names = _base_names(plant)
     if verdict.fit is None:
         return names
-    if plant.feedback != "load":
+    if not plant.loop.encloses_backlash:
         return (*names, "gap")
     return (*names, "gap", "eta") if beta_known else (*names, "gap", "eta", "beta")
 

@@ -238,7 +238,8 @@ def _channel(
     drive = machine.axes.get(reading.axis)
     wanders = still is not None and still > WANDERS * fast
     wanders = wanders and (
-        (drive is not None and drive.feedback == "load") or noise.oscillates(values, travelled, _memory(log, machine))
+        (drive is not None and drive.loop.encloses_backlash)
+        or noise.oscillates(values, travelled, _memory(log, machine))
     )
     # What differs between repeats may be the other axes' doing, so that the smaller of the two counts.
     if still is not None and not wanders and (size is None or still < size):

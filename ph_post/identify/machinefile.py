@@ -80,7 +80,7 @@ def require_writable(machine: Machine, name: str) -> None:
         Where a `load` loop lacks its transmission.
     """
     for axis in machine.axes.values():
-        if axis.feedback == "load" and (axis.gap.gear_ratio is None or axis.gap.travel_per_rad is None):
+        if axis.loop.encloses_backlash and (axis.gap.gear_ratio is None or axis.gap.travel_per_rad is None):
             raise InputError(
                 f"{name}: {axis.name}",
                 'a machine file with feedback "load" needs gear ratio and travel',

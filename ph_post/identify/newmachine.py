@@ -26,7 +26,7 @@ from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import checked
 from ph_post.files.machine import AxesRecord, AxisRecord, ControllerRecord, MachineRecord, put, written
 from ph_post.files.storage import SourceText, source_of
-from ph_post.types import Axis, Feedback, Machine
+from ph_post.types import LOOPS, Axis, Feedback, Loop, Machine
 from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
 
 _GRBL: Final = re.compile(r"^\s*\$(1[12][012])\s*=\s*([0-9.]+)", re.MULTILINE)
@@ -126,17 +126,8 @@ def _number(text: str, where: str) -> float:
     return value
 
 
-MODELS: Final[Mapping[Feedback, str]] = {"load": "mill", "motor": "router", "none": "stepper"}
-"""The shipped machine that stands for a loop where nothing is known."""
-
 _COLUMN: Final = 38
 """Where comments begin."""
-
-_FEEDBACK: Final[Mapping[Feedback, str]] = {
-    "load": "glass scale on the table: the play is inside the loop",
-    "motor": "encoder on the motor: the play is outside the loop",
-    "none": "stepper without encoder: no loop",
-}
 
 _HEAD: Final = """\
 A machine file of ph-post: what it knows of a machine, in mm and s. Written by `ph-post machine new`.
@@ -160,6 +151,11 @@ class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
     screw_lead_mm: float | None = None
     gear_ratio: float | None = None
     taken: frozenset[str] = frozenset()
+
+    @property
+    def loop(self) -> Loop:
+        """The loop by the name that `feedback` gives it."""
+        return LOOPS[self.feedback]
 
 
 class Answers(msgspec.Struct, frozen=True, kw_only=True):
@@ -190,7 +186,7 @@ class NewMachine(msgspec.Struct, frozen=True, kw_only=True):
 
 def model_axis(feedback: Feedback, axis: str) -> Axis:
     """Return an axis of the shipped machine that stands for a loop."""
-    return read_machine(MODELS[feedback]).axes[axis]
+    return read_machine(LOOPS[feedback].model).axes[axis]
 
 
 def new_machine(answers: Answers) -> NewMachine:
@@ -225,9 +221,9 @@ def _record(rows: tuple[_Row, ...]) -> AxisRecord:
 def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[_Row]:
     """Yield the lines of one axis."""
     model = model_axis(axis.feedback, name)
-    yield _Row("feedback", axis.feedback, _FEEDBACK[axis.feedback])
+    yield _Row("feedback", axis.feedback, axis.loop.comment)
     yield from _servo_rows(axis, model)
-    if axis.feedback == "load":
+    if axis.loop.encloses_backlash:
         yield from _drive_rows(axis, model)
     yield _play_row(axis)
     flank = 'where it rests in its play: "+", "-" (its weight pulls to minus) or not known'
@@ -237,11 +233,11 @@ def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[_Row]:
 
 def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
     """Yield b and c of Eq. (9): c as answered, b in the ratio to c² that the shipped machine has."""
-    if axis.feedback == "none":
+    if not axis.loop.has_controller:
         yield _Row("b", 0.0, "s², steps follow the command at once,")
         yield _Row("c", 0.0, "s, as long as none is lost")
         return
-    shipped = f"assumed ({MODELS[axis.feedback]}.toml), identify measures it"
+    shipped = f"assumed ({axis.loop.model}.toml), identify measures it"
     c = model.servo.c if axis.c_s is None else axis.c_s
     ratio = model.servo.b / model.servo.c**2
     yield _Row("b", _short(ratio * c * c), f"s², how fast the loop answers; {ratio:.2g} c² {shipped}", assumed=True)
@@ -254,7 +250,7 @@ def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
 
 def _drive_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
     """Yield screw, gear and the motor alone, which crosses the gap inside a loop."""
-    gap, shipped = model.gap, f"assumed ({MODELS['load']}.toml), identify measures it"
+    gap, shipped = model.gap, f"assumed ({axis.loop.model}.toml), identify measures it"
     assert axis.gear_ratio is not None
     assert axis.screw_lead_mm is not None
     assert gap.inertia_fraction is not None
@@ -283,9 +279,9 @@ def _limit_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
     acceleration = axis.max_acceleration_mm_s2
     yield _answered("max_acceleration_mm_s2", acceleration, "the most it may accelerate", "acceleration", axis)
     rise = model.limits.acceleration / model.limits.jerk
-    jerk = f"full acceleration after {rise / MS:.3g} ms; assumed ({MODELS[axis.feedback]}.toml)"
+    jerk = f"full acceleration after {rise / MS:.3g} ms; assumed ({axis.loop.model}.toml)"
     yield _Row("max_jerk_mm_s3", _short(acceleration / rise), jerk, assumed=True)
-    if axis.feedback == "load" and axis.gear_ratio and axis.screw_lead_mm:
+    if axis.loop.encloses_backlash and axis.gear_ratio and axis.screw_lead_mm:
         motor = acceleration * axis.gear_ratio / axis.screw_lead_mm * math.tau
         words = "assumed: no more than the table's acceleration takes"
         yield _Row("max_motor_acceleration_rad_s2", _short(motor), words, assumed=True)
@@ -295,7 +291,7 @@ def _answered(key: str, value: float, words: str, question: str, axis: AxisAnswe
     """Return the line of a number that was asked for, marked where the default was taken."""
     if question not in axis.taken:
         return _Row(key, _short(value), words)
-    return _Row(key, _short(value), f"{words}; assumed ({MODELS[axis.feedback]}.toml)", assumed=True)
+    return _Row(key, _short(value), f"{words}; assumed ({axis.loop.model}.toml)", assumed=True)
 
 
 def _short(value: float) -> float:
@@ -344,4 +340,4 @@ def defaults(feedback: Feedback, axis: str) -> Mapping[str, float]:
 
 def default_period(feedback: Feedback) -> float:
     """Return the servo period of the shipped machine that stands for a loop [ms]."""
-    return _short(read_machine(MODELS[feedback]).servo_period / MS)
+    return _short(read_machine(LOOPS[feedback].model).servo_period / MS)

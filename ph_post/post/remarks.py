@@ -95,7 +95,7 @@ def _offsets(plan: Plan) -> list[str]:
     for axis in plan.path.axes:
         own = [jog for jog in jogs if jog.axis == axis]
         size = max((abs(jog.travel) for jog in own), default=0.0) / MM
-        if own and plan.machine.axes[axis].feedback != "load":
+        if own and not plan.machine.axes[axis].loop.encloses_backlash:
             facts.append(
                 f"axis {axis} carries an offset of {size / 2.0:g} mm from the path towards the side it moves"
                 f" to, changed at {len(own)} stops by a G1 between dwells, and taken back at the end"

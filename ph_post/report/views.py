@@ -19,7 +19,6 @@ from ph_post.types import (
     Axis,
     Command,
     Crossing,
-    Feedback,
     FeedProfile,
     Jog,
     Machine,
@@ -28,13 +27,6 @@ from ph_post.types import (
     Window,
 )
 from ph_post.units import MM, MM_PER_MIN, MS
-
-LOOPS: Final[dict[Feedback, str]] = {
-    "load": "scale on the table",
-    "motor": "encoder on the motor",
-    "none": "no feedback",
-}
-"""Where the loop of an axis closes, in words."""
 
 
 def machine_view(machine: Machine) -> dict[str, Any]:
@@ -90,7 +82,7 @@ def machine_table(machine: Machine, axes: Sequence[str]) -> dict[str, Any]:
 
 
 def _pickup(axis: Axis) -> str:
-    return axis.gap.pickup or ("every rule is tried" if axis.feedback == "load" else "-")
+    return axis.gap.pickup or ("every rule is tried" if axis.loop.encloses_backlash else "-")
 
 
 def _flank(axis: Axis) -> str:
@@ -99,7 +91,7 @@ def _flank(axis: Axis) -> str:
 
 
 _CELLS: Final[dict[str, Callable[[Axis], str]]] = {
-    "loop": lambda axis: LOOPS[axis.feedback],
+    "loop": lambda axis: axis.loop.label,
     "lost motion [mm]": lambda axis: f"{axis.gap.lost_motion / MM:.4g}",
     "lost motion known to": lambda axis: f"± {100.0 * axis.uncertainty.backlash:g} %",
     "b [s²]": lambda axis: f"{axis.servo.b:.4g}",

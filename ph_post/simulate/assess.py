@@ -166,7 +166,7 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
     drives = [machine.axes[name] for name in axes]
     resting = axes if resting is None else resting
     open_flank = any(axis.gap.initial_flank == "unknown" and axis.name in resting for axis in drives)
-    open_rule = any(axis.feedback == "load" and axis.gap.pickup is None for axis in drives)
+    open_rule = any(axis.loop.encloses_backlash and axis.gap.pickup is None for axis in drives)
     flanks: tuple[Any, ...] = ("+", "-") if open_flank else (None,)
     rules: tuple[Any, ...] = PICKUPS if open_rule else (None,)
     nominal = [Scenario(pickup=rule, flank=flank) for rule in rules for flank in flanks]
@@ -193,7 +193,7 @@ def _distinct(found: Iterable[Scenario], drives: Sequence[Axis], resting: Collec
 def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
     """All that a scenario changes about an axis."""
     plant = plant_of(axis, scenario)
-    if axis.feedback != "load":
+    if not axis.loop.encloses_backlash:
         plant = replace(plant, eta=0.5, beta=0.0, pickup="standstill")
     return plant, first_flank(axis, scenario) if rests and (plant.gap or plant.widening) else 0
 

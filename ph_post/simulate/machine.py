@@ -204,7 +204,7 @@ def _start(trace: AxisCommand, plant: Plant, automaton: Automaton, flank: int) -
     if not any(key[0] == flank for key in automaton.keys):
         flank = automaton.keys[0][0]  # the load keeps a play on that one
     z = np.zeros(STATES)
-    if plant.feedback == "load":
+    if plant.loop.encloses_backlash:
         z[0], z[1], z[3] = trace.place, trace.speed, trace.speed
         z[2] = z[0] + 0.5 * flank * gap_at(plant, z[0])
     else:

@@ -73,7 +73,7 @@ def _holds(plant: Plant) -> int:
     """Say what keeps motor and table a gap apart while they touch."""
     if plant.windup_frequency:
         return kernel.SPRING
-    return kernel.TABLE if plant.feedback == "load" else kernel.PLAY
+    return kernel.TABLE if plant.loop.encloses_backlash else kernel.PLAY
 
 
 NEGLIGIBLE: Final = 1e-9

@@ -311,7 +311,7 @@ def _before(machine: Machine, kit: Sequence[Experiment]) -> Iterator[str]:
     yield f"- Switch off what the controller compensates{_compensation(machine)}: it would hide the gap."
     cold = program_file(machine, kit[-1])
     yield f"- `{cold}` wants a machine that was off for the night; the others a warm one."
-    closed = [name for name, axis in machine.axes.items() if axis.feedback == "load"]
+    closed = [name for name, axis in machine.axes.items() if axis.loop.encloses_backlash]
     if closed:
         yield (
             f"- The loops of {', '.join(closed)} follow a scale, and cannot show what is wrong with it:"
@@ -360,7 +360,7 @@ def _command(machine: Machine, source: str, folder: str, one: Experiment) -> str
 
 def _by_hand(machine: Machine) -> Iterator[str]:
     """Say what no program can do."""
-    closed = [name for name, axis in machine.axes.items() if axis.feedback == "load"]
+    closed = [name for name, axis in machine.axes.items() if axis.loop.encloses_backlash]
     yield ""
     yield "## By hand"
     yield ""

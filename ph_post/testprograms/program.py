@@ -119,15 +119,12 @@ def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str,
 
 def _own(machine: Machine, axis: str) -> Channel | None:
     """Which side of the gap the loop's own feedback is on."""
-    feedback = machine.axes[axis].feedback
-    if feedback == "none":
-        return None
-    return "act" if feedback == "load" else "motor"
+    return machine.axes[axis].loop.own_channel
 
 
 def _is_offered(machine: Machine, axis: str, channel: Channel, needed: Collection[Channel]) -> bool:
     """Whether an axis can have it: without feedback there is no force, and an encoder only if put on."""
-    if machine.axes[axis].feedback != "none":
+    if machine.axes[axis].loop.has_controller:
         return True
     return channel == "act" or (channel == "motor" and channel in needed)
 

@@ -2,11 +2,11 @@
 
 from ph_post.types.arrays import Array, BoolArray, IntArray, Sealed, frozen, sealed
 from ph_post.types.log import AxisLog, EffortUnit, Event, EventKind, Log, LogSide, Run
+from ph_post.types.loops import CONTROLLED_LOOPS, ENCLOSING_LOOPS, EVERY_LOOP, LOOPS, Feedback, Loop
 from ph_post.types.machine import (
     Axis,
     Capabilities,
     EffectSetting,
-    Feedback,
     Flank,
     Gap,
     Limits,
@@ -30,6 +30,10 @@ from ph_post.types.plan import (
 )
 
 __all__ = [
+    "CONTROLLED_LOOPS",
+    "ENCLOSING_LOOPS",
+    "EVERY_LOOP",
+    "LOOPS",
     "Array",
     "Axis",
     "AxisLog",
@@ -52,6 +56,7 @@ __all__ = [
     "Limits",
     "Log",
     "LogSide",
+    "Loop",
     "Machine",
     "Path",
     "Phase",

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import msgspec
 
-Feedback = Literal["load", "motor", "none"]
+from ph_post.types.loops import LOOPS, Feedback, Loop
+
 Flank = Literal["+", "-", "unknown"]
 Pickup = Literal["standstill", "momentum", "contact"]
 
@@ -78,6 +79,11 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
     limits: Limits
     uncertainty: Uncertainty = Uncertainty()
     effects: tuple[EffectSetting, ...] = ()
+
+    @property
+    def loop(self) -> Loop:
+        """The loop by the name that `feedback` gives it."""
+        return LOOPS[self.feedback]
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):

@@ -108,7 +108,7 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
             got=f"{declared.machine}, {digest}",
         )
     for axis, amount in declared.offsets.items():
-        if axis not in machine.axes or machine.axes[axis].feedback == "load":
+        if axis not in machine.axes or machine.axes[axis].loop.encloses_backlash:
             findings.add(
                 "machine",
                 f"{axis} carries a lasting offset",

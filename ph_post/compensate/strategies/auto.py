@@ -11,7 +11,7 @@ from ph_post.compensate.offsets import carries_offset
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import crossing_families, jog_families
-from ph_post.types import Feedback
+from ph_post.types import EVERY_LOOP
 
 DEGREES = (4, 6, 10)
 """Degrees of Eq. (26) that are searched where only the feed may be modulated."""
@@ -28,7 +28,7 @@ class Automatic:
 
     name = "auto"
     summary = "the best of all at every turning point, in simulation and within the limits"
-    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the best design at every turning point."""
@@ -49,7 +49,7 @@ def _families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Crossings first; a stop alone helps only inside a loop."""
     lowest = BACKWARDS if task.options.allow_retrograde else 0.0
     crossing = crossing_families(task, case)
-    inside = any(axis.feedback == "load" for axis, _ in case.reversing)
+    inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
     return (*crossing, PLATEAU, dips(SIMPLE, lowest)) if inside else crossing
 
 

@@ -13,7 +13,7 @@ from ph_post.analysis.path_analysis import feed_at
 from ph_post.compensate import profile
 from ph_post.compensate.strategies import feed
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
-from ph_post.types import Window
+from ph_post.types import EVERY_LOOP, Window
 
 ORDER = 3
 """Derivatives of the feed that vanish at the junctions: jerk and its rate are continuous along the path."""
@@ -27,14 +27,14 @@ class DwellAtReversals:
 
     name = "dwell"
     summary = "a smooth stop at every turning point for the length of its backlash interval"
-    feedbacks = feed.FEEDBACKS
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want a stop in every window in which an axis crosses its gap, and say what a stop does not do."""
         feed.refuse_options(task.options, self.name, "ratio", "degree", "coefficients")
         proposal = feed.propose(task, lambda window, longest: _wish(task, window, longest))
         axes = feed.modulated_axes(task, proposal.wishes)
-        inside = [name for name in axes if task.machine.axes[name].feedback == "load"]
+        inside = [name for name in axes if task.machine.axes[name].loop.encloses_backlash]
         if not inside:
             return proposal
         warning = (

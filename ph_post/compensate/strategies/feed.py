@@ -9,10 +9,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.drive.axes import axis_at
 from ph_post.errors import InputError
-from ph_post.types import Feedback, ProfileShape, TurningPoint, Window
-
-FEEDBACKS: frozenset[Feedback] = frozenset(("load", "motor", "none"))
-"""A modulated feed shrinks the error inside a loop; outside one it shortens the way travelled meanwhile."""
+from ph_post.types import ProfileShape, TurningPoint, Window
 
 DEGREE = 10
 """n of Eq. (26) by default, as in section 6."""
@@ -142,7 +139,7 @@ def modulated_axes(task: PlanningTask, wishes: tuple[ProfileRequest, ...]) -> li
 def _offset_warning(task: PlanningTask, wishes: tuple[ProfileRequest, ...]) -> tuple[str, ...]:
     """Say which axes keep a lasting offset whatever the feed does."""
     axes = modulated_axes(task, wishes)
-    open_axes = [name for name in axes if task.machine.axes[name].feedback != "load"]
+    open_axes = [name for name in axes if not task.machine.axes[name].loop.encloses_backlash]
     if not open_axes:
         return ()
     who = f"axis {open_axes[0]} has" if len(open_axes) == 1 else f"axes {', '.join(open_axes)} have"

@@ -14,6 +14,7 @@ from __future__ import annotations
 from ph_post.compensate import profile
 from ph_post.compensate.strategies import feed
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.types import EVERY_LOOP
 
 RATIO = 0.25
 """V / V_c at the turning point by default, as of `suppress`."""
@@ -24,7 +25,7 @@ class LinearDip:
 
     name = "linear"
     summary = "a piecewise linear feed dip about every turning point, a baseline"
-    feedbacks = feed.FEEDBACKS
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""

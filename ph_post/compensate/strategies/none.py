@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
-from ph_post.types import Feedback
+from ph_post.types import EVERY_LOOP
 
 
 class PlainFeed:
@@ -11,7 +11,7 @@ class PlainFeed:
 
     name = "none"
     summary = "the plain program, nothing added"
-    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want no profile anywhere, and have nothing to say about it."""

@@ -12,6 +12,7 @@ from ph_post.compensate import shapes
 from ph_post.compensate.strategies import feed
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 from ph_post.errors import InputError
+from ph_post.types import EVERY_LOOP
 
 RATIO = -0.3
 """V(½) / V_c by default. Where the gap opens once only, as [1]_ simulates it, the error is least near -0.4;
@@ -23,7 +24,7 @@ class Retrograde:
 
     name = "retrograde"
     summary = "a feed dip below zero: the tool moves back for a while; needs --allow-retrograde"
-    feedbacks = feed.FEEDBACKS
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap.

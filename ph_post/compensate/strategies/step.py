@@ -16,7 +16,7 @@ from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import refuse_offsets
 from ph_post.errors import InputError
 from ph_post.geometry.bernstein import evaluate
-from ph_post.types import Axis, Crossing, Feedback
+from ph_post.types import ENCLOSING_LOOPS, EVERY_LOOP, Axis, Crossing
 
 PART = 0.5
 """Part of the acceleration limit that the shift may take."""
@@ -30,7 +30,7 @@ class StepCompensation:
 
     name = "step"
     summary = "the position step that controllers add at a reversal; a baseline"
-    feedbacks: frozenset[Feedback] = frozenset(("motor", "none"))
+    feedbacks = EVERY_LOOP - ENCLOSING_LOOPS
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want a shift in every window, and no profile."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ph_post.compensate.strategies import feed
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.types import EVERY_LOOP
 
 RATIO = 0.25
 """V(½) / V_c by default: the shallow minimum of the error among profiles that keep V >= 0; section 6."""
@@ -14,7 +15,7 @@ class FeedSuppression:
 
     name = "suppress"
     summary = "a smooth feed dip about every turning point, never negative unless allowed"
-    feedbacks = feed.FEEDBACKS
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""

@@ -15,7 +15,7 @@ from ph_post.compensate.offsets import carries_offset
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
-from ph_post.types import Feedback
+from ph_post.types import EVERY_LOOP
 
 
 class TakeUp:
@@ -23,7 +23,7 @@ class TakeUp:
 
     name = "takeup"
     summary = "the reversing axis is commanded through its gap while the path slows down or stops"
-    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+    feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the crossing that is best in simulation at every turning point."""
@@ -65,7 +65,7 @@ def refuse_offsets(task: PlanningTask, name: str) -> None:
 
 def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Families that cross the gap: those that stop only where no least feed forbids it."""
-    inside = any(axis.feedback == "load" for axis, _ in case.reversing)
+    inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
     if not inside:
         return (BARE, OFFSET)
     return () if task.options.min_feed else (CROSSING,)
@@ -75,7 +75,7 @@ def jog_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamil
     """Families of what a part program can carry: they stop, and so need that no least feed forbids it."""
     if task.options.min_feed:
         return ()
-    inside = any(axis.feedback == "load" for axis, _ in case.reversing)
+    inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
     if inside:
         return (PULSE,)
     return (JOG,) if any(carries_offset(axis) for axis, _ in case.reversing) else ()

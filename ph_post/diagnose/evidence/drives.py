@@ -36,7 +36,7 @@ MOST: Final = 3
 def backlash(exhibit: Evidence) -> Iterator[str]:
     """Yield what a gap shows: travel lost between the sides, whatever the speed."""
     yield from _between_sides(exhibit)
-    if exhibit.problem.plant.feedback == "load":
+    if exhibit.problem.plant.loop.encloses_backlash:
         yield from _crossing(exhibit)
         return
     levels = settled_levels(exhibit, _before(exhibit), exhibit.use())
@@ -59,7 +59,7 @@ def by_place(exhibit: Evidence) -> Iterator[str]:
         words = ", ".join(f"{length(size)} at {x / MM:.3g} mm" for x, size in found)
         what = (
             f"the error behind reversals of {exhibit.axis} is"
-            if exhibit.problem.plant.feedback == "load"
+            if exhibit.problem.plant.loop.encloses_backlash
             else f"the gap that {exhibit.reading} shows is"
         )
         yield compared(
@@ -173,7 +173,7 @@ def _between_sides(exhibit: Evidence) -> Iterator[str]:
             f"{exhibit.column('motor')} less {exhibit.column('act')} differs by {length(gap)} between the directions",
             gap > 0.0,
         )
-    if exhibit.problem.plant.feedback == "load":
+    if exhibit.problem.plant.loop.encloses_backlash:
         return
     sides = [between_ways(exhibit, exhibit.before[one], exhibit.use(one)) for one in ("motor", "act")]
     if sides[0] is not None and sides[1] is not None:
@@ -206,7 +206,7 @@ def _crossing(exhibit: Evidence) -> Iterator[str]:
 def _at_places(exhibit: Evidence) -> list[tuple[float, float]]:
     """Places along the travel [m], and the size of what goes with the direction there [m]."""
     motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
-    if exhibit.problem.plant.feedback == "load":
+    if exhibit.problem.plant.loop.encloses_backlash:
         size, _, at, _ = reversal_sizes(residual, motion, AFTER, use)
         if at.size < 2 * MOST or np.ptp(at) < MM:
             return []

@@ -36,7 +36,7 @@ LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
 
 
 def _shows_gap(problem: AxisProblem) -> str:
-    if problem.plant.feedback == "load" or problem.side == "unknown":
+    if problem.plant.loop.encloses_backlash or problem.side == "unknown":
         return ""
     reads = any(one.channel == "act" for one in problem.observed)
     return "" if reads else "behind the motor's loop only a reading of the table shows it"
@@ -168,7 +168,7 @@ def _windup(plant: Plant, numbers: Numbers) -> Plant:
 def _rigid(problem: AxisProblem) -> str:
     if problem.plant.windup_frequency:
         return "the file has it already"
-    if problem.plant.feedback == "load":
+    if problem.plant.loop.encloses_backlash:
         return _no_servo(problem) or ("" if problem.plant.eta < 0.98 else "no table behind the spring")
     reads = any(one.channel == "act" for one in problem.observed)
     return "" if reads else "behind the motor's loop only a reading of the table shows it"
@@ -191,7 +191,7 @@ WINDUP = Hypothesis(
 
 def _no_impact(problem: AxisProblem) -> str:
     plant = problem.plant
-    if plant.feedback != "load":
+    if not plant.loop.encloses_backlash:
         return "outside of the loop nothing is picked up"
     if plant.pickup != "standstill":
         return "the file keeps momentum already"
@@ -224,7 +224,7 @@ def _limits(problem: AxisProblem, left: Residuals) -> list[Numbers]:
 
 
 def _no_torque(problem: AxisProblem) -> str:
-    return "an open loop is not limited by it" if problem.plant.feedback == "none" else _no_servo(problem)
+    return _no_servo(problem) if problem.plant.loop.has_controller else "an open loop is not limited by it"
 
 
 SATURATION = Hypothesis(

@@ -203,7 +203,7 @@ DIFFERENCE = replace(
 
 def _needs_effort(problem: AxisProblem) -> str:
     """Say where a load shows no more than a wrong origin: it also keeps a table in the loop on a flank."""
-    in_gap = problem.plant.feedback == "load" and problem.plant.gap > 0.0
+    in_gap = problem.plant.loop.encloses_backlash and problem.plant.gap > 0.0
     shows = problem.has_effort or in_gap
     return _no_friction(problem) or ("" if shows else "needs a force or current channel")
 

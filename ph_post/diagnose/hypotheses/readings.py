@@ -109,7 +109,7 @@ def _delay(where: float) -> Hypothesis:
 
 
 def _loop_reads_late(problem: AxisProblem) -> str:
-    if problem.plant.feedback == "none":
+    if not problem.plant.loop.has_controller:
         return "an open loop reads nothing"
     return _needs_table(problem)
 

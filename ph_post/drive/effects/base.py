@@ -34,7 +34,7 @@ import msgspec
 from ph_post.consistency import consistent_value
 from ph_post.drive.plant import Plant
 from ph_post.errors import InputError
-from ph_post.types import Axis, Feedback
+from ph_post.types import EVERY_LOOP, Axis, Feedback
 from ph_post.units import DEGREE, HERTZ, MM, MM_PER_MIN, MS
 
 Values = Mapping[str, float]
@@ -134,7 +134,7 @@ class Effect(msgspec.Struct, frozen=True, kw_only=True):
     apply: Callable[[Plant, Values], Plant]
     fault: Callable[[Axis, Values], EffectFault | None] = no_fault
     once: bool = False
-    feedbacks: frozenset[Feedback] = frozenset(("load", "motor", "none"))
+    feedbacks: frozenset[Feedback] = EVERY_LOOP
 
     def ways(self) -> dict[str, tuple[Parameter, ...]]:
         """Parameters by the value they give."""

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.effects.base import ONE, Effect, Parameter, Values
 from ph_post.drive.plant import Plant
+from ph_post.types import ENCLOSING_LOOPS
 
 
 def _apply(plant: Plant, values: Values) -> Plant:
@@ -37,5 +38,5 @@ EFFECT = Effect(
     ),
     apply=_apply,
     once=True,
-    feedbacks=frozenset(("load",)),
+    feedbacks=ENCLOSING_LOOPS,
 )

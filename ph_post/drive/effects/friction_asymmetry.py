@@ -22,7 +22,7 @@ def _fault(axis: Axis, values: Values) -> EffectFault | None:
     b, c = axis.servo.b, axis.servo.c
     fraction, beta = axis.gap.inertia_fraction, axis.gap.beta
     own = 0.0
-    if axis.feedback == "load" and fraction is not None and beta is not None:
+    if axis.loop.encloses_backlash and fraction is not None and beta is not None:
         own = fraction * beta * b
     for gives in ("plus", "minus"):
         coefficient = values[gives]

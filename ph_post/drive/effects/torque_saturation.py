@@ -15,7 +15,7 @@ from ph_post.drive.effects.base import (
     Values,
 )
 from ph_post.drive.plant import Plant
-from ph_post.types import Axis
+from ph_post.types import CONTROLLED_LOOPS, Axis
 
 
 def _per_torque(axis: Axis) -> float | None:
@@ -70,5 +70,5 @@ EFFECT = Effect(
         ),
     ),
     apply=_apply,
-    feedbacks=frozenset(("load", "motor")),
+    feedbacks=CONTROLLED_LOOPS,
 )

@@ -18,7 +18,7 @@ def _apply(plant: Plant, values: Values) -> Plant:
 
 
 def _fault(axis: Axis, values: Values) -> EffectFault | None:
-    if axis.feedback == "none" and values["where"] == _READING:
+    if not axis.loop.has_controller and values["where"] == _READING:
         return EffectFault(gives="where", what="an open loop reads nothing", expected='"command"')
     return None
 
