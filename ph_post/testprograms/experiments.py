@@ -6,7 +6,7 @@ The table gives motions, channels and the physical reason for every pair of effe
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations, product
 from typing import Final
 
@@ -29,7 +29,7 @@ from ph_post.units import MM, MS
 
 
 class Separation(msgspec.Struct, frozen=True, kw_only=True):
-    """What tells effects apart, or shows one.
+    """Motions and channels that separate two effects, or show one of them.
 
     `parts` are motions of :data:`ph_post.testprograms.motions.PARTS`, `record` the channels without which they
     tell nothing, `why` the physics in a sentence.
@@ -41,30 +41,26 @@ class Separation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _see(parts: str, record: str, why: str) -> Separation:
-    return Separation(parts=_words(parts), record=_channels(record), why=why)
+    return Separation(parts=tuple(parts.split(", ")), record=_channels(record.split()), why=why)
 
 
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(","))
-
-
-def _channels(text: str) -> tuple[Channel, ...]:
-    known: tuple[Channel, ...] = ("act", "motor", "force")
-    return tuple(channel for channel in known if channel in text.split())
+def _channels(needed: Collection[str]) -> tuple[Channel, ...]:
+    """Put channels into their order."""
+    return tuple(channel for channel in EVERY if channel in needed)
 
 
 SHOWN: Final[Mapping[str, Separation]] = {
-    "backlash": _see("ladder", "act motor", "play is what the table lacks of the motor's way"),
+    "backlash": _see("ladder", "act motor", "backlash is the travel that the table lacks behind the motor"),
     "coulomb_friction": _see("ladder, speeds", "force", "dry friction is a force of one size by direction"),
     "stribeck_friction": _see("speeds", "act force", "friction that falls with speed shows in a crawl"),
     "viscous_friction": _see("speeds", "force", "viscous friction is a force in proportion to speed"),
-    "friction_asymmetry": _see("speeds", "force", "such friction has another slope in the other direction"),
+    "friction_asymmetry": _see("speeds", "force", "asymmetric friction has another slope in the other direction"),
     "load_offset": _see("ladder, speeds", "force", "a load is a force that stays when the direction changes"),
     "elastic_windup": _see("fast, small circles", "act motor", "a spring gives way with acceleration"),
     "engagement_impact": _see(
         "ladder, circles", "act motor", "the table starts with a jump where the motor picks it up at speed"
     ),
-    "position_dependent_backlash": _see("places, sweeps", "act motor", "such a gap differs along the axis"),
+    "position_dependent_backlash": _see("places, sweeps", "act motor", "the backlash differs along the axis"),
     "cyclic_error": _see("sweeps", "act", "an error of the screw repeats with its lead at any feed"),
     "scale_error": _see("sweeps", "act", "a wrong scale grows with the way, at any time"),
     "thermal_growth": _see("warm-up", "act", "warmth shifts the reading as time goes by"),
@@ -93,8 +89,8 @@ _TABLE: Final = (
         _see(
             "ladder, circles",
             "act motor force",
-            "play is a difference between motor and table and takes no force, friction is a force and leaves"
-            " motor and table together; steps below and above the gap, and other feeds",
+            "backlash is a difference between motor and table and takes no force, friction is a force and leaves"
+            " motor and table together; steps below and above the backlash, and other feeds",
         ),
     ),
     (
@@ -170,7 +166,7 @@ _TABLE: Final = (
         _see(
             "ladder, fast, small circles",
             "act motor force",
-            "a spring gives way with force and comes back, a gap stays open at rest, friction stays a force",
+            "a spring gives way with force and comes back, backlash stays open at rest, friction stays a force",
         ),
     ),
     (
@@ -197,7 +193,7 @@ _TABLE: Final = (
         _see(
             "ladder, circles, small circles",
             "act motor",
-            "the size of a gap shows at standstill after small steps, what the pick-up keeps of the motor's"
+            "the size of the backlash shows at standstill after small steps, what the pick-up keeps of the motor's"
             " momentum grows with the speed across it: several feeds and accelerations",
         ),
     ),
@@ -207,7 +203,7 @@ _TABLE: Final = (
         _see(
             _AIR,
             "act force",
-            "in air there is no cutting force, and everything else is as before; run the program of this record"
+            "in air there is no cutting force, and everything else is as before; run the program of this log"
             " once more in air, too",
         ),
     ),
@@ -217,7 +213,7 @@ _TABLE: Final = (
         _see(
             "places",
             "act motor",
-            "reversals at several places: one gap everywhere, or another at each",
+            "reversals at several places: the same backlash everywhere, or another at each",
         ),
     ),
     (
@@ -226,7 +222,7 @@ _TABLE: Final = (
         _see(
             "places, sweeps",
             "act motor",
-            "an error of the screw is the same in both directions, a gap is what differs between them",
+            "an error of the screw is the same in both directions, backlash is what differs between them",
         ),
     ),
     (
@@ -262,11 +258,11 @@ _TABLE: Final = (
 BETWEEN: Final[Mapping[frozenset[str], Separation]] = {
     frozenset(pair): separation for one, other, separation in _TABLE for pair in product(one, other)
 }
-"""What tells two effects apart."""
+"""Separations of two effects."""
 
 
 def separation(one: str, other: str) -> Separation:
-    """Return what tells two effects of the catalogue apart: of the table, or what shows each of them.
+    """Return the separation of two effects of the catalogue: of the table, or what shows each of them.
 
     Examples
     --------
@@ -282,7 +278,7 @@ def separation(one: str, other: str) -> Separation:
     whys = dict.fromkeys((first.why, second.why))
     return Separation(
         parts=tuple(dict.fromkeys((*first.parts, *second.parts))),
-        record=_channels(" ".join((*first.record, *second.record))),
+        record=_channels((*first.record, *second.record)),
         why="; ".join(whys),
     )
 
@@ -297,27 +293,27 @@ RADIUS_SHARE: Final = 0.3
 """Radius of the circles as a share of the smallest room."""
 
 OTHER_FEEDS: Final = (0.2, 1.0, 5.0)
-"""Feeds of the circles by that of the record."""
+"""Feeds of the circles, as multiples of the feed of the log."""
 
 SPEED_SPAN: Final = 20.0 * MS
-"""Time over which the speed of a record is measured [s]: commands come in steps."""
+"""Time over which the speed of a log is measured [s]: commands come in steps."""
 
 ROOM: Final = (
-    "the room is that of the positions in the record, with which G54 must agree: joints as LinuxCNC samples"
-    " them are in machine coordinates, so that G54 must have no offset then"
+    "it moves within the positions of the log, with which G54 must agree: joints as LinuxCNC samples them are"
+    " in machine coordinates, so that G54 must have no offset then"
 )
-"""What a program says about where it moves."""
+"""Remark of a program on where it moves."""
 
 FULL_MIX: Final = Separation(
     parts=("mix",),
     record=EVERY,
-    why="everything that can be excited in one record: steps, places, sweeps, speeds, circles, diagonals",
+    why="everything that can be excited in one log: steps, places, sweeps, speeds, circles, diagonals",
 )
-"""For a verdict that no pair of names stands behind."""
+"""Separation for a verdict without two names."""
 
 
 def next_experiment(names: Sequence[str], axis: str, log: Log, machine: Machine) -> Experiment | None:
-    """Write the program that separates effects which a record cannot tell apart.
+    """Write the program that separates effects which a log cannot tell apart.
 
     Parameters
     ----------
@@ -327,7 +323,7 @@ def next_experiment(names: Sequence[str], axis: str, log: Log, machine: Machine)
     axis : str
         Axis that they would be on.
     log : Log
-        The record: the program stays within the positions that it commanded, and uses other feeds.
+        The program stays within the positions that it commanded, and uses other feeds.
     machine : Machine
         Its limits and its dialect.
 
@@ -377,7 +373,7 @@ def _combined(names: Sequence[str]) -> Separation:
     return Separation(
         # It wants a cold machine, which the others would warm.
         parts=tuple(sorted(parts, key=lambda part: part != "warm-up")),
-        record=tuple(channel for channel in EVERY if channel in needed),
+        record=_channels(needed),
         why="; ".join(dict.fromkeys(pair.why for pair in pairs)),
     )
 
@@ -395,26 +391,23 @@ def _why(names: Sequence[str], found: Separation) -> str:
 
 
 def _missing_channels(axes: Sequence[str], found: Separation, log: Log) -> list[str]:
-    """Channels that are needed and that the record lacks, and a side that nobody told."""
+    """Say which channels the log lacks, and of which readings the side is unknown."""
+    fields = {"act": "table", "motor": "motor", "force": "effort"}
     lacking = [
-        f"{axis}_{_COLUMN[channel]}"
+        f"{axis}_{channel}"
         for axis in axes
         for channel in found.record
-        if getattr(log.axes[axis], _FIELD[channel]) is None
+        if getattr(log.axes[axis], fields[channel]) is None
     ]
-    lines = [f"new beside the last record: {', '.join(lacking)}"] if lacking else []
+    lines = [f"also record: {', '.join(lacking)}"] if lacking else []
     unknown = [axis for axis in axes if log.axes[axis].side == "unknown"]
     return lines + [
         f"say where {axis}_act is read: at the table, or at the motor, where it is {axis}_motor" for axis in unknown
     ]
 
 
-_FIELD: Final[Mapping[Channel, str]] = {"act": "table", "motor": "motor", "force": "effort"}
-_COLUMN: Final[Mapping[Channel, str]] = {"act": "act", "motor": "motor", "force": "force"}
-
-
 def _test_volume(involved: Sequence[str], log: Log, machine: Machine) -> TestVolume | None:
-    """Room and feeds: where the record went, and feeds around its own."""
+    """Room and feeds: where the log went, and feeds around its own."""
     moved = {
         axis: _span(record)
         for axis, record in log.axes.items()
@@ -446,7 +439,7 @@ def _span(record: AxisLog) -> tuple[float, float]:
 
 
 def _cruise(log: Log, axes: Sequence[str]) -> float:
-    """Speed that the record holds for long where it moves [m/s]: the median of the faster half."""
+    """Speed that the log holds for long where it moves [m/s]: the median of the faster half."""
     lag = max(1, round(SPEED_SPAN / log.period))
     steps = [log.axes[axis].command[lag:] - log.axes[axis].command[:-lag] for axis in axes]
     speed: Array = np.sqrt(sum(step * step for step in steps)) / (lag * log.period)
@@ -455,7 +448,7 @@ def _cruise(log: Log, axes: Sequence[str]) -> float:
 
 
 def _feeds(cruise: float, top: float) -> tuple[float, ...]:
-    """Choose feeds around that of the record, within what circles allow: at least one is another."""
+    """Choose feeds around the log's, within what circles allow: at least one is another."""
     low = min(CRAWL, 0.2 * top)
     found = sorted({min(max(share * cruise, low), top) for share in OTHER_FEEDS})
     return tuple(found) if len(found) > 1 else (0.2 * found[0], found[0])

@@ -96,9 +96,11 @@ def _each(axes: Sequence[str], values: Sequence[float], option: str) -> dict[str
 
 def _check_room(axis: str, middle: float, room: float) -> None:
     if not (math.isfinite(middle) and abs(middle) <= FARTHEST):
-        raise InputError("--centre", f"no place for {axis}", expected="within 100 m", got=f"{middle / MM:g} mm")
+        raise InputError(
+            "--centre", f"the centre of {axis} is out of range", expected="within 100 m", got=f"{middle / MM:g} mm"
+        )
     if not LEAST <= room <= FARTHEST:
-        what = f"no room for {axis} to move in"
+        what = f"the travel of {axis} is out of range"
         raise InputError("--travel", what, expected=f"at least {LEAST / MM:g} mm, up to 100 m", got=f"{room / MM:g} mm")
 
 
@@ -107,7 +109,7 @@ def _check_radius(radius: float, rooms: Mapping[str, float]) -> None:
     if not LEAST_RADIUS <= radius <= most:
         raise InputError(
             "--radius",
-            "the circles leave the travel" if radius > most else "no radius for a circle",
+            "the circles leave the travel" if radius > most else "the radius is out of range",
             expected=f"{LEAST_RADIUS / MM:g} mm up to {most / MM:g} mm, half of the travel",
             got=f"{radius / MM:g} mm",
         )
@@ -122,12 +124,12 @@ def _feeds(machine: Machine, axes: tuple[str, ...], radius: float, wanted: Seque
     for feed in wanted:
         told = f"{feed / MM_PER_MIN:g} mm/min"
         if not feed >= SLOWEST:
-            raise InputError("--feeds", "no feed", expected="at least 1 mm/min", got=told)
+            raise InputError("--feeds", "the feed is too slow", expected="at least 1 mm/min", got=told)
         if feed > top:
-            what = "the feed is above what the machine has"
+            what = "the feed exceeds the machine's limit"
             raise InputError("--feeds", what, expected=f"up to {top / MM_PER_MIN:g} mm/min", got=told)
         if len(axes) > 1 and feed > round_circle:
-            what = f"circles of {radius / MM:g} mm take more acceleration or jerk than the machine has"
+            what = f"circles of {radius / MM:g} mm exceed the machine's limits of acceleration or jerk"
             most = f"up to {math.floor(round_circle / MM_PER_MIN)} mm/min, or a larger --radius"
             raise InputError("--feeds", what, expected=most, got=told)
     return tuple(sorted(set(wanted)))
@@ -178,21 +180,17 @@ def calibration_kit(
     if not (math.isfinite(warm_up) and 0.0 < warm_up <= LONGEST):
         raise InputError(
             "--warm-up",
-            "no time for a run",
+            "the warm-up time is out of range",
             expected="minutes, above 0 up to 120",
             got=f"{warm_up / MINUTE:g}",
         )
+    why = "a little of everything in one log: steps, sweeps, speeds, circles and diagonals"
     return (
-        _whole(volume),
+        build_experiment(volume, "mix", why, lambda builder: parts.mix(builder, volume.axes)),
         *(one for axis in volume.axes for one in _of_axis(volume, axis)),
         *(one for pair in volume.pairs for one in _of_pair(volume, pair)),
         _warm(volume, warm_up),
     )
-
-
-def _whole(volume: TestVolume) -> Experiment:
-    why = "a little of everything in one record: steps, sweeps, speeds, circles and diagonals"
-    return build_experiment(volume, "mix", why, lambda builder: parts.mix(builder, volume.axes))
 
 
 def _of_axis(volume: TestVolume, axis: str) -> list[Experiment]:
@@ -203,13 +201,13 @@ def _of_axis(volume: TestVolume, axis: str) -> list[Experiment]:
         build_experiment(
             volume,
             f"ladder_{small}",
-            f"steps of {axis} from 0.01 to 10 mm to either side: gap and friction",
+            f"steps of {axis} from 0.01 to 10 mm to either side: backlash and friction",
             lambda builder: _between(builder, lambda: parts.ladder(builder, axis)),
         ),
         build_experiment(
             volume,
             f"sweep_{small}",
-            f"all of {axis} slowly and faster, and reversals along it: screw, scale, gap by position",
+            f"all of {axis} slowly and faster, and reversals along it: screw, scale, backlash by position",
             lambda builder: _between(
                 builder, lambda: parts.sweeps(builder, axis), lambda: parts.places(builder, axis, 7)
             ),
@@ -238,7 +236,7 @@ def _of_pair(volume: TestVolume, pair: tuple[str, str]) -> list[Experiment]:
         build_experiment(
             volume,
             f"circles_{small}",
-            f"circles in {names} at several feeds both ways: gap, servo mismatch, delay, pick-up",
+            f"circles in {names} at several feeds both ways: backlash, servo mismatch, delay, pick-up",
             lambda builder: _between(
                 builder,
                 lambda: parts.circles(builder, pair, volume.feeds, volume.radius),
@@ -308,7 +306,8 @@ def _before(machine: Machine, kit: Sequence[Experiment]) -> Iterator[str]:
     yield ""
     yield "- Read the head of each program: it says where it moves. The tool must be clear of all there."
     yield "- The programs cut air. Spindle off, feed override at 100 percent, work offset G54."
-    yield f"- Switch off what the controller compensates{_compensation(machine)}: it would hide the gap."
+    where = " (BACKLASH and COMP_FILE in the ini file)" if machine.dialect == "linuxcnc" else ""
+    yield f"- Switch off what the controller compensates{where}: it would hide the backlash."
     cold = program_file(machine, kit[-1])
     yield f"- `{cold}` wants a machine that was off for the night; the others a warm one."
     closed = [name for name, axis in machine.axes.items() if axis.loop.encloses_backlash]
@@ -318,10 +317,6 @@ def _before(machine: Machine, kit: Sequence[Experiment]) -> Iterator[str]:
             " scale, cyclic error, growth and squareness want a gauge outside of the loop, such as a laser."
         )
     yield "- A log is a CSV file with a column t [s] and those named below, at a constant period."
-
-
-def _compensation(machine: Machine) -> str:
-    return " (BACKLASH and COMP_FILE in the ini file)" if machine.dialect == "linuxcnc" else ""
 
 
 def _runs(machine: Machine, source: str, folder: str, kit: Sequence[Experiment]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from ph_post.testprograms.builder import ARC_SHARE, CRAWL, TOP_SHARE, ProgramBui
 from ph_post.units import MINUTE, MM
 
 STEPS: Final = tuple(step * MM for step in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0))
-"""Rungs of a reversal ladder [m]: from below any gap worth the name to above all of them."""
+"""Rungs of a reversal ladder [m]: from below any backlash worth the name to above all of them."""
 
 FEW_STEPS: Final = tuple(step * MM for step in (0.02, 0.1, 0.5, 2.0, 10.0))
 
@@ -181,7 +181,7 @@ def warm_up(builder: ProgramBuilder, axes: Sequence[str], seconds: float, sweep:
 
 
 def mix(builder: ProgramBuilder, axes: Sequence[str]) -> None:
-    """Put everything into one record: what a first look at a machine needs."""
+    """Put everything into one program, as a first look at a machine needs."""
     volume = builder.volume
     standstill(builder)
     for axis in axes:

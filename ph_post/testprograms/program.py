@@ -14,16 +14,16 @@ from ph_post.units import MM, MM_PER_MIN
 EVERY: Final[tuple[Channel, ...]] = ("act", "motor", "force")
 
 LEAST_RATE: Final = 1000.0
-"""Samples a second that a record wants, where the controller's own period is longer."""
+"""Samples a second that a log needs, where the controller's own period is longer."""
 
 MARGIN: Final = 60.0
 """How much longer than the program is recorded [s]; a person starts one after the other."""
 
 READ_WITH: Final = "read it with "
-"""Before the options with which a record is read that has no header."""
+"""Words before the options with which a log without a header is read."""
 
 STORE: Final = 10.0
-"""What LinuxCNC's sampler holds until it is read [s]."""
+"""Time that LinuxCNC's sampler holds until it is read [s]."""
 
 
 def what_to_record(
@@ -103,12 +103,12 @@ def _signal(column: str, pin: str) -> str:
 
 
 def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:
-    """Columns of LinuxCNC's record, and where in HAL they come from."""
+    """Columns of LinuxCNC's log, and where in HAL they come from."""
     known = [axis for axis in "XYZ" if axis in machine.axes]
     pins = []
     for axis in axes:
         joint = f"joint.{known.index(axis)}"
-        own = _own(machine, axis)
+        own = machine.axes[axis].loop.own_channel
         pins.append((f"{axis}_cmd", f"{joint}.pos-cmd"))
         if own == "motor" or (own == "act" and not gauge):
             pins.append((f"{axis}_{own}", f"{joint}.pos-fb"))
@@ -117,20 +117,15 @@ def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str,
     return pins
 
 
-def _own(machine: Machine, axis: str) -> Channel | None:
-    """Which side of the gap the loop's own feedback is on."""
-    return machine.axes[axis].loop.own_channel
-
-
 def _is_offered(machine: Machine, axis: str, channel: Channel, needed: Collection[Channel]) -> bool:
-    """Whether an axis can have it: without feedback there is no force, and an encoder only if put on."""
+    """Return whether an axis can have a channel: without feedback there is no force, and an encoder only if put on."""
     if machine.axes[axis].loop.has_controller:
         return True
     return channel == "act" or (channel == "motor" and channel in needed)
 
 
 def _channel(machine: Machine, axis: str, channel: Channel, needed: Collection[Channel], gauge: bool) -> str:
-    own = channel == _own(machine, axis)
+    own = channel == machine.axes[axis].loop.own_channel
     if channel == "force":
         words = f"{axis}_force [N] or {axis}_current [A]: what the drive gives the motor"
     elif channel == "motor":

@@ -130,7 +130,7 @@ def test_the_same_again_changes_nothing_and_others_are_kept(capsys, tmp_path):
         ),
         (
             ("--feeds", "600,9000"),
-            "--feeds: the feed is above what the machine has; expected up to 6000 mm/min; got 9000 mm/min",
+            "--feeds: the feed exceeds the machine's limit; expected up to 6000 mm/min; got 9000 mm/min",
         ),
         (("--axes", "X,A"), "--axes: the machine has no such axis; expected X or Y or Z; got 'A'"),
         (
@@ -138,7 +138,7 @@ def test_the_same_again_changes_nothing_and_others_are_kept(capsys, tmp_path):
             "Invalid value for '--centre': expected numbers separated by commas; got '1,b';"
             " see ph-post calibrate --help",
         ),
-        (("--warm-up", "0"), "--warm-up: no time for a run; expected minutes, above 0 up to 120; got 0"),
+        (("--warm-up", "0"), "--warm-up: the warm-up time is out of range; expected minutes, above 0 up to 120; got 0"),
         (("-o", "-"), "-o takes a folder; got '-'; see ph-post calibrate --help"),
     ],
 )

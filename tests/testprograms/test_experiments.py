@@ -95,7 +95,7 @@ def test_every_two_effects_have_an_experiment_inside_the_record(one: str, other:
     for channel in separation(one, other).record:
         assert any(line.startswith(channels[channel]) and line.endswith("needed") for line in found.record)
     lacking = [channels[channel] for channel in separation(one, other).record if channel != "act"]
-    assert found.record[0].startswith("new beside the last record") == bool(lacking)
+    assert found.record[0].startswith("also record") == bool(lacking)
     assert all(name in found.record[0] for name in lacking)
     # Not the same motion once more: more channels, or feeds, accelerations or ways that the record has not.
     feeds = {feed for _, feed in drive.strokes(0)} | {circle.feed for circle in drive.circles}
@@ -169,7 +169,7 @@ SEPARATED = [
 @pytest.mark.parametrize(("one", "other", "channels", "motions"), SEPARATED)
 def test_it_has_the_motions_and_channels_that_separate(one: str, other: str, channels: set[str], motions: list) -> None:
     found = asked(other, one)
-    missing = found.record[0] if found.record[0].startswith("new") else ""
+    missing = found.record[0] if found.record[0].startswith("also") else ""
     assert {channel for channel in ("motor", "force") if f"X_{channel}" in missing} == channels
     drive = drive_of(found)
     assert [motion.__name__ for motion in motions if not motion(drive)] == []
@@ -240,7 +240,7 @@ def test_what_the_record_has_is_not_asked_for_as_new() -> None:
     log = record(motor=LOG.axes["X"].command, effort=np.zeros(LOG.t.size))
     found = next_experiment(("backlash", "coulomb_friction"), "X", log, MILL)
     assert found is not None
-    assert not found.record[0].startswith("new")
+    assert not found.record[0].startswith("also")
 
 
 def test_an_unknown_side_is_to_be_told() -> None:

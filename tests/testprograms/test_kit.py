@@ -292,10 +292,10 @@ def test_records_name_channels_and_the_lines_of_halsampler() -> None:
     [
         ({"axes": ("X", "W")}, r"--axes: the machine has no such axis; expected X or Y or Z; got 'W'"),
         ({"centre": (0.1,)}, "--centre: not one number an axis; expected 2, for X, Y; got 1"),
-        ({"centre": (0.1, math.nan)}, "--centre: no place for Y; expected within 100 m; got nan mm"),
+        ({"centre": (0.1, math.nan)}, "--centre: the centre of Y is out of range; expected within 100 m; got nan mm"),
         (
             {"travel": (0.001,)},
-            "--travel: no room for X to move in; expected at least 2 mm, up to 100 m; got 1 mm",
+            "--travel: the travel of X is out of range; expected at least 2 mm, up to 100 m; got 1 mm",
         ),
         ({"travel": (0.1, 0.1, 0.1)}, "--travel: not one number an axis; expected 2, for X, Y; got 3"),
         (
@@ -304,20 +304,23 @@ def test_records_name_channels_and_the_lines_of_halsampler() -> None:
         ),
         (
             {"radius": 0.0},
-            "--radius: no radius for a circle; expected 0.5 mm up to 50 mm, half of the travel; got 0 mm",
+            "--radius: the radius is out of range; expected 0.5 mm up to 50 mm, half of the travel; got 0 mm",
         ),
-        ({"radius": math.nan}, "--radius: no radius for a circle"),
+        ({"radius": math.nan}, "--radius: the radius is out of range"),
         (
             {"feeds": (0.05, 0.11)},
-            "--feeds: the feed is above what the machine has; expected up to 6000 mm/min; got 6600 mm/min",
+            "--feeds: the feed exceeds the machine's limit; expected up to 6000 mm/min; got 6600 mm/min",
         ),
         # The saddle has 600 mm/s², half of which v²/r may take: 38.7 mm/s around 5 mm.
         (
             {"feeds": (0.04,), "radius": 0.005},
-            "circles of 5 mm take more acceleration .* expected up to 2323 mm/min, or a larger --radius; got 2400",
+            "circles of 5 mm exceed .* expected up to 2323 mm/min, or a larger --radius; got 2400",
         ),
-        ({"feeds": (-1.0,)}, "--feeds: no feed; expected at least 1 mm/min; got -60000 mm/min"),
-        ({"warm_up": math.inf}, "--warm-up: no time for a run; expected minutes, above 0 up to 120; got inf"),
+        ({"feeds": (-1.0,)}, "--feeds: the feed is too slow; expected at least 1 mm/min; got -60000 mm/min"),
+        (
+            {"warm_up": math.inf},
+            "--warm-up: the warm-up time is out of range; expected minutes, above 0 up to 120; got inf",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(how: dict, words: str) -> None:
