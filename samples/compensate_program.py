@@ -5,7 +5,7 @@ Run:  python samples/compensate_program.py
 
 from pathlib import Path
 
-from ph_post.api.programs import CompensatedProgram, Outcome, ProgramRequest, compensate_program, weigh
+from ph_post.api.programs import CompensatedProgram, ProgramOutcome, ProgramRequest, assess_program, compensate_program
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions
@@ -15,14 +15,12 @@ from ph_post.units import MM
 POCKET = Path(__file__).parent / "programs" / "pocket.ngc"
 
 
-def compensated_pocket(name: str) -> tuple[CompensatedProgram, Outcome]:
+def compensated_pocket(name: str) -> tuple[CompensatedProgram, ProgramOutcome]:
     """Return the compensated pocket for a shipped machine, and both programs run on the models."""
     machine = read_machine(name)
-    request = ProgramRequest(
-        plan=PlanOptions(strategy="auto", carrier="program"), splice=EditOptions(max_slowdown=0.25)
-    )
+    request = ProgramRequest(plan=PlanOptions(strategy="auto", carrier="program"), edit=EditOptions(max_slowdown=0.25))
     delivery = compensate_program(read_program_file(POCKET), machine, request)
-    return delivery, weigh(delivery, machine, errors=True)
+    return delivery, assess_program(delivery, machine, errors=True)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ LONG = (
     "pages/test_other_pages.py",
     "cli/test_watch.py",
     "property/test_verify_random.py",
-    "property/test_splice_laws.py",
+    "property/test_edit_laws.py",
     "property/test_deliver_random.py",
     "identify/test_identify.py",
     "cli/test_compare.py",

@@ -14,7 +14,7 @@ from ph_post.dialects.base import require_spliceable
 from ph_post.dialects.reading import read_anew
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
-from ph_post.edit.edits import EditOptions, Edits, merge
+from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.header import Declaration, declare, read_declaration
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.undo import undo
@@ -48,13 +48,13 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     plan: PlanOptions
-    splice: EditOptions
+    edit: EditOptions
     force: bool = False
     noted: bool = False
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
-        return hashlib.sha256(msgspec.json.encode([self.plan, self.splice, dialect])).hexdigest()
+        return hashlib.sha256(msgspec.json.encode([self.plan, self.edit, dialect])).hexdigest()
 
 
 class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -115,7 +115,7 @@ def compensate_program(
     data = apply_edits(original, edits, dialect, declaration)
     progress("verifying")
     after = read_anew(original, data)
-    verdict = verify(original, after, tolerance=request.splice.tolerance, machine=machine)
+    verdict = verify(original, after, tolerance=request.edit.tolerance, machine=machine)
     if not verdict.ok:
         raise _refusal(original.name, verdict)
     return CompensatedProgram(
@@ -155,8 +155,8 @@ def _plan(
     behind = sum(not loop.encloses_backlash for loop in gaps) if shifts_axes(request.plan) else 0
     if behind:
         progress("planning lasting offsets")
-        share = request.splice.max_slowdown * behind / len(gaps)
-        options = replace(request.splice, max_slowdown=share)
+        share = request.edit.max_slowdown * behind / len(gaps)
+        options = replace(request.edit, max_slowdown=share)
         lasting = plan_offsets(program, machine, find_dialect(machine.dialect), options)
     if behind == len(gaps):
         return lasting, ()
@@ -167,11 +167,11 @@ def _plan(
         paths_of(program),
         machine,
         replace(request.plan, max_slowdown=share),
-        request.splice.tolerance,
+        request.edit.tolerance,
         progress,
-        request.splice.block_time,
+        request.edit.block_time,
     )
-    return merge(lasting, found.edits), found.plans
+    return merge_edits(lasting, found.edits), found.plans
 
 
 def _changes(edits: Edits) -> bool:
@@ -180,13 +180,13 @@ def _changes(edits: Edits) -> bool:
 
 def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: ProgramRequest) -> Declaration:
     dialect = find_dialect(machine.dialect)
-    mode = dialect.path_mode(request.splice.chord_tolerance) if edits.dips and dialect.path_mode else ""
+    mode = dialect.path_mode(request.edit.chord_tolerance) if edits.dips and dialect.path_mode else ""
     return declare(
         program,
         edits,
         machine,
         dialect,
-        request.splice,
+        request.edit,
         options_digest=request.digest(machine.dialect),
         path_mode=mode,
         notes=_notes(program, edits) if request.noted else (),
@@ -221,21 +221,23 @@ class Performance(msgspec.Struct, frozen=True, kw_only=True):
     error_worst: ContourError | None = None
 
 
-class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+class ProgramOutcome(msgspec.Struct, frozen=True, kw_only=True):
     """The original and the compensated program, both measured against the path of the original."""
 
     before: Performance
     after: Performance
 
 
-def weigh(delivery: CompensatedProgram, machine: Machine, *, errors: bool, progress: Progress = no_progress) -> Outcome:
+def assess_program(
+    delivery: CompensatedProgram, machine: Machine, *, errors: bool, progress: Progress = no_progress
+) -> ProgramOutcome:
     """Run both programs of a delivery on the models, the drives only where `errors` are wanted."""
     progress("running the original on a model of the controller")
     before = _perform(delivery.before, machine, delivery.before, errors)
     if delivery.after.data == delivery.before.data:
-        return Outcome(before=before, after=before)
+        return ProgramOutcome(before=before, after=before)
     progress("running the compensated program on a model of the controller")
-    return Outcome(before=before, after=_perform(delivery.after, machine, delivery.before, errors))
+    return ProgramOutcome(before=before, after=_perform(delivery.after, machine, delivery.before, errors))
 
 
 def _perform(program: PartProgram, machine: Machine, original: PartProgram, errors: bool) -> Performance:

@@ -91,7 +91,7 @@ def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
 
 
 def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
-    from ph_post.api.programs import weigh
+    from ph_post.api.programs import assess_program
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.programs import program_lines, program_view
@@ -100,12 +100,12 @@ def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | No
     with ProgressPrinter() as progress:
         found, machine, request = deliver_program(name, data, how, progress)
         products = {} if target is None else products_of(target, found.after.data, data)
-        outcome = None if how["no_simulation"] else weigh(found, machine, errors=as_json, progress=progress)
+        outcome = None if how["no_simulation"] else assess_program(found, machine, errors=as_json, progress=progress)
         if how["plot"] is not None:
             products = {**products, how["plot"]: _drawn(found, machine, how, progress)}
         write_atomically(products)
     if as_json:
-        print_json(program_view(found, machine, request.splice.tolerance, outcome))
+        print_json(program_view(found, machine, request.edit.tolerance, outcome))
     for line in program_lines(found, outcome, products):
         click.echo(line, err=True)
     return 0
@@ -141,7 +141,7 @@ def deliver_program(
     machine = read_drives(how["machine"], how["dialect"])
     program = read_as(machine.dialect, data, name, strict=how["strict"])
     plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
-    request = ProgramRequest(plan=plan, splice=_splice_options(how), force=how["force"], noted=noted)
+    request = ProgramRequest(plan=plan, edit=_splice_options(how), force=how["force"], noted=noted)
     return compensate_program(program, machine, request, progress), machine, request
 
 
@@ -183,7 +183,7 @@ def compensated(raw: SourceBytes, machine: Machine, how: dict[str, Any], progres
         return CompensatedProgram(before=original, after=program, done=True)
     splicing = EditOptions(tolerance=how["tolerance"] * MM, max_slowdown=how["max_slowdown"])
     return compensate_program(
-        program, machine, ProgramRequest(plan=plan_options(how, "program"), splice=splicing), progress
+        program, machine, ProgramRequest(plan=plan_options(how, "program"), edit=splicing), progress
     )
 
 

@@ -198,7 +198,7 @@ RADIUS: Final = 10
 
 
 @compiled
-def warp(a: Array, b: Array, stretch_a: IntArray, stretch_b: IntArray) -> tuple[IntArray, IntArray]:
+def align_samples(a: Array, b: Array, stretch_a: IntArray, stretch_b: IntArray) -> tuple[IntArray, IntArray]:
     """Align stretches of samples with one another.
 
     Parameters

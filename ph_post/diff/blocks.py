@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from ph_post.diff.alignment import align, gaps_of, hash_columns
-from ph_post.diff.records import BlockChange, BlockKind, Order
-from ph_post.diff.travel import Travel
+from ph_post.diff.records import BlockChange, BlockKind, CommandChange
+from ph_post.diff.travel import ComparedPaths
 from ph_post.gcode.program import Modal, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -173,7 +173,7 @@ _SWITCHES: Final = (3.0, 4.0, 5.0, 7.0, 8.0, 9.0)
 """M words that say no more than what they do to the modes above."""
 
 
-class MachineOrder(msgspec.Struct, frozen=True, kw_only=True):
+class ProgramCommand(msgspec.Struct, frozen=True, kw_only=True):
     """Something that is done: in words, in which block, before which motion."""
 
     what: str
@@ -181,12 +181,14 @@ class MachineOrder(msgspec.Struct, frozen=True, kw_only=True):
     motion: int
 
 
-def machine_orders(program: PartProgram) -> list[MachineOrder]:
+def program_commands(program: PartProgram) -> list[ProgramCommand]:
     """List what a program does beside moving, in its order."""
-    found = [*_changes_of_state(program), *_single_orders(program), *_not_understood(program)]
+    found = [*_changes_of_state(program), *_one_shot_commands(program), *_not_understood(program)]
     found.sort(key=lambda one: one[0])
     motion = np.searchsorted(program.motions.block, [block for block, _ in found], side="left")
-    return [MachineOrder(what=what, block=block, motion=int(k)) for (block, what), k in zip(found, motion, strict=True)]
+    return [
+        ProgramCommand(what=what, block=block, motion=int(k)) for (block, what), k in zip(found, motion, strict=True)
+    ]
 
 
 def _changes_of_state(program: PartProgram) -> list[tuple[int, str]]:
@@ -207,7 +209,7 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _single_orders(program: PartProgram) -> list[tuple[int, str]]:
+def _one_shot_commands(program: PartProgram) -> list[tuple[int, str]]:
     """Blocks whose G or M word does something once."""
     words = program.words
     known = np.isfinite(words.value)
@@ -228,30 +230,34 @@ def _not_understood(program: PartProgram) -> list[tuple[int, str]]:
     ]
 
 
-def compare_orders(a: PartProgram, b: PartProgram, travel: Travel, apart: float) -> tuple[Order, ...]:
+def compare_commands(a: PartProgram, b: PartProgram, travel: ComparedPaths, apart: float) -> tuple[CommandChange, ...]:
     """Return what only one of the programs does, and what both do at places more than `apart` [m] apart."""
-    left, right = machine_orders(a), machine_orders(b)
+    left, right = program_commands(a), program_commands(b)
     found = align(_keys(left), _keys(right))
     changes = [
-        Order(what=one.what, a=one.block, b=None) for one, other in zip(left, found.tolist(), strict=True) if other < 0
+        CommandChange(what=one.what, a=one.block, b=None)
+        for one, other in zip(left, found.tolist(), strict=True)
+        if other < 0
     ]
     taken = set(found.tolist())
-    changes += [Order(what=one.what, a=None, b=one.block) for number, one in enumerate(right) if number not in taken]
+    changes += [
+        CommandChange(what=one.what, a=None, b=one.block) for number, one in enumerate(right) if number not in taken
+    ]
     nearby = _counterparts(travel)
     for number in np.flatnonzero(found >= 0).tolist():
         one, other = left[number], right[int(found[number])]
         between = nearby[0][one.motion] <= other.motion <= nearby[1][one.motion]
         way = np.linalg.norm(_before(travel, 0, one.motion) - _before(travel, 1, other.motion))
         if not (between and way <= apart):
-            changes.append(Order(what=f"{one.what}, at another place", a=one.block, b=other.block))
+            changes.append(CommandChange(what=f"{one.what}, at another place", a=one.block, b=other.block))
     return tuple(sorted(changes, key=lambda one: (one.b if one.a is None else one.a, one.a is None)))
 
 
-def _keys(all_done: list[MachineOrder]) -> IntArray:
+def _keys(all_done: list[ProgramCommand]) -> IntArray:
     return np.array([hash(one.what) for one in all_done], dtype=np.int64)
 
 
-def _counterparts(travel: Travel) -> tuple[IntArray, IntArray]:
+def _counterparts(travel: ComparedPaths) -> tuple[IntArray, IntArray]:
     """Motions of the second path, from and to, that may come next where each of the first does."""
     found, count = travel.found, travel.outlines[1].first.size - 1
     low = np.append(0, np.maximum.accumulate(found) + 1) if found.size else np.zeros(1, dtype=np.int64)
@@ -259,7 +265,7 @@ def _counterparts(travel: Travel) -> tuple[IntArray, IntArray]:
     return low, np.minimum.accumulate(ahead[::-1])[::-1]
 
 
-def _before(travel: Travel, number: int, motion: int) -> Array:
+def _before(travel: ComparedPaths, number: int, motion: int) -> Array:
     """Where the tool is before a motion [m]."""
     outline = travel.outlines[number]
     if len(outline.table) == 0:

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.reading import read_anew
-from ph_post.diff.blocks import compare_blocks, compare_orders
+from ph_post.diff.blocks import compare_blocks, compare_commands
 from ph_post.diff.curves import curve_table
-from ph_post.diff.feeds import Pace, compare_feeds, compare_times, pace_of
+from ph_post.diff.feeds import PathTiming, compare_feeds, compare_times, programmed_timing
 from ph_post.diff.records import Comparison, Deviation, Span, Timing
-from ph_post.diff.travel import Travel, compare_paths, farthest, largest_deviation
+from ph_post.diff.travel import ComparedPaths, compare_paths, largest_deviation, refine_deviations
 from ph_post.edit.header import Declaration, read_declaration
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
@@ -27,7 +27,7 @@ from ph_post.units import MINUTE, MM
 Programs = tuple[PartProgram, PartProgram]
 
 
-class Declared:
+class DeclaredProgram:
     """What one program declares, and the program it was made from.
 
     Attributes
@@ -46,7 +46,7 @@ class Declared:
         if declaration is None:
             self.words: tuple[str, ...] = ()
             return
-        words = sentences(declaration)
+        words = describe_declaration(declaration)
         try:
             self.original = read_anew(program, undo(program.data, program.name))
             self.taken_back = True
@@ -55,7 +55,7 @@ class Declared:
         self.words = tuple(words)
 
 
-def sentences(one: Declaration) -> list[str]:
+def describe_declaration(one: Declaration) -> list[str]:
     """Say what a declaration says."""
     found = [f"compensated by ph-post {one.version} for {one.machine}, from sha256 {one.digest[:16]}"]
     found += [
@@ -70,7 +70,7 @@ def sentences(one: Declaration) -> list[str]:
     return found
 
 
-def apart_without(declared: tuple[Declared, Declared]) -> float | None:
+def deviation_of_originals(declared: tuple[DeclaredProgram, DeclaredProgram]) -> float | None:
     """Return how far the tool paths are apart without what is declared [m]; None where nothing is."""
     if not any(one.taken_back for one in declared):
         return None
@@ -82,17 +82,17 @@ LONGEST: Final = 60.0 * MINUTE
 """No contour error is predicted of what runs longer [s]: time and memory of a simulation grow with it."""
 
 
-class Forecast(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class PredictedRun(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """How a controller runs a program, and what the drives make of that.
 
     `error` is None where nothing is cut, or the program runs too long.
     """
 
-    pace: Pace
+    pace: PathTiming
     error: ContourError | None
 
 
-def forecast(program: PartProgram, original: PartProgram, programmed: Pace, machine: Machine) -> Forecast:
+def predict_run(program: PartProgram, original: PartProgram, programmed: PathTiming, machine: Machine) -> PredictedRun:
     """Run a program on the model of its controller and of the drives.
 
     Parameters
@@ -100,21 +100,21 @@ def forecast(program: PartProgram, original: PartProgram, programmed: Pace, mach
     program : PartProgram
     original : PartProgram
         Whose path the table should follow: the program without what it declares.
-    programmed : Pace
+    programmed : PathTiming
         What feeds and dwells ask for.
     machine : Machine
     """
     command = run_program(program, machine)
-    pace = _pace(command, program, programmed)
+    pace = _controller_timing(command, program, programmed)
     if command.t.size == 0 or command.t[-1] > LONGEST:
-        return Forecast(pace=pace, error=None)
+        return PredictedRun(pace=pace, error=None)
     moving = moving_axes(command)
     tried = [one for one in scenarios(machine, moving.axes, resting_axes(moving)) if one.gap == 1.0]
     nominal = [one for one in tried if one.beta == one.gain == 1.0]
-    return Forecast(pace=pace, error=program_error(command, machine, original, nominal).error)
+    return PredictedRun(pace=pace, error=program_error(command, machine, original, nominal).error)
 
 
-def _pace(command: Command, program: PartProgram, programmed: Pace) -> Pace:
+def _controller_timing(command: Command, program: PartProgram, programmed: PathTiming) -> PathTiming:
     """Return the times of all motions, what is waited before or behind them included."""
     count = programmed.time.size
     rows = np.bincount(np.maximum(command.segment, 0), minlength=count)[:count]
@@ -127,7 +127,7 @@ def _pace(command: Command, program: PartProgram, programmed: Pace) -> Pace:
         dwells=programmed.timing.dwells,
         model="controller",
     )
-    return Pace(speed=programmed.speed, time=time, pause=np.zeros(count + 1), timing=timing)
+    return PathTiming(speed=programmed.speed, time=time, pause=np.zeros(count + 1), timing=timing)
 
 
 TOLERANCE: Final = 1e-6 * MM
@@ -151,10 +151,10 @@ def compare_programs(
         On whose controller and drives both are run.
     """
     programs = (a, b)
-    declared = (Declared(a), Declared(b))
+    declared = (DeclaredProgram(a), DeclaredProgram(b))
     travel = compare_paths(curve_table(a.motions), curve_table(b.motions))
-    asked = (pace_of(a, travel.outlines[0]), pace_of(b, travel.outlines[1]))
-    expected = None if machine is None else _forecasts(programs, declared, asked, machine)
+    asked = (programmed_timing(a, travel.outlines[0]), programmed_timing(b, travel.outlines[1]))
+    expected = None if machine is None else _predict_both(programs, declared, asked, machine)
     paces = asked if expected is None else (expected[0].pace, expected[1].pace)
     deviations = list_deviations(travel, programs, tolerance)
     most = largest_deviation(travel)
@@ -172,29 +172,29 @@ def compare_programs(
         timing=(paces[0].timing, paces[1].timing),
         times=compare_times(travel, programs, paces),
         retimed=bool(compare_times(travel, programs, asked)),
-        orders=compare_orders(a, b, travel, apart),
+        orders=compare_commands(a, b, travel, apart),
         declared=(declared[0].words, declared[1].words),
-        undone=apart_without(declared),
+        undone=deviation_of_originals(declared),
         errors=None if expected is None else (expected[0].error, expected[1].error),
         notes=_notes(programs),
     )
 
 
-def _forecasts(
+def _predict_both(
     programs: tuple[PartProgram, PartProgram],
-    declared: tuple[Declared, Declared],
-    paces: tuple[Pace, Pace],
+    declared: tuple[DeclaredProgram, DeclaredProgram],
+    paces: tuple[PathTiming, PathTiming],
     machine: Machine,
-) -> tuple[Forecast, Forecast]:
+) -> tuple[PredictedRun, PredictedRun]:
     a, b = (
-        forecast(program, one.original, pace, machine)
+        predict_run(program, one.original, pace, machine)
         for program, one, pace in zip(programs, declared, paces, strict=True)
     )
     return a, b
 
 
 def list_deviations(
-    travel: Travel, programs: tuple[PartProgram, PartProgram], tolerance: float
+    travel: ComparedPaths, programs: tuple[PartProgram, PartProgram], tolerance: float
 ) -> tuple[Deviation, ...]:
     """Return the stretches on which either path is farther from the other than the tolerance, in order."""
     if travel.sides is None:
@@ -203,7 +203,7 @@ def list_deviations(
     if len(spans) == 0:
         return ()
     rows = [_worst(travel.sides[k].deviation, spans[:, 2 * k : 2 * k + 2]) for k in (0, 1)]
-    found = [farthest(travel, k, rows[k]) for k in (0, 1)]
+    found = [refine_deviations(travel, k, rows[k]) for k in (0, 1)]
     worst = np.argmax([found[0][0], found[1][0]], axis=0)
     return tuple(
         _deviation(travel, programs, span, (int(rows[k][n]), k, float(found[k][0][n]), found[k][1][n]))
@@ -211,7 +211,7 @@ def list_deviations(
     )
 
 
-def _stretches(travel: Travel, tolerance: float) -> IntArray:
+def _stretches(travel: ComparedPaths, tolerance: float) -> IntArray:
     """First and last samples (a, a, b, b) of every stretch that is off, whichever path shows it."""
     assert travel.sides is not None
     a, b = travel.sides
@@ -241,7 +241,7 @@ def _worst(values: Array, spans: IntArray) -> IntArray:
 
 
 def _deviation(
-    travel: Travel,
+    travel: ComparedPaths,
     programs: tuple[PartProgram, PartProgram],
     span: list[int],
     worst: tuple[int, int, float, Array],

@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.diff.curves import CurveTable
 from ph_post.diff.records import FeedChange, Span, TimeChange, Timing
-from ph_post.diff.travel import PathSamples, Travel
+from ph_post.diff.travel import ComparedPaths, PathSamples
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -26,7 +26,7 @@ SAME_PERIODS: Final = 0.01
 """The same as a controller runs it [s]: where it does not stop, a motion ends in one period or another."""
 
 
-class Pace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class PathTiming(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """How a program goes along its path.
 
     `speed` (m,) [m/s] as programmed, infinite in rapid moves, NaN where it is not told; `time` (m,) [s] of
@@ -39,7 +39,7 @@ class Pace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     timing: Timing
 
 
-def pace_of(program: PartProgram, outline: CurveTable) -> Pace:
+def programmed_timing(program: PartProgram, outline: CurveTable) -> PathTiming:
     """Work out speeds and times from lengths and feeds; rapid moves, whose speed is not told, take none."""
     motions, lengths = program.motions, outline.lengths()
     rapid = motions.kind == RAPID
@@ -53,7 +53,7 @@ def pace_of(program: PartProgram, outline: CurveTable) -> Pace:
     pause = _pauses(program)
     cutting, dwells = float(time[~rapid].sum()), float(pause.sum())
     timing = Timing(total=cutting + dwells, cutting=cutting, dwells=dwells, rapids=None, model="length over feed")
-    return Pace(speed=speed, time=time, pause=pause, timing=timing)
+    return PathTiming(speed=speed, time=time, pause=pause, timing=timing)
 
 
 def _pauses(program: PartProgram) -> Array:
@@ -65,7 +65,7 @@ def _pauses(program: PartProgram) -> Array:
 
 
 def compare_feeds(
-    travel: Travel, programs: tuple[PartProgram, PartProgram], paces: tuple[Pace, Pace]
+    travel: ComparedPaths, programs: tuple[PartProgram, PartProgram], paces: tuple[PathTiming, PathTiming]
 ) -> tuple[FeedChange, ...]:
     """Return the stretches on which the programmed feeds differ, wherever the two paths belong together."""
     here = np.flatnonzero(travel.found >= 0)
@@ -106,7 +106,7 @@ def _unlike(one: Array, other: Array) -> BoolArray:
 
 
 def _feed_change(
-    travel: Travel, programs: tuple[PartProgram, PartProgram], pairs: IntArray, speeds: list[Array]
+    travel: ComparedPaths, programs: tuple[PartProgram, PartProgram], pairs: IntArray, speeds: list[Array]
 ) -> FeedChange:
     a, b = speeds
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -133,10 +133,10 @@ def _span(program: PartProgram, first: int, last: int) -> Span:
 
 
 def compare_times(
-    travel: Travel, programs: tuple[PartProgram, PartProgram], paces: tuple[Pace, Pace]
+    travel: ComparedPaths, programs: tuple[PartProgram, PartProgram], paces: tuple[PathTiming, PathTiming]
 ) -> tuple[TimeChange, ...]:
     """Return the stretches that take another time, neighbours together."""
-    rows = units(travel)
+    rows = paired_motions(travel)
     times = [_spent(paces[k], rows[:, 2 * k : 2 * k + 2]) for k in (0, 1)]
     least = SAME_TIME if paces[0].timing.model == "length over feed" else SAME_PERIODS
     differs = np.abs(times[0] - times[1]) > least * np.maximum(1.0, times[0])
@@ -152,7 +152,7 @@ def compare_times(
     )
 
 
-def units(travel: Travel) -> IntArray:
+def paired_motions(travel: ComparedPaths) -> IntArray:
     """Motions that belong together, in order: each pair of same motions, and each gap; rows as of the gaps.
 
     The last row is what comes behind all motions.
@@ -165,7 +165,7 @@ def units(travel: Travel) -> IntArray:
     return np.concatenate([rows[np.lexsort((rows[:, 2], rows[:, 0]))], tail])
 
 
-def _spent(pace: Pace, rows: IntArray) -> Array:
+def _spent(pace: PathTiming, rows: IntArray) -> Array:
     """Return the time from one motion to another, the dwells before each included [s]."""
     clock = np.concatenate([[0.0], np.cumsum(np.append(pace.time, 0.0) + pace.pause)])
     return np.asarray(clock[rows[:, 1]] - clock[rows[:, 0]])

@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from ph_post.diff.travel import Travel
+from ph_post.diff.travel import ComparedPaths
 from ph_post.simulate.contour import ContourError
 
 BlockKind = Literal["changed", "added", "removed", "writing"]
@@ -62,7 +62,7 @@ class TimeChange(msgspec.Struct, frozen=True, kw_only=True):
     time_b: float
 
 
-class Order(msgspec.Struct, frozen=True, kw_only=True):
+class CommandChange(msgspec.Struct, frozen=True, kw_only=True):
     """Something beside the motion that only one program does, or both at other places.
 
     `what` in words; `a` and `b` the block in either program, None where it is not there.
@@ -99,14 +99,14 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     identical: bool
     tolerance: float
     blocks: tuple[BlockChange, ...]
-    travel: Travel
+    travel: ComparedPaths
     max_deviation: float | None
     deviations: tuple[Deviation, ...]
     feeds: tuple[FeedChange, ...]
     timing: tuple[Timing, Timing]
     times: tuple[TimeChange, ...]
     retimed: bool
-    orders: tuple[Order, ...]
+    orders: tuple[CommandChange, ...]
     declared: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     undone: float | None = None
     errors: tuple[ContourError | None, ContourError | None] | None = None

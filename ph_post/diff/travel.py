@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.diff.alignment import align, gaps_of, hash_columns, warp
+from ph_post.diff.alignment import align, align_samples, gaps_of, hash_columns
 from ph_post.diff.curves import ANGLE, FIRST, ORDER, CurveTable, closest_points, places
 from ph_post.types import Array, IntArray
 
@@ -63,7 +63,7 @@ class PathSamples(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return np.asarray(self.samples.outline.motion[self.samples.piece[rows]])
 
 
-class Travel(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ComparedPaths(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Two paths compared.
 
     `found` (m,): for every motion of the first path the motion of the second one that is the same, or -1;
@@ -77,17 +77,17 @@ class Travel(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     sides: tuple[PathSamples, PathSamples] | None
 
 
-def compare_paths(a: CurveTable, b: CurveTable) -> Travel:
+def compare_paths(a: CurveTable, b: CurveTable) -> ComparedPaths:
     """Compare two paths: what is the same motion needs no look, the rest is aligned and measured."""
     found = _without_strays(align(_keys(a, 1), _keys(b, 2)), a, b)
     gaps = gaps_of(found, b.first.size - 1)
     if not (len(a.table) and len(b.table)):
-        return Travel(outlines=(a, b), found=found, gaps=gaps, sides=None)
+        return ComparedPaths(outlines=(a, b), found=found, gaps=gaps, sides=None)
     step = max(float((_travelled(a, gaps[:, :2]) + _travelled(b, gaps[:, 2:])).sum()) / BUDGET, GRID)
     mine, theirs = _sample(a, gaps[:, :2], step), _sample(b, gaps[:, 2:], step)
-    pairs = warp(mine.points, theirs.points, mine.stretch, theirs.stretch)
+    pairs = align_samples(mine.points, theirs.points, mine.stretch, theirs.stretch)
     sides = (_measure(mine, theirs, pairs[0]), _measure(theirs, mine, pairs[1]))
-    return Travel(outlines=(a, b), found=found, gaps=gaps, sides=sides)
+    return ComparedPaths(outlines=(a, b), found=found, gaps=gaps, sides=sides)
 
 
 def _without_strays(found: IntArray, a: CurveTable, b: CurveTable) -> IntArray:
@@ -232,14 +232,14 @@ def _way(outline: CurveTable, piece: IntArray, u: Array) -> Array:
     return np.asarray(outline.s[piece] + u * np.diff(outline.s)[piece])
 
 
-def largest_deviation(travel: Travel) -> float | None:
+def largest_deviation(travel: ComparedPaths) -> float | None:
     """Return how far the samples of either path are from the other at most [m]; None without a path."""
     if travel.sides is None:
         return None if len(travel.gaps) else 0.0
     return max(float(side.deviation.max(initial=0.0)) for side in travel.sides)
 
 
-def farthest(travel: Travel, number: int, rows: IntArray) -> tuple[Array, Array]:
+def refine_deviations(travel: ComparedPaths, number: int, rows: IntArray) -> tuple[Array, Array]:
     """Look closer around samples of one path for what is farthest off.
 
     Returns

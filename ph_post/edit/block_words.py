@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.edit.edits import Part
+from ph_post.edit.edits import MotionPart
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import place, split_cubic
 from ph_post.gcode.program import ARC, AXES, CUBIC, PLANE_AXES, Modal, PartProgram
@@ -48,13 +48,13 @@ MOTION_WORDS: Final = {
 _APART: Final = (4.0, 10.0, 28.0, 28.1, 30.0, 30.1, 92.0, 92.1, 92.2, 92.3)
 """G words whose block uses its axis words for itself."""
 
-LAST: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
+AFTER_MOTION: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
 """M words that RS274/NGC executes after the motion of their block; all others go before it."""
 
 _ENDING: Final = (2.0, 30.0)
 """M words after which nothing is read."""
 
-PLACES: Final = "XYZABCUVWIJKR"
+MOTION_LETTERS: Final = "XYZABCUVWIJKR"
 """Letters of words that make a block move."""
 
 
@@ -66,12 +66,12 @@ def line_end(program: PartProgram) -> str:
     return "\n"
 
 
-def bare(program: PartProgram, block: int) -> str:
+def line_text(program: PartProgram, block: int) -> str:
     """Text of a line without its line end."""
     return program.text(block).rstrip(b"\r\n").decode("latin-1")
 
 
-def letters(program: PartProgram, block: int) -> dict[str, int]:
+def words_by_letter(program: PartProgram, block: int) -> dict[str, int]:
     """Numbers of the words of a line by letter; of G and M words the last one."""
     return {chr(int(program.words.letter[word])): word for word in program.words_of(block)}
 
@@ -84,27 +84,29 @@ def motion_word(program: PartProgram, block: int) -> int | None:
     return None
 
 
-def last_words(program: PartProgram, block: int) -> list[int]:
+def words_after_motion(program: PartProgram, block: int) -> list[int]:
     """Words of a line that are executed after its motion."""
     words = program.words
-    return [w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in LAST]
+    return [w for w in program.words_of(block) if words.letter[w] == ord("M") and float(words.value[w]) in AFTER_MOTION]
 
 
-def last_text(program: PartProgram, block: int) -> str:
+def text_after_motion(program: PartProgram, block: int) -> str:
     """Text of the words of a line that are executed after its motion."""
-    text, base, words = bare(program, block), program.lines[block], program.words
-    last = last_words(program, block)
+    text, base, words = line_text(program, block), program.lines[block], program.words
+    last = words_after_motion(program, block)
     return " ".join(text[words.start[w] - base : words.end[w] - base] for w in last)
 
 
-def ends(program: PartProgram, block: int) -> bool:
+def ends_program(program: PartProgram, block: int) -> bool:
     """Whether the program ends in a line."""
-    return any(float(program.words.value[w]) in _ENDING for w in last_words(program, block))
+    return any(float(program.words.value[w]) in _ENDING for w in words_after_motion(program, block))
 
 
-def exchanged(program: PartProgram, block: int, new: Mapping[str, str], mode: str) -> tuple[dict[int, str], list[str]]:
+def exchange_words(
+    program: PartProgram, block: int, new: Mapping[str, str], mode: str
+) -> tuple[dict[int, str], list[str]]:
     """Put new words, by letter, in the place of a line's own; those it does not have are to be added."""
-    own = letters(program, block)
+    own = words_by_letter(program, block)
     exchange = {own[letter]: text for letter, text in new.items() if letter in own}
     word = motion_word(program, block)
     if word is not None and mode == "G5":
@@ -119,7 +121,7 @@ def relies_on_mode(program: PartProgram, block: int) -> bool:
         letter, value = chr(int(words.letter[word])), float(words.value[word])
         if letter == "G" and (value in MOTION_WORDS or value in _APART):
             return False
-        moves |= letter in PLACES
+        moves |= letter in MOTION_LETTERS
     return moves
 
 
@@ -134,7 +136,7 @@ def next_relying(program: PartProgram, block: int) -> int | None:
     return None
 
 
-def edited(
+def edited_line(
     program: PartProgram, block: int, exchange: Mapping[int, str], add: Sequence[str], *, first: str = ""
 ) -> str:
     """Return a line with other words.
@@ -151,8 +153,8 @@ def edited(
         Word that is added before the first one of those.
     """
     words, base = program.words, int(program.lines[block])
-    text, own = bare(program, block), program.words_of(block)
-    placed = [w for w in own if chr(int(words.letter[w])) in PLACES + "PQ"] or list(own)
+    text, own = line_text(program, block), program.words_of(block)
+    placed = [w for w in own if chr(int(words.letter[w])) in MOTION_LETTERS + "PQ"] or list(own)
     behind = max(placed) if placed else None
     gap = " " if " " in text.strip() or not placed else ""
     out, at = [], 0
@@ -201,7 +203,7 @@ def fine_decimals(program: PartProgram, decimals: int) -> int:
     return min(max(decimals, int(words.decimals[placed].max(initial=0))), _MOST_DECIMALS)
 
 
-class Wording:
+class PartWords:
     """Writes the words of parts, with what has been written before kept in mind.
 
     Parameters
@@ -234,7 +236,7 @@ class Wording:
 
     @cached_property
     def _own(self) -> dict[str, int]:
-        return letters(self.program, self.block)
+        return words_by_letter(self.program, self.block)
 
     def begin(self, offset: IntArray) -> None:
         """Tell the offset, in steps, with which the motion begins."""
@@ -263,7 +265,7 @@ class Wording:
         self._last[axis] = offset[axis] // 10 ** (self._fine - self._coarse)
         return AXES[axis] + self._text(count)
 
-    def part(self, part: Part, offset: IntArray) -> dict[str, str]:
+    def part(self, part: MotionPart, offset: IntArray) -> dict[str, str]:
         """Words of a part by letter while an offset is carried; empty ones are not to be written."""
         if part.low == 0.0:
             self._at = self._point(0.0)
@@ -298,7 +300,7 @@ class Wording:
             return AXES[axis] + self._text(end[axis] + shift[axis])
         return AXES[axis] + self._text(end[axis] - self._at[axis])
 
-    def _arc_words(self, part: Part, shift: IntArray) -> dict[str, str]:
+    def _arc_words(self, part: MotionPart, shift: IntArray) -> dict[str, str]:
         """Centre and turns; a radius is replaced by them, as half circles lose their digits with it."""
         motions, k = self.program.motions, self.motion
         a, b, _ = PLANE_AXES[int(motions.plane[k])]
@@ -310,7 +312,7 @@ class Wording:
         turns = math.ceil(abs(motions.angle[k]) * (part.high - part.low) / math.tau - _FULL)
         return {**words, "P": f"P{turns}" if turns > 1 else "", "R": ""}
 
-    def _cubic_words(self, part: Part, end: IntArray) -> dict[str, str]:
+    def _cubic_words(self, part: MotionPart, end: IntArray) -> dict[str, str]:
         control = split_cubic(self.program.motions.control[self.motion], [part.low, part.high])[0]
         inner = self._steps(control[1:3], coarse=True)
         return {

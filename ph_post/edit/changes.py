@@ -9,10 +9,10 @@ import numpy as np
 
 from ph_post.dialects.base import Dialect
 from ph_post.edit import block_words
-from ph_post.edit.block_words import Wording, fine_decimals
-from ph_post.edit.edits import Part, StopEdit, Task
-from ph_post.edit.preconditions import why_bound
-from ph_post.edit.word_shifts import Carried, stop_words
+from ph_post.edit.block_words import PartWords, fine_decimals
+from ph_post.edit.edits import MotionEdit, MotionPart, StopEdit
+from ph_post.edit.preconditions import why_kept_whole
+from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import part_length
 from ph_post.gcode.program import AXES, RAPID, Modal, PartProgram
@@ -39,7 +39,7 @@ class ChangeWriter:
     ----------
     program : PartProgram
     dialect : Dialect
-    carried : Carried
+    carried : MotionOffsets
         Offsets of the motions.
     decimals : int
         Of new lengths, in the program's units.
@@ -53,7 +53,7 @@ class ChangeWriter:
         self,
         program: PartProgram,
         dialect: Dialect,
-        carried: Carried,
+        carried: MotionOffsets,
         decimals: int,
         tolerance: float,
         numbers: Callable[[int], dict[int, str]],
@@ -62,14 +62,14 @@ class ChangeWriter:
         self._decimals, self._tolerance, self._numbers = decimals, tolerance, numbers
         self._fine = fine_decimals(program, decimals)
         self._feeds = block_words.FeedWords(program)
-        self._hunk: Change | None = None
+        self._change: Change | None = None
         self._mode: str | None = None
         self._feed: str | None = None
         self._path: str | None = None
         self._stale = False
 
-    def write(self, tasks: list[Task]) -> Iterator[Change]:
-        """Write the hunks of all tasks, which come in the order of travel."""
+    def write(self, tasks: list[MotionEdit]) -> Iterator[Change]:
+        """Write the changes of all tasks, which come in the order of travel."""
         for task in tasks:
             block = int(self._program.motions.block[task.motion])
             if not task.whole or 0.0 in task.stops:
@@ -77,8 +77,8 @@ class ChangeWriter:
             offset = self._before(task, block)
             if not task.whole:
                 self._replaced(task, block, offset)
-            elif 1.0 in task.stops and block_words.ends(self._program, block):
-                # Between two stops of one hunk a short move could not be told from a jog.
+            elif 1.0 in task.stops and block_words.ends_program(self._program, block):
+                # Between two stops of one change a short move could not be told from a jog.
                 yield from self._move_to(block, apart=True)
                 self._replaced(task, block, offset)
             elif 1.0 in task.stops:
@@ -87,17 +87,17 @@ class ChangeWriter:
         yield from self._move_to(self._program.blocks + 1)
 
     def _move_to(self, block: int, apart: bool = False) -> Iterator[Change]:
-        """End the hunk before a line unless it goes on there, and name the mode where a line needs it.
+        """End the change before a line unless it goes on there, and name the mode where a line needs it.
 
         One that is to stand `apart` does not go on.
         """
-        hunk, self._stale = self._hunk, False
-        if hunk is None or (hunk.block + hunk.removed == block and not apart):
+        change, self._stale = self._change, False
+        if change is None or (change.block + change.removed == block and not apart):
             return
-        last = hunk.block + hunk.removed - 1
+        last = change.block + change.removed - 1
         self._restore(last)
-        yield hunk
-        self._hunk = None
+        yield change
+        self._change = None
         wanted = self._program.modal_after(last).motion
         relying = block_words.next_relying(self._program, last + 1) if wanted != self._mode else None
         if relying is None:
@@ -110,13 +110,13 @@ class ChangeWriter:
                 expected="a G word on this line",
             )
         if not self._stale:
-            line = block_words.edited(self._program, relying, self._numbers(relying), [], first=wanted)
+            line = block_words.edited_line(self._program, relying, self._numbers(relying), [], first=wanted)
             yield Change(block=relying, removed=1, lines=[line], label=["mode"])
 
     def _restore(self, block: int) -> None:
         """Write what has to be as it was after a line."""
-        assert self._hunk is not None
-        modal, lines = self._program.modal_after(block), self._hunk.lines
+        assert self._change is not None
+        modal, lines = self._program.modal_after(block), self._change.lines
         if self._path != modal.path and modal.path is not None:
             lines.append(modal.path)
             self._path = modal.path
@@ -133,13 +133,13 @@ class ChangeWriter:
             lines.append("G0")
             self._mode = "G0"
 
-    def _behind(self, task: Task, block: int) -> None:
+    def _behind(self, task: MotionEdit, block: int) -> None:
         """Write the stop at the end of a motion behind its line, which stays."""
         self._open(block + 1, 0, block)
         offset = self._carried.word[task.motion].astype(np.int64)
         self._stop(task.stops[1.0], self._wording(task.motion, block, offset), 1.0, offset)
 
-    def _before(self, task: Task, block: int) -> IntArray:
+    def _before(self, task: MotionEdit, block: int) -> IntArray:
         """Write the stop at the start of a motion, if there is one, and return the offset behind it."""
         offset = self._carried.before(task.motion)
         if 0.0 in task.stops:
@@ -147,38 +147,38 @@ class ChangeWriter:
             self._stop(task.stops[0.0], self._wording(task.motion, block - 1, offset), 0.0, offset)
         return offset
 
-    def _replaced(self, task: Task, block: int, offset: IntArray) -> None:
+    def _replaced(self, task: MotionEdit, block: int, offset: IntArray) -> None:
         """Write a motion and its stops in place of its line."""
         self._open(block, 0, block - 1)
-        assert self._hunk is not None
-        self._hunk.removed += 1
+        assert self._change is not None
+        self._change.removed += 1
         if self._program.motions.kind[task.motion] == RAPID and not task.whole:
             raise InputError(f"{self._program.name}:{block + 1}", "a rapid cannot be divided")
-        why = why_bound(self._program, task.motion)
+        why = why_kept_whole(self._program, task.motion)
         if why and not task.whole:
             raise InputError(f"{self._program.name}:{block + 1}", f"this line {why}")
         stops = {share: stop for share, stop in task.stops.items() if share > 0.0}
         self._divided(task, stops, block, offset)
 
     def _open(self, block: int, removed: int, before: int) -> None:
-        """Go on with the hunk at a line, or begin one with the modes in force after the line `before`."""
-        if self._hunk is not None:
+        """Go on with the change at a line, or begin one with the modes in force after the line `before`."""
+        if self._change is not None:
             return
-        self._hunk = Change(block=block, removed=removed, lines=[], label=[])
+        self._change = Change(block=block, removed=removed, lines=[], label=[])
         modal = self._program.modal_after(before)
         self._mode = self._mode if self._stale else modal.motion
         self._feed, self._path = self._feeds.after(before), modal.path
 
-    def _wording(self, motion: int, block: int, offset: IntArray) -> Wording:
+    def _wording(self, motion: int, block: int, offset: IntArray) -> PartWords:
         modal = self._program.modal_after(block)
         length = self._dialect.length
-        words = Wording(self._program, motion, modal, self._decimals, self._fine, length)
+        words = PartWords(self._program, motion, modal, self._decimals, self._fine, length)
         words.begin(offset)
         return words
 
-    def _divided(self, task: Task, stops: dict[float, StopEdit], block: int, offset: IntArray) -> None:
+    def _divided(self, task: MotionEdit, stops: dict[float, StopEdit], block: int, offset: IntArray) -> None:
         """Write the parts of a motion, and the stops between them."""
-        assert self._hunk is not None
+        assert self._change is not None
         words = self._wording(task.motion, block, offset)
         for number, part in enumerate(task.parts):
             self._path_mode(task.motion, part, words.modal)
@@ -186,7 +186,7 @@ class ChangeWriter:
                 self._first(block, self._numbers(block), [], words, part)
             elif number == 0:
                 new = words.part(part, offset)
-                exchange, add = block_words.exchanged(self._program, block, new, words.mode)
+                exchange, add = block_words.exchange_words(self._program, block, new, words.mode)
                 self._first(block, exchange, add, words, part)
             else:
                 self._line(words, part, offset)
@@ -194,21 +194,21 @@ class ChangeWriter:
                 # A rapid has changed the offset by its own word.
                 offset[:] = self._carried.word[task.motion]
                 words.begin(offset)
-            if part.duration is not None and "feed" not in self._hunk.label:
-                self._hunk.label.append("feed")
+            if part.duration is not None and "feed" not in self._change.label:
+                self._change.label.append("feed")
             if part.high in stops:
                 self._stop(stops[part.high], words, part.high, offset)
-        last = block_words.last_text(self._program, block)
+        last = block_words.text_after_motion(self._program, block)
         if last:
             self._restore(block)
-            self._hunk.lines.append(last)
+            self._change.lines.append(last)
 
-    def _first(self, block: int, exchange: dict[int, str], add: list[str], words: Wording, part: Part) -> None:
+    def _first(self, block: int, exchange: dict[int, str], add: list[str], words: PartWords, part: MotionPart) -> None:
         """Write the block itself with its first part's words."""
-        assert self._hunk is not None
-        exchange |= dict.fromkeys(block_words.last_words(self._program, block), "")
+        assert self._change is not None
+        exchange |= dict.fromkeys(block_words.words_after_motion(self._program, block), "")
         feed = self._feed_of(words, part)
-        own = block_words.letters(self._program, block).get("F")
+        own = block_words.words_by_letter(self._program, block).get("F")
         cuts = self._program.motions.kind[words.motion] != RAPID or self._dialect.rapid_feed
         if own is not None:
             if feed != self._feeds.after(block) or words.modal.feed_mode == 93:
@@ -218,22 +218,22 @@ class ChangeWriter:
         named = block_words.motion_word(self._program, block)
         mode = self._program.modal_after(block).motion if part.low == 0.0 and part.high == 1.0 else words.mode
         first = "" if named is not None or mode == self._mode else mode or ""
-        self._hunk.lines.append(block_words.edited(self._program, block, exchange, add, first=first).rstrip())
+        self._change.lines.append(block_words.edited_line(self._program, block, exchange, add, first=first).rstrip())
         self._mode = mode
         self._feed = feed if cuts or own is not None else self._feed
 
-    def _line(self, words: Wording, part: Part, offset: IntArray) -> None:
+    def _line(self, words: PartWords, part: MotionPart, offset: IntArray) -> None:
         """Write a further part on a line of its own."""
-        assert self._hunk is not None
+        assert self._change is not None
         body = [text for text in words.part(part, offset).values() if text]
         feed = self._feed_of(words, part)
         if feed is not None and (feed != self._feed or words.modal.feed_mode == 93):
             body.append(f"F{feed}")
             self._feed = feed
-        self._hunk.lines.append(self._joined(words.mode, *body))
+        self._change.lines.append(self._joined(words.mode, *body))
         self._mode = words.mode
 
-    def _feed_of(self, words: Wording, part: Part) -> str | None:
+    def _feed_of(self, words: PartWords, part: MotionPart) -> str | None:
         """Digits of the F word of a part."""
         motions, k = self._program.motions, words.motion
         if words.modal.feed_mode == 93:
@@ -248,9 +248,9 @@ class ChangeWriter:
         own = float(motions.feed[k])
         return self._digits((min(speed, own) if own > 0.0 else speed) / words.modal.units * MINUTE)
 
-    def _path_mode(self, motion: int, part: Part, modal: Modal) -> None:
+    def _path_mode(self, motion: int, part: MotionPart, modal: Modal) -> None:
         """Let the controller blend blocks of known time in an exact-stop program, and no others."""
-        assert self._hunk is not None
+        assert self._change is not None
         wanted = modal.path
         if part.duration is not None and self._program.motions.exact[motion]:
             if self._dialect.path_mode is None:
@@ -258,15 +258,15 @@ class ChangeWriter:
                 raise InputError(where, f"{self._dialect.name} has no words to leave exact stops in a feed dip")
             wanted = self._dialect.path_mode(self._tolerance * MM / modal.units)
         if wanted is not None and wanted != self._path:
-            self._hunk.lines.append(wanted)
+            self._change.lines.append(wanted)
             self._path = wanted
 
-    def _stop(self, stop: StopEdit, words: Wording, share: float, offset: IntArray) -> None:
+    def _stop(self, stop: StopEdit, words: PartWords, share: float, offset: IntArray) -> None:
         """Write a dwell, and a jog and a dwell for each shift; `offset` is carried on."""
-        assert self._hunk is not None
-        lines, modal = self._hunk.lines, words.modal
+        assert self._change is not None
+        lines, modal = self._change.lines, words.modal
         step = modal.units * 10.0**-self._decimals
-        self._hunk.label += stop_words(stop, offset, step)
+        self._change.label += stop_label(stop, offset, step)
         self._rest(stop.pause)
         # Each sum is rounded, not each step: what is out and back again then comes back.
         base, moved = offset.copy(), np.zeros(3)
@@ -281,10 +281,10 @@ class ChangeWriter:
 
     def _rest(self, pause: float) -> None:
         """Write a dwell, if there is one."""
-        assert self._hunk is not None
+        assert self._change is not None
         if pause >= _LEAST_PAUSE:
             words = self._dialect.dwell.words(pause, self._dialect.feed_digits)
-            self._hunk.lines.append(self._joined(*words))
+            self._change.lines.append(self._joined(*words))
 
     def _digits(self, value: float) -> str:
         return self._dialect.feed(value)

@@ -133,7 +133,7 @@ def _grown(rows: Any, count: int) -> Any:
 
 
 @inner
-def _change(view: Any, feed: Any, exact: Any, span: Any, sign: int, row: Any) -> None:
+def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, sign: int, row: Any) -> None:
     """Write down the best place for a change of direction between two places at which the axis rests.
 
     `span` is (first motion, its share, last motion, its share, end of the chain). A rapid that takes the axis
@@ -212,7 +212,7 @@ def _visit(spot: Any, x: float, k: int, share: float, band: float, sign: int) ->
 
 
 @compiled
-def find_changes(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: Any, active: Any, band: Any) -> Any:
+def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: Any, active: Any, band: Any) -> Any:
     """Find where an axis turns back by more than a dead band, chain by chain.
 
     Parameters
@@ -263,7 +263,7 @@ def find_changes(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: An
                     continue
                 rows, sign, old = _grown(rows, count), turned, spot[(1 - turned) // 2]
                 span = (int(old[1]), old[2], int(old[3]), old[4], high[chain])
-                _change(view, feed, exact, span, turned, rows[count])
+                _write_reversal(view, feed, exact, span, turned, rows[count])
                 rows[count, CHAIN] = chain
                 count += 1
                 _put(spot[0], x, k, share)

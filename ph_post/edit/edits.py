@@ -73,7 +73,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...] = ()
 
 
-def merge(a: Edits, b: Edits) -> Edits:
+def merge_edits(a: Edits, b: Edits) -> Edits:
     """Return the changes of both; stops at the same place become one.
 
     Raises
@@ -94,14 +94,14 @@ def merge(a: Edits, b: Edits) -> Edits:
     )
 
 
-def _place(stop: StopEdit) -> tuple[int, float]:
+def _stop_place(stop: StopEdit) -> tuple[int, float]:
     return stop.motion, stop.share
 
 
 def _merged_stops(stops: tuple[StopEdit, ...]) -> tuple[StopEdit, ...]:
     """Order stops by place; the shifts of those at one place follow one another."""
     joined = []
-    for (motion, share), group in groupby(sorted(stops, key=_place), key=_place):
+    for (motion, share), group in groupby(sorted(stops, key=_stop_place), key=_stop_place):
         found = list(group)
         joined.append(
             StopEdit(
@@ -153,7 +153,7 @@ _LEAST_STEPS = 4
 """A part is at least so many steps of the last decimal long: rounding could turn a shorter arc about."""
 
 
-class Part(msgspec.Struct, frozen=True, kw_only=True):
+class MotionPart(msgspec.Struct, frozen=True, kw_only=True):
     """A part of a motion between two shares; `duration` [s] is None where the feed is the program's."""
 
     low: float
@@ -161,14 +161,14 @@ class Part(msgspec.Struct, frozen=True, kw_only=True):
     duration: float | None = None
 
 
-_WHOLE = Part(low=0.0, high=1.0)
+_WHOLE = MotionPart(low=0.0, high=1.0)
 
 
-class Task(msgspec.Struct, frozen=True, kw_only=True):
+class MotionEdit(msgspec.Struct, frozen=True, kw_only=True):
     """What is done at one motion: `parts` in order, and `stops` by the share at which they stand."""
 
     motion: int
-    parts: tuple[Part, ...]
+    parts: tuple[MotionPart, ...]
     stops: dict[float, StopEdit]
 
     @property
@@ -177,9 +177,9 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
         return len(self.parts) == 1 and self.parts[0].duration is None
 
 
-def schedule(edits: Edits, motions: Motions, step: float) -> list[Task]:
+def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
     """Gather the changes by motion; `step` [m] is one of the last decimal."""
-    timed: dict[int, list[Part]] = {}
+    timed: dict[int, list[MotionPart]] = {}
     for dip in edits.dips:
         for motion, part in _pieces(dip, motions):
             timed.setdefault(motion, []).append(part)
@@ -187,12 +187,12 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[Task]:
     for stop in edits.stops:
         stops.setdefault(stop.motion, []).append(stop)
     return [
-        _task(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
+        _motion_edit(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
         for motion in sorted({*timed, *stops})
     ]
 
 
-def stops_written(tasks: Iterable[Task], motions: Motions) -> tuple[int, list[StopEdit]]:
+def stops_written(tasks: Iterable[MotionEdit], motions: Motions) -> tuple[int, list[StopEdit]]:
     """Count the places at which the path stands, and return what is written there, in order.
 
     Stops that came to one seat are one already. One at the end of a motion and one at the start of the next
@@ -206,7 +206,7 @@ def stops_written(tasks: Iterable[Task], motions: Motions) -> tuple[int, list[St
     return len(placed) - int(shared), [stop for _, _, stop in placed]
 
 
-def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, Part]]:
+def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, MotionPart]]:
     """Cut the blocks of a dip at the ends of motions; their time goes by length."""
     places = zip(dip.motion.tolist(), dip.share.tolist(), strict=True)
     for (before, after), duration in zip(pairwise(places), dip.duration.tolist(), strict=True):
@@ -217,19 +217,21 @@ def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, Part]]:
         lengths = [part_length(motions, *span) for span in spans]
         for (k, low, high), length in zip(spans, lengths, strict=True):
             if high > low and length > 0.0:
-                yield k, Part(low=low, high=high, duration=duration * length / sum(lengths))
+                yield k, MotionPart(low=low, high=high, duration=duration * length / sum(lengths))
 
 
-def _task(motion: int, timed: list[Part], stops: list[StopEdit], motions: Motions, step: float) -> Task:
+def _motion_edit(
+    motion: int, timed: list[MotionPart], stops: list[StopEdit], motions: Motions, step: float
+) -> MotionEdit:
     if not timed and all(stop.share in (0.0, 1.0) for stop in stops):
-        return Task(motion=motion, parts=(_WHOLE,), stops=_placed(stops, {0.0: 0.0, 1.0: 1.0}))
+        return MotionEdit(motion=motion, parts=(_WHOLE,), stops=_placed(stops, {0.0: 0.0, 1.0: 1.0}))
     wanted = sorted({0.0, 1.0, *(stop.share for stop in stops), *(e for p in timed for e in (p.low, p.high))})
     length = part_length(motions, motion, 0.0, 1.0)
     least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
-    seat = _seats(wanted, least)
+    seat = _snap_shares(wanted, least)
     edges = sorted(set(seat.values()))
-    parts = tuple(_part(low, high, timed, seat) for low, high in pairwise(edges))
-    return Task(motion=motion, parts=parts, stops=_placed(stops, seat))
+    parts = tuple(_timed_part(low, high, timed, seat) for low, high in pairwise(edges))
+    return MotionEdit(motion=motion, parts=parts, stops=_placed(stops, seat))
 
 
 def _placed(stops: list[StopEdit], seat: dict[float, float]) -> dict[float, StopEdit]:
@@ -238,11 +240,11 @@ def _placed(stops: list[StopEdit], seat: dict[float, float]) -> dict[float, Stop
     for stop in stops:
         at = seat[stop.share]
         held = placed.get(at)
-        placed[at] = stop if held is None else _joined(held, stop)
+        placed[at] = stop if held is None else _join_two(held, stop)
     return placed
 
 
-def _seats(wanted: list[float], least: float) -> dict[float, float]:
+def _snap_shares(wanted: list[float], least: float) -> dict[float, float]:
     """Where each place comes to lie, so that no part is shorter than `least`."""
     seat, last = {0.0: 0.0, 1.0: 1.0}, 0.0
     for share in wanted[1:-1]:
@@ -254,14 +256,14 @@ def _seats(wanted: list[float], least: float) -> dict[float, float]:
     return seat
 
 
-def _part(low: float, high: float, timed: list[Part], seat: dict[float, float]) -> Part:
+def _timed_part(low: float, high: float, timed: list[MotionPart], seat: dict[float, float]) -> MotionPart:
     """Tell the time of a part from the piece it lies in."""
     for piece in timed:
         first, last = seat[piece.low], seat[piece.high]
         if first <= low and high <= last and piece.duration is not None:
-            return Part(low=low, high=high, duration=piece.duration * (high - low) / (last - first))
-    return Part(low=low, high=high)
+            return MotionPart(low=low, high=high, duration=piece.duration * (high - low) / (last - first))
+    return MotionPart(low=low, high=high)
 
 
-def _joined(a: StopEdit, b: StopEdit) -> StopEdit:
+def _join_two(a: StopEdit, b: StopEdit) -> StopEdit:
     return StopEdit(motion=a.motion, share=a.share, pause=max(a.pause, b.pause), shifts=(*a.shifts, *b.shifts))

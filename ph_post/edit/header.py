@@ -314,8 +314,8 @@ class Payload(msgspec.Struct, frozen=True, kw_only=True, array_like=True):
     """What is needed to take a change back.
 
     `whole` is the original where nothing less would do. `head` the line of the first comment of the head, and
-    their number; `bare` whether the original has no line end at its end; `removed` the lines that hunks stand
-    in place of. Of the numbers of X, Y, Z, I, J and K outside hunks, in order: `code` 0 where the number is
+    their number; `bare` whether the original has no line end at its end; `removed` the lines that changes stand
+    in place of. Of the numbers of X, Y, Z, I, J and K outside changes, in order: `code` 0 where the number is
     the original's, else one more than the row of `delta` (steps, decimals of a step) that was added to it. Of
     those changed, in order: `style` of the original (two bytes), and the text of `odd` ones by their number.
     """

@@ -19,20 +19,20 @@ from ph_post.edit.directions import (
     SHARE,
     SIGN,
     chain_spans,
-    find_changes,
+    find_reversals,
     motion_view,
 )
-from ph_post.edit.edits import EditOptions, Edits, OffsetShift, StopEdit, merge
+from ph_post.edit.edits import EditOptions, Edits, OffsetShift, StopEdit, merge_edits
 from ph_post.edit.preconditions import (
     blocked_chains,
     cutting_feed,
     double_compensation,
-    half_gap,
-    program_troubles,
+    half_lost_motion,
     program_units,
     warn_blocked,
     warn_unknown,
-    why_whole,
+    why_indivisible,
+    why_not_editable,
 )
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, CodeArray, PartProgram, plane_columns
@@ -75,7 +75,7 @@ def least_acceleration(machine: Machine) -> float:
     return PART * min(axis.limits.acceleration for axis in machine.axes.values())
 
 
-def pauses(axis: Axis, rows: Array) -> Array:
+def jog_dwells(axis: Axis, rows: Array) -> Array:
     """Rests [s] beside the jogs of one axis: longer where the path stands anyway, as in corners."""
     return np.where(rows[:, PASSED] == 0.0, corner_pause(axis), DWELL)
 
@@ -91,7 +91,7 @@ def stop_cost(changes: dict[str, Array], travel: dict[str, float], machine: Mach
         stopped = rows[rows[:, CARRIED] == 0.0]
         axis = machine.axes[name]
         jogs += len(stopped) * make_jog(axis, travel[name], 0.0).duration
-        rests.append(pauses(axis, stopped))
+        rests.append(jog_dwells(axis, stopped))
         places.append(stopped[:, [MOTION, SHARE]])
         speeds.append(stopped[:, PASSED])
     if not places:
@@ -106,7 +106,7 @@ _HALVINGS: Final = 6
 """So often the range of the dead band is halved: to a sixtieth of it."""
 
 
-class Search:
+class ReversalSearch:
     """Finds the changes of all axes for dead bands, with what all searches have in common kept.
 
     Parameters
@@ -144,7 +144,7 @@ class Search:
 
     def _one(self, name: str, band: float) -> Array:
         axis = "XYZ".index(name)
-        rows = find_changes(
+        rows = find_reversals(
             self._view,
             axis,
             self._feed,
@@ -197,14 +197,14 @@ class Search:
         for name, rows in changes.items():
             inside = rows[(rows[:, SHARE] > 0.0) & (rows[:, SHARE] < 1.0)]
             for motion, share, chain in inside[:, [MOTION, SHARE, CHAIN]].tolist():
-                why = why_whole(self.program, self.dialect, int(motion), share)
+                why = why_indivisible(self.program, self.dialect, int(motion), share)
                 if why and self.open[name][int(chain)]:
                     self.give_up(name, int(chain), why)
                     found = True
         return found
 
 
-def affordable(search: Search, options: EditOptions) -> tuple[dict[str, Array], list[str]]:
+def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[dict[str, Array], list[str]]:
     """Find the changes that keep within the time allowed.
 
     The dead band begins with the tolerance. Where the stops cost too much it is raised, up to half the lost
@@ -218,19 +218,19 @@ def affordable(search: Search, options: EditOptions) -> tuple[dict[str, Array], 
     warnings : list of str
     """
     allowed = options.max_slowdown * float(search.times.sum())
-    found = _changes(search, options, 0.0)
+    found = _search_raised(search, options, 0.0)
     while search.unsplit(found):
-        found = _changes(search, options, 0.0)
+        found = _search_raised(search, options, 0.0)
     every = search.cost(found)
     if every <= allowed:
         return found, search.warnings
-    _shed(search, options, allowed)
+    _drop_costly_chains(search, options, allowed)
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        kept = search.cost(_changes(search, options, middle)) <= allowed
+        kept = search.cost(_search_raised(search, options, middle)) <= allowed
         low, high = (low, middle) if kept else (middle, high)
-    found = _changes(search, options, high)
+    found = _search_raised(search, options, high)
     widest = max(_bands(search, options, high).values())
     need = round_up(every / max(float(search.times.sum()), 1e-9))
     said = [
@@ -240,9 +240,9 @@ def affordable(search: Search, options: EditOptions) -> tuple[dict[str, Array], 
     return found, [*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])]
 
 
-def _shed(search: Search, options: EditOptions, allowed: float) -> None:
+def _drop_costly_chains(search: ReversalSearch, options: EditOptions, allowed: float) -> None:
     """Leave axes alone in whole chains until the widest dead band keeps within the time allowed."""
-    found = _changes(search, options, 1.0)
+    found = _search_raised(search, options, 1.0)
     total = search.cost(found)
     if total <= allowed:
         return
@@ -259,11 +259,11 @@ def _shed(search: Search, options: EditOptions, allowed: float) -> None:
         total -= own
 
 
-def _changes(search: Search, options: EditOptions, raised: float) -> dict[str, Array]:
+def _search_raised(search: ReversalSearch, options: EditOptions, raised: float) -> dict[str, Array]:
     return search.changes(_bands(search, options, raised))
 
 
-def _bands(search: Search, options: EditOptions, raised: float) -> dict[str, float]:
+def _bands(search: ReversalSearch, options: EditOptions, raised: float) -> dict[str, float]:
     """Dead bands by axis [m]: `raised` from the tolerance (0) to half the lost motion (1)."""
     return {
         name: options.tolerance + raised * max(half - options.tolerance, 0.0) for name, half in search.amplitude.items()
@@ -275,7 +275,7 @@ def _last_cut(kind: CodeArray, low: int, high: int) -> int:
     return low + int(np.flatnonzero(kind[low:high] != RAPID)[-1])
 
 
-SEAT: Final = 3.0
+APPROACH: Final = 3.0
 """How far before its place an axis comes onto its flank where the flank it stands on is not known, in halves
 of the lost motion: with the half that is added this is twice the lost motion, as a program's approach has."""
 
@@ -306,22 +306,22 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     axes = [machine.axes[name] for name in AXES if name in machine.axes and carries_offset(machine.axes[name])]
     if not axes or program.motions.kind.size == 0:
         return nothing
-    troubles = program_troubles(program)
+    troubles = why_not_editable(program)
     if troubles:
         said += tuple(f"the program carries no lasting offset: {trouble}" for trouble in troubles)
         return Edits(offset=nothing.offset, warnings=said)
     units = program_units(program)[0]
-    amplitude = {axis.name: half_gap(axis, dialect, units) for axis in axes}
+    amplitude = {axis.name: half_lost_motion(axis, dialect, units) for axis in axes}
     blocked = blocked_chains(program)
-    search = Search(program, machine, dialect, amplitude, _open_chains(program, blocked))
-    changes, said_of_time = affordable(search, options)
+    search = ReversalSearch(program, machine, dialect, amplitude, _open_chains(program, blocked))
+    changes, said_of_time = affordable_reversals(search, options)
     offset, edits = np.zeros(nothing.offset.shape), nothing
     for name, rows in changes.items():
         column = offset[:, AXES.index(name)]
         _fill(column, rows, amplitude[name])
         if column.any():
             found = _edits_of(program, machine.axes[name], amplitude[name], rows, nothing.offset)
-            edits = merge(edits, found)
+            edits = merge_edits(edits, found)
     edits = replace(edits, offset=sealed(offset))
     told = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *said_of_time]
     return _with_warnings(edits, program, dialect, told)
@@ -350,7 +350,7 @@ def _edits_of(program: PartProgram, axis: Axis, amplitude: float, rows: Array, n
         offset=nothing,
         stops=stops,
         amplitude={axis.name: amplitude},
-        pulse={axis.name: SEAT * amplitude} if seated else {},
+        pulse={axis.name: APPROACH * amplitude} if seated else {},
     )
 
 
@@ -367,10 +367,10 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
     rapid = (program.motions.kind[rows[:, MOTION].astype(np.int64)] == RAPID) & (rows[:, SHARE] == 1.0)
     seats = first & rapid
     made = np.flatnonzero((rows[:, CARRIED] == 0.0) & (steps != 0.0))
-    velocity = {size: make_jog(axis, size * amplitude, 0.0).velocity for size in (1.0, 2.0, SEAT, SEAT + 1.0)}
+    velocity = {size: make_jog(axis, size * amplitude, 0.0).velocity for size in (1.0, 2.0, APPROACH, APPROACH + 1.0)}
     stops = []
-    for n, rest in zip(made.tolist(), pauses(axis, rows[made]), strict=True):
-        ways = (-SEAT * steps[n], (SEAT + 1.0) * steps[n]) if seats[n] else (steps[n],)
+    for n, rest in zip(made.tolist(), jog_dwells(axis, rows[made]), strict=True):
+        ways = (-APPROACH * steps[n], (APPROACH + 1.0) * steps[n]) if seats[n] else (steps[n],)
         shifts = tuple(
             OffsetShift(
                 axis=axis.name,

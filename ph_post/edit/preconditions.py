@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.dialects.base import Dialect
-from ph_post.edit.block_words import letters
+from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.directions import chain_spans
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import split_cubic
@@ -23,30 +23,30 @@ from ph_post.types import Array, Axis, BoolArray
 from ph_post.units import MM
 
 
-def why_whole(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
+def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
     """Tell why a motion cannot be divided at a share of it, in words; empty where it can."""
     motions = program.motions
-    line, own = int(motions.block[motion]) + 1, letters(program, int(motions.block[motion]))
+    line, own = int(motions.block[motion]) + 1, words_by_letter(program, int(motions.block[motion]))
     if motions.kind[motion] in (RAPID, NURBS):
         return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'}, and is not divided"
     unknown = np.isnan(motions.start[motion]) | np.isnan(motions.end[motion])
     for axis, name in enumerate("XYZ"):
         if unknown[axis] and name in own:
             return f"line {line} begins where {name} is not known, and cannot be divided"
-    if why := why_bound(program, motion):
+    if why := why_kept_whole(program, motion):
         return f"line {line} {why}"
     if motions.kind[motion] == CUBIC:
-        return _why_whole_cubic(program, dialect, motion, share)
+        return _why_indivisible_cubic(program, dialect, motion, share)
     return ""
 
 
-def why_bound(program: PartProgram, motion: int) -> str:
+def why_kept_whole(program: PartProgram, motion: int) -> str:
     """Tell what in its language keeps a motion's line whole, in words; empty where nothing does."""
     bound = program.language.bound
     return "" if bound is None else bound(program.text(int(program.motions.block[motion])))
 
 
-def _why_whole_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
+def _why_indivisible_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
     line = int(program.motions.block[motion]) + 1
     if not dialect.capabilities.cubic_splines:
         return f"line {line} would have to be divided, and {dialect.name} has no G5"
@@ -72,7 +72,7 @@ def word_decimals(dialect: Dialect, units: float) -> int:
     return dialect.capabilities.decimals + (units > MM)
 
 
-def half_gap(axis: Axis, dialect: Dialect, units: float) -> float:
+def half_lost_motion(axis: Axis, dialect: Dialect, units: float) -> float:
     """Half the lost motion of an axis on that grid [m].
 
     Raises
@@ -129,7 +129,7 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     return {why: np.logical_or.reduceat(marks, low) for why, marks in found.items() if marks.any()}
 
 
-def program_troubles(program: PartProgram) -> list[str]:
+def why_not_editable(program: PartProgram) -> list[str]:
     """Why nothing of a program can be shifted."""
     troubles = []
     if _checksummed(program):

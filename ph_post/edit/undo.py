@@ -24,7 +24,7 @@ from ph_post.gcode.program import ByteArray, Language, PlaceArray
 from ph_post.gcode.words import read_words
 from ph_post.types import BoolArray, IntArray, sealed
 
-HUNK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
+CHANGE_MARK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
 """Comment line before a changed stretch."""
 
 _LINES: Final = 50_000
@@ -32,7 +32,7 @@ _LINES: Final = 50_000
 
 _BEGUN: Final = b"N1\n"
 
-CANDIDATES: Final = tuple(ord(letter) for letter in "XYZIJK")
+SHIFTABLE: Final = tuple(ord(letter) for letter in "XYZIJK")
 """Letters of words that a lasting offset can change."""
 
 
@@ -80,7 +80,7 @@ class _Restorer:
     def __init__(self, data: bytes, end: int, payload: Payload, language: Language) -> None:
         self._data, self._payload, self._language = data, payload, language
         self._lines = split_lines(np.frombuffer(data, np.uint8)[:end])
-        self._added, self._spans = self._find_hunks(end)
+        self._added, self._spans = self._find_changes(end)
         self._codes = np.frombuffer(payload.code, np.uint8)
         self._styles = np.frombuffer(payload.style, "<u2")
         self._table = np.array(payload.delta, dtype=np.int64).reshape(-1, 2)
@@ -102,13 +102,13 @@ class _Restorer:
             raise ValueError(self._code)
         return text
 
-    def _find_hunks(self, end: int) -> tuple[BoolArray, IntArray]:
+    def _find_changes(self, end: int) -> tuple[BoolArray, IntArray]:
         """Mark the lines that were added, and tell by line what they took the place of (n, 2)."""
         removed = np.append(0, np.cumsum([len(one) for one in _split(self._payload.removed)]))
         added = np.zeros(self._lines.size - 1, dtype=np.bool_)
         spans, done = np.zeros((added.size, 2), dtype=np.int64), 0
         added[self._payload.head[0] : sum(self._payload.head)] = True
-        for found in HUNK.finditer(self._data, 0, end):
+        for found in CHANGE_MARK.finditer(self._data, 0, end):
             line = int(np.searchsorted(self._lines, np.int32(found.start()), side="right")) - 1
             if not added[line]:
                 new, old = map(int, mark_text(found))
@@ -145,7 +145,7 @@ class _Restorer:
             return nothing, nothing, np.zeros(0, dtype=np.uint8), np.zeros(1, dtype=np.int64)
         lexed = read_words(self._language.hidden(data), lines)
         self._closed, words = lexed.end < lines.size - 1, lexed.words
-        candidate = np.flatnonzero(np.isin(words.letter, CANDIDATES) & ~added[words.block])
+        candidate = np.flatnonzero(np.isin(words.letter, SHIFTABLE) & ~added[words.block])
         code = self._codes[self._code : self._code + candidate.size]
         if code.size != candidate.size:
             raise ValueError(code.size)

@@ -20,7 +20,7 @@ BISECTIONS = 60
 """Halvings of a stretch of time until a double knows it no better."""
 
 
-class LeftAlone(msgspec.Struct, frozen=True, kw_only=True):
+class UnchangedWindow(msgspec.Struct, frozen=True, kw_only=True):
     """A window that the program keeps as it is: its number, the motion it lies on, and why."""
 
     window: int
@@ -28,17 +28,17 @@ class LeftAlone(msgspec.Struct, frozen=True, kw_only=True):
     why: str
 
 
-class Found(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class PlacedEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Stops and dips in order of travel, and windows that were left alone."""
 
     stops: tuple[StopEdit, ...]
     dips: tuple[DipEdit, ...]
-    left: tuple[LeftAlone, ...]
+    left: tuple[UnchangedWindow, ...]
 
 
-def window_edits(
+def place_plan(
     motions: Motions, path: ProgramPath, plan: Plan, block_time: float, bound: Callable[[int], str]
-) -> Found:
+) -> PlacedEdits:
     """Tell what a plan does in its windows on the motions of the program.
 
     Parameters
@@ -53,10 +53,10 @@ def window_edits(
     bound : callable
         ``bound(motion)``: why the line of a motion is not divided, in words.
     """
-    return _Windows(motions, path, plan, block_time, bound).found()
+    return _PlanPlacer(motions, path, plan, block_time, bound).found()
 
 
-class _Windows:
+class _PlanPlacer:
     """The windows of one plan."""
 
     def __init__(
@@ -69,9 +69,9 @@ class _Windows:
         self.motion = MotionLaw.from_phases(read.phases)
         self.stops: list[StopEdit] = []
         self.dips: list[DipEdit] = []
-        self.left: list[LeftAlone] = []
+        self.left: list[UnchangedWindow] = []
 
-    def found(self) -> Found:
+    def found(self) -> PlacedEdits:
         """Go through the rests of the plan, and then through the windows that have none."""
         rested = set()
         for span in find_spans(self.phases):
@@ -82,10 +82,10 @@ class _Windows:
                 self._stop(span, own, min(windows))
         for number in sorted({phase.window for phase in self.phases} - rested - {-1}):
             self._dip(number)
-        return Found(stops=tuple(self.stops), dips=tuple(self.dips), left=tuple(self.left))
+        return PlacedEdits(stops=tuple(self.stops), dips=tuple(self.dips), left=tuple(self.left))
 
     def _leave(self, window: int, motion: int, why: str) -> None:
-        self.left.append(LeftAlone(window=window, motion=motion, why=why))
+        self.left.append(UnchangedWindow(window=window, motion=motion, why=why))
 
     def _stop(self, span: Span, jogs: Sequence[Jog], window: int) -> None:
         """Stand still at a place, with the axes shifted as the plan jogs them."""

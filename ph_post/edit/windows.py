@@ -17,8 +17,8 @@ from ph_post.compensate.plan import make_plan
 from ph_post.drive.axes import has_backlash, with_gap
 from ph_post.edit.directions import chain_spans
 from ph_post.edit.edits import DipEdit, Edits, StopEdit
-from ph_post.edit.preconditions import blocked_chains, program_troubles, why_bound
-from ph_post.edit.window_edits import LeftAlone, window_edits
+from ph_post.edit.preconditions import blocked_chains, why_kept_whole, why_not_editable
+from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.gcode.paths import SAME_PLACE, ProgramPath, line_words
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.curves import Composite
@@ -161,7 +161,7 @@ def plan_windows(
         `edits.warnings` name what was left alone.
     """
     edits = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    troubles = program_troubles(program)
+    troubles = why_not_editable(program)
     if troubles:
         words = tuple(f"no window of the program is changed: {trouble}" for trouble in troubles)
         return WindowEdits(edits=replace(edits, warnings=words), plans=())
@@ -179,7 +179,7 @@ def plan_windows(
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
         made = _planned(part, chosen, tolerance, _telling(progress, where))
-        done = window_edits(program.motions, part.path, made.plan, block_time, partial(why_bound, program))
+        done = place_plan(program.motions, part.path, made.plan, block_time, partial(why_kept_whole, program))
         stops += done.stops
         dips += done.dips
         plans.append(made)
@@ -297,7 +297,7 @@ def _pulses(stops: Sequence[StopEdit]) -> Mapping[str, float]:
     return largest
 
 
-def _words(program: PartProgram, made: WindowPlan, left: LeftAlone) -> str:
+def _words(program: PartProgram, made: WindowPlan, left: UnchangedWindow) -> str:
     points = [made.plan.turning_points[k] for k in made.plan.windows[left.window].members]
     axes = " and ".join(dict.fromkeys(point.axis for point in points))
     return f"line {program.motions.block[left.motion] + 1}: {axes} turns: left alone: {left.why}"

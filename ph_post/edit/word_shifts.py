@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.compiling import compiled, inner
-from ph_post.edit.edits import StopEdit, Task
+from ph_post.edit.edits import MotionEdit, StopEdit
 from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram
 from ph_post.types import Array, IntArray
 
@@ -176,7 +176,7 @@ def _copy(source: Any, low: Any, high: Any, out: Any, at: Any) -> Any:
     return at
 
 
-class Carried(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class MotionOffsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Offsets of motions in whole steps of the last decimal, shape (m, 3) each.
 
     `after` at the end of a motion; `word` the one that its end word carries, ahead of a stop at its end.
@@ -190,24 +190,24 @@ class Carried(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.after[motion - 1].astype(np.int64) if motion else np.zeros(3, dtype=np.int64)
 
 
-class Changed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Words that change, and by how many steps."""
 
     word: IntArray
     delta: IntArray
 
 
-def carried(offset: Array, tasks: Sequence[Task], step: float) -> Carried:
+def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
     """Round offsets to steps [m] and tell what the words of every motion carry, its stops where they are."""
     after = np.rint(offset / step).astype(np.int32)
     word = after.copy()
     for task in tasks:
         if 1.0 in task.stops:
-            word[task.motion] -= lasting(task.stops[1.0], step).astype(np.int32)
-    return Carried(after=after, word=word)
+            word[task.motion] -= net_shift(task.stops[1.0], step).astype(np.int32)
+    return MotionOffsets(after=after, word=word)
 
 
-def lasting(stop: StopEdit, step: float) -> IntArray:
+def net_shift(stop: StopEdit, step: float) -> IntArray:
     """Sum of the shifts of a stop in steps, shape (3,)."""
     total = np.zeros(3)
     for shift in stop.shifts:
@@ -215,11 +215,11 @@ def lasting(stop: StopEdit, step: float) -> IntArray:
     return np.rint(total / step).astype(np.int64)
 
 
-def stop_words(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
+def stop_label(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
     """Say what a stop does to the offsets (3,) in force before it, in steps: a word or two an axis."""
     if not stop.shifts:
         return ["rest"]
-    after, found = offset + lasting(stop, step), []
+    after, found = offset + net_shift(stop, step), []
     for axis, name in enumerate(AXES):
         if any(shift.axis == name for shift in stop.shifts):
             way = int(np.sign(after[axis]))
@@ -227,7 +227,7 @@ def stop_words(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
     return found
 
 
-def changed_words(program: PartProgram, found: Carried) -> Changed:
+def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
     """Tell the change of every word.
 
     Words of motions only: under G90 they carry the offset, under G91 its change in their own block; centres
@@ -250,7 +250,7 @@ def changed_words(program: PartProgram, found: Carried) -> Changed:
         found.after,
         found.word,
     )
-    return Changed(word=word, delta=delta)
+    return ShiftedWords(word=word, delta=delta)
 
 
 @inner
@@ -292,7 +292,7 @@ def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, kind: Any,
 
 @compiled
 def number_codes(letter: Any, block: Any, outside: Any, word: Any, number: Any) -> Any:
-    """Code of every X, Y, Z, I, J and K outside hunks: 0, or one more than the `number` of its change."""
+    """Code of every X, Y, Z, I, J and K outside changes: 0, or one more than the `number` of its change."""
     count = 0
     for write in range(2):
         if write:

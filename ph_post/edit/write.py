@@ -26,12 +26,12 @@ from ph_post.edit.preconditions import program_units, word_decimals
 from ph_post.edit.undo import restore
 from ph_post.edit.word_shifts import (
     MOST_DECIMALS,
-    Changed,
+    ShiftedWords,
     assemble,
-    carried,
-    changed_words,
+    motion_offsets,
     number_codes,
     shift_numbers,
+    shifted_words,
 )
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
@@ -47,7 +47,7 @@ _LARGEST: Final = 10**13
 
 
 class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Changed numbers by word: new text in `pool`, `first` to `last`; and what the inverse needs."""
+    """ShiftedWords numbers by word: new text in `pool`, `first` to `last`; and what the inverse needs."""
 
     word: IntArray
     number: ByteArray
@@ -98,13 +98,13 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
             "the program holds the marks of an earlier compensation",
             expected="the original (see --undo)",
         )
-    text = _written(program, edits, dialect, declaration)
-    if _comes_back(text, program):
+    text = _write_text(program, edits, dialect, declaration)
+    if _restores(text, program):
         return text
-    return _closed(program, text[: payload_start(text)], Payload(whole=program.data), dialect)
+    return _with_payload(program, text[: payload_start(text)], Payload(whole=program.data), dialect)
 
 
-def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
+def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
     """Write the new text; all that is needed for that is given up with it."""
     units = program_units(program)
     if len(units) > 1 and np.any(edits.offset):
@@ -112,8 +112,8 @@ def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: 
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
     tasks = schedule(edits, program.motions, step)
-    found = carried(edits.offset, tasks, step)
-    numbers = _numbers(program, changed_words(program, found), decimals, int(dialect.point))
+    found = motion_offsets(edits.offset, tasks, step)
+    numbers = _numbers(program, shifted_words(program, found), decimals, int(dialect.point))
     writer = ChangeWriter(
         program,
         dialect,
@@ -122,11 +122,11 @@ def _written(program: PartProgram, edits: Edits, dialect: Dialect, declaration: 
         declaration.chord_tolerance,
         lambda block: numbers.text(program, block),
     )
-    hunks = sorted(writer.write(tasks), key=lambda hunk: hunk.block)
-    return _closed(program, *_body(program, numbers, hunks, dialect, declaration), dialect)
+    changes = sorted(writer.write(tasks), key=lambda change: change.block)
+    return _with_payload(program, *_assemble_text(program, numbers, changes, dialect, declaration), dialect)
 
 
-def _comes_back(text: bytes, program: PartProgram) -> bool:
+def _restores(text: bytes, program: PartProgram) -> bool:
     """Whether the inverse gives the original, byte for byte."""
     try:
         return restore(text, program.name) == program.data
@@ -134,7 +134,7 @@ def _comes_back(text: bytes, program: PartProgram) -> bool:
         return False
 
 
-def _numbers(program: PartProgram, changed: Changed, decimals: int, least: int) -> _Numbers:
+def _numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: int) -> _Numbers:
     """Add to every number what its word changes by, with at least so many decimals."""
     words, word = program.words, changed.word
     if word.size:
@@ -177,8 +177,8 @@ def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
     return count, decimals
 
 
-def _body(
-    program: PartProgram, numbers: _Numbers, hunks: list[Change], dialect: Dialect, declaration: Declaration
+def _assemble_text(
+    program: PartProgram, numbers: _Numbers, changes: list[Change], dialect: Dialect, declaration: Declaration
 ) -> tuple[bytes, Payload]:
     """Put the new text together, and gather what its inverse needs."""
     end, line = line_end(program), _head_line(program)
@@ -186,8 +186,8 @@ def _body(
     lines = np.append(program.lines[:-1], len(data))
     head = declaration_lines(declaration, dialect.capabilities.max_line, dialect.comments)
     head += declaration.commands
-    texts = [_joined(head, end), *(_joined(_told(hunk, dialect), end) for hunk in hunks)]
-    places = [(line, line), *((hunk.block, hunk.block + hunk.removed) for hunk in hunks)]
+    texts = [_join_lines(head, end), *(_join_lines(_change_lines(change, dialect), end) for change in changes)]
+    places = [(line, line), *((change.block, change.block + change.removed) for change in changes)]
     outside = np.ones(program.blocks + 1, dtype=np.bool_)
     for first, last in places:
         outside[first:last] = False
@@ -221,18 +221,18 @@ def _number_text(program: PartProgram, word: int) -> bytes:
     return program.data[program.words.start[word] + 1 : program.words.end[word]]
 
 
-def _told(hunk: Change, dialect: Dialect) -> list[str]:
-    """Lines of a hunk behind the one that counts them; what it is for is cut to the length of a line."""
-    words, style = list(dict.fromkeys(hunk.label)), dialect.comments
-    head = f"+{len(hunk.lines)} -{hunk.removed} "
+def _change_lines(change: Change, dialect: Dialect) -> list[str]:
+    """Lines of a change behind the one that counts them; what it is for is cut to the length of a line."""
+    words, style = list(dict.fromkeys(change.label)), dialect.comments
+    head = f"+{len(change.lines)} -{change.removed} "
     line = marked(head + style.text(", ".join(words)), style)
     while len(line) > dialect.capabilities.max_line:
         words.pop()
         line = marked(head + style.text(", ".join([*words, "and more"])), style)
-    return [line, *hunk.lines]
+    return [line, *change.lines]
 
 
-def _joined(lines: list[str], end: str) -> bytes:
+def _join_lines(lines: list[str], end: str) -> bytes:
     return "".join(line + end for line in lines).encode("latin-1")
 
 
@@ -261,7 +261,7 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
         )
 
 
-def _closed(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
+def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
     """Add the lines that undo the change."""
     lines = payload_lines(payload, dialect.capabilities.max_line, dialect.comments)
-    return body + _joined(lines, line_end(program))
+    return body + _join_lines(lines, line_end(program))

@@ -103,7 +103,7 @@ class HeadlessMachine:
         return "error" if self.collect() else "ok"
 
 
-def set_pace(clock: str, fast: bool) -> None:
+def set_clock(clock: str, fast: bool) -> None:
     """Let time pass as it does on the wall, or as fast as it can."""
     if not clock:
         return
@@ -123,16 +123,16 @@ def main() -> None:
         with (place.parent / "rows.txt").open("wb") as rows:
             recorder = subprocess.Popen(["halsampler", "-t"], stdout=rows)  # noqa: S607
             time.sleep(0.1)
-            set_pace(job["clock"], fast=True)
+            set_clock(job["clock"], fast=True)
             outcome = machine.run(job["program"], job["limit"])
-            set_pace(job["clock"], fast=False)
+            set_clock(job["clock"], fast=False)
             time.sleep(0.1)
             recorder.send_signal(signal.SIGINT)
             recorder.wait(START_UP)
     except linuxcnc.error as error:
         machine.messages.append(str(error))
     finally:
-        set_pace(job["clock"], fast=False)
+        set_clock(job["clock"], fast=False)
         result = {"outcome": outcome, "messages": machine.messages, "line": machine.line}
         (place.parent / "result.json").write_text(json.dumps(result))
 

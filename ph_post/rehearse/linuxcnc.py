@@ -129,7 +129,7 @@ _LOOK: Final = 0.2
 
 
 @contextlib.contextmanager
-def only_one(progress: Progress) -> Iterator[None]:
+def exclusive_linuxcnc(progress: Progress) -> Iterator[None]:
     """Wait until no other LinuxCNC runs on this machine, and hold it for oneself."""
     with _opened() as file:
         try:
@@ -246,7 +246,10 @@ def run_on_linuxcnc(
     """
     if not is_installed():
         raise NotInstalledError(f"LinuxCNC is not installed; install it with: {INSTALL}")
-    with tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True) as place, only_one(progress):
+    with (
+        tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True) as place,
+        exclusive_linuxcnc(progress),
+    ):
         folder = pathlib.Path(place)
         lockstep = _prepare(folder, program, machine, backlash or {}, limit)
         log = _run(folder, limit)

@@ -210,10 +210,10 @@ def _windows(program: PartProgram, path: CutPath) -> BoolArray:
     """Legs in and next to the stretches that were changed; all where none is marked."""
     motion = path.legs.motion.astype(np.int64)
     block = program.motions.block[motion]
-    hunks = changed_blocks(program)
-    if not hunks.any():
+    changes = changed_blocks(program)
+    if not changes.any():
         return np.ones(block.size, dtype=bool)
-    marks = hunks[block]
+    marks = changes[block]
     return np.asarray(marks | np.roll(marks, 1) | np.roll(marks, -1))
 
 

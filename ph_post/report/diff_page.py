@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.diff.curves import ANGLE, ORDER, CurveTable, places
 from ph_post.diff.records import Comparison
-from ph_post.diff.travel import PathSamples, Travel
+from ph_post.diff.travel import ComparedPaths, PathSamples
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.report.diffs import Programs, diff_summary, page_view
 from ph_post.report.figures import TWO, draw_moves, legend_above, magnification, new_figure, steps_of
@@ -68,7 +68,7 @@ def _columns(points: Array, names: Sequence[str] = "xyz", decimals: int = 5) -> 
     return {name: numbers(points[:, k] / MM, decimals) for k, name in enumerate(names)}
 
 
-def places_off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
+def places_off(travel: ComparedPaths, programs: Programs, k: int) -> dict[str, Any]:
     """Where one path is not the other: the other's places [mm], and what is between, to be magnified."""
     assert travel.sides is not None
     side: PathSamples = travel.sides[k]
@@ -86,7 +86,7 @@ def places_off(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     }
 
 
-def feed_steps(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
+def feed_steps(travel: ComparedPaths, programs: Programs, k: int) -> dict[str, Any]:
     """Programmed feed along the first path [mm/min], as steps from one way to the next [mm]."""
     outline, motions = travel.outlines[k], programs[k].motions
     if motions.kind.size == 0:
@@ -103,7 +103,7 @@ def feed_steps(travel: Travel, programs: Programs, k: int) -> dict[str, Any]:
     }
 
 
-def _on_first(travel: Travel, ways: Array) -> Array:
+def _on_first(travel: ComparedPaths, ways: Array) -> Array:
     """Ways along the second path as ways along the first, evenly where the paths differ [m]."""
     here = np.flatnonzero(travel.found >= 0)
     a, b = travel.outlines

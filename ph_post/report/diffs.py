@@ -9,7 +9,7 @@ import click
 import msgspec
 
 from ph_post.diff.blocks import lines_of
-from ph_post.diff.records import BlockChange, Comparison, Deviation, FeedChange, Order, Span, Timing
+from ph_post.diff.records import BlockChange, CommandChange, Comparison, Deviation, FeedChange, Span, Timing
 from ph_post.gcode.program import PartProgram
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import NOTHING, counted, format_table
@@ -281,7 +281,7 @@ def time_words(timing: Timing) -> str:
     return f"length over feed, {rapids}, no ramps"
 
 
-def _print_orders(orders: Sequence[Order]) -> None:
+def _print_orders(orders: Sequence[CommandChange]) -> None:
     if not orders:
         return
     click.secho("beside the motion:", bold=True)

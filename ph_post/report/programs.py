@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis, analyse
-from ph_post.api.programs import CompensatedProgram, Outcome, Performance
+from ph_post.api.programs import CompensatedProgram, Performance, ProgramOutcome
 from ph_post.edit.edits import Edits
 from ph_post.edit.windows import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
@@ -178,7 +178,9 @@ def _left_off(motions: Motions, path: ProgramPath, column: int) -> dict[int, int
     return dict(zip(path.motion.tolist(), path.motion[last].tolist(), strict=True))
 
 
-def program_lines(delivery: CompensatedProgram, outcome: Outcome | None, products: Iterable[str]) -> Iterator[str]:
+def program_lines(
+    delivery: CompensatedProgram, outcome: ProgramOutcome | None, products: Iterable[str]
+) -> Iterator[str]:
     """Say what was changed, what was left alone, and what was written where, a line each."""
     yield program_summary(delivery, outcome)
     for warning in warnings_of(delivery):
@@ -186,7 +188,7 @@ def program_lines(delivery: CompensatedProgram, outcome: Outcome | None, product
     yield from files_written_lines(products)
 
 
-def program_summary(delivery: CompensatedProgram, outcome: Outcome | None) -> str:
+def program_summary(delivery: CompensatedProgram, outcome: ProgramOutcome | None) -> str:
     """Say in one line what was changed."""
     name = delivery.before.name
     if delivery.done:
@@ -224,7 +226,7 @@ def _changes(delivery: CompensatedProgram) -> str:
     return ", ".join(facts)
 
 
-def _times(delivery: CompensatedProgram, outcome: Outcome | None) -> str:
+def _times(delivery: CompensatedProgram, outcome: ProgramOutcome | None) -> str:
     if outcome is None:
         return ""
     apart = ", not counting what is passed through" if delivery.before.notes else ""
@@ -232,7 +234,7 @@ def _times(delivery: CompensatedProgram, outcome: Outcome | None) -> str:
 
 
 def program_view(
-    delivery: CompensatedProgram, machine: Machine, tolerance: float, outcome: Outcome | None
+    delivery: CompensatedProgram, machine: Machine, tolerance: float, outcome: ProgramOutcome | None
 ) -> dict[str, Any]:
     """Return what ``convert --json`` prints of a part program; what was not simulated is null."""
     edits, told = delivery.edits, delivery.declaration

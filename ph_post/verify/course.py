@@ -13,20 +13,20 @@ from ph_post.compiling import compiled, inner
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import NO_HUNK, VerifyCase
+from ph_post.verify.declared import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import (
     EXACT,
     Pairing,
     Stretches,
     StretchSide,
-    declared_ways,
-    doubtful,
+    declared_lengths,
     dwell_beside,
     find_stretches,
+    format_shifts,
     is_declared,
-    millimetres,
+    unproven_stretches,
 )
-from ph_post.verify.polylines import follow, polylines
+from ph_post.verify.polylines import first_unreached, polylines
 from ph_post.verify.states import Dwells
 
 _FINE = 20.0
@@ -39,11 +39,11 @@ _LONGEST = 1.0
 _CELLS = 10**6
 """Ways of more pairs of pieces than this take too long to tell how far they are apart."""
 
-_TOLD = 20
+_MEASURED = 20
 """Of so many stretches the deviation is worked out."""
 
 
-class _Way(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class _TracedPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The polylines of the stretches of one program, less what is added to the axes.
 
     `points` (n, 3) [m], those of stretch r from ``first[r]`` on; `owner` (n,) the motion that a point is of,
@@ -55,54 +55,54 @@ class _Way(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     owner: IntArray
 
 
-def check_course(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> Stretches:
-    """Compare the stretches of all hunks with what they replace; `dwells` are the added ones."""
+def check_path(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> Stretches:
+    """Compare the stretches of all changes with what they replace; `dwells` are the added ones."""
     one, other = case.original.motions, case.compensated.motions
     found = find_stretches(one, other, pairing)
-    case.findings.count("stretches", found.hunk.size)
+    case.findings.count("stretches", found.change.size)
     doubts = _doubtful_jogs(case, pairing, dwells)
-    told = _check_ways(case, doubtful(one, other, found, case.bound), doubts)
+    told = _check_traces(case, unproven_stretches(one, other, found, case.bound), doubts)
     gap = np.abs(_last(one, other, found))
     off = np.any(gap > 0.5 * _grid(case, found)[:, None] + EXACT, axis=1)
     for place in np.flatnonzero(off).tolist():
-        if int(found.hunk[place]) not in told and not _tell_jogs(case, doubts, found, place):
-            _tell_end(case, int(found.hunk[place]), gap[place])
+        if int(found.change[place]) not in told and not _report_jogs(case, doubts, found, place):
+            _report_end(case, int(found.change[place]), gap[place])
     return found
 
 
-def _check_ways(case: VerifyCase, closer: Stretches, doubts: BoolArray) -> set[int]:
-    """Compare the ways of the stretches that need a closer look; returns the hunks that failed."""
-    if not closer.hunk.size:
+def _check_traces(case: VerifyCase, closer: Stretches, doubts: BoolArray) -> set[int]:
+    """Compare the ways of the stretches that need a closer look; returns the changes that failed."""
+    if not closer.change.size:
         return set()
     sagitta = case.bound / _FINE
     old, new = (
-        _way(program.motions, side, sagitta)
+        _trace(program.motions, side, sagitta)
         for program, side in ((case.original, closer.old), (case.compensated, closer.new))
     )
     old, new = _filled(old, new), _filled(new, old)
-    bound = np.full(closer.hunk.size, case.bound + 2.0 * sagitta)
-    stuck = follow(old.points, old.first, new.points, new.first, bound)
+    bound = np.full(closer.change.size, case.bound + 2.0 * sagitta)
+    stuck = first_unreached(old.points, old.first, new.points, new.first, bound)
     failed = np.flatnonzero(stuck >= 0)
     for rank, place in enumerate(failed.tolist()):
-        if not _tell_jogs(case, doubts, closer, place):
-            deviation = _deviation(old, new, place) if rank < _TOLD else None
-            _tell_way(case, int(closer.hunk[place]), new, place, int(stuck[place]), deviation)
-    return set(closer.hunk[failed].tolist())
+        if not _report_jogs(case, doubts, closer, place):
+            deviation = _deviation(old, new, place) if rank < _MEASURED else None
+            _report_path(case, int(closer.change[place]), new, place, int(stuck[place]), deviation)
+    return set(closer.change[failed].tolist())
 
 
-def _way(motions: Motions, side: StretchSide, sagitta: float) -> _Way:
+def _trace(motions: Motions, side: StretchSide, sagitta: float) -> _TracedPath:
     lines = polylines(motions, side.motion, sagitta)
     owner = np.repeat(np.arange(side.motion.size), np.diff(lines.first))
     points = np.nan_to_num(lines.points) - side.shift[owner]
-    return _Way(points=points, first=lines.first[side.first], owner=side.motion[owner])
+    return _TracedPath(points=points, first=lines.first[side.first], owner=side.motion[owner])
 
 
-def _filled(way: _Way, other: _Way) -> _Way:
+def _filled(way: _TracedPath, other: _TracedPath) -> _TracedPath:
     """Give stretches without a motion a point: the first of the other program's."""
     empty = np.flatnonzero(np.diff(way.first) == 0)
     added = np.zeros(way.first.size, dtype=np.int64)
     added[empty + 1] = 1
-    return _Way(
+    return _TracedPath(
         points=np.insert(way.points, way.first[empty], other.points[other.first[empty]], axis=0),
         first=way.first + np.cumsum(added),
         owner=np.insert(way.owner, way.first[empty], -1),
@@ -113,7 +113,7 @@ def _last(one: Motions, other: Motions, found: Stretches) -> Array:
     """Tell by what stretches end elsewhere [m]; a stretch without a motion ends where it begins."""
     ends = []
     for motions, side in ((one, found.old), (other, found.new)):
-        first, last = np.zeros((found.hunk.size, 3)), np.zeros((found.hunk.size, 3))
+        first, last = np.zeros((found.change.size, 3)), np.zeros((found.change.size, 3))
         there = np.flatnonzero(np.diff(side.first) > 0)
         low, high = side.first[there], side.first[there + 1] - 1
         first[there] = np.nan_to_num(motions.start[side.motion[low]]) - side.shift[low]
@@ -128,26 +128,26 @@ def _grid(case: VerifyCase, found: Stretches) -> Array:
     """Last decimal [m] that is written in each stretch."""
     program, decimals = case.compensated, case.declared.decimals
     units = np.array([modal.units for modal in program.modal])
-    block = case.lines.hunks.new_last[found.hunk] - 1
+    block = case.lines.changes.new_last[found.change] - 1
     return np.asarray(units[program.state[block]] * 10.0 ** -(0 if decimals is None else decimals))
 
 
 def _doubtful_jogs(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> BoolArray:
     """Find moves that count as part of the way, but look like a jog that is not as it should be."""
     motions = case.compensated.motions
-    straight = np.flatnonzero((motions.kind == LINE) & ~pairing.jog & (pairing.new_hunk != NO_HUNK))
+    straight = np.flatnonzero((motions.kind == LINE) & ~pairing.jog & (pairing.new_change != NO_CHANGE))
     way = np.nan_to_num(np.abs(motions.end[straight] - motions.start[straight]))
     alone = (way > EXACT).sum(axis=1) == 1
-    ahead, behind = dwell_beside(motions.block, pairing.new_hunk, dwells, case.lines)
+    ahead, behind = dwell_beside(motions.block, pairing.new_change, dwells, case.lines)
     amount = np.zeros(way.shape[0], dtype=bool)
-    for axis, (offset, pulse) in declared_ways(case.declared).items():
+    for axis, (offset, pulse) in declared_lengths(case.declared).items():
         amount |= is_declared(way[:, axis], offset, 0.0) | (np.abs(way[:, axis] - pulse) <= EXACT)
     doubts = np.zeros(motions.kind.size, dtype=bool)
     doubts[straight] = alone & ((ahead & behind)[straight] | amount)
     return doubts
 
 
-def _tell_jogs(case: VerifyCase, doubts: BoolArray, found: Stretches, place: int) -> bool:
+def _report_jogs(case: VerifyCase, doubts: BoolArray, found: Stretches, place: int) -> bool:
     """Tell the doubtful jogs of a stretch; whether there are any."""
     motions = case.compensated.motions
     own = found.new.motion[found.new.first[place] : found.new.first[place + 1]]
@@ -156,42 +156,44 @@ def _tell_jogs(case: VerifyCase, doubts: BoolArray, found: Stretches, place: int
             "jog",
             "a move of one axis beside the path is no declared jog between two dwells",
             compensated=int(motions.block[motion]),
-            got=millimetres(np.nan_to_num(motions.end[motion] - motions.start[motion])),
+            got=format_shifts(np.nan_to_num(motions.end[motion] - motions.start[motion])),
         )
     return bool(doubts[own].any())
 
 
-def _replaced(case: VerifyCase, hunk: int) -> int | None:
-    """First of the lines that a hunk replaces, if it does."""
-    hunks = case.lines.hunks
-    return int(hunks.old_first[hunk]) if hunks.old_last[hunk] > hunks.old_first[hunk] else None
+def _replaced(case: VerifyCase, change: int) -> int | None:
+    """First of the lines that a change replaces, if it does."""
+    changes = case.lines.changes
+    return int(changes.old_first[change]) if changes.old_last[change] > changes.old_first[change] else None
 
 
-def _tell_end(case: VerifyCase, hunk: int, ends: Array) -> None:
+def _report_end(case: VerifyCase, change: int, ends: Array) -> None:
     case.findings.add(
         "path",
         "the changed stretch does not end where the original does",
-        original=_replaced(case, hunk),
-        compensated=int(case.lines.hunks.new_last[hunk]) - 1,
-        got=millimetres(ends),
+        original=_replaced(case, change),
+        compensated=int(case.lines.changes.new_last[change]) - 1,
+        got=format_shifts(ends),
     )
 
 
-def _tell_way(case: VerifyCase, hunk: int, new: _Way, place: int, stuck: int, deviation: float | None) -> None:
+def _report_path(
+    case: VerifyCase, change: int, new: _TracedPath, place: int, stuck: int, deviation: float | None
+) -> None:
     """Say where a stretch leaves the original's way, and by how much."""
     owner = new.owner[min(new.first[place] + stuck, new.first[place + 1] - 1)]
-    block = case.compensated.motions.block[owner] if owner >= 0 else case.lines.hunks.marker[hunk]
+    block = case.compensated.motions.block[owner] if owner >= 0 else case.lines.changes.marker[change]
     case.findings.add(
         "path",
         "the tool does not go where the original does",
-        original=_replaced(case, hunk),
+        original=_replaced(case, change),
         compensated=int(block),
         expected=f"within {case.bound / MM:.4g} mm",
         got="" if deviation is None else f"{deviation / MM:.4g} mm, in the order of travel",
     )
 
 
-def _deviation(old: _Way, new: _Way, place: int) -> float | None:
+def _deviation(old: _TracedPath, new: _TracedPath, place: int) -> float | None:
     """How far the ways of a stretch are apart, in order [m], up to a metre; None where they are very long."""
     one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
     if len(one) * len(other) > _CELLS:
@@ -200,7 +202,7 @@ def _deviation(old: _Way, new: _Way, place: int) -> float | None:
     low, high = 0.0, _LONGEST
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        apart = follow(one, ends[0], other, ends[1], np.array([middle]))[0] >= 0
+        apart = first_unreached(one, ends[0], other, ends[1], np.array([middle]))[0] >= 0
         low, high = (middle, high) if apart else (low, middle)
     return high
 

@@ -13,7 +13,7 @@ import numpy as np
 from ph_post.gcode.program import PartProgram, PlaceArray
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import LENGTHS, MM, MS
-from ph_post.verify.verdict import Findings, shown
+from ph_post.verify.verdict import Findings, quoted
 
 _COMPENSATED = re.compile(rb"\(ph-post \S.* compensated this program\)\s*", re.IGNORECASE)
 _FACT = re.compile(rb"\(ph-post: ([^+].*)\)\s*", re.IGNORECASE)
@@ -49,7 +49,7 @@ _KNOWN = {
 }
 
 
-class Amount(msgspec.Struct, frozen=True, kw_only=True):
+class DeclaredLength(msgspec.Struct, frozen=True, kw_only=True):
     """A declared length: the exact number, as it is written, and the unit [m]."""
 
     number: Decimal
@@ -76,8 +76,8 @@ class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
     original: str = ""
     machine: str = ""
     machine_digest: str = ""
-    offsets: Mapping[str, Amount] = {}
-    pulses: Mapping[str, Amount] = {}
+    offsets: Mapping[str, DeclaredLength] = {}
+    pulses: Mapping[str, DeclaredLength] = {}
     stops: int | None = None
     dips: int | None = None
     dwell: float | None = None
@@ -96,7 +96,7 @@ def read_declared(original: PartProgram, compensated: PartProgram) -> DeclaredCh
         return None
     facts, last = _read_facts(original, compensated, first)
     fields, wrong = _fields(facts, first)
-    if _told_commands(facts) and not _commands(compensated, facts, last - len(_told_commands(facts))):
+    if _declared_commands(facts) and not _commands(compensated, facts, last - len(_declared_commands(facts))):
         wrong.append((first, "the commands that the header tells do not stand behind it"))
     tail, more = _read_tail(compensated, last)
     return DeclaredChanges(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
@@ -145,12 +145,12 @@ def _read_facts(original: PartProgram, compensated: PartProgram, first: int) -> 
 
 def _commands(compensated: PartProgram, facts: list[tuple[int, str]], last: int) -> int:
     """Count the lines behind the header that hold the commands it tells, in order; 0 where they do not."""
-    told = _told_commands(facts)
+    told = _declared_commands(facts)
     lines = range(last, min(last + len(told), compensated.blocks))
     return len(told) if [compensated.text(line).strip().decode("latin-1") for line in lines] == told else 0
 
 
-def _told_commands(facts: list[tuple[int, str]]) -> list[str]:
+def _declared_commands(facts: list[tuple[int, str]]) -> list[str]:
     return [words.split(" ", 1)[1] for _, words in facts if _KNOWN["command"].fullmatch(words)]
 
 
@@ -170,12 +170,12 @@ def _fields(facts: list[tuple[int, str]], first: int) -> tuple[dict[str, Any], l
         if key in seen and name != "note":
             faults.append((number, f"the header tells {key} twice"))
         seen.add(key)
-        _take(fields, name, match)
+        _set_fact(fields, name, match)
     missing = [name for name in ("original", "edits", "dwell") if name not in seen]
     return fields, faults + [(first, f"the header does not tell {name}") for name in missing]
 
 
-def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
+def _set_fact(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
     """Put one line of the header into the declaration's fields."""
     if name == "original":
         fields["original"] = match[1].lower()
@@ -183,7 +183,7 @@ def _take(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
         fields["machine"], fields["machine_digest"] = match[1], match[2].lower()
     elif name in ("offset", "pulse"):
         unit = float(LENGTHS[match[3].lower()])
-        fields[f"{name}s"][match[1].upper()] = Amount(number=Decimal(match[2]), unit=unit)
+        fields[f"{name}s"][match[1].upper()] = DeclaredLength(number=Decimal(match[2]), unit=unit)
     elif name == "edits":
         fields["stops"], fields["dips"] = int(match[1]), int(match[2])
     elif name == "dwell":
@@ -212,8 +212,8 @@ def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, st
 _MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*", re.IGNORECASE)
 _BEGINS = re.compile(rb"(?:\(|; )ph-post: \+", re.IGNORECASE)
 
-NO_HUNK = -1
-"""The hunk of a line outside all of them."""
+NO_CHANGE = -1
+"""The change of a line outside all of them."""
 
 
 class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -234,32 +234,32 @@ class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.marker.size
 
 
-class Alignment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Lines that belong together.
 
-    `old`, `new` (k,) the lines outside hunks, pair by pair, in order. `old_hunk`, `new_hunk` the hunk of each
-    line, :data:`NO_HUNK` outside (markers and the header belong to none). `ends` whether the original's last
+    `old`, `new` (k,) the lines outside changes, pair by pair, in order. `old_change`, `new_change` the change of each
+    line, :data:`NO_CHANGE` outside (markers and the header belong to none). `ends` whether the original's last
     line has got a line end, so that the undo lines can follow it.
     """
 
-    hunks: ChangedLines
+    changes: ChangedLines
     old: PlaceArray
     new: PlaceArray
-    old_hunk: PlaceArray
-    new_hunk: PlaceArray
+    old_change: PlaceArray
+    new_change: PlaceArray
     ends: bool
 
 
-def align(
+def pair_lines(
     original: PartProgram, compensated: PartProgram, declared: DeclaredChanges, findings: Findings
-) -> Alignment | None:
-    """Pair the lines as header and hunks tell; None where the numbers of lines do not allow it."""
+) -> LinePairs | None:
+    """Pair the lines as header and changes tell; None where the numbers of lines do not allow it."""
     markers = _markers(original, compensated, declared)
     rows: list[tuple[int, int, int, int, int]] = []
     old, new = declared.first, declared.last
     for line, added, removed in markers:
         if line < new:
-            findings.add("lines", "a hunk begins inside another one", compensated=line)
+            findings.add("lines", "a change begins inside another one", compensated=line)
             return None
         old += line - new
         new = line + 1 + added
@@ -268,20 +268,20 @@ def align(
         if new > declared.tail or old > original.blocks:
             findings.add(
                 "lines",
-                "a hunk reaches over the end of the program",
+                "a change reaches over the end of the program",
                 compensated=line,
-                got=shown(compensated.text(line)),
+                got=quoted(compensated.text(line)),
             )
             return None
-    found = _alignment(original, compensated, declared, rows)
+    found = _line_pairs(original, compensated, declared, rows)
     missing = (original.blocks - old) - (declared.tail - new)
     if missing:
-        _tell_count(original, compensated, found, missing, findings)
+        _report_count(original, compensated, found, missing, findings)
     return None if missing else found
 
 
 def _markers(original: PartProgram, compensated: PartProgram, declared: DeclaredChanges) -> list[tuple[int, int, int]]:
-    """Lines that begin a hunk, with the numbers of lines added and removed.
+    """Lines that begin a change, with the numbers of lines added and removed.
 
     A line of the same bytes that the original has in that place is the original's.
     """
@@ -303,39 +303,42 @@ def _has(original: PartProgram, line: int, text: bytes) -> bool:
     return 0 <= line < original.blocks and original.text(line) == text
 
 
-def _alignment(
+def _line_pairs(
     original: PartProgram,
     compensated: PartProgram,
     declared: DeclaredChanges,
     rows: list[tuple[int, int, int, int, int]],
-) -> Alignment:
+) -> LinePairs:
     columns = np.array(rows, dtype=np.int64).reshape(-1, 5).T
-    hunks = ChangedLines(
+    changes = ChangedLines(
         marker=columns[0],
         new_first=columns[1],
         new_last=columns[2],
         old_first=columns[3],
         old_last=columns[4],
     )
-    old_hunk = _hunk_of_lines(original.blocks, hunks.old_first, hunks.old_last)
-    new_hunk = _hunk_of_lines(compensated.blocks, hunks.new_first, hunks.new_last)
+    old_change = _change_of_lines(original.blocks, changes.old_first, changes.old_last)
+    new_change = _change_of_lines(compensated.blocks, changes.new_first, changes.new_last)
     apart = np.zeros(compensated.blocks, dtype=bool)
     apart[declared.first : declared.last] = True
     apart[declared.tail :] = True
-    apart[hunks.marker] = True
+    apart[changes.marker] = True
     old, new = (
-        np.flatnonzero(outside).astype(np.int32) for outside in (old_hunk == NO_HUNK, (new_hunk == NO_HUNK) & ~apart)
+        np.flatnonzero(outside).astype(np.int32)
+        for outside in (old_change == NO_CHANGE, (new_change == NO_CHANGE) & ~apart)
     )
     shared = min(old.size, new.size)
     ends = declared.tail < compensated.blocks and not _has_end(original)
-    return Alignment(hunks=hunks, old=old[:shared], new=new[:shared], old_hunk=old_hunk, new_hunk=new_hunk, ends=ends)
+    return LinePairs(
+        changes=changes, old=old[:shared], new=new[:shared], old_change=old_change, new_change=new_change, ends=ends
+    )
 
 
-def _hunk_of_lines(lines: int, first: IntArray, last: IntArray) -> PlaceArray:
-    hunk = np.full(lines, NO_HUNK, dtype=np.int32)
+def _change_of_lines(lines: int, first: IntArray, last: IntArray) -> PlaceArray:
+    change = np.full(lines, NO_CHANGE, dtype=np.int32)
     inside, number = expand(first, last)
-    hunk[inside] = number
-    return hunk
+    change[inside] = number
+    return change
 
 
 def expand(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
@@ -356,8 +359,8 @@ def _has_end(program: PartProgram) -> bool:
     return program.blocks == 0 or program.data.endswith((b"\n", b"\r"))
 
 
-def _tell_count(
-    original: PartProgram, compensated: PartProgram, found: Alignment, missing: int, findings: Findings
+def _report_count(
+    original: PartProgram, compensated: PartProgram, found: LinePairs, missing: int, findings: Findings
 ) -> None:
     """Name the first pair of lines that are plainly not the same, where lines are missing or too many."""
     same = np.fromiter(
@@ -378,8 +381,8 @@ def _tell_count(
         f"{what}, here or before",
         original=old,
         compensated=new,
-        expected=shown(original.text(old)),
-        got=shown(compensated.text(new)),
+        expected=quoted(original.text(old)),
+        got=quoted(compensated.text(new)),
     )
 
 
@@ -405,7 +408,7 @@ class VerifyCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     original: PartProgram
     compensated: PartProgram
     declared: DeclaredChanges
-    lines: Alignment
+    lines: LinePairs
     bound: float
     band: float
     findings: Findings

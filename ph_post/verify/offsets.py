@@ -10,8 +10,8 @@ import numpy as np
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane_columns
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
-from ph_post.verify.declared import NO_HUNK, VerifyCase
-from ph_post.verify.pairing import EXACT, Pairing, Stretches, StretchSide, declared_ways, millimetres
+from ph_post.verify.declared import NO_CHANGE, VerifyCase
+from ph_post.verify.pairing import EXACT, Pairing, Stretches, StretchSide, declared_lengths, format_shifts
 from ph_post.verify.states import Dwells
 from ph_post.verify.verdict import FailureKind
 
@@ -32,7 +32,7 @@ _NOTHING = 1e-12
 
 
 def check_feeds(case: VerifyCase, found: Stretches) -> None:
-    """Compare the feed of every cutting move in a hunk with the largest of the original's beside it."""
+    """Compare the feed of every cutting move in a change with the largest of the original's beside it."""
     run = found.new.stretch()
     mine = np.flatnonzero(np.diff(found.old.first)[run] > 0)
     bound = _feeds_beside(case, found, mine)
@@ -192,10 +192,10 @@ def _same_points(one: Array, other: Array, shift: Array) -> bool:
 
 def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
     """While the tool moves every axis carries -offset, 0 or offset; a pulse lasts only while it stands."""
-    ways = declared_ways(case.declared)
+    ways = declared_lengths(case.declared)
     allowed = np.array([ways.get(axis, (0.0, 0.0)) for axis in range(3)])
-    hunk = pairing.new_hunk
-    last = np.append(hunk[1:] != hunk[:-1], True)[: hunk.size] & (hunk != NO_HUNK)
+    change = pairing.new_change
+    last = np.append(change[1:] != change[:-1], True)[: change.size] & (change != NO_CHANGE)
     wrong = np.zeros(pairing.after.shape, dtype=bool)
     for axis, (offset, pulse) in enumerate(allowed.tolist()):
         size = np.abs(pairing.after[:, axis])
@@ -204,12 +204,12 @@ def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
     # A wrong shift lasts until it is taken back: it is told where it begins.
     begins = wrong & ~np.vstack([np.zeros((1, 3), dtype=bool), wrong])[:-1]
     for motion, axis in np.argwhere(begins).tolist():
-        _tell_amount(case, pairing, motion, axis, *allowed[axis].tolist())
+        _report_amount(case, pairing, motion, axis, *allowed[axis].tolist())
 
 
-def _tell_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, offset: float, pulse: float) -> None:
+def _report_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, offset: float, pulse: float) -> None:
     line = int(case.compensated.motions.block[motion])
-    got = millimetres(pairing.after[motion])
+    got = format_shifts(pairing.after[motion])
     if pulse:
         case.findings.add(
             "pulse",
@@ -238,23 +238,23 @@ def check_returns(case: VerifyCase, pairing: Pairing) -> None:
                 f"an axis is still shifted at this place: {mark.kind}",
                 expected="0",
                 compensated=min(mark.block, case.compensated.blocks - 1),
-                got=millimetres(shift),
+                got=format_shifts(shift),
             )
 
 
 def check_known(case: VerifyCase, pairing: Pairing) -> None:
-    """In a hunk no axis is moved from an unknown position, but where the original does so itself."""
-    number = max(case.lines.hunks.number, 1)
+    """In a change no axis is moved from an unknown position, but where the original does so itself."""
+    number = max(case.lines.changes.number, 1)
     moved = []
-    for motions, hunk in (
-        (case.original.motions, pairing.old_hunk),
-        (case.compensated.motions, pairing.new_hunk),
+    for motions, change in (
+        (case.original.motions, pairing.old_change),
+        (case.compensated.motions, pairing.new_change),
     ):
-        motion, axis = np.nonzero(np.isnan(motions.start) & ~np.isnan(motions.end) & (hunk != NO_HUNK)[:, None])
-        moved.append((motion, np.bincount(3 * hunk[motion] + axis, minlength=3 * number)))
+        motion, axis = np.nonzero(np.isnan(motions.start) & ~np.isnan(motions.end) & (change != NO_CHANGE)[:, None])
+        moved.append((motion, np.bincount(3 * change[motion] + axis, minlength=3 * number)))
     (_, old), (motion, new) = moved
     for place in np.flatnonzero(new > old).tolist():
-        first = motion[pairing.new_hunk[motion] == place // 3][0]
+        first = motion[pairing.new_change[motion] == place // 3][0]
         case.findings.add(
             "path",
             f"{AXES[place % 3]} is moved from where its position is not known",
@@ -267,10 +267,10 @@ def check_stops(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> None:
     motions = case.compensated.motions
     cutting = motions.block[~pairing.jog]
     passed = np.searchsorted(cutting, dwells.block)
-    hunk = case.lines.new_hunk[dwells.block]
-    stops = len(np.unique(np.stack([hunk, passed]), axis=1).T)
+    change = case.lines.new_change[dwells.block]
+    stops = len(np.unique(np.stack([change, passed]), axis=1).T)
     case.findings.count("stops", stops)
-    case.findings.count("hunks", case.lines.hunks.number)
+    case.findings.count("changes", case.lines.changes.number)
     if case.declared.stops is not None and stops != case.declared.stops:
         case.findings.add(
             "count",

@@ -10,7 +10,7 @@ import numpy as np
 from ph_post.gcode.program import ARC, AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import NO_HUNK, Alignment, Amount, DeclaredChanges, VerifyCase, expand
+from ph_post.verify.declared import NO_CHANGE, DeclaredChanges, DeclaredLength, LinePairs, VerifyCase, expand
 from ph_post.verify.polylines import motion_lengths, places_on, radii
 from ph_post.verify.states import Dwells
 
@@ -28,16 +28,16 @@ _ROUNDING = 1e-4
 class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of both programs, side by side.
 
-    `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside hunks, and the
-    rapids inside them. `old_hunk`, `new_hunk` the hunk of every motion; `jog` (k,) which of the compensated
+    `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside changes, and the
+    rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) which of the compensated
     motions move an axis while the path stands still; `before`, `after` (k, 3) [m] what the axes are shifted
     by at the start and at the end of each compensated motion.
     """
 
     old: PlaceArray
     new: PlaceArray
-    old_hunk: PlaceArray
-    new_hunk: PlaceArray
+    old_change: PlaceArray
+    new_change: PlaceArray
     jog: BoolArray
     before: Array
     after: Array
@@ -49,28 +49,28 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     `dwells` are those that the compensation added.
     """
     one, other = case.original.motions, case.compensated.motions
-    old_hunk, new_hunk = case.lines.old_hunk[one.block], case.lines.new_hunk[other.block]
-    pairs = _pairs(case, old_hunk, new_hunk)
+    old_change, new_change = case.lines.old_change[one.block], case.lines.new_change[other.block]
+    pairs = _pairs(case, old_change, new_change)
     if pairs is None:
         return None
     old, new = pairs
-    jog = _find_jogs(case, new_hunk, dwells)
+    jog = _find_jogs(case, new_change, dwells)
     before, after = _follow_shifts(one, other, old, new, jog)
     case.findings.count("motions", other.block.size)
     case.findings.count("jogs", int(jog.sum()))
-    return Pairing(old=old, new=new, old_hunk=old_hunk, new_hunk=new_hunk, jog=jog, before=before, after=after)
+    return Pairing(old=old, new=new, old_change=old_change, new_change=new_change, jog=jog, before=before, after=after)
 
 
-def _pairs(case: VerifyCase, old_hunk: PlaceArray, new_hunk: PlaceArray) -> tuple[PlaceArray, PlaceArray] | None:
-    """Motions one to one: by their lines outside hunks, and the rapids of each hunk by their order."""
+def _pairs(case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray) -> tuple[PlaceArray, PlaceArray] | None:
+    """Motions one to one: by their lines outside changes, and the rapids of each change by their order."""
     one, other, lines = case.original.motions, case.compensated.motions, case.lines
     old_line = np.zeros(case.original.blocks, dtype=np.int32)
     new_line = np.zeros(case.compensated.blocks, dtype=np.int32)
     old_line[lines.old] = new_line[lines.new] = np.arange(lines.old.size)
-    old = np.flatnonzero((old_hunk == NO_HUNK) | (one.kind == RAPID)).astype(np.int32)
-    new = np.flatnonzero((new_hunk == NO_HUNK) | (other.kind == RAPID)).astype(np.int32)
-    old_place = np.where(old_hunk[old] == NO_HUNK, old_line[one.block[old]], -1 - old_hunk[old])
-    new_place = np.where(new_hunk[new] == NO_HUNK, new_line[other.block[new]], -1 - new_hunk[new])
+    old = np.flatnonzero((old_change == NO_CHANGE) | (one.kind == RAPID)).astype(np.int32)
+    new = np.flatnonzero((new_change == NO_CHANGE) | (other.kind == RAPID)).astype(np.int32)
+    old_place = np.where(old_change[old] == NO_CHANGE, old_line[one.block[old]], -1 - old_change[old])
+    new_place = np.where(new_change[new] == NO_CHANGE, new_line[other.block[new]], -1 - new_change[new])
     if np.array_equal(old_place, new_place):
         return old, new
     shared = min(old.size, new.size)
@@ -85,27 +85,27 @@ def _pairs(case: VerifyCase, old_hunk: PlaceArray, new_hunk: PlaceArray) -> tupl
     return None
 
 
-def _find_jogs(case: VerifyCase, hunk: PlaceArray, dwells: Dwells) -> BoolArray:
-    """Straight moves in hunks, between two added dwells, of one declared axis, by a declared amount."""
+def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArray:
+    """Straight moves in changes, between two added dwells, of one declared axis, by a declared amount."""
     motions = case.compensated.motions
-    straight = np.flatnonzero((motions.kind == LINE) & (hunk != NO_HUNK))
+    straight = np.flatnonzero((motions.kind == LINE) & (change != NO_CHANGE))
     start, end = motions.start[straight], motions.end[straight]
     # What comes from where it is not known moves some way, however short the others' are.
     way = np.where(np.isnan(end), 0.0, np.where(np.isnan(start), np.inf, np.abs(end - start)))
     enough = dwells.duration >= (1.0 - _ROUNDING) * min(_LEAST, case.declared.dwell or _LEAST)
     long = Dwells(block=dwells.block[enough], duration=dwells.duration[enough])
-    ahead, behind = dwell_beside(motions.block, hunk, long, case.lines)
-    jog = np.zeros(hunk.size, dtype=bool)
-    for axis, (offset, pulse) in declared_ways(case.declared).items():
+    ahead, behind = dwell_beside(motions.block, change, long, case.lines)
+    jog = np.zeros(change.size, dtype=bool)
+    for axis, (offset, pulse) in declared_lengths(case.declared).items():
         alone = np.all(np.delete(way, axis, axis=1) <= EXACT, axis=1)
         jog[straight] |= alone & is_declared(way[:, axis], offset, pulse)
     return np.asarray(jog & ahead & behind)
 
 
-def declared_ways(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
+def declared_lengths(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
     """By column of a declared axis: the lasting offset and the largest pulse [m], 0 where there is none."""
 
-    def metres(amounts: Mapping[str, Amount], axis: str) -> float:
+    def metres(amounts: Mapping[str, DeclaredLength], axis: str) -> float:
         return amounts[axis].metres if axis in amounts else 0.0
 
     return {
@@ -120,10 +120,12 @@ def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
     return np.asarray((way > EXACT) & (change | (way <= pulse + offset + EXACT) & (pulse > 0.0)))
 
 
-def dwell_beside(block: PlaceArray, hunk: PlaceArray, dwells: Dwells, lines: Alignment) -> tuple[BoolArray, BoolArray]:
+def dwell_beside(
+    block: PlaceArray, change: PlaceArray, dwells: Dwells, lines: LinePairs
+) -> tuple[BoolArray, BoolArray]:
     """Whether one of the dwells stands between a motion and the one before it, and the one after it.
 
-    Both in the motion's own hunk.
+    Both in the motion's own change.
     """
     if not dwells.block.size or not block.size:
         nothing = np.zeros(block.size, dtype=bool)
@@ -133,8 +135,8 @@ def dwell_beside(block: PlaceArray, hunk: PlaceArray, dwells: Dwells, lines: Ali
     following = np.concatenate([block[1:], [np.iinfo(np.int64).max]])
     last = dwells.block[np.maximum(place - 1, 0)]
     first = dwells.block[np.minimum(place, dwells.block.size - 1)]
-    ahead = (place > 0) & (last > previous) & (lines.new_hunk[last] == hunk)
-    behind = (place < dwells.block.size) & (first < following) & (lines.new_hunk[first] == hunk)
+    ahead = (place > 0) & (last > previous) & (lines.new_change[last] == change)
+    behind = (place < dwells.block.size) & (first < following) & (lines.new_change[first] == change)
     return ahead, behind
 
 
@@ -170,14 +172,14 @@ def _shift_of(
     return shift
 
 
-def millimetres(shift: Array) -> str:
+def format_shifts(shift: Array) -> str:
     """Show the shifts of the axes that have one, in a message."""
     parts = [f"{name} {value / MM:.6g} mm" for name, value in zip(AXES, shift, strict=True) if abs(value) > EXACT]
     return ", ".join(parts) or "0"
 
 
 _RANK = 1 << 32
-"""More than there are rapids in a hunk."""
+"""More than there are rapids in a change."""
 
 _NOTHING = 1e-12
 """No length [m] is divided by that is smaller."""
@@ -214,12 +216,12 @@ class StretchSide(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Stretches of cutting moves, r of them, in hunks, cut at the rapids; `hunk` (r,) of each.
+    """Stretches of cutting moves, r of them, in changes, cut at the rapids; `change` (r,) of each.
 
     Jogs are left out. A stretch may be without a motion in one of the programs.
     """
 
-    hunk: IntArray
+    change: IntArray
     old: StretchSide
     new: StretchSide
 
@@ -227,11 +229,11 @@ class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def find_stretches(original: Motions, compensated: Motions, pairing: Pairing) -> Stretches:
     """Find all stretches."""
     nothing = np.zeros((original.kind.size, 3))
-    old_key, old = _keys(original.kind, pairing.old_hunk, np.zeros(original.kind.size, dtype=bool))
-    new_key, new = _keys(compensated.kind, pairing.new_hunk, pairing.jog)
+    old_key, old = _keys(original.kind, pairing.old_change, np.zeros(original.kind.size, dtype=bool))
+    new_key, new = _keys(compensated.kind, pairing.new_change, pairing.jog)
     keys = np.union1d(old_key, new_key)
     return Stretches(
-        hunk=keys // _RANK,
+        change=keys // _RANK,
         old=_side(original, old, np.append(np.searchsorted(old_key, keys), old.size), nothing),
         new=_side(compensated, new, np.append(np.searchsorted(new_key, keys), new.size), pairing.after),
     )
@@ -241,17 +243,17 @@ def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> S
     return StretchSide(motion=which, first=first, length=motion_lengths(motions, which), shift=shift[which])
 
 
-def _keys(kind: CodeArray, hunk: PlaceArray, without: BoolArray) -> tuple[IntArray, IntArray]:
-    """Hunk and number of rapids before it there, as one number, of the motions that cut in hunks."""
+def _keys(kind: CodeArray, change: PlaceArray, without: BoolArray) -> tuple[IntArray, IntArray]:
+    """Change and number of rapids before it there, as one number, of the motions that cut in changes."""
     rapids = np.cumsum(kind == RAPID)
-    which = np.flatnonzero((hunk != NO_HUNK) & (kind != RAPID) & ~without)
-    begins = np.append(True, hunk[1:] != hunk[:-1])[: hunk.size]
-    start = np.maximum.accumulate(np.where(begins, np.arange(hunk.size), 0))[which]
+    which = np.flatnonzero((change != NO_CHANGE) & (kind != RAPID) & ~without)
+    begins = np.append(True, change[1:] != change[:-1])[: change.size]
+    start = np.maximum.accumulate(np.where(begins, np.arange(change.size), 0))[which]
     ranks = rapids[which] - np.append(0, rapids)[start]
-    return np.asarray(hunk[which].astype(np.int64) * _RANK + ranks), which
+    return np.asarray(change[which].astype(np.int64) * _RANK + ranks), which
 
 
-def doubtful(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:
+def unproven_stretches(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:
     """Leave out what is plainly the same: motions that were only divided, each part on its motion.
 
     Parts of a line are lines and parts of an arc are arcs about its centre; both are measured against the
@@ -277,7 +279,7 @@ def doubtful(original: Motions, compensated: Motions, found: Stretches, bound: f
     )
     spans = spans[:, np.argsort(spans[0], kind="stable")]
     return Stretches(
-        hunk=found.hunk[spans[0]],
+        change=found.change[spans[0]],
         old=_part(found.old, spans[1], spans[2]),
         new=_part(found.new, spans[3], spans[4]),
     )

@@ -117,7 +117,7 @@ def _within(p: Array, q: Array, bound: float, low: Array, high: Array) -> int:
 
 
 @compiled
-def follow(p: Array, p_first: IntArray, q: Array, q_first: IntArray, bound: Array) -> IntArray:
+def first_unreached(p: Array, p_first: IntArray, q: Array, q_first: IntArray, bound: Array) -> IntArray:
     """Decide for each pair of polylines whether they are within their bound of each other, in order.
 
     Parameters

@@ -10,14 +10,14 @@ import numpy as np
 
 from ph_post.gcode.program import Modal, PartProgram, PlaceArray
 from ph_post.types import Array, BoolArray, IntArray
-from ph_post.verify.declared import NO_HUNK, VerifyCase, expand
-from ph_post.verify.verdict import shown
+from ph_post.verify.declared import NO_CHANGE, VerifyCase, expand
+from ph_post.verify.verdict import quoted
 
 _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)
 """Letters that belong to moves, line numbers, and to G words whose own check reads them."""
 
 _FREE = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1, 61.0, 61.1, 64.0, 90.0, 91.0, 90.1, 91.1, 93.0, 94.0)
-"""G words a hunk may bring: moves, dwells, and modes that are checked to be set back."""
+"""G words a change may bring: moves, dwells, and modes that are checked to be set back."""
 
 _G = ord("G")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
@@ -38,53 +38,53 @@ def find_dwells(program: PartProgram) -> Dwells:
     return Dwells(block=block, duration=duration)
 
 
-def check_orders(case: VerifyCase) -> None:
-    """Demand in hunks the commands and comments of the lines they replace, in the same order."""
-    old = _commands(case.original, case.lines.old_hunk)
-    new = _commands(case.compensated, case.lines.new_hunk)
-    case.findings.count("commands in hunks", old.shape[1])
+def check_commands(case: VerifyCase) -> None:
+    """Demand in changes the commands and comments of the lines they replace, in the same order."""
+    old = _commands(case.original, case.lines.old_change)
+    new = _commands(case.compensated, case.lines.new_change)
+    case.findings.count("commands in changes", old.shape[1])
     if not np.array_equal(old, new):
-        _tell_commands(case, old, new)
-    for hunk in np.flatnonzero(case.lines.hunks.old_last > case.lines.hunks.old_first).tolist():
-        _check_remarks(case, hunk)
+        _report_commands(case, old, new)
+    for change in np.flatnonzero(case.lines.changes.old_last > case.lines.changes.old_first).tolist():
+        _check_remarks(case, change)
 
 
-def _commands(program: PartProgram, hunk: PlaceArray) -> Array:
-    """Hunk, letter and value of the words that are neither geometry nor free, shape (3, n)."""
+def _commands(program: PartProgram, change: PlaceArray) -> Array:
+    """Change, letter and value of the words that are neither geometry nor free, shape (3, n)."""
     words = program.words
     free = (words.letter == _G) & np.isin(words.value, _FREE)
-    own = (hunk[words.block] != NO_HUNK) & ~np.isin(words.letter, _GEOMETRY) & ~free
+    own = (change[words.block] != NO_CHANGE) & ~np.isin(words.letter, _GEOMETRY) & ~free
     value = np.nan_to_num(words.value[own], nan=np.finfo(float).max)
-    return np.array([hunk[words.block[own]], words.letter[own], value])
+    return np.array([change[words.block[own]], words.letter[own], value])
 
 
-def _tell_commands(case: VerifyCase, old: Array, new: Array) -> None:
-    hunks = case.lines.hunks
-    for hunk in np.union1d(old[0], new[0]).astype(np.int64).tolist():
-        one, other = _spelled(old, hunk), _spelled(new, hunk)
+def _report_commands(case: VerifyCase, old: Array, new: Array) -> None:
+    changes = case.lines.changes
+    for change in np.union1d(old[0], new[0]).astype(np.int64).tolist():
+        one, other = _spelled(old, change), _spelled(new, change)
         if one != other:
-            replaced = hunks.old_last[hunk] > hunks.old_first[hunk]
+            replaced = changes.old_last[change] > changes.old_first[change]
             case.findings.add(
                 "command",
-                "the commands of the hunk are not those of the lines it replaces",
-                original=int(hunks.old_first[hunk]) if replaced else None,
-                compensated=int(hunks.marker[hunk]),
+                "the commands of the change are not those of the lines it replaces",
+                original=int(changes.old_first[change]) if replaced else None,
+                compensated=int(changes.marker[change]),
                 expected=" ".join(one) or "none",
                 got=" ".join(other) or "none",
             )
 
 
-def _spelled(commands: Array, hunk: int) -> list[str]:
-    own = commands[1:, commands[0] == hunk]
+def _spelled(commands: Array, change: int) -> list[str]:
+    own = commands[1:, commands[0] == change]
     return [f"{chr(int(letter))}{value:g}" for letter, value in own.T.tolist()]
 
 
-def _check_remarks(case: VerifyCase, hunk: int) -> None:
-    """Comments of replaced lines stand in the hunk, in order; what was under a block delete stays so."""
-    hunks = case.lines.hunks
-    old = _stretch(case.original, int(hunks.old_first[hunk]), int(hunks.old_last[hunk]))
-    new = _stretch(case.compensated, int(hunks.new_first[hunk]), int(hunks.new_last[hunk]))
-    first, marker = int(hunks.old_first[hunk]), int(hunks.marker[hunk])
+def _check_remarks(case: VerifyCase, change: int) -> None:
+    """Comments of replaced lines stand in the change, in order; what was under a block delete stays so."""
+    changes = case.lines.changes
+    old = _stretch(case.original, int(changes.old_first[change]), int(changes.old_last[change]))
+    new = _stretch(case.compensated, int(changes.new_first[change]), int(changes.new_last[change]))
+    first, marker = int(changes.old_first[change]), int(changes.marker[change])
     if b"(" in old or b";" in old:
         rest = iter(_COMMENT.findall(new))
         for comment in _COMMENT.findall(old):
@@ -94,10 +94,10 @@ def _check_remarks(case: VerifyCase, hunk: int) -> None:
                     "a comment of a replaced line is lost",
                     original=first,
                     compensated=marker,
-                    expected=shown(comment),
+                    expected=quoted(comment),
                 )
     if _deleted(old) != _deleted(new):
-        what = "block delete is lost or added in the hunk"
+        what = "block delete is lost or added in the change"
         case.findings.add("comment", what, original=first, compensated=marker)
 
 
@@ -110,11 +110,11 @@ def _deleted(text: bytes) -> bool:
 
 
 def check_dwells(case: VerifyCase) -> Dwells:
-    """Demand the declared time of dwells in hunks that are not the replaced lines'; return those."""
-    new, hunk_of = find_dwells(case.compensated), case.lines.new_hunk
-    added = hunk_of[new.block] != NO_HUNK
-    for hunk, seconds in _replaced_dwells(case):
-        own = added & (hunk_of[new.block] == hunk) & (np.abs(new.duration - seconds) <= _ALIKE)
+    """Demand the declared time of dwells in changes that are not the replaced lines'; return those."""
+    new, change_of = find_dwells(case.compensated), case.lines.new_change
+    added = change_of[new.block] != NO_CHANGE
+    for change, seconds in _replaced_dwells(case):
+        own = added & (change_of[new.block] == change) & (np.abs(new.duration - seconds) <= _ALIKE)
         if own.any():
             added[np.argmax(own)] = False
             continue
@@ -122,7 +122,7 @@ def check_dwells(case: VerifyCase) -> Dwells:
             "command",
             "a dwell of a replaced line is lost",
             expected=f"G4 P{seconds:g}",
-            compensated=int(case.lines.hunks.marker[hunk]),
+            compensated=int(case.lines.changes.marker[change]),
         )
     found = Dwells(block=new.block[added], duration=new.duration[added])
     _check_times(case, found)
@@ -157,23 +157,23 @@ def _check_times(case: VerifyCase, dwells: Dwells) -> None:
 
 
 def _replaced_dwells(case: VerifyCase) -> list[tuple[int, float]]:
-    """Hunk and time [s] of the dwells of replaced lines."""
+    """Change and time [s] of the dwells of replaced lines."""
     old = find_dwells(case.original)
-    hunk = case.lines.old_hunk[old.block]
-    return list(zip(hunk[hunk != NO_HUNK].tolist(), old.duration[hunk != NO_HUNK].tolist(), strict=True))
+    change = case.lines.old_change[old.block]
+    return list(zip(change[change != NO_CHANGE].tolist(), old.duration[change != NO_CHANGE].tolist(), strict=True))
 
 
-_IN_HUNK = ("motion", "absolute", "arc_absolute", "feed_mode", "path")
-"""Modes that a hunk may set for its own moves, and sets back at its end."""
+_IN_CHANGE = ("motion", "absolute", "arc_absolute", "feed_mode", "path")
+"""Modes that a change may set for its own moves, and sets back at its end."""
 
 _INVERSE_TIME = 93
 
 
 def check_states(case: VerifyCase) -> None:
-    """Compare the state after each line outside hunks and after each hunk, and what hunks hold meanwhile."""
-    original, compensated, hunks = case.original, case.compensated, case.lines.hunks
-    old = np.concatenate([case.lines.old, hunks.old_last - 1])
-    new = np.concatenate([case.lines.new, hunks.new_last - 1])
+    """Compare the state after each line outside changes and after each change, and what changes hold meanwhile."""
+    original, compensated, changes = case.original, case.compensated, case.lines.changes
+    old = np.concatenate([case.lines.old, changes.old_last - 1])
+    new = np.concatenate([case.lines.new, changes.new_last - 1])
     order = np.argsort(new, kind="stable")
     old, new = old[order], new[order]
     known = _Numbering(("motion",))
@@ -182,7 +182,7 @@ def check_states(case: VerifyCase) -> None:
         != (known.number(compensated)[compensated.state][new])
     )
     for place in _onsets(unlike).tolist():
-        _tell_state(case, int(old[place]), int(new[place]))
+        _report_state(case, int(old[place]), int(new[place]))
     expected, got = _after(original.feed_word, old, np.nan), compensated.feed_word[new]
     timed = np.array([modal.feed_mode == _INVERSE_TIME for modal in compensated.modal])
     unlike = ~((expected == got) | np.isnan(expected) | timed[compensated.state[new]])
@@ -196,7 +196,7 @@ def check_states(case: VerifyCase) -> None:
             got=f"F {got[place]:g}",
         )
     case.findings.count("states", old.size)
-    _check_hunks(case)
+    _check_changes(case)
 
 
 class _Numbering:
@@ -229,7 +229,7 @@ def _line(line: int) -> int | None:
     return line if line >= 0 else None
 
 
-def _tell_state(case: VerifyCase, old: int, new: int) -> None:
+def _report_state(case: VerifyCase, old: int, new: int) -> None:
     one, other = case.original.modal_after(old), case.compensated.modal_after(new)
     names = [
         name for name in Modal.__struct_fields__ if name != "motion" and getattr(one, name) != getattr(other, name)
@@ -245,18 +245,18 @@ def _tell_state(case: VerifyCase, old: int, new: int) -> None:
     )
 
 
-def _check_hunks(case: VerifyCase) -> None:
-    """Inside a hunk nothing is switched but what its moves need, and what the replaced lines switched."""
-    known = _Numbering(_IN_HUNK)
-    hunks = case.lines.hunks
+def _check_changes(case: VerifyCase) -> None:
+    """Inside a change nothing is switched but what its moves need, and what the replaced lines switched."""
+    known = _Numbering(_IN_CHANGE)
+    changes = case.lines.changes
     old_state = known.number(case.original)[case.original.state]
     new_state = known.number(case.compensated)[case.compensated.state]
-    inside, hunk = expand(hunks.new_first, hunks.new_last)
-    start = _after(old_state, hunks.old_first - 1, known.of(Modal()))
-    for place in np.flatnonzero(new_state[inside] != start[hunk]).tolist():
-        number, line = int(hunk[place]), int(inside[place])
-        if new_state[line] not in old_state[hunks.old_first[number] : hunks.old_last[number]]:
-            case.findings.add("state", "the hunk switches what it must not touch", compensated=line)
+    inside, change = expand(changes.new_first, changes.new_last)
+    start = _after(old_state, changes.old_first - 1, known.of(Modal()))
+    for place in np.flatnonzero(new_state[inside] != start[change]).tolist():
+        number, line = int(change[place]), int(inside[place])
+        if new_state[line] not in old_state[changes.old_first[number] : changes.old_last[number]]:
+            case.findings.add("state", "the change switches what it must not touch", compensated=line)
 
 
 def check_breaks(case: VerifyCase) -> None:

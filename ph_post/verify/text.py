@@ -21,8 +21,8 @@ from ph_post.gcode.program import (
 )
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import Amount, VerifyCase, as_mask
-from ph_post.verify.verdict import shown
+from ph_post.verify.declared import DeclaredLength, VerifyCase, as_mask
+from ph_post.verify.verdict import quoted
 
 _AXES = b"XYZ"
 _CENTRES = b"IJK"
@@ -59,8 +59,8 @@ class _Pairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     new: IntArray
 
 
-def check_wording(case: VerifyCase) -> None:
-    """Compare the lines outside hunks, byte for byte, and numbers that differ with the declared offsets."""
+def check_text(case: VerifyCase) -> None:
+    """Compare the lines outside changes, byte for byte, and numbers that differ with the declared offsets."""
     original, compensated, lines = case.original, case.compensated, case.lines
     sides = _Side.of(original), _Side.of(compensated)
     shifted = sum(_check_part(case, sides, slice(low, low + _LINES)) for low in range(0, lines.old.size, _LINES))
@@ -91,8 +91,8 @@ def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice) -> in
             "the line differs outside what is declared",
             original=first,
             compensated=second,
-            expected=shown(original.text(first)),
-            got=shown(compensated.text(second)),
+            expected=quoted(original.text(first)),
+            got=quoted(compensated.text(second)),
         )
     return pairs.old.size
 
@@ -164,10 +164,12 @@ def _check_amounts(case: VerifyCase, pairs: _Pairs) -> None:
             which = np.flatnonzero(own & (units == unit) & (absolute == mode))
             chosen = _Pairs(old=pairs.old[which], new=pairs.new[which])
             for place in np.flatnonzero(~_differ_by(case, chosen, amount, steps, unit)).tolist():
-                _tell_word(case, int(chosen.old[place]), int(chosen.new[place]), amount)
+                _report_word(case, int(chosen.old[place]), int(chosen.new[place]), amount)
 
 
-def _differ_by(case: VerifyCase, pairs: _Pairs, amount: Amount, steps: tuple[int, ...], unit: float) -> BoolArray:
+def _differ_by(
+    case: VerifyCase, pairs: _Pairs, amount: DeclaredLength, steps: tuple[int, ...], unit: float
+) -> BoolArray:
     """Which words differ by one of the multiples of the amount, to the last digit."""
     one, other = case.original.words, case.compensated.words
     if unit != amount.unit:
@@ -187,7 +189,7 @@ def _differ_by(case: VerifyCase, pairs: _Pairs, amount: Amount, steps: tuple[int
         way = np.abs(way - one.digits[pairs.old] * 10 ** np.maximum(scale - before, 0))
         right = fits & np.any([way == step * number * 10 ** (scale - places) for step in steps], axis=0)
     for place in np.flatnonzero(~fits).tolist():
-        way_there = _way(case, int(pairs.old[place]), int(pairs.new[place]))
+        way_there = _difference(case, int(pairs.old[place]), int(pairs.new[place]))
         right[place] = abs(way_there) in [step * amount.number for step in steps]
     return np.asarray(right)
 
@@ -198,7 +200,7 @@ def _as_integer(number: Decimal) -> tuple[int, int]:
     return int(number.scaleb(places)), places
 
 
-def _way(case: VerifyCase, old: int, new: int) -> Decimal:
+def _difference(case: VerifyCase, old: int, new: int) -> Decimal:
     """Return what a number was changed by, however long it is, from its bytes."""
     before, after = (
         Decimal(b"".join(program.data[program.words.start[word] + 1 : program.words.end[word]].split()).decode())
@@ -207,7 +209,7 @@ def _way(case: VerifyCase, old: int, new: int) -> Decimal:
     return after - before
 
 
-def _tell_word(case: VerifyCase, old: int, new: int, amount: Amount) -> None:
+def _report_word(case: VerifyCase, old: int, new: int, amount: DeclaredLength) -> None:
     letter = chr(case.compensated.words.letter[new])
     case.findings.add(
         "offset",
@@ -215,7 +217,7 @@ def _tell_word(case: VerifyCase, old: int, new: int, amount: Amount) -> None:
         original=int(case.original.words.block[old]),
         compensated=int(case.compensated.words.block[new]),
         expected=f"+ or - {amount.number}",
-        got=f"{_way(case, old, new)}",
+        got=f"{_difference(case, old, new)}",
     )
 
 

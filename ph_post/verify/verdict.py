@@ -33,7 +33,7 @@ FailureKind = Literal[
 """What kind of thing went wrong.
 
 `header` the declaration is damaged; `original` it speaks of another program; `undeclared` there is none, yet
-the bytes differ; `lines` lines are missing, too many, or not where the hunks say; `text` a line differs from
+the bytes differ; `lines` lines are missing, too many, or not where the changes say; `text` a line differs from
 the original's; `comment` a comment or a block delete of a replaced line is lost; `offset` an axis is shifted
 by something else than what is declared; `return` a shift is not taken back where it must be; `direction` an
 axis carries the offset of the other direction of travel; `jog`, `pulse`, `dwell` a stop is not as declared;
@@ -70,7 +70,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True):
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
     """`failures` in the order of the checks, at most :data:`KEPT` of a kind; `found` counts all of them.
 
-    `checked` counts what was looked at: lines, words, motions, hunks, jogs, stops.
+    `checked` counts what was looked at: lines, words, motions, changes, jogs, stops.
     """
 
     failures: tuple[Failure, ...]
@@ -124,12 +124,12 @@ class Findings:
         return Verdict(failures=tuple(self._failures), found=self.found, checked=dict(self.checked))
 
 
-def shown(line: bytes, width: int = 60) -> str:
+def quoted(line: bytes, width: int = 60) -> str:
     r"""Show a line of a program in a message, without its line end; what is no plain text is escaped.
 
     Examples
     --------
-    >>> shown(b"G1 X10\r\n")
+    >>> quoted(b"G1 X10\r\n")
     "'G1 X10'"
     """
     text = repr(line.rstrip(b"\r\n"))[1:]

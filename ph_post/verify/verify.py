@@ -5,8 +5,8 @@ from __future__ import annotations
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import MM
-from ph_post.verify.course import check_course, check_direction
-from ph_post.verify.declared import DeclaredChanges, VerifyCase, align, read_declared
+from ph_post.verify.course import check_direction, check_path
+from ph_post.verify.declared import DeclaredChanges, VerifyCase, pair_lines, read_declared
 from ph_post.verify.offsets import (
     check_amounts,
     check_feeds,
@@ -17,9 +17,9 @@ from ph_post.verify.offsets import (
     check_stops,
 )
 from ph_post.verify.pairing import pair_motions
-from ph_post.verify.states import check_breaks, check_dwells, check_orders, check_states
-from ph_post.verify.text import check_wording
-from ph_post.verify.verdict import Findings, Verdict, shown
+from ph_post.verify.states import check_breaks, check_commands, check_dwells, check_states
+from ph_post.verify.text import check_text
+from ph_post.verify.verdict import Findings, Verdict, quoted
 
 ROUNDED = 4.0
 """A point may be off by so many units of its last decimal: rounding of ends and of an arc's centre."""
@@ -64,7 +64,7 @@ def verify(
         return findings.verdict()
     if machine is not None:
         _check_machine(declared, machine, findings)
-    lines = align(original, compensated, declared, findings)
+    lines = pair_lines(original, compensated, declared, findings)
     if lines is not None:
         case = VerifyCase(
             original=original,
@@ -91,8 +91,8 @@ def _check_undeclared(original: PartProgram, compensated: PartProgram, findings:
         "the programs differ, and no header declares why",
         original=place if place < original.blocks else None,
         compensated=place if place < compensated.blocks else None,
-        expected=shown(original.text(place)) if place < original.blocks else "nothing more",
-        got=shown(compensated.text(place)) if place < compensated.blocks else "nothing more",
+        expected=quoted(original.text(place)) if place < original.blocks else "nothing more",
+        got=quoted(compensated.text(place)) if place < compensated.blocks else "nothing more",
     )
 
 
@@ -130,10 +130,10 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
 
 def _compare(case: VerifyCase, machine: Machine | None) -> None:
     """Compare text, state, motion and feed, line by line of the alignment."""
-    check_wording(case)
+    check_text(case)
     check_states(case)
     check_breaks(case)
-    check_orders(case)
+    check_commands(case)
     dwells = check_dwells(case)
     pairing = pair_motions(case, dwells)
     if pairing is None:
@@ -143,7 +143,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_amounts(case, pairing)
     check_returns(case, pairing)
     check_stops(case, pairing, dwells)
-    found = check_course(case, pairing, dwells)
+    found = check_path(case, pairing, dwells)
     check_feeds(case, found)
     check_direction(case, pairing)
     if machine is not None:

@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 from support.compensated import headed
 from support.corpus import stepper
-from support.splicing import with_edits
+from support.editing import with_edits
 
 from ph_post.api.programs import NOTED, ProgramRequest, compensate_program
 from ph_post.compensate.options import PlanOptions
@@ -20,7 +20,7 @@ from ph_post.verify.verify import verify
 
 def asked(slowdown=10.0, strategy="takeup"):
     how = PlanOptions(strategy=strategy, carrier="program", max_slowdown=slowdown, effort=0.05)
-    return ProgramRequest(plan=how, splice=EditOptions(max_slowdown=slowdown))
+    return ProgramRequest(plan=how, edit=EditOptions(max_slowdown=slowdown))
 
 
 def delivered(text, machine=None, request=None):

@@ -201,7 +201,7 @@ def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbina
     from ph_post.api import programs
 
     honest = programs.apply_edits
-    monkeypatch.setattr(programs, "splice", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
+    monkeypatch.setattr(programs, "apply_edits", lambda *given: honest(*given).replace(b"M5\n", b"", 1))
     out = tmp_path / "out.ngc"
     status, _, said = run(capfdbinary, "convert", circle, *ROOMY, "-o", out)
     assert status == 2

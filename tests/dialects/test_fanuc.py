@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support.splicing import compensate
+from support.editing import compensate
 
 from ph_post.dialects.fanuc.reader import read_fanuc
 from ph_post.dialects.reading import read_as

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from support.splicing import compensate
+from support.editing import compensate
 
 from ph_post.dialects.grblhal import DIALECT, spline_deviation
 from ph_post.drive.machinefile import read_machine

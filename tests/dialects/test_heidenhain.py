@@ -265,7 +265,7 @@ def test_nothing_is_spliced_and_the_reason_is_told(dialect: str) -> None:
     program = read(dialect, PART)
     machine = replace(read_machine("router"), dialect=dialect)
     request = ProgramRequest(
-        plan=PlanOptions(strategy="auto", carrier="program", effort=0.05), splice=EditOptions(), force=False
+        plan=PlanOptions(strategy="auto", carrier="program", effort=0.05), edit=EditOptions(), force=False
     )
     with pytest.raises(InputError, match="nothing is spliced into programs of heidenhain"):
         compensate_program(program, machine, request, lambda words: None)

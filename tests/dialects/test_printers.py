@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.editing import ENOUGH, compensate
 from support.firmware import travel
-from support.splicing import ENOUGH, compensate
 
 from ph_post.cli.main import main
 from ph_post.dialects.registry import find_dialect

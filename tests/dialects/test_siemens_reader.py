@@ -276,5 +276,5 @@ def test_nothing_is_spliced_into_one() -> None:
     program = read_as("siemens", (BEGIN + "X10\nX0\nM30\n").encode(), "part.mpf")
     with pytest.raises(InputError, match="nothing is spliced into programs of siemens: values there may be"):
         compensate_program(
-            program, make_machine(dialect="siemens"), ProgramRequest(plan=PlanOptions(), splice=EditOptions())
+            program, make_machine(dialect="siemens"), ProgramRequest(plan=PlanOptions(), edit=EditOptions())
         )

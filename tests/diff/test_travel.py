@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from support.outlines import MM, Tool
 
 from ph_post.diff.curves import curve_table
-from ph_post.diff.travel import compare_paths, farthest
+from ph_post.diff.travel import compare_paths, refine_deviations
 from ph_post.gcode.program import LINE, NURBS
 from ph_post.gcode.read import read_program
 
@@ -21,7 +21,7 @@ def apart(a, b):
     found = []
     for number, side in enumerate(travel.sides):
         rows = np.array([int(np.argmax(side.deviation))] if side.deviation.size else [], dtype=np.int64)
-        deviation, _ = farthest(travel, number, rows)
+        deviation, _ = refine_deviations(travel, number, rows)
         found.append(float(deviation.max(initial=0.0)) / MM)
     return tuple(found)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.splicing import ENOUGH
+from support.editing import ENOUGH
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions, Edits, StopEdit
-from ph_post.edit.offset_edits import SEAT, plan_offsets
-from ph_post.edit.preconditions import half_gap
+from ph_post.edit.offset_edits import APPROACH, plan_offsets
+from ph_post.edit.preconditions import half_lost_motion
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
 from ph_post.types import Machine
@@ -56,8 +56,8 @@ def test_a_corner_that_turns_back() -> None:
 def test_behind_a_rapid_the_axis_comes_from_beyond_its_gap() -> None:
     first = plan(START + "G1 X10\nM2\n").stops[0]
     ways = [shift.travel / HALF["X"] for shift in first.shifts]
-    assert ways == pytest.approx([-SEAT, SEAT + 1.0])
-    assert plan(START + "G1 X10\nM2\n").pulse["X"] == pytest.approx(SEAT * HALF["X"])
+    assert ways == pytest.approx([-APPROACH, APPROACH + 1.0])
+    assert plan(START + "G1 X10\nM2\n").pulse["X"] == pytest.approx(APPROACH * HALF["X"])
 
 
 def test_an_arc_turns_at_its_quadrants() -> None:
@@ -219,7 +219,7 @@ def test_too_few_decimals_are_refused() -> None:
     program = read_program((START + "G1 X5\nX0\nM2\n").encode(), "part.ngc")
     # half of 0.06 mm is three whole steps of 0.01 mm, and none of 0.1 mm
     fair = replace(coarse, capabilities=replace(coarse.capabilities, decimals=2))
-    assert half_gap(STEPPER.axes["X"], fair, 1e-3) == pytest.approx(0.5 * STEPPER.axes["X"].gap.lost_motion)
+    assert half_lost_motion(STEPPER.axes["X"], fair, 1e-3) == pytest.approx(0.5 * STEPPER.axes["X"].gap.lost_motion)
     coarse = replace(coarse, capabilities=replace(coarse.capabilities, decimals=1))
     with pytest.raises(InputError, match="decimals of grbl are too few for an offset of axis X"):
         plan_offsets(program, STEPPER, coarse, EditOptions())

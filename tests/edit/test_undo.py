@@ -8,11 +8,11 @@ from decimal import Decimal
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.splicing import compensate
+from support.editing import compensate
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit import write
-from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge
+from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge_edits
 from ph_post.edit.header import (
     Declaration,
     Payload,
@@ -215,7 +215,7 @@ def test_changes_of_different_axes_are_merged() -> None:
     x[:, 0], y[:, 1] = 1e-5, 2e-5
     a = Edits(offset=x, stops=(_stop("X", 1, 0.5), _stop("X", 2, 1.0)), amplitude={"X": 1e-5}, warnings=("w",))
     b = Edits(offset=y, stops=(_stop("Y", 0, 1.0), _stop("Y", 2, 1.0, 0.03)), pulse={"Y": 1e-5}, warnings=("w", "v"))
-    both = merge(a, b)
+    both = merge_edits(a, b)
     assert [(stop.motion, stop.share) for stop in both.stops] == [(0, 1.0), (1, 0.5), (2, 1.0)]
     assert [shift.axis for shift in both.stops[2].shifts] == ["X", "Y"]
     assert both.stops[2].pause == 0.03
@@ -227,11 +227,11 @@ def test_one_axis_or_one_stretch_twice_is_refused() -> None:
     offset = np.zeros((3, 3))
     a = Edits(offset=offset, amplitude={"X": 1e-5})
     with pytest.raises(InputError, match="both shift axis X"):
-        merge(a, a)
+        merge_edits(a, a)
     one = Edits(offset=offset, dips=(_dip(0.2, 0.5),))
-    assert len(merge(one, Edits(offset=offset, dips=(_dip(0.5, 0.7),))).dips) == 2
+    assert len(merge_edits(one, Edits(offset=offset, dips=(_dip(0.5, 0.7),))).dips) == 2
     with pytest.raises(InputError, match="two feeds"):
-        merge(one, Edits(offset=offset, dips=(_dip(0.4, 0.7),)))
+        merge_edits(one, Edits(offset=offset, dips=(_dip(0.4, 0.7),)))
 
 
 def _dip(low: float, high: float) -> DipEdit:

@@ -1,4 +1,4 @@
-"""Changes written into programs: hunks, modal words, splits, feed dips, and lines that stay as they are."""
+"""Changes written into programs: changes, modal words, splits, feed dips, and lines that stay as they are."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from support.editing import Compensated, compensate, with_edits
 from support.part_programs import distances, samples
-from support.splicing import Compensated, compensate, with_edits
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit

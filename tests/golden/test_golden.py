@@ -22,7 +22,7 @@ from ph_post.cli.main import main
 from ph_post.post import remarks
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
-CASES = sorted(folder for folder in GOLDEN.iterdir() if folder.is_dir())
+CASES = sorted(file.parent for file in GOLDEN.glob("*/arguments.txt"))
 LANGUAGES = {"fanuc": run_fanuc, "heidenhain": run_klartext, "iso": run_tnc_iso}
 """Interpreters of other languages, by the end of a case's name."""
 OTHERS = [folder for folder in CASES if folder.name.endswith(("_marlin", "_klipper", "_siemens", *LANGUAGES))]

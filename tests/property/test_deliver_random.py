@@ -33,7 +33,7 @@ def asked(rng: random.Random) -> ProgramRequest:
     slowdown = rng.choice((0.1, 10.0, 1000.0))
     strategy = rng.choice(("auto", "takeup"))
     plan = PlanOptions(strategy=strategy, carrier="program", max_slowdown=slowdown)
-    return ProgramRequest(plan=plan, splice=EditOptions(max_slowdown=slowdown))
+    return ProgramRequest(plan=plan, edit=EditOptions(max_slowdown=slowdown))
 
 
 @pytest.mark.parametrize("start", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (30, 60, 90))])
@@ -57,7 +57,7 @@ def test_programs_that_were_once_refused_are_delivered(seed, tools):
     found = compensate_program(
         read_program(data, "part.ngc"),
         machine,
-        ProgramRequest(plan=plan, splice=EditOptions(max_slowdown=1000.0)),
+        ProgramRequest(plan=plan, edit=EditOptions(max_slowdown=1000.0)),
     )
     assert undo(found.after.data, "part.ngc") == data
     assert found.after.data != data

@@ -4,8 +4,8 @@ import random
 
 import numpy as np
 import pytest
+from support.editing import compensate
 from support.part_programs import random_program
-from support.splicing import compensate
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError

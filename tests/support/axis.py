@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.rehearse.linuxcnc import INSTALL, only_one, write_configuration
+from ph_post.rehearse.linuxcnc import INSTALL, exclusive_linuxcnc, write_configuration
 from support.pipelines import executable
 
 SYSTEM = "/usr/bin:/bin:/usr/sbin:/sbin"
@@ -104,7 +104,7 @@ def running_axis(lines: list[str], files: dict[str, str]) -> Iterator[Axis]:
         environment |= {"PATH": SYSTEM, "HOME": place, "LIBGL_ALWAYS_SOFTWARE": "1"}
         if os.geteuid() == 0:
             environment |= {"RTAPI_UID": "65534", "RTAPI_FIFO_PATH": str(folder / "rtapi_fifo")}
-        with only_one(lambda _words: None), _display(environment):
+        with exclusive_linuxcnc(lambda _words: None), _display(environment):
             yield from _run(ini, Axis(folder, environment), environment)
 
 

@@ -107,7 +107,7 @@ def mill() -> Machine:
 def compensated(program: PartProgram, machine: Machine, dialect: Dialect, strategy: str | None = None) -> bytes:
     """Write a program with the lasting offsets of a machine, or with the windows of a strategy."""
     how = PlanOptions(strategy=strategy or "takeup", carrier="program", inverse_dynamics=False, effort=0.01)
-    asked = ProgramRequest(plan=how, splice=EditOptions())
+    asked = ProgramRequest(plan=how, edit=EditOptions())
     return compensate_program(program, replace(machine, dialect=dialect.name), asked).after.data
 
 

@@ -12,7 +12,7 @@ from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.read import read_program
 from ph_post.units import MM
-from ph_post.verify.polylines import follow
+from ph_post.verify.polylines import first_unreached
 from ph_post.verify.verdict import KEPT, Findings
 from ph_post.verify.verify import verify
 
@@ -22,7 +22,7 @@ CORNER = "G21 G90 G94\nG0 X0 Y0\nG1 X10 F600 (out)\nG3 X10 Y10 I0 J5 F500 (round
 """X turns inside the arc, at (15, 5)."""
 
 CORNER_HUNK = (
-    "{header}G21 G90 G94\nG0 X0.025 Y0\nG1 X10.025 F600 (out)\n(ph-post: +{added} -1 X turns)\n{hunk}"
+    "{header}G21 G90 G94\nG0 X0.025 Y0\nG1 X10.025 F600 (out)\n(ph-post: +{added} -1 X turns)\n{change}"
     "(ph-post: +4 -0 X back)\nG4 P0.01\nG1 X10 F400\nG4 P0.01\nF500\nM2\n"
 )
 HUNK = "G3 X15.025 Y5 I0 J5 F500 (round)\nG4 P0.01\nG1 X14.975 F400\nG4 P0.01\nG3 X9.975 Y10 I-5 J0 F500\n"
@@ -33,9 +33,9 @@ def judged(original, compensated, machine=None, tolerance=TOLERANCE):
     return verify(*programs, tolerance=tolerance, machine=machine)
 
 
-def corner(hunk=HUNK, original=CORNER):
-    """A program whose only arc is divided, the hunk given."""
-    text = CORNER_HUNK.replace("{added}", str(hunk.count("\n"))).replace("{hunk}", hunk)
+def corner(change=HUNK, original=CORNER):
+    """A program whose only arc is divided, the change given."""
+    text = CORNER_HUNK.replace("{added}", str(change.count("\n"))).replace("{change}", change)
     return headed(original, text, "(ph-post: offset X 0.025 mm)", stops=2, dips=0)
 
 
@@ -77,16 +77,16 @@ HALVES = "G5 X13.75 Y6.25 I5 J0 P-3.75 Q-3.75\nG5 X20 Y20 I3.75 J3.75 P0 Q-5 F50
     ],
 )
 def test_splines_in_a_plane_whose_height_is_not_known(halves, found):
-    hunk = f"(ph-post: +3 -1 feed)\n{halves}F600\n"
-    compensated = SPLINE.replace("G5 I10 J0 P0 Q-10 X20 Y20\n", hunk)
+    change = f"(ph-post: +3 -1 feed)\n{halves}F600\n"
+    compensated = SPLINE.replace("G5 I10 J0 P0 Q-10 X20 Y20\n", change)
     stops, dips = (1, 0) if "G4" in halves else (0, 1)
     assert kinds(judged(*headed(SPLINE, "{header}" + compensated, "", stops=stops, dips=dips))) == found
 
 
 def test_splines_outside_hunks_are_the_same():
-    hunk = "(ph-post: +1 -0 rest)\nG4 P0.01\n"
+    change = "(ph-post: +1 -0 rest)\nG4 P0.01\n"
     for line in ("G5 I10 J0 P0 Q-10 X20 Y20\n", "G5 I10 J0 P0 Q-12 X20 Y20\n"):
-        compensated = SPLINE.replace("G1 Y30", hunk + "G1 Y30")
+        compensated = SPLINE.replace("G1 Y30", change + "G1 Y30")
         text = compensated.replace("G5 I10 J0 P0 Q-10 X20 Y20\n", line)
         verdict = judged(*headed(SPLINE, "{header}" + text, "", stops=1, dips=0))
         assert verdict.ok == (text == compensated)
@@ -163,8 +163,8 @@ def bench(tmp_path, **changes):
     return read_machine(str(file))
 
 
-def for_machine(machine, hunk=HUNK):
-    original, compensated = corner(hunk)
+def for_machine(machine, change=HUNK):
+    original, compensated = corner(change)
     told = f"bench, sha256 {machine.digest[:16]}".encode()
     return original, compensated.replace(b"bench, sha256 0123456789abcdef", told).replace(
         b"G1 X10 F400", b"G1 X10 F290"
@@ -267,7 +267,7 @@ def test_a_way_back_is_noticed_where_it_is_longer_than_the_bound():
 
 def followed(p, q, bound):
     ends = np.array([0, len(p)]), np.array([0, len(q)])
-    return follow(p, ends[0], q, ends[1], np.array([bound]))[0] < 0
+    return first_unreached(p, ends[0], q, ends[1], np.array([bound]))[0] < 0
 
 
 def sampled(points):

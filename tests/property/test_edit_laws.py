@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from support.amount import examples
 from support.canonical import canonical_calls
+from support.editing import Compensated, compensate
 from support.part_programs import distances, played, random_program, samples
-from support.splicing import Compensated, compensate
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.header import read_declaration

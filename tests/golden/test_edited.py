@@ -1,6 +1,6 @@
-"""Compensated programs, byte by byte: the original of each folder of tests/spliced gives its other program.
+"""Compensated programs, byte by byte: the original of each folder of tests/edited gives its other program.
 
-After a change that is meant, ``pytest tests/golden/test_spliced.py --renew-golden`` writes them anew;
+After a change that is meant, ``pytest tests/golden/test_edited.py --renew-golden`` writes them anew;
 read the difference line by line before committing it.
 """
 
@@ -12,19 +12,19 @@ from pathlib import Path
 
 import pytest
 from support.canonical import canonical_calls
-from support.splicing import compensate
+from support.editing import compensate
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.undo import undo
 
-SPLICED = Path(__file__).resolve().parents[1] / "spliced"
-CASES = sorted(folder for folder in SPLICED.iterdir() if folder.is_dir())
+EDITED = Path(__file__).resolve().parents[1] / "edited"
+CASES = sorted(folder for folder in EDITED.iterdir() if folder.is_dir())
 RS274 = shutil.which("rs274")
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
 def test_program_is_as_it_was(case: Path, request: pytest.FixtureRequest) -> None:
-    machine = read_machine(str(SPLICED / "machine.toml"))
+    machine = read_machine(str(EDITED / "machine.toml"))
     found = compensate((case / "original.ngc").read_bytes(), machine).text
     expected = case / "compensated.ngc"
     if request.config.getoption("--renew-golden"):
