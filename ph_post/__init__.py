@@ -17,29 +17,40 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from ph_post.api.checks import diff, rehearse, verify
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
+    from ph_post.diff.records import Comparison
     from ph_post.errors import InputError, PhPostError
     from ph_post.gcode.program import PartProgram
     from ph_post.types import Log, Machine, Path
+    from ph_post.verify.verdict import Verdict
 
 __all__ = [
+    "Comparison",
     "InputError",
     "Log",
     "Machine",
     "PartProgram",
     "Path",
     "PhPostError",
+    "Verdict",
+    "diff",
     "read_log",
     "read_machine",
     "read_path",
     "read_program",
+    "rehearse",
+    "verify",
 ]
 
 _HOMES: Final = {
+    "api.checks": ("diff", "rehearse", "verify"),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
+    "diff.records": ("Comparison",),
     "errors": ("InputError", "PhPostError"),
     "gcode.program": ("PartProgram",),
     "types": ("Log", "Machine", "Path"),
+    "verify.verdict": ("Verdict",),
 }
 """Public names by the module that holds them."""
 

@@ -69,14 +69,28 @@ def read_machine(source: Source, *, dialect: str | None = None) -> Machine:
     >>> ph.read_machine("mill").axes["X"].gap.lost_motion
     3e-05
     """
-    text = machinefile.machine_source(source)
-    machine = machinefile.machine_of(text)
-    _texts[machine.digest] = text
+    machine, name = any_machine(source)
     if dialect is not None:
         find_dialect(dialect, "--dialect")
         return msgspec.structs.replace(machine, dialect=dialect)
-    find_dialect(machine.dialect, f"{os.fspath(source)}: controller.dialect")
+    find_dialect(machine.dialect, f"{name}: controller.dialect")
     return machine
+
+
+def any_machine(machine: Machine | Source) -> tuple[Machine, str]:
+    """Return a machine, whether or not its dialect is registered, and its name for messages.
+
+    Raises
+    ------
+    InputError
+        Where its file is bad.
+    """
+    if isinstance(machine, Machine):
+        return machine, f"machine {machine.name}"
+    text = machinefile.machine_source(machine)
+    found = machinefile.machine_of(text)
+    _texts[found.digest] = text
+    return found, os.fspath(machine)
 
 
 def machine_text(machine: Machine) -> SourceText | None:

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
 
 import click
 
 from ph_post.cli import options
-from ph_post.progress import Progress
-
-if TYPE_CHECKING:
-    from ph_post.diff.records import Comparison
-    from ph_post.report.diffs import Programs
 
 
 @click.command()
@@ -80,60 +74,34 @@ def command(
       orders, notes    other commands that differ; what was compared as text
       error            with -m: contour error of A and B [mm], else null
     """
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import STDIO, Content, write_atomically
     from ph_post.report.diff_page import diff_page
     from ph_post.report.diffs import diff_view, print_diff
     from ph_post.report.figures import picture_format, render
     from ph_post.report.tables import print_json
+    from ph_post.units import MM
 
     if as_json and html == STDIO:
         raise click.UsageError("standard output can take one product; got two for it")
+    options.require_two_sources(a, b)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
-        found, programs = compare_files(a, b, machine, tolerance, progress, dialect)
+        found = ph.diff(a, b, machine, tolerance=tolerance * MM, dialect=dialect, progress=progress)
         progress("drawing")
         if html is not None:
-            products[html] = diff_page(found, programs)
+            products[html] = diff_page(found)
         if plot is not None:
             from ph_post.report.diff_page import draw_diff
 
-            products[plot] = render(draw_diff(found, programs), picture_format(plot))
+            products[plot] = render(draw_diff(found), picture_format(plot))
         write_atomically(products)
     if as_json:
-        print_json(diff_view(found, programs))
+        print_json(diff_view(found))
     elif STDIO not in products:
         # A context knows whether its words are coloured; where nobody says, the terminal does.
         click.get_current_context().color = False if colour is None and "NO_COLOR" in os.environ else colour
-        print_diff(found, programs)
+        print_diff(found)
     options.report_written(found.notes, products)
     return 0 if found.same else 1
-
-
-def compare_files(
-    a: str,
-    b: str,
-    machine: str | None,
-    tolerance: float,
-    progress: Progress,
-    dialect: str | None = None,
-) -> tuple[Comparison, Programs]:
-    """Read two programs, and compare them within `tolerance` [mm], on a machine where one is given."""
-    from ph_post.diff.compare import compare_programs
-    from ph_post.drive.axes import check_axes
-    from ph_post.drive.machinefile import read_machine
-    from ph_post.edit.inputs import read_program_pair
-    from ph_post.files.storage import STDIO
-    from ph_post.simulate.controllers.run import moved_axes
-    from ph_post.units import MM
-
-    if a == b == STDIO:
-        raise click.UsageError("standard input can give one program; got - for both")
-    progress("reading")
-    drives = None if machine is None else read_machine(machine)
-    programs = read_program_pair(a, b, drives, dialect)
-    if drives is not None:
-        for program in programs:
-            check_axes(moved_axes(program), "program", drives, str(machine))
-    progress("comparing")
-    return compare_programs(*programs, tolerance * MM, drives), programs

@@ -68,6 +68,17 @@ def require_machine(name: str | None) -> str:
     return name
 
 
+def require_two_sources(a: str | None, b: str | None) -> None:
+    """Refuse to read two programs from standard input.
+
+    Raises
+    ------
+    click.UsageError
+    """
+    if a == b == "-":
+        raise click.UsageError("standard input can give one program; got - for both")
+
+
 positive = click.FloatRange(min=0.0, min_open=True)
 
 tolerance = click.option(

@@ -61,58 +61,29 @@ def command(
       error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
       lockstep  whether it was run period by period, not as time passes
     """
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
-    from ph_post.dialects.registry import find_dialect
-    from ph_post.drive.axes import check_axes
-    from ph_post.drive.machinefile import read_machine
-    from ph_post.edit.inputs import read_program_file
-    from ph_post.errors import InputError
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.files.table import log_content
-    from ph_post.gcode.program import RS274
-    from ph_post.post.remarks import package_version
-    from ph_post.rehearse.rehearse import original_of, rehearse
     from ph_post.report.figures import picture_format, render
     from ph_post.report.rehearsals import draw_rehearsal, rehearsal_lines, rehearsal_view
     from ph_post.report.tables import print_json
-    from ph_post.simulate.controllers.run import moved_axes
 
     if sum([log == "-", as_json]) > 1:
         raise click.UsageError("standard output can take one product; got two for it")
-    if against == program == "-":
-        raise click.UsageError("standard input can give one program; got - for both")
+    options.require_two_sources(against, program)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
-        progress("reading")
-        drives = read_machine(machine)
-        words = find_dialect(drives.dialect)
-        if words.front is not None or words.language != RS274:
-            what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
-            raise InputError(machine, what, expected="a machine file for LinuxCNC", got=drives.dialect)
-        part = read_program_file(program)
-        original = original_of(part) if against is None else read_program_file(against)
-        check_axes(moved_axes(part), "program", drives, machine)
-        found = rehearse(part, drives, original=original, backlash=backlash, limit=limit, progress=progress)
+        found = ph.rehearse(program, machine, original=against, backlash=backlash, limit=limit, progress=progress)
         if log is not None:
-            remarks = {
-                "made by": f"ph-post {package_version()} rehearse",
-                "program": f"{part.name}, sha256 {part.digest}",
-                "machine": drives.name,
-                "units": "s, mm; X_cmd is LinuxCNC's command, X_act the table, X_motor the motor's side",
-            }
-            products[log] = log_content(found.real.error.run, remarks)
+            products[log] = found.log()
         if plot is not None:
             progress("drawing")
-            products[plot] = render(draw_rehearsal(found, f"{part.name} on {drives.name}"), picture_format(plot))
+            products[plot] = render(draw_rehearsal(found), picture_format(plot))
         write_atomically(products)
     if as_json:
         print_json(rehearsal_view(found))
     elif log != "-":
-        for line in rehearsal_lines(found, part.name):
+        for line in rehearsal_lines(found):
             click.echo(line)
-    for note in part.notes:
-        click.echo(f"warning: {part.name}:{note.first + 1}: {note.what}: run, and not in the plan", err=True)
-    for name in products:
-        if name != "-":
-            click.echo(f"wrote {name}", err=True)
+    options.report_written(found.warnings, products)
     return 0

@@ -141,12 +141,11 @@ def _refuse(what: str, *, keep: tuple[str, ...] | None = None, leave: tuple[str,
 
 
 def _of_two(a: str, b: str, machine: str | None, progress: Progress) -> ReportProduct:
-    from ph_post.cli.diff import compare_files
-    from ph_post.diff.compare import TOLERANCE
+    import ph_post as ph
     from ph_post.report.product import diff_product
-    from ph_post.units import MM
 
-    return diff_product(*compare_files(a, b, machine, TOLERANCE / MM, progress))
+    options.require_two_sources(a, b)
+    return diff_product(ph.diff(a, b, machine, progress=progress))
 
 
 def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:

@@ -56,23 +56,17 @@ def command(
       found     how many failures there are
       checked   how much of each kind was looked at
     """
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
-    from ph_post.drive.machinefile import read_machine
-    from ph_post.edit.inputs import read_program_pair
-    from ph_post.files.storage import STDIO
     from ph_post.report.diffs import verdict_lines, verdict_view
     from ph_post.report.tables import print_json
     from ph_post.units import MM
-    from ph_post.verify.verify import verify
 
-    if original == compensated == STDIO:
-        raise click.UsageError("standard input can give one program; got - for both")
+    options.require_two_sources(original, compensated)
     with ProgressPrinter() as progress:
-        progress("reading")
-        drives = None if machine is None else read_machine(machine)
-        programs = read_program_pair(original, compensated, drives, dialect)
-        progress("comparing")
-        verdict = verify(*programs, tolerance=tolerance * MM, machine=drives)
+        verdict = ph.verify(
+            original, compensated, machine, tolerance=tolerance * MM, dialect=dialect, progress=progress
+        )
     if as_json:
         print_json(verdict_view(verdict))
     else:

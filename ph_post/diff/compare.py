@@ -162,6 +162,7 @@ def compare_programs(
         most = max(one.amount for one in deviations)
     apart = np.inf if most is None else max(tolerance, SLACK * most)
     return Comparison(
+        programs=programs,
         identical=a.data == b.data,
         tolerance=tolerance,
         blocks=compare_blocks(a, b),

@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 from ph_post.diff.travel import ComparedPaths
+from ph_post.gcode.program import PartProgram
 from ph_post.simulate.contour import ContourError
 
 BlockKind = Literal["changed", "added", "removed", "writing"]
@@ -87,7 +88,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Two programs compared.
+    """Two programs compared, `programs`.
 
     `identical` byte for byte; `travel` the paths, `deviations`, `feeds`, `times`, `orders` what differs along
     them, `retimed` whether feeds and dwells ask for other times. `max_deviation` [m] is None where one of the
@@ -96,6 +97,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     None where they were not asked for or not found.
     """
 
+    programs: tuple[PartProgram, PartProgram]
     identical: bool
     tolerance: float
     blocks: tuple[BlockChange, ...]

@@ -42,21 +42,28 @@ def read_program_file(
 
 
 def read_program_pair(
-    a: str | os.PathLike[str],
-    b: str | os.PathLike[str],
+    a: PartProgram | str | os.PathLike[str],
+    b: PartProgram | str | os.PathLike[str],
     machine: Machine | None = None,
     dialect: str | None = None,
 ) -> tuple[PartProgram, PartProgram]:
-    """Read two programs in one language: that asked for, or which one of them declares, or the machine's.
+    """Read two programs in one language: `dialect`, or the one that either declares, or the machine's.
+
+    A program that was read already is read again where that was in another language.
 
     Raises
     ------
     InputError
         As :func:`read_program_file`.
     """
-    (first, one), (second, other) = _read_bytes(a), _read_bytes(b)
+    (first, one), (second, other) = (
+        (source.data, source.name) if isinstance(source, PartProgram) else _read_bytes(source) for source in (a, b)
+    )
     words = dialect_of([first, second], dialect, machine)
-    return read_as(words, first, one), read_as(words, second, other)
+    return (
+        a if isinstance(a, PartProgram) and a.dialect == words else read_as(words, first, one),
+        b if isinstance(b, PartProgram) and b.dialect == words else read_as(words, second, other),
+    )
 
 
 def dialect_of(texts: Iterable[bytes], dialect: str | None, machine: Machine | None) -> str:

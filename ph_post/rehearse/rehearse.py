@@ -11,7 +11,9 @@ import numpy as np
 from ph_post.dialects.reading import read_anew
 from ph_post.edit.header import read_declaration
 from ph_post.edit.undo import undo
+from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram
+from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
@@ -41,7 +43,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the rehearsal of a program shows.
+    """What the rehearsal of a `program` on a `machine` shows.
 
     `plan` is the model's run of the program, `real` LinuxCNC's; `before` LinuxCNC's run of the original and
     `backlash` that with LinuxCNC's own compensation of backlash, None where these were not asked for.
@@ -51,6 +53,8 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     is not bounded.
     """
 
+    program: PartProgram
+    machine: Machine
     plan: Execution
     real: Execution
     before: Execution | None
@@ -61,6 +65,22 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     path: float
     allowed: float | None
     lockstep: bool
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Lines of the program that LinuxCNC runs and the plan lacks."""
+        name, notes = self.program.name, self.program.notes
+        return tuple(f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes)
+
+    def log(self) -> bytes:
+        """Return commanded and executed motion as a log (CSV)."""
+        remarks = {
+            "made by": f"ph-post {package_version()} rehearse",
+            "program": f"{self.program.name}, sha256 {self.program.digest}",
+            "machine": self.machine.name,
+            "units": "s, mm; X_cmd is LinuxCNC's command, X_act the table, X_motor the motor's side",
+        }
+        return log_content(self.real.error.run, remarks)
 
 
 def rehearse(
@@ -114,6 +134,8 @@ def rehearse(
     path, near = _path(program, machine, real.command, planned)
     speed, worst, windows = near
     return Rehearsal(
+        program=program,
+        machine=machine,
         plan=plan,
         real=real,
         before=before,

@@ -29,15 +29,15 @@ STEPS: Final = 10_000
 """Steps of the feed that are drawn at most: of more, lowest and highest of neighbours."""
 
 
-def diff_page(found: Comparison, programs: Programs) -> str:
+def diff_page(found: Comparison) -> str:
     """Return the page."""
     data = {
-        **page_view(found, programs),
-        "path": path_points(found.travel.outlines[0], programs[0]),
-        "off": [] if found.travel.sides is None else [places_off(found.travel, programs, k) for k in (0, 1)],
-        "speed": [feed_steps(found.travel, programs, k) for k in (0, 1)],
+        **page_view(found),
+        "path": path_points(found.travel.outlines[0], found.programs[0]),
+        "off": [] if found.travel.sides is None else [places_off(found.travel, found.programs, k) for k in (0, 1)],
+        "speed": [feed_steps(found.travel, found.programs, k) for k in (0, 1)],
     }
-    return make_page("diff", "ph-post diff", data, diff_summary(found, programs))
+    return make_page("diff", "ph-post diff", data, diff_summary(found))
 
 
 def path_points(outline: CurveTable, program: PartProgram) -> dict[str, Any]:
@@ -126,12 +126,12 @@ def _steps(ways: Array, feed: Array) -> tuple[Array, Array]:
     return edges, lowest_and_highest(feed, firsts).T.ravel()
 
 
-def draw_diff(found: Comparison, programs: Programs) -> Figure:
+def draw_diff(found: Comparison) -> Figure:
     """Draw the tool path of A with B's deviations magnified, and deviation and feeds along A."""
     figure = new_figure(12.0, 5.6)
     panels = figure.subplot_mosaic([["path", "off"], ["path", "feed"]], width_ratios=(1.0, 1.2))
-    path = path_points(found.travel.outlines[0], programs[0])
-    off = [] if found.travel.sides is None else [places_off(found.travel, programs, k) for k in (0, 1)]
+    path = path_points(found.travel.outlines[0], found.programs[0])
+    off = [] if found.travel.sides is None else [places_off(found.travel, found.programs, k) for k in (0, 1)]
     _draw_path(panels["path"], path, off, found.max_deviation or 0.0)
     panels["off"].sharex(panels["feed"])
     for one, colour in zip(off, TWO, strict=False):
@@ -139,14 +139,14 @@ def draw_diff(found: Comparison, programs: Programs) -> Figure:
         line = steps_of(np.array([one["s"], away]), _on_the_way(one["stretch"]))
         panels["off"].plot(*line, color=colour, linewidth=1.0)
     for k, (name, colour) in enumerate(zip("AB", TWO, strict=True)):
-        steps = feed_steps(found.travel, programs, k)
+        steps = feed_steps(found.travel, found.programs, k)
         values = np.array([np.nan if one is None else one for one in steps["feed"]], dtype=np.float64)
         if values.size:
             panels["feed"].stairs(values, steps["s"], color=colour, baseline=None, label=name)
     panels["off"].set(ylabel="deviation [mm]")
     panels["feed"].set(xlabel="along A [mm]", ylabel="programmed feed [mm/min]")
     legend_above(panels["feed"])
-    figure.suptitle("\n".join(diff_summary(found, programs)), fontsize="medium", wrap=True)
+    figure.suptitle("\n".join(diff_summary(found)), fontsize="medium", wrap=True)
     return figure
 
 

@@ -24,15 +24,15 @@ SHOWN: Final = 12
 Programs = tuple[PartProgram, PartProgram]
 
 
-def diff_view(found: Comparison, programs: Programs) -> View:
+def diff_view(found: Comparison) -> View:
     """Return what ``diff --json`` prints; lines count from 1, lengths in mm, feeds in mm/min, times in s."""
     a, b = found.timing
     return {
         "same": found.same,
         "identical": found.identical,
         "tolerance": found.tolerance / MM,
-        "files": [_file_view(found, programs, k) for k in (0, 1)],
-        "blocks": [_block_view(one, programs) for one in found.blocks],
+        "files": [_file_view(found, k) for k in (0, 1)],
+        "blocks": [_block_view(one, found.programs) for one in found.blocks],
         "geometry": {
             "max_deviation": None if found.max_deviation is None else found.max_deviation / MM,
             "without_declared": None if found.undone is None else found.undone / MM,
@@ -53,8 +53,8 @@ def diff_view(found: Comparison, programs: Programs) -> View:
     }
 
 
-def _file_view(found: Comparison, programs: Programs, k: int) -> View:
-    program = programs[k]
+def _file_view(found: Comparison, k: int) -> View:
+    program = found.programs[k]
     return {
         "name": program.name,
         "sha256": program.digest,
@@ -121,14 +121,14 @@ def _timing_view(one: Timing) -> View:
     }
 
 
-def print_diff(found: Comparison, programs: Programs) -> None:
+def print_diff(found: Comparison) -> None:
     """Print what differs: first in short, then blocks, path, feed, time and the rest."""
-    for line in diff_summary(found, programs):
+    for line in diff_summary(found):
         click.secho(line, bold=True)
     for name, declared in zip("AB", found.declared, strict=True):
         for words in declared:
             click.echo(f"{name}: {words}")
-    _print_blocks(found, programs)
+    _print_blocks(found)
     _print_path(found)
     _print_feeds(found.feeds)
     _print_times(found)
@@ -136,9 +136,9 @@ def print_diff(found: Comparison, programs: Programs) -> None:
     _print_errors(found.errors)
 
 
-def diff_summary(found: Comparison, programs: Programs) -> list[str]:
+def diff_summary(found: Comparison) -> list[str]:
     """Say in a line what a user of ``diff`` wants to know first."""
-    a, b = programs
+    a, b = found.programs
     if found.identical:
         return [f"{a.name} and {b.name} are identical"]
     if found.same:
@@ -167,13 +167,13 @@ def _path_words(found: Comparison) -> str:
     return f"tool paths up to {found.max_deviation / MM:.6g} mm apart"
 
 
-def _print_blocks(found: Comparison, programs: Programs) -> None:
+def _print_blocks(found: Comparison) -> None:
     """Print the blocks that differ, as ``diff -u`` colours them; where only the writing does, as a number."""
     telling = [one for one in found.blocks if one.kind != "writing"]
     for one in telling[:SHOWN]:
         click.secho(f"@@ {_where(one.a)} | {_where(one.b)} @@", fg="cyan")
         for k, sign, colour in ((0, "-", "red"), (1, "+", "green")):
-            for text in _few(lines_of(programs[k], (one.a, one.b)[k])):
+            for text in _few(lines_of(found.programs[k], (one.a, one.b)[k])):
                 click.secho(f"{sign}{text}", fg=colour)
     _say_rest(len(telling) - SHOWN, "groups of blocks")
     written = len(found.blocks) - len(telling)
@@ -306,9 +306,9 @@ def _print_errors(errors: tuple[ContourError | None, ContourError | None] | None
     _print_table(("", "max", "rms"), rows)
 
 
-def page_view(found: Comparison, programs: Programs) -> dict[str, Any]:
+def page_view(found: Comparison) -> dict[str, Any]:
     """Return what the page shows beside its pictures."""
-    return {**diff_view(found, programs), "summary": diff_summary(found, programs)}
+    return {**diff_view(found), "summary": diff_summary(found)}
 
 
 FAILURES_SHOWN = 20

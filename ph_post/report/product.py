@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ph_post.diff.records import Comparison
-    from ph_post.report.diffs import Programs
     from ph_post.types import Log
     from ph_post.types.diagnosis import Diagnosis
 
@@ -68,7 +67,7 @@ def picture_view(picture: Picture) -> dict[str, Any]:
     }
 
 
-def diff_product(found: Comparison, programs: Programs) -> ReportProduct:
+def diff_product(found: Comparison) -> ReportProduct:
     """Make two programs to be looked at."""
     from ph_post.report.diff_page import diff_page
     from ph_post.report.diffs import diff_view
@@ -76,12 +75,12 @@ def diff_product(found: Comparison, programs: Programs) -> ReportProduct:
     def figure() -> Figure:
         from ph_post.report.diff_page import draw_diff
 
-        return draw_diff(found, programs)
+        return draw_diff(found)
 
     return ReportProduct(
-        page=lambda: diff_page(found, programs),
+        page=lambda: diff_page(found),
         figure=figure,
-        view=lambda: {"kind": "comparison", **diff_view(found, programs)},
+        view=lambda: {"kind": "comparison", **diff_view(found)},
         warnings=found.notes,
     )
 

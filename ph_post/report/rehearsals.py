@@ -37,12 +37,12 @@ def rehearsal_view(found: Rehearsal) -> dict[str, Any]:
     }
 
 
-def rehearsal_lines(found: Rehearsal, name: str) -> list[str]:
+def rehearsal_lines(found: Rehearsal) -> list[str]:
     """Say in lines what a machinist asks: is it as planned, and how good will the part be."""
     real = found.real
     part = 100.0 * (real.time / found.plan.time - 1.0)
     lines = [
-        f"{name}: {real.time:.3f} s on LinuxCNC, {part:+.2f} % of the plan",
+        f"{found.program.name}: {real.time:.3f} s on LinuxCNC, {part:+.2f} % of the plan",
         f"speed: {100.0 * found.speed:.2f} % rms off the plan in {found.windows} windows",
         f"path: {found.path / MM:.4f} mm off the program's at most, {_allowed_words(found)}",
         _error_table(found),
@@ -73,7 +73,7 @@ def _error_row(name: str, execution: Execution) -> tuple[str, ...]:
     return (name, *shown, f"{execution.time:.3f}")
 
 
-def draw_rehearsal(found: Rehearsal, name: str) -> Figure:
+def draw_rehearsal(found: Rehearsal) -> Figure:
     """Draw contour error and speed along time, of what was rehearsed, planned, and of the original."""
     figure = new_figure(11.0, 6.0)
     above, below = figure.subplots(2, 1, sharex=True)
@@ -92,7 +92,7 @@ def draw_rehearsal(found: Rehearsal, name: str) -> Figure:
     below.set(xlabel="t [s]", ylabel="feed [mm/min]")
     for axes in (above, below):
         legend_above(axes)
-    figure.suptitle(name)
+    figure.suptitle(f"{found.program.name} on {found.machine.name}")
     return figure
 
 

@@ -1,0 +1,191 @@
+"""Check and compare part programs: verify, diff, and the rehearsal on LinuxCNC."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ph_post.api.inputs import TOLERANCE, Source, any_machine
+from ph_post.dialects.registry import find_dialect
+from ph_post.diff import compare
+from ph_post.diff.records import Comparison
+from ph_post.drive.axes import check_axes
+from ph_post.edit.inputs import read_program_file, read_program_pair
+from ph_post.errors import InputError
+from ph_post.gcode.program import RS274, PartProgram
+from ph_post.progress import Progress, no_progress
+from ph_post.rehearse import rehearse as rehearsing
+from ph_post.rehearse.linuxcnc import TIME_LIMIT
+from ph_post.rehearse.rehearse import Rehearsal
+from ph_post.simulate.controllers.run import moved_axes
+from ph_post.types import Machine
+from ph_post.verify import verify as verifying
+from ph_post.verify.verdict import Verdict
+
+SAME_PATH: Final = compare.TOLERANCE
+"""Tool paths that are no farther apart [m] are the same."""
+
+
+def verify(
+    original: PartProgram | Source,
+    compensated: PartProgram | Source,
+    machine: Machine | Source | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    dialect: str | None = None,
+    progress: Progress = no_progress,
+) -> Verdict:
+    r"""Prove that a compensated program is its original but for what its header declares.
+
+    Parameters
+    ----------
+    original, compensated : PartProgram, str or path
+    machine : Machine, str or path, optional
+        The shifts are held to its limits, and the declaration to its lost motion.
+    tolerance : float, optional
+        How far the path may be off in changed stretches [m]; the one of the compensation.
+    dialect : str, optional
+        Controller dialect by whose words both programs are read, in place of what they declare or the
+        machine's.
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    Verdict
+        `ok`, and the `failures`.
+
+    Raises
+    ------
+    InputError
+        Where a program or the machine file cannot be read.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import ph_post as ph
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "part.ngc")
+    ...     _ = file.write_text("G21 G90 G1 X10 F600\nX0\nM2\n")
+    ...     ph.verify(file, file).ok
+    True
+    """
+    progress("reading")
+    drives = None if machine is None else any_machine(machine)[0]
+    programs = read_program_pair(original, compensated, drives, dialect)
+    progress("comparing")
+    return verifying.verify(*programs, tolerance=tolerance, machine=drives)
+
+
+def diff(
+    a: PartProgram | Source,
+    b: PartProgram | Source,
+    machine: Machine | Source | None = None,
+    *,
+    tolerance: float = SAME_PATH,
+    dialect: str | None = None,
+    progress: Progress = no_progress,
+) -> Comparison:
+    r"""Compare what two programs do: tool path, feed, time, and everything beside moving.
+
+    Parameters
+    ----------
+    a, b : PartProgram, str or path
+    machine : Machine, str or path, optional
+        Rapid moves count in the times, and the contour errors on this machine are predicted.
+    tolerance : float, optional
+        Tool paths that are no farther apart than this [m] are the same.
+    dialect : str, optional
+        Controller dialect by whose words both are read, in place of what they declare or the machine's.
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    Comparison
+        `same` says whether a machine does the same with both.
+
+    Raises
+    ------
+    InputError
+        Where a program or the machine file cannot be read, or the machine lacks an axis of a program.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import ph_post as ph
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     one, other = pathlib.Path(folder, "a.ngc"), pathlib.Path(folder, "b.ngc")
+    ...     _ = one.write_text("G21 G90 G1 X10 F600\nX0\nM2\n")
+    ...     _ = other.write_text("G21 G90 G1 X10.5 F600\nX0\nM2\n")
+    ...     found = ph.diff(one, other)
+    >>> found.same, round(found.max_deviation, 6)
+    (False, 0.0005)
+    """
+    progress("reading")
+    drives, name = (None, "") if machine is None else any_machine(machine)
+    programs = read_program_pair(a, b, drives, dialect)
+    if drives is not None:
+        for program in programs:
+            check_axes(moved_axes(program), "program", drives, name)
+    progress("comparing")
+    return compare.compare_programs(*programs, tolerance, drives)
+
+
+def rehearse(
+    program: PartProgram | Source,
+    machine: Machine | Source,
+    *,
+    original: PartProgram | Source | None = None,
+    backlash: bool = False,
+    limit: float = TIME_LIMIT,
+    progress: Progress = no_progress,
+) -> Rehearsal:
+    """Run a program on a real LinuxCNC installed here, and its commands through the machine's drives.
+
+    Parameters
+    ----------
+    program : PartProgram, str or path
+    machine : Machine, str or path
+        With a drive for every axis that the program moves; its dialect is one of LinuxCNC.
+    original : PartProgram, str or path, optional
+        The program that `program` was made of; of one that ph-post compensated it is recovered.
+    backlash : bool, optional
+        Also run the original with LinuxCNC's own compensation of the machine's lost motion.
+    limit : float, optional
+        Time on the wall that each run on LinuxCNC may take [s].
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    Rehearsal
+
+    Raises
+    ------
+    InputError
+        Where an input cannot be read, the machine is for another controller or lacks an axis, or LinuxCNC
+        refuses a program.
+    NotInstalledError
+        Where there is no LinuxCNC.
+
+    Examples
+    --------
+    >>> import ph_post as ph
+    >>> found = ph.rehearse("part_compensated.ngc", "router")  # doctest: +SKIP
+    >>> found.real.error.error.max  # doctest: +SKIP
+    1.2e-05
+    """
+    progress("reading")
+    drives, name = any_machine(machine)
+    words = find_dialect(drives.dialect)
+    if words.front is not None or words.language != RS274:
+        what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
+        raise InputError(name, what, expected="a machine file for LinuxCNC", got=drives.dialect)
+    part = _read(program)
+    before = rehearsing.original_of(part) if original is None else _read(original)
+    check_axes(moved_axes(part), "program", drives, name)
+    return rehearsing.rehearse(part, drives, original=before, backlash=backlash, limit=limit, progress=progress)
+
+
+def _read(program: PartProgram | Source) -> PartProgram:
+    return program if isinstance(program, PartProgram) else read_program_file(program)
