@@ -368,7 +368,7 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
     """Look up what a table can hold; the gap of a loop that is not closed over the table has no β and C."""
 
     def solve(axis: Axis, amplitude: float, omega: float) -> tuple[BacklashInterval | None, str]:
-        if axis.feedback != "load":
+        if not axis.loop.encloses_backlash:
             return backlash_interval(axis, amplitude, omega)
         return look_up(table, axis, amplitude, omega)
 

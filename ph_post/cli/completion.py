@@ -92,6 +92,12 @@ def _dialects() -> Iterable[str]:
     return dialect_names()
 
 
+def _axes() -> Iterable[str]:
+    from ph_post.types import MACHINE_AXES
+
+    return MACHINE_AXES
+
+
 def _loops() -> Iterable[str]:
     from ph_post.types import LOOPS
 
@@ -112,7 +118,7 @@ KINDS: Final[dict[str, click.types.StringParamType]] = {
     "--strategy": Completed(_strategies, files=None),
     "--dialect": Completed(_dialects, files=None),
     "--loop": Completed(_loops, files=None),
-    "--axis": Completed(lambda: ("X", "Y", "Z"), files=None),
+    "--axis": Completed(_axes, files=None),
     "--copy": Completed(_machines),
     # by the word on the help page
     "IN": Completed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -13,20 +13,18 @@ if TYPE_CHECKING:
     from ph_post.identify.identify import Transmission
     from ph_post.types import Feedback, Machine
 
-AXES: Final = ("X", "Y", "Z")
-
 
 def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
     """Read ``motor`` or ``X=motor``; what names its axis goes before what does not."""
-    from ph_post.types import LOOPS
+    from ph_post.types import LOOPS, MACHINE_AXES
 
     every: dict[str, str] = {}
     own: dict[str, str] = {}
     for text in given:
         name, equals, kind = (part.strip() for part in text.rpartition("="))
-        if kind not in LOOPS or (equals and name not in AXES):
+        if kind not in LOOPS or (equals and name not in MACHINE_AXES):
             raise click.BadParameter(f"expected load, motor or none, or AXIS=one of them; got {text!r}")
-        into, names = (own, (name,)) if equals else (every, AXES)
+        into, names = (own, (name,)) if equals else (every, MACHINE_AXES)
         if any(one in into for one in names):
             raise click.BadParameter(f"one feedback an axis; got two for {name or 'all'}")
         into.update(dict.fromkeys(names, kind))
@@ -141,6 +139,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
 def _transmission(drives: Machine | None, ratio: float | None, lead: float | None) -> dict[str, Transmission] | None:
     """Return N and r of all axes by the options; None where there are none."""
     from ph_post.identify.identify import Transmission
+    from ph_post.types import MACHINE_AXES
     from ph_post.units import LEAD
 
     if ratio is None and lead is None:
@@ -150,4 +149,4 @@ def _transmission(drives: Machine | None, ratio: float | None, lead: float | Non
         raise click.UsageError(f"with -m the machine file gives gear ratio and lead; got {given}")
     if ratio is None or lead is None:
         raise click.UsageError("--gear-ratio and --screw-lead go together; got one of them")
-    return dict.fromkeys(AXES, Transmission(ratio, lead * LEAD))
+    return dict.fromkeys(MACHINE_AXES, Transmission(ratio, lead * LEAD))

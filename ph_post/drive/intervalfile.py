@@ -15,7 +15,7 @@ from ph_post.drive.intervals import AxisTable, IntervalTable
 from ph_post.errors import InputError
 from ph_post.files.check import Keys, Refused, checked, loads, one_line, one_of, place
 from ph_post.files.storage import STDIO, read_source
-from ph_post.types import Array, Servo, frozen
+from ph_post.types import MACHINE_AXES, Array, AxisName, ByAxis, Servo, frozen
 from ph_post.units import MM, MM_PER_MIN
 
 FORMATS: Final = (".json", ".csv")
@@ -47,16 +47,14 @@ class _AxisRecord(_Record, frozen=True, kw_only=True):
     backlash_motor_rad: NotNegative
 
 
-class _AxesRecord(_Record, frozen=True, kw_only=True):
-    X: _AxisRecord | None = None
-    Y: _AxisRecord | None = None
-    Z: _AxisRecord | None = None
+class _AxesRecord(ByAxis[_AxisRecord], frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """What the intervals hold for, by axis."""
 
 
 class _TableRecord(_Record, frozen=True, kw_only=True):
     """One axis on one circle [mm, mm/min]; matrices have a row per β."""
 
-    axis: Literal["X", "Y", "Z"]
+    axis: AxisName
     radius: Positive
     feed: Positive
     duration: Matrix
@@ -170,10 +168,10 @@ def read_intervals(source: str | os.PathLike[str]) -> IntervalTable:
         _check_ascending(values, name, key)
     radius = sorted({table.radius for table in record.tables})
     feed = sorted({table.feed for table in record.tables})
-    held = ((axis, getattr(record.axes, axis)) for axis in ("X", "Y", "Z"))
-    axes = tuple(_read_axis(axis, own, record, radius, feed, name) for axis, own in held if own is not None)
+    held = record.axes.given().items()
+    axes = tuple(_read_axis(axis, own, record, radius, feed, name) for axis, own in held)
     if not axes:
-        raise InputError(place(name, ("axes",)), "no axis", expected="at least one of X, Y, Z")
+        raise InputError(place(name, ("axes",)), "no axis", expected=f"at least one of {', '.join(MACHINE_AXES)}")
     return IntervalTable(
         machine=one_line(record.machine.name, name, ("machine", "name")),
         digest=one_line(record.machine.digest, name, ("machine", "digest")),

@@ -30,7 +30,7 @@ from ph_post.errors import InputError
 from ph_post.files.check import Keys, Refused, checked, one_line, one_of, place, quoted, shown
 from ph_post.files.machine import AxisRecord, MachineRecord
 from ph_post.files.storage import SourceText, or_shipped, read_source
-from ph_post.types import Axis, EffectSetting, Gap, Limits, Machine, Servo, Uncertainty
+from ph_post.types import MACHINE_AXES, Axis, EffectSetting, Gap, Limits, Machine, Servo, Uncertainty
 from ph_post.units import MM, MS
 
 
@@ -154,12 +154,10 @@ def machine_source(source: str | os.PathLike[str]) -> SourceText:
 def machine_of(text: SourceText) -> Machine:
     """Return the machine of a text that was read already; raises as :func:`read_machine`."""
     record = checked(_parse(text), MachineRecord, text.name)
-    drives = {name: getattr(record.axes, name) for name in ("X", "Y", "Z")}
-    axes = {name: _axis(name, axis, text.name) for name, axis in drives.items() if axis is not None}
+    axes = {name: _axis(name, axis, text.name) for name, axis in record.axes.given().items()}
     if not axes:
-        raise InputError(
-            place(text.name, ("axes",)), "no axis", expected="at least one of [axes.X], [axes.Y], [axes.Z]"
-        )
+        wanted = ", ".join(f"[axes.{name}]" for name in MACHINE_AXES)
+        raise InputError(place(text.name, ("axes",)), "no axis", expected=f"at least one of {wanted}")
     return Machine(
         name=one_line(record.name or text.stem, text.name, ("name",)),
         dialect=one_line(record.controller.dialect, text.name, ("controller", "dialect")),

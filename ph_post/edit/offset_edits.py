@@ -53,7 +53,7 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
             way_k = np.diff(np.nan_to_num(motions.control[k]), axis=0)
             length[k] = np.sqrt((way_k**2).sum(axis=1)).sum()
         rapid = np.zeros(length.size)
-        for column, name in enumerate("XYZ"):
+        for column, name in enumerate(AXES):
             if name in machine.axes:
                 rapid = np.maximum(rapid, way[:, column] / machine.axes[name].limits.velocity)
         cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
@@ -143,7 +143,7 @@ class ReversalSearch:
         return {name: self._one(name, width) for name, width in band.items()}
 
     def _one(self, name: str, band: float) -> Array:
-        axis = "XYZ".index(name)
+        axis = AXES.index(name)
         rows = find_reversals(
             self._view,
             axis,

@@ -17,7 +17,7 @@ from ph_post.edit.directions import chain_spans
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import split_cubic
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import CUBIC, NURBS, RAPID, PartProgram
+from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram
 from ph_post.post.moves import FINEST
 from ph_post.types import Array, Axis, BoolArray
 from ph_post.units import MM
@@ -30,7 +30,7 @@ def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: 
     if motions.kind[motion] in (RAPID, NURBS):
         return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'}, and is not divided"
     unknown = np.isnan(motions.start[motion]) | np.isnan(motions.end[motion])
-    for axis, name in enumerate("XYZ"):
+    for axis, name in enumerate(AXES):
         if unknown[axis] and name in own:
             return f"line {line} begins where {name} is not known, and cannot be divided"
     if why := why_kept_whole(program, motion):
@@ -200,7 +200,7 @@ def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
     told = []
     for name in axes:
         named = np.isin(motions.block, words.block[words.letter == ord(name)])
-        lost = motions.block[named & np.isnan(motions.end[:, "XYZ".index(name)])]
+        lost = motions.block[named & np.isnan(motions.end[:, AXES.index(name)])]
         if lost.size:
             told.append(
                 f"axis {name} carries no lasting offset at {lost.size} motions, the first in line"

@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.compensate.motion import MotionLaw
 from ph_post.edit.edits import DipEdit, OffsetShift, StopEdit
 from ph_post.gcode.paths import ProgramPath
-from ph_post.gcode.program import LINE, NURBS, RAPID, Motions
+from ph_post.gcode.program import AXES, LINE, NURBS, RAPID, Motions
 from ph_post.post.moves import read_jogs
 from ph_post.post.timeline import Span, find_spans, sign_changes
 from ph_post.types import Array, Jog, Plan
@@ -116,7 +116,7 @@ class _PlanPlacer:
         if self.motions.kind[motion] != LINE or share == 1.0 or window < 0:
             return motion, share
         point = self.plan.turning_points[self.plan.windows[window].turning_point]
-        axis = "XYZ".index(point.axis)
+        axis = AXES.index(point.axis)
         first, last = self.motions.start[motion, axis], self.motions.end[motion, axis]
         higher = last > first if first != last else share >= 0.5
         if higher == (point.sense == "max") or motion == self.path.motion[0]:

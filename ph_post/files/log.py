@@ -14,10 +14,10 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
-from ph_post.files.logcolumns import AXES, TIME, Clock, Column, clock_of, columns_of, parse_columns
+from ph_post.files.logcolumns import TIME, Clock, Column, clock_of, columns_of, parse_columns
 from ph_post.files.logsheet import Sheet, stored_ending, stored_sheet, text_sheet
 from ph_post.files.storage import SourceBytes, decoded, read_raw
-from ph_post.types import Array, AxisLog, Log, Machine, frozen, sealed
+from ph_post.types import MACHINE_AXES, Array, AxisLog, Log, Machine, frozen, sealed
 
 FEWEST: Final = 200
 """Samples that a log must have at least."""
@@ -125,7 +125,7 @@ class _Samples:
 
 def _axes_of(found: Mapping[str, Column], sheet: Sheet) -> tuple[str, ...]:
     """Name the axes in order; each needs a position that was read, or that was commanded at least."""
-    names = tuple(axis for axis in AXES if any(name.startswith(f"{axis}_") for name in found))
+    names = tuple(axis for axis in MACHINE_AXES if any(name.startswith(f"{axis}_") for name in found))
     if not any(f"{axis}_{side}" in found for axis in names for side in ("act", "motor")):
         raise InputError(
             sheet.header,

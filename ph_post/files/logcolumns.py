@@ -13,10 +13,9 @@ import numpy as np
 from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
 from ph_post.files.logsheet import Sheet
-from ph_post.types import Array, IntArray
+from ph_post.types import MACHINE_AXES, Array, IntArray
 from ph_post.units import MICROMETRE, MS, lengths_in
 
-AXES: Final = ("X", "Y", "Z")
 KINDS: Final = ("cmd", "act", "motor", "force", "current")
 TIME: Final = "t"
 
@@ -108,7 +107,7 @@ def _parse(text: str) -> Column:
     name, source, factor, unit = match.groups()
     kind = _kind(name, _option(text))
     if kind is None:
-        known = [TIME, *(f"{axis}_{kind}" for axis in AXES for kind in KINDS)]
+        known = [TIME, *(f"{axis}_{kind}" for axis in MACHINE_AXES for kind in KINDS)]
         raise InputError(_option(text), "no name of a column", expected=one_of(known, name), got=quoted(name))
     units = _UNITS[kind]
     if unit is not None and unit not in units:
@@ -148,7 +147,7 @@ def _kind(name: str, where: str) -> str | None:
             got=name,
         )
     axis, _, kind = name.partition("_")
-    return kind if axis in AXES and kind in KINDS else None
+    return kind if axis in MACHINE_AXES and kind in KINDS else None
 
 
 def _default(name: str) -> float:

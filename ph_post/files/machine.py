@@ -13,7 +13,7 @@ import msgspec
 import tomlkit
 from tomlkit.items import AoT, Item, Table
 
-from ph_post.types import LOOPS, EffectSetting, Feedback, Loop
+from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, Loop
 
 DIGITS: Final = 7
 """Significant digits of a number that is written."""
@@ -335,17 +335,9 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
         return LOOPS[self.feedback]
 
 
-class AxesRecord(MachineTableRecord, frozen=True, kw_only=True):
-    """``[axes]``: the drives by axis."""
-
-    X: AxisRecord | None = None
-    Y: AxisRecord | None = None
-    Z: AxisRecord | None = None
-
-
 class MachineRecord(MachineTableRecord, frozen=True, kw_only=True):
     """The whole file."""
 
     name: str | None = None
     controller: ControllerRecord
-    axes: AxesRecord
+    axes: ByAxis[AxisRecord]

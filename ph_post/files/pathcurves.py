@@ -18,7 +18,7 @@ from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
 from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.ph import PH, ph_hermite
 from ph_post.geometry.piecewise import PiecewiseCurve
-from ph_post.types import Array
+from ph_post.types import Array, AxisName, ByAxis
 from ph_post.units import MM
 
 Point = list[Fraction]
@@ -56,18 +56,10 @@ class BezierRecord(SegmentRecord, frozen=True, kw_only=True, tag="bezier"):
     points: list[Point]
 
 
-class CoefficientsRecord(PathTableRecord, frozen=True, kw_only=True):
-    """Power-basis coefficients by axis, lowest first."""
-
-    X: list[Fraction] | None = None
-    Y: list[Fraction] | None = None
-    Z: list[Fraction] | None = None
-
-
 class PolynomialRecord(SegmentRecord, frozen=True, kw_only=True, tag="polynomial"):
     """A polynomial curve in the power basis."""
 
-    coefficients: CoefficientsRecord
+    coefficients: ByAxis[list[Fraction]]
     domain: list[Fraction] | None = None
 
 
@@ -105,7 +97,7 @@ class PathRecord(PathTableRecord, frozen=True, kw_only=True):
     name: str | None = None
     source: str = ""
     units: Literal["mm", "m", "inch"]
-    axes: list[Literal["X", "Y", "Z"]]
+    axes: list[AxisName]
     feed: Fraction
     closed: bool = False
     segments: Annotated[list[AnySegment], msgspec.Meta(min_length=1)]
@@ -200,13 +192,13 @@ def _arc(segment: ArcRecord, here: FilePlace) -> Arc:
 
 def _polynomial(segment: PolynomialRecord, here: FilePlace) -> Polynomial:
     inside = here.at("coefficients")
-    for axis in ("X", "Y", "Z"):
-        given: list[Fraction] | None = getattr(segment.coefficients, axis)
-        if axis not in here.frame.axes and given is not None:
+    coefficients = segment.coefficients.given()
+    for axis in coefficients:
+        if axis not in here.frame.axes:
             raise inside.at(axis).refuse("not an axis of this path", one_of(here.frame.axes))
     exact = []
     for axis in here.frame.axes:
-        given = getattr(segment.coefficients, axis)
+        given = coefficients.get(axis)
         if given is None:
             raise inside.refuse(f'key "{axis}" is missing', f"coefficients for {', '.join(here.frame.axes)}")
         _count(given, inside.at(axis), 1, MAX_DEGREE + 1, "number")

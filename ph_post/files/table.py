@@ -23,7 +23,7 @@ from ph_post.files.arrays import ARRAY_FORMATS, array_content, read_arrays
 from ph_post.files.check import one_of
 from ph_post.files.storage import Content, write_atomically
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Command, IntArray, Run, frozen
+from ph_post.types import MACHINE_AXES, Array, Command, IntArray, Run, frozen
 from ph_post.units import MM, MM_PER_MIN
 
 DECIMALS: Final = 12
@@ -44,7 +44,6 @@ ROOM: Final = 1e-3
 MOST_WRONG: Final = 0.01
 """Part of the rows that may stand at a joint, or be written otherwise."""
 
-_AXES: Final = ("X", "Y", "Z")
 _WHOLE: Final = ("segment", "window")
 
 
@@ -190,7 +189,7 @@ def _read_csv(data: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _command(columns: dict[str, NDArray[Any]], name: str) -> Command:
-    axes = tuple(column for column in columns if column in _AXES)
+    axes = tuple(column for column in columns if column in MACHINE_AXES)
     needed = ("t", "segment", "xi", "s", *(axes if len(axes) > 1 else ("X", "Y")), "feed", "window")
     if tuple(columns) != needed:
         raise InputError(name, "wrong columns", expected=", ".join(needed), got=", ".join(columns))

@@ -9,7 +9,7 @@ import numpy as np
 from ph_post.gcode.curves import curves_of, round_corners
 from ph_post.gcode.fitting.polyline import fit_polyline
 from ph_post.gcode.fitting.samples import ROUND, PolylineFit
-from ph_post.gcode.program import CUBIC, LINE, RAPID, Motions
+from ph_post.gcode.program import AXES, CUBIC, LINE, RAPID, Motions
 from ph_post.geometry.curves import Arc, Composite
 from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve
 from ph_post.geometry.track import Track
@@ -97,7 +97,7 @@ class _Assembly:
         return Path(
             name="",
             source="",
-            axes=("X", "Y", "Z")[: len(self.columns)],
+            axes=AXES[: len(self.columns)],
             feed=1.0,
             closed=False,
             segments=tuple(self.segments),

@@ -76,7 +76,7 @@ RS274 = Language()
 RAPID, LINE, ARC, CUBIC, NURBS = range(5)
 """Kind of a motion: G0; G1; G2 and G3; G5 and G5.1 (raised to a cubic); G5.2 to G5.3."""
 
-AXES: Final = "XYZ"
+AXES: Final[tuple[str, ...]] = ("X", "Y", "Z")
 """The axes of a position, by column."""
 
 PLANE_AXES: Final[Mapping[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}

@@ -12,7 +12,7 @@ from ph_post.errors import InputError
 from ph_post.geometry import frenet, joints
 from ph_post.geometry.piecewise import CHUNK, Group, Piece, PieceSet, PiecewiseCurve
 from ph_post.geometry.speed_panels import NODES, Panels, join_panels, measure, resolve, sort_by_speed
-from ph_post.types import Array, Curve, IntArray, Path, Segment, frozen
+from ph_post.types import MACHINE_AXES, Array, Curve, IntArray, Path, Segment, frozen
 
 EPS: Final = float(np.finfo(np.float64).eps)
 
@@ -237,7 +237,7 @@ class Track:
     def from_curves(cls, curves: Iterable[Curve], closed: bool = False) -> Track:
         """Make the track of curves that stand in no path file."""
         segments = tuple(Segment(curve=curve) for curve in curves)
-        axes = ("X", "Y", "Z")[: segments[0].curve.dimension]
+        axes = MACHINE_AXES[: segments[0].curve.dimension]
         return cls(Path(name="", source="", axes=axes, feed=1.0, closed=closed, segments=segments))
 
     @property

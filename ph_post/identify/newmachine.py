@@ -24,15 +24,14 @@ import tomlkit
 from ph_post.drive.machinefile import machine_of, read_machine
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.check import checked
-from ph_post.files.machine import AxesRecord, AxisRecord, ControllerRecord, MachineRecord, put, written
+from ph_post.files.machine import AxisRecord, ControllerRecord, MachineRecord, put, written
 from ph_post.files.storage import SourceText, source_of
-from ph_post.types import LOOPS, Axis, Feedback, Loop, Machine
+from ph_post.types import LOOPS, MACHINE_AXES, Axis, ByAxis, Feedback, Loop, Machine
 from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
 
 _GRBL: Final = re.compile(r"^\s*\$(1[12][012])\s*=\s*([0-9.]+)", re.MULTILINE)
 _SECTION: Final = re.compile(r"\s*\[\s*(\w+)\s*\]")
 _ENTRY: Final = re.compile(r"\s*(\w+)\s*=\s*([^#;]*)")
-_AXES: Final = ("X", "Y", "Z")
 _INCHES: Final = ("inch", "in", "imperial")
 _NS_IN_MS: Final = 1e6
 
@@ -76,8 +75,8 @@ def _grbl(found: list[tuple[str, str]], name: str) -> ControllerSettings:
     numbers = {key: _number(value, f"{name}: ${key}") for key, value in found}
     return ControllerSettings(
         dialect="grbl",
-        speed={axis: numbers[f"11{k}"] / MINUTE for k, axis in enumerate(_AXES) if f"11{k}" in numbers},
-        acceleration={axis: numbers[f"12{k}"] for k, axis in enumerate(_AXES) if f"12{k}" in numbers},
+        speed={axis: numbers[f"11{k}"] / MINUTE for k, axis in enumerate(MACHINE_AXES) if f"11{k}" in numbers},
+        acceleration={axis: numbers[f"12{k}"] for k, axis in enumerate(MACHINE_AXES) if f"12{k}" in numbers},
         lost_motion={},
     )
 
@@ -85,7 +84,7 @@ def _grbl(found: list[tuple[str, str]], name: str) -> ControllerSettings:
 def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
     unit = INCH / MM if ini.get(("TRAJ", "LINEAR_UNITS"), "mm").lower() in _INCHES else 1.0
     letters = ini.get(("TRAJ", "COORDINATES"), "XYZ").upper().replace(" ", "")
-    places = {axis: (f"AXIS_{axis}", f"JOINT_{letters.index(axis)}") for axis in _AXES if axis in letters}
+    places = {axis: (f"AXIS_{axis}", f"JOINT_{letters.index(axis)}") for axis in MACHINE_AXES if axis in letters}
 
     def taken(key: str) -> dict[str, float]:
         """Return the smaller of what axis and joint allow, by axis."""
@@ -201,7 +200,7 @@ def new_machine(answers: Answers) -> NewMachine:
     record = MachineRecord(
         name=answers.name,
         controller=ControllerRecord(dialect=answers.dialect, servo_period_ms=_short(answers.servo_period_ms)),
-        axes=AxesRecord(**{name: _record(those) for name, those in rows.items()}),
+        axes=ByAxis(**{name: _record(those) for name, those in rows.items()}),
     )
     text = _text(record, rows)
     if checked(tomllib.loads(text), MachineRecord, answers.name) != record:

@@ -20,12 +20,10 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError, PhPostError
+from ph_post.gcode.program import AXES
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, IntArray, Limits, Machine, sealed
 from ph_post.units import MM
-
-AXES: Final = ("X", "Y", "Z")
-"""LinuxCNC always runs with these three joints; those the machine has not get the limits of its fastest."""
 
 REACH_MM: Final = 1e6
 """Soft limits and the following error that stops a joint [mm]: none."""
@@ -52,6 +50,7 @@ def write_configuration(folder: pathlib.Path, machine: Machine, backlash: Mappin
 
 
 def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, float]) -> str:
+    # It always runs with three joints; those that the machine lacks get the limits of its fastest.
     limits = [_limits(machine, name) for name in AXES]
     velocity = math.hypot(*(one.velocity for one in limits)) / MM
     acceleration = math.hypot(*(one.acceleration for one in limits)) / MM
@@ -83,7 +82,7 @@ def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, flo
             "NO_FORCE_HOMING": 1,
         },
         "EMCIO": {"EMCIO": "io", "CYCLE_TIME": 0.01, "TOOL_TABLE": folder / "machine.tbl"},
-        "KINS": {"KINEMATICS": "trivkins coordinates=XYZ", "JOINTS": len(AXES)},
+        "KINS": {"KINEMATICS": f"trivkins coordinates={''.join(AXES)}", "JOINTS": len(AXES)},
     }
     for number, (name, one) in enumerate(zip(AXES, limits, strict=True)):
         kept = {

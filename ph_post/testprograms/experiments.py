@@ -13,6 +13,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.gcode.program import AXES
 from ph_post.testprograms.builder import (
     CRAWL,
     TOP_SHARE,
@@ -417,7 +418,7 @@ def _test_volume(involved: Sequence[str], log: Log, machine: Machine) -> TestVol
     if len(wanted) == 1:
         # One partner for circles and diagonals; Z is nobody's.
         wanted += [axis for axis in moved if axis not in (*involved, "Z") and wanted != ["Z"]][:1]
-    axes = tuple(axis for axis in "XYZ" if axis in wanted)
+    axes = tuple(axis for axis in AXES if axis in wanted)
     if not axes:
         return None
     spans = {axis: moved[axis] for axis in axes}

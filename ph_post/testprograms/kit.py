@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
+from ph_post.gcode.program import AXES
 from ph_post.testprograms import motions as parts
 from ph_post.testprograms.builder import (
     TOP_SHARE,
@@ -76,7 +77,7 @@ def choose_volume(
 
 
 def _axes(machine: Machine, wanted: Sequence[str]) -> tuple[str, ...]:
-    there = tuple(axis for axis in "XYZ" if axis in machine.axes)
+    there = tuple(axis for axis in AXES if axis in machine.axes)
     for axis in wanted:
         if axis not in there:
             raise InputError("--axes", "the machine has no such axis", expected=" or ".join(there), got=repr(axis))

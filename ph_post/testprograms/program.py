@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 from ph_post.dialects.registry import find_dialect
+from ph_post.gcode.program import AXES
 from ph_post.testprograms.builder import APPROACH, ProgramBuilder, TestVolume
 from ph_post.types import Machine
 from ph_post.types.diagnosis import Channel, Experiment
@@ -104,7 +105,7 @@ def _signal(column: str, pin: str) -> str:
 
 def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:
     """Columns of LinuxCNC's log, and where in HAL they come from."""
-    known = [axis for axis in "XYZ" if axis in machine.axes]
+    known = [axis for axis in AXES if axis in machine.axes]
     pins = []
     for axis in axes:
         joint = f"joint.{known.index(axis)}"
@@ -182,7 +183,7 @@ def _remarks(volume: TestVolume, name: str, why: str, builder: ProgramBuilder) -
     """Say what a person must know before starting a program."""
     room = ", ".join(f"{axis} from {low / MM:g} to {high / MM:g}" for axis, (low, high) in volume.spans.items())
     middle = " ".join(f"{axis}{volume.centre(axis) / MM:g}" for axis in volume.axes)
-    others = [axis for axis in "XYZ" if axis not in volume.axes]
+    others = [axis for axis in AXES if axis not in volume.axes]
     still = "" if not others else f", {' and '.join(others)} not moved: the height at which the tool stands stays"
     speed = min(APPROACH, 0.25 * volume.top(*volume.axes)) / MM_PER_MIN
     return [

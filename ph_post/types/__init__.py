@@ -4,7 +4,10 @@ from ph_post.types.arrays import Array, BoolArray, IntArray, Sealed, frozen, sea
 from ph_post.types.log import AxisLog, EffortUnit, Event, EventKind, Log, LogSide, Run
 from ph_post.types.loops import CONTROLLED_LOOPS, ENCLOSING_LOOPS, EVERY_LOOP, LOOPS, Feedback, Loop
 from ph_post.types.machine import (
+    MACHINE_AXES,
     Axis,
+    AxisName,
+    ByAxis,
     Capabilities,
     EffectSetting,
     Flank,
@@ -34,11 +37,14 @@ __all__ = [
     "ENCLOSING_LOOPS",
     "EVERY_LOOP",
     "LOOPS",
+    "MACHINE_AXES",
     "Array",
     "Axis",
     "AxisLog",
+    "AxisName",
     "BacklashInterval",
     "BoolArray",
+    "ByAxis",
     "Capabilities",
     "Command",
     "Crossing",

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Final, Generic, Literal, TypeVar, get_args
 
 import msgspec
 
 from ph_post.types.loops import LOOPS, Feedback, Loop
+
+AxisName = Literal["X", "Y", "Z"]
+MACHINE_AXES: Final[tuple[str, ...]] = get_args(AxisName)
+"""The linear axes that files of machines, paths, logs and tables may have."""
 
 Flank = Literal["+", "-", "unknown"]
 Pickup = Literal["standstill", "momentum", "contact"]
@@ -52,6 +56,25 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
     acceleration: float
     jerk: float
     motor_acceleration: float | None = None
+
+
+T = TypeVar("T")
+
+
+class ByAxis(msgspec.Struct, Generic[T], frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of a file with a key for each axis that has something; see :data:`MACHINE_AXES`.
+
+    A further linear axis is a line here and a name in :data:`AxisName`.
+    """
+
+    X: T | None = None
+    Y: T | None = None
+    Z: T | None = None
+
+    def given(self) -> dict[str, T]:
+        """Return what is given, by axis."""
+        found = {axis: getattr(self, axis) for axis in MACHINE_AXES}
+        return {axis: value for axis, value in found.items() if value is not None}
 
 
 class EffectSetting(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,12 +10,11 @@ from ph_post.diagnose.evidence.base import FEWEST, Evidence, compared, lag_words
 from ph_post.diagnose.evidence.forces import amplitude, wave_words
 from ph_post.diagnose.residual_features import by_rotation, drift
 from ph_post.diagnose.sentences import length
+from ph_post.types import MACHINE_AXES
 from ph_post.units import MM, MS
 
 SPAN = 100.0 * MM
 """Travel over which a slope is told [m]."""
-
-AXES = ("X", "Y", "Z")
 
 
 def cyclic(exhibit: Evidence) -> Iterator[str]:
@@ -74,7 +73,7 @@ def thermal(exhibit: Evidence) -> Iterator[str]:
 
 def squareness(exhibit: Evidence) -> Iterator[str]:
     """Yield whether an error goes with the position of another axis, both ways round."""
-    other = AXES[int(exhibit.values["other"])]
+    other = MACHINE_AXES[int(exhibit.values["other"])]
     y, use, residual = exhibit.motion.others[other], exhibit.use("act"), exhibit.before["act"]
     slope = slopes(residual, use, y)[0] * SPAN
     yield compared(

@@ -20,6 +20,7 @@ from ph_post.diagnose.hypotheses.forces import by_effect, named, wave_hypothesis
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
 from ph_post.identify.free_run import AxisProblem
+from ph_post.types import MACHINE_AXES
 
 MOST_ERROR: Final = 5e-3
 """Largest error of a reading tried [m]."""
@@ -71,11 +72,9 @@ THERMAL = Hypothesis(
     bars=_needs_table,
 )
 
-AXES: Final = ("X", "Y", "Z")
-
 
 def _squareness(other: str) -> Hypothesis:
-    choice = float(AXES.index(other))
+    choice = float(MACHINE_AXES.index(other))
 
     def apply(plant: Plant, numbers: Numbers) -> Plant:
         return find_effect("squareness").apply(plant, {"angle": numbers[0], "other": choice})
@@ -117,7 +116,7 @@ def _loop_reads_late(problem: AxisProblem) -> str:
 LATE_COMMAND = _delay(0.0)
 LATE_READING = replace(_delay(1.0), bars=_loop_reads_late)
 
-SQUARENESS: Final = tuple(_squareness(other) for other in AXES)
+SQUARENESS: Final = tuple(_squareness(other) for other in MACHINE_AXES)
 
 
 def reading_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:

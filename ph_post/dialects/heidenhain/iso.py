@@ -13,7 +13,6 @@ from decimal import Decimal
 from typing import Final
 
 from ph_post.dialects.heidenhain.tnc import (
-    AXES,
     JUMPED,
     NUMBER,
     REPEATED,
@@ -24,7 +23,7 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import AXES, PartProgram
 
 _HEAD: Final = re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$")
 _WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")

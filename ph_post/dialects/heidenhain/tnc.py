@@ -20,12 +20,11 @@ from ph_post.dialects.reading import (
     text_of,
 )
 from ph_post.errors import InputError
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import AXES, PartProgram
 
 NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 """A number, with a point or a comma."""
 
-AXES: Final = "XYZ"
 PLANES: Final[Mapping[str, tuple[str, str]]] = {"Z": ("X", "Y"), "Y": ("Z", "X"), "X": ("Y", "Z")}
 """Axes of the working plane, by the tool's axis."""
 

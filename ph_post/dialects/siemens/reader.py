@@ -32,7 +32,7 @@ from ph_post.dialects.siemens.words import (
     without_comment,
 )
 from ph_post.errors import InputError
-from ph_post.gcode.program import PartProgram, PlaceArray
+from ph_post.gcode.program import AXES, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
 
 _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\w+[ \t]*:(?!=)[ \t]*)?", re.IGNORECASE)
@@ -40,9 +40,8 @@ _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\
 
 _PARAMETER: Final = re.compile(r"R\d+|R\[.*\]")
 _QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
-_AXES: Final = "XYZ"
 _CENTERS: Final = "IJK"
-_SHAPES: Final = frozenset((*_AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", "TURN"))
+_SHAPES: Final = frozenset((*AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", "TURN"))
 """Names that shape a motion; the empty one is a denominator."""
 
 
@@ -237,7 +236,7 @@ class _Line:
 
     def _shape(self) -> None:
         """Add the words of the motion."""
-        ends = {name: self.named[name] for name in _AXES if name in self.named}
+        ends = {name: self.named[name] for name in AXES if name in self.named}
         if not ends and not any(name in self.named for name in (*_CENTERS, "")):
             return
         if self.modes.motion == "other":
@@ -283,7 +282,7 @@ class _Line:
         if len(kinds) != 1:
             self._refuse(self.words[0])
             return
-        point = {_AXES[_CENTERS.index(name)]: float(word.values[0]) for name, word in points.items()}
+        point = {AXES[_CENTERS.index(name)]: float(word.values[0]) for name, word in points.items()}
         self.of.extras.circles[self.number] = CircleWords(point=point, absolute=kinds == {"AC"})
 
     def _polynomial(self, ends: Mapping[str, Word]) -> None:

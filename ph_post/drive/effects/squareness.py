@@ -7,20 +7,18 @@ from msgspec.structs import replace
 
 from ph_post.drive.effects.base import RADIAN, TEST_CODE, Effect, EffectFault, Parameter, Values
 from ph_post.drive.plant import Plant
-from ph_post.types import Axis
-
-AXES = ("X", "Y", "Z")
+from ph_post.types import MACHINE_AXES, Axis
 
 
 def _apply(plant: Plant, values: Values) -> Plant:
-    other = (AXES[int(values["other"])], values["angle"])
+    other = (MACHINE_AXES[int(values["other"])], values["angle"])
     return replace(plant, reading=replace(plant.reading, others=(*plant.reading.others, other)))
 
 
 def _fault(axis: Axis, values: Values) -> EffectFault | None:
-    if AXES[int(values["other"])] != axis.name:
+    if MACHINE_AXES[int(values["other"])] != axis.name:
         return None
-    wanted = " or ".join(f'"{name}"' for name in AXES if name != axis.name)
+    wanted = " or ".join(f'"{name}"' for name in MACHINE_AXES if name != axis.name)
     return EffectFault(gives="other", what="an axis is square to another one", expected=wanted)
 
 
@@ -37,7 +35,7 @@ EFFECT = Effect(
             bounds=Meta(gt=-1, lt=1),
             meaning="α, what the angle between both lacks of 90°",
         ),
-        Parameter(name="other", gives="other", choices=AXES, default="Y", meaning="the other axis"),
+        Parameter(name="other", gives="other", choices=MACHINE_AXES, default="Y", meaning="the other axis"),
     ),
     apply=_apply,
     fault=_fault,
