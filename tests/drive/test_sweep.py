@@ -15,6 +15,7 @@ from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, ax
 from support.streams import without_progress
 
 from ph_post.cli.main import main
+from ph_post.drive import roots as closing
 from ph_post.drive.backlash import motor_gap
 from ph_post.drive.free_motor import ANGLE, SPEED, free_motor_response, free_motor_responses
 from ph_post.drive.intervalfile import interval_content, read_intervals
@@ -95,7 +96,7 @@ def test_brackets_close_to_rounding_or_are_refused(monkeypatch) -> None:
     wanted = np.array([1e-9, 0.3, 1.0, 7.0])
     roots = close_brackets(lambda x: x**4 - wanted**4, np.zeros(4), np.full(4, 10.0))
     assert roots == pytest.approx(wanted, rel=8 * EPS)
-    monkeypatch.setattr(roots, "STEPS", 3)
+    monkeypatch.setattr(closing, "STEPS", 3)
     with pytest.raises(SolveError, match="3 of 4 roots did not close in 3 steps"):
         close_brackets(lambda x: np.sinh(x) - np.sinh(wanted), np.array([0.0, 0.0, 0.0, 7.0]), np.full(4, 10.0))
 
