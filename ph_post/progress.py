@@ -10,3 +10,8 @@ Progress = Callable[[str], None]
 
 def no_progress(_stage: str) -> None:
     """Ignore progress messages."""
+
+
+def prefixed(progress: Progress, prefix: str) -> Progress:
+    """Report every stage with a prefix, as a part of a larger job."""
+    return lambda stage: progress(f"{prefix}: {stage}")

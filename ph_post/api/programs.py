@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import require_spliceable
 from ph_post.dialects.reading import read_anew
 from ph_post.dialects.registry import find_dialect
@@ -148,7 +149,7 @@ def _plan(
     They share the time allowed by the number of their axes.
     """
     lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    if request.plan.strategy == "none":
+    if not find_traits(request.plan.strategy).compensates:
         return lasting, ()
     drives = [machine.axes[name] for name in moved_axes(program)]
     gaps = [axis.loop for axis in drives if has_backlash(axis)]

@@ -16,7 +16,7 @@ from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import cycle_time, make_plan
-from ph_post.compensate.strategies.registry import strategy_names
+from ph_post.compensate.strategies.registry import PLAIN, find_traits, strategy_names
 from ph_post.compensate.violations import (
     Violation,
     at_rest_before_and_after,
@@ -26,7 +26,7 @@ from ph_post.compensate.violations import (
 )
 from ph_post.errors import PhPostError
 from ph_post.geometry.track import Track
-from ph_post.progress import Progress, no_progress
+from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.simulate.assess import Assessment, assess, contour_errors
 from ph_post.simulate.contour import ContourError, Nominal
 from ph_post.types import Array, BoolArray, Command, Phase, Plan, Scenario
@@ -112,10 +112,6 @@ def _feed_along(phases: Sequence[Phase]) -> tuple[Array, Array]:
     return MotionLaw.from_phases(phases).place_and_feed(t)
 
 
-FIRST, LAST = "none", "auto"
-"""What the others are measured against, and what chooses among them."""
-
-
 class Contender(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One strategy on the job.
 
@@ -160,7 +156,7 @@ def compare_strategies(
     found = []
     for name in names or in_order(strategy_names()):
         progress(f"planning and simulating {name}")
-        found.append(_contender(analysis, options_for(name), nominal, _as_part_of(name, progress)))
+        found.append(_contender(analysis, options_for(name), nominal, prefixed(progress, name)))
     return tuple(found)
 
 
@@ -172,11 +168,7 @@ def in_order(names: Sequence[str]) -> tuple[str, ...]:
     >>> in_order(("auto", "dwell", "none", "step"))
     ('none', 'dwell', 'step', 'auto')
     """
-    return tuple(sorted(names, key=lambda name: (name != FIRST, name == LAST, name)))
-
-
-def _as_part_of(name: str, progress: Progress) -> Progress:
-    return lambda text: progress(f"{name}: {text}")
+    return tuple(sorted(names, key=lambda name: (name != PLAIN, find_traits(name).chooses, name)))
 
 
 def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, progress: Progress) -> Contender:
@@ -210,7 +202,7 @@ def plain(plan: Plan) -> Plan:
     """Return the plan as it would be without any strategy."""
     return msgspec.structs.replace(
         plan,
-        strategy=FIRST,
+        strategy=PLAIN,
         profiles=(None,) * len(plan.profiles),
         phases=plan.nominal,
         crossings=(),

@@ -23,7 +23,7 @@ from ph_post.compensate.strategies.base import (
     StrategyResult,
     require_loop,
 )
-from ph_post.compensate.strategies.registry import find_strategy
+from ph_post.compensate.strategies.registry import PLAIN, find_strategy
 from ph_post.compensate.trial import flanks_before, half_distances
 from ph_post.compensate.violations import find_violations
 from ph_post.errors import InputError
@@ -378,7 +378,7 @@ class Planner:
     def plain(self, why: str = "") -> Plan:
         """Return the plain program, nothing added, and say why."""
         wishes = tuple(ProfileRequest(shape=None, note=why) for _ in self.analysis.windows)
-        plan = self.plan("none", StrategyResult(wishes=wishes))
+        plan = self.plan(PLAIN, StrategyResult(wishes=wishes))
         return msgspec.structs.replace(plan, phases=plan.nominal, inverse_dynamics=False)
 
     def plan(self, name: str, proposal: StrategyResult) -> Plan:

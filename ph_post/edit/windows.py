@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
+from ph_post.compensate.strategies.registry import find_traits
 from ph_post.drive.axes import has_backlash, with_gap
 from ph_post.edit.directions import chain_spans
 from ph_post.edit.edits import DipEdit, Edits, StopEdit
@@ -25,7 +26,7 @@ from ph_post.geometry.curves import Composite
 from ph_post.geometry.joints import find_stops
 from ph_post.geometry.track import Track
 from ph_post.post.options import BLOCK_TIME
-from ph_post.progress import Progress, no_progress
+from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.types import Array, IntArray, Machine, Path, Plan, Segment, frozen
 
 
@@ -101,9 +102,6 @@ def _within(track: Track, number: int, first: int, last: int) -> Segment:
     return replace(segment, curve=Composite(track.pieces[max(low, first) : min(high, last)]))
 
 
-OFFSETS: Final = frozenset(("auto", "takeup"))
-"""Strategies that give axes behind their loop a lasting offset; all others modulate the feed."""
-
 WINDOWS: Final = 10
 """So many windows and a rest behind them make a part: what a proof by simulation finds worse than the plain
 program is given up within a part, and no part is long to simulate."""
@@ -178,7 +176,7 @@ def plan_windows(
     plans: list[WindowPlan] = []
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
-        made = _planned(part, chosen, tolerance, _telling(progress, where))
+        made = _planned(part, chosen, tolerance, prefixed(progress, where))
         done = place_plan(program.motions, part.path, made.plan, block_time, partial(why_kept_whole, program))
         stops += done.stops
         dips += done.dips
@@ -252,13 +250,9 @@ def _where(program: PartProgram, path: ProgramPath) -> str:
     return line_words(first, last)
 
 
-def _telling(progress: Progress, where: str) -> Progress:
-    return lambda text: progress(f"{where}: {text}")
-
-
 def shifts_axes(options: PlanOptions) -> bool:
     """Whether axes behind their loop get a lasting offset."""
-    return options.strategy in OFFSETS and not options.feed_only
+    return find_traits(options.strategy).shifts_axes and not options.feed_only
 
 
 def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machine:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.programs import CompensatedProgram, Performance, ProgramOutcome
+from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
 from ph_post.edit.windows import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
@@ -136,8 +137,8 @@ def _of_path(
     shifted = _shifted(changes, delivery.before.motions, path, analysis.turning_points, places)
     rows = zip(turning_point_views(analysis), places, lines.tolist(), shifted, strict=True)
     for view, place, line, carried in rows:
-        what = done.get(place, {"strategy": "none", "profile": None, "crossings": []})
-        yield {**view, **what, **({"strategy": "takeup"} if carried else {}), "line": line}
+        what = done.get(place, {"strategy": PLAIN, "profile": None, "crossings": []})
+        yield {**view, **what, **({"strategy": TAKE_UP} if carried else {}), "line": line}
 
 
 def _shifted(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from ph_post.compensate.comparison import LAST, Contender
+from ph_post.compensate.comparison import Contender
+from ph_post.compensate.strategies.registry import find_traits
 from ph_post.report.tables import NOTHING, chosen_at, chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment
@@ -188,16 +189,16 @@ def refusals(contenders: Sequence[Contender]) -> list[str]:
 
 def choices(contenders: Sequence[Contender]) -> list[str]:
     """Say what the strategy that chooses among others chose where."""
-    return [f"{LAST} chose {chosen_words(plan)}" for plan in _choosing(contenders)]
+    return [f"{plan.strategy} chose {chosen_words(plan)}" for plan in _choosing(contenders)]
 
 
 def warnings_of_choice(contenders: Sequence[Contender]) -> list[str]:
     """Return the warnings of the strategy that chooses among others."""
-    return [f"{LAST}: {text}" for plan in _choosing(contenders) for text in plan.warnings]
+    return [f"{plan.strategy}: {text}" for plan in _choosing(contenders) for text in plan.warnings]
 
 
 def _choosing(contenders: Sequence[Contender]) -> list[Plan]:
-    return [one.plan for one in contenders if one.name == LAST and one.plan is not None]
+    return [one.plan for one in contenders if one.plan is not None and find_traits(one.name).chooses]
 
 
 def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import msgspec
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.analysis.turning_points import Certificate
 from ph_post.compensate.plan import cycle_time
+from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.report.views import crossings_at, radius, strategy_at, windows_by_point
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
@@ -144,7 +145,7 @@ def plan_summary(plan: Plan, what: str = "") -> str:
     """Say in one line what a plan does and what time that takes; `what` as in :func:`print_plan`."""
     before, after = cycle_time(plan.nominal), cycle_time(plan.phases)
     chosen = chosen_at(plan)
-    left = chosen.pop("none", [])
+    left = chosen.pop(PLAIN, [])
     done = sum(map(len, chosen.values()))
     kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
     name = plan.path.name + (f", {what}" if what else "")
@@ -170,7 +171,7 @@ def chosen_at(plan: Plan) -> dict[str, list[int]]:
     found: dict[str, list[int]] = {}
     for point in plan.turning_points:
         found.setdefault(strategy_at(plan, point), []).append(point.index)
-    return dict(sorted(found.items(), key=lambda item: (item[0] == "none", item[0])))
+    return dict(sorted(found.items(), key=lambda item: (item[0] == PLAIN, item[0])))
 
 
 def chosen_words(plan: Plan) -> str:

@@ -15,6 +15,7 @@ from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.analysis.turning_points import Certificate
 from ph_post.compensate.motion import place_and_feed
 from ph_post.compensate.plan import cycle_time
+from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_traits
 from ph_post.types import (
     Axis,
     Command,
@@ -228,8 +229,8 @@ def strategy_at(plan: Plan, point: TurningPoint) -> str:
     if profile is not None:
         return profile.strategy or plan.strategy
     if not crossings_at(plan, point):
-        return "none"
-    return "takeup" if plan.strategy == "auto" else plan.strategy
+        return PLAIN
+    return TAKE_UP if find_traits(plan.strategy).chooses else plan.strategy
 
 
 def crossing_view(one: Crossing | Jog) -> View:

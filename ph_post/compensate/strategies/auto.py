@@ -8,7 +8,7 @@ from ph_post.compensate.choose import choose
 from ph_post.compensate.families import PLATEAU, DesignFamily, ReversalCase, dips
 from ph_post.compensate.layout import lacks_stops
 from ph_post.compensate.offsets import carries_offset
-from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import crossing_families, jog_families
 from ph_post.types import EVERY_LOOP
@@ -29,6 +29,7 @@ class Automatic:
     name = "auto"
     summary = "the best of all at every turning point, in simulation and within the limits"
     feedbacks = EVERY_LOOP
+    traits = StrategyTraits(chooses=True, shifts_axes=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the best design at every turning point."""

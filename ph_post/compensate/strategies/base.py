@@ -128,15 +128,32 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...] = ()
 
 
+class StrategyTraits(msgspec.Struct, frozen=True, kw_only=True):
+    """Properties of a strategy on which rules elsewhere depend, with the values of most strategies.
+
+    `compensates` is false for the plain program alone. `is_baseline` marks what machines do today, which is
+    planned without inverse dynamics. `chooses` marks a strategy that chooses among others at every turning
+    point, `shifts_axes` one that gives axes behind their loop a lasting offset, `moves_back` one whose feed
+    becomes negative.
+    """
+
+    compensates: bool = True
+    is_baseline: bool = False
+    chooses: bool = False
+    shifts_axes: bool = False
+    moves_back: bool = False
+
+
 @runtime_checkable
 class Strategy(Protocol):
-    """The contract.
+    """A compensation strategy: what a user names and what the planner asks.
 
     1. `name` is what the user types; `summary` one line about it.
     2. `feedbacks` are the feedback loops whose backlash it can shrink. On a path none of whose axes has one
        of them it is refused, see :func:`require_loop`.
     3. `profiles` returns exactly one wish a window, in their order. It raises InputError for options that
        contradict each other, and is otherwise a pure function of the task.
+    4. `traits`, which may be left out, is a :class:`StrategyTraits`, see :func:`traits_of`.
     """
 
     @property
@@ -153,6 +170,11 @@ class Strategy(Protocol):
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Say which profile is wanted in every window."""
+
+
+def traits_of(strategy: Strategy) -> StrategyTraits:
+    """Return the traits of a strategy, the usual ones where it has none of its own."""
+    return getattr(strategy, "traits", StrategyTraits())
 
 
 def require_loop(strategy: Strategy, axes: Iterable[str], machine: Machine) -> None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from ph_post.compensate import profile
 from ph_post.compensate.strategies import feed
-from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.types import EVERY_LOOP
 
 RATIO = 0.25
@@ -26,6 +26,7 @@ class LinearDip:
     name = "linear"
     summary = "a piecewise linear feed dip about every turning point, a baseline"
     feedbacks = EVERY_LOOP
+    traits = StrategyTraits(is_baseline=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""

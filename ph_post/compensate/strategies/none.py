@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, StrategyTraits
 from ph_post.types import EVERY_LOOP
 
 
@@ -12,6 +12,7 @@ class PlainFeed:
     name = "none"
     summary = "the plain program, nothing added"
     feedbacks = EVERY_LOOP
+    traits = StrategyTraits(compensates=False, is_baseline=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want no profile anywhere, and have nothing to say about it."""

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, TypeGuard
 from ph_post.registry import Registry
 
 if TYPE_CHECKING:  # a shell that completes names loads none of the mathematics
-    from ph_post.compensate.strategies.base import Strategy
+    from ph_post.compensate.strategies.base import Strategy, StrategyTraits
+
+PLAIN = "none"
+"""The strategy that adds nothing: the plain program."""
+
+TAKE_UP = "takeup"
+"""The strategy that only commands the reversing axis through its backlash."""
 
 GROUP = "ph_post.strategies"
 
@@ -50,6 +56,19 @@ def find_strategy(name: str, where: str = "--strategy") -> Strategy:
         Where nobody registered the name, or what is registered is no strategy.
     """
     return _REGISTRY.find(name, where)
+
+
+def find_traits(name: str) -> StrategyTraits:
+    """Return the traits of the strategy of that name.
+
+    Raises
+    ------
+    InputError
+        As :func:`find_strategy` does.
+    """
+    from ph_post.compensate.strategies.base import traits_of
+
+    return traits_of(find_strategy(name))
 
 
 def _is_strategy(found: object) -> TypeGuard[Strategy]:

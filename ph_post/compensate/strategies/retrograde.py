@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from ph_post.compensate import shapes
 from ph_post.compensate.strategies import feed
-from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.errors import InputError
 from ph_post.types import EVERY_LOOP
 
@@ -25,6 +25,7 @@ class Retrograde:
     name = "retrograde"
     summary = "a feed dip below zero: the tool moves back for a while; needs --allow-retrograde"
     feedbacks = EVERY_LOOP
+    traits = StrategyTraits(moves_back=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap.

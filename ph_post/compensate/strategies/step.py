@@ -11,7 +11,7 @@ import math
 from ph_post.compensate.families import whole_crossing
 from ph_post.compensate.layout import reversing_axes
 from ph_post.compensate.offsets import smoothstep
-from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import refuse_offsets
 from ph_post.errors import InputError
@@ -31,6 +31,7 @@ class StepCompensation:
     name = "step"
     summary = "the position step that controllers add at a reversal; a baseline"
     feedbacks = EVERY_LOOP - ENCLOSING_LOOPS
+    traits = StrategyTraits(is_baseline=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want a shift in every window, and no profile."""

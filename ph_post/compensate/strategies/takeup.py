@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import BARE, CROSSING, JOG, OFFSET, PULSE, DesignFamily, ReversalCase
 from ph_post.compensate.offsets import carries_offset
-from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
 from ph_post.types import EVERY_LOOP
@@ -24,6 +24,7 @@ class TakeUp:
     name = "takeup"
     summary = "the reversing axis is commanded through its gap while the path slows down or stops"
     feedbacks = EVERY_LOOP
+    traits = StrategyTraits(shifts_axes=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the crossing that is best in simulation at every turning point."""
