@@ -26,17 +26,17 @@ PATIENCE: Final = 0.7
 
 
 class _CompileNotice(events.Listener):
-    """Says once in a process, on standard error, that compiling takes its time."""
+    """Prints once in a process, on standard error, that code is being compiled."""
 
     def __init__(self) -> None:
-        self._depth, self._told = 0, False
+        self._depth, self._printed = 0, False
         self._timer: Timer | None = None
 
     def on_start(self, event: Any) -> None:  # noqa: ARG002
         """Wait for the compiler: functions that a function calls are compiled within it."""
         self._depth += 1
-        if self._depth == 1 and not self._told:
-            self._timer = Timer(PATIENCE, self._tell)
+        if self._depth == 1 and not self._printed:
+            self._timer = Timer(PATIENCE, self._print)
             self._timer.daemon = True
             self._timer.start()
 
@@ -46,10 +46,10 @@ class _CompileNotice(events.Listener):
         if self._depth == 0 and self._timer is not None:
             self._timer.cancel()
 
-    def _tell(self) -> None:
-        if not self._told:
-            self._told = True
-            print("ph-post: compiling, once on this machine ...", file=sys.stderr, flush=True)  # noqa: T201
+    def _print(self) -> None:
+        if not self._printed:
+            self._printed = True
+            print("ph-post: compiling (only the first time on this machine) ...", file=sys.stderr, flush=True)  # noqa: T201
 
 
 _register: Any = events.register  # which has no types

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.compensate.families import DesignFamily, ReversalCase, shortest_crossing, whole_crossing
 from ph_post.compensate.layout import reversing_axes
-from ph_post.compensate.offsets import carries_offset, whole_jog
+from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import FLOOR, DesignBounds, DesignSearch, TriedDesign
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.trial import Surroundings, Trial, direction_at, find_surroundings
@@ -50,7 +50,7 @@ Choice = Callable[[PlanningTask, ReversalCase], Sequence[DesignFamily]]
 
 
 def choose(task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> StrategyResult:
-    """DesignSearch every window for its best design.
+    """Search every window for its best design.
 
     Parameters
     ----------
@@ -71,7 +71,11 @@ def choose(task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> 
 
 
 def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
-    """Return scenarios to search with, and how many of them are the machine as the file has it."""
+    """Return the scenarios to search with, and how many of them are nominal.
+
+    The nominal ones have the backlash of the machine file and come first; the others have it smaller and larger
+    by its uncertainty. Each has one of the pick-up rules that the file leaves open.
+    """
     drives = [machine.axes[name] for name in axes]
     inside = [axis for axis in drives if axis.loop.encloses_backlash]
     rules = PICKUPS if any(axis.gap.pickup is None for axis in inside) else (None,)
@@ -81,7 +85,7 @@ def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scena
 
 
 class ReversalDesigns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What was found at a turning point: designs, or none that is better than the plain motion.
+    """Designs found at a turning point, or none where the plain motion is best.
 
     `plain` (scenarios,) are the errors of that [m].
     """
@@ -108,7 +112,7 @@ class _Chooser:
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
         self.sized = task.sized
-        self.scenarios, self.as_filed = search_scenarios(task.machine, task.path.axes)
+        self.scenarios, self.nominal_count = search_scenarios(task.machine, task.path.axes)
         self.known: list[ReversalDesigns] = []
         self.reached = 0
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
@@ -137,10 +141,10 @@ class _Chooser:
     def _lasting(self) -> tuple[str, ...]:
         """Axes that turn back anywhere and that a program can give a lasting offset."""
         axes = reversing_axes(self.sized, self.task.turning_points)
-        return tuple(sorted({axis.name for axis, _ in axes if carries_offset(axis)}))
+        return tuple(sorted({axis.name for axis, _ in axes if may_shift(axis)}))
 
     def propose(self) -> StrategyResult:
-        """DesignSearch window by window, and share the time out where it does most."""
+        """Search window by window, and share the time out where it does most."""
         found = list(map(self._candidates, self.places, self.reversing))
         return self._proposal(found, 1.0)
 
@@ -148,12 +152,12 @@ class _Chooser:
         """Pick candidates for a part of the time allowed."""
         time = SPARE * part * self.task.allowed - self.approach
         picks = iter(allocate([own for own in found if own], time))
-        wishes = (
-            self._wish(next(picks) if own else None, place, drives)
+        requests = (
+            self._request(next(picks) if own else None, place, drives)
             for own, place, drives in zip(found, self.places, self.reversing, strict=True)
         )
         return StrategyResult(
-            wishes=tuple(wishes),
+            requests=tuple(requests),
             proven=True,
             shorter=lambda less: self._proposal(found, less),
             shifted=self._behind(),
@@ -171,9 +175,9 @@ class _Chooser:
             drives = [axis for number, axis in enumerate(drives) if direction_at(self.track, 0.0, number)]
         return tuple(axis.name for axis in drives if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0)
 
-    def _wish(self, found: TriedDesign | None, place: Surroundings | None, drives: Drives) -> ProfileRequest:
+    def _request(self, found: TriedDesign | None, place: Surroundings | None, drives: Drives) -> ProfileRequest:
         if not drives:
-            return ProfileRequest(shape=None, note="no axis with a gap reverses here")
+            return ProfileRequest(shape=None, note="no axis with backlash reverses here")
         bare = self._bare(drives)
         if place is None and self._may_rest(drives):
             return ProfileRequest(shape=None, crossings=bare, stop=True)
@@ -185,7 +189,7 @@ class _Chooser:
             shape=design.shape,
             t_star=design.t_star,
             turn=design.turn,
-            may_leave=True,
+            may_leave_window=True,
             crossings=design.crossings or bare,
             stop=design.stop,
             strategy=found.family.name,
@@ -196,7 +200,7 @@ class _Chooser:
         if not self.offsets:
             return ()
         if self.written:
-            return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if carries_offset(axis))
+            return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if may_shift(axis))
         open_loops = ((axis, direction) for axis, direction in drives if not axis.loop.encloses_backlash)
         return tuple(
             whole_crossing(axis, direction, 0.0, shortest_crossing(axis, self.lead, self.period))
@@ -214,7 +218,7 @@ class _Chooser:
         options, machine = self.task.options, self.task.machine
         trial = Trial(self.nominal, self.track, place, machine, self.scenarios, self.sized)
         bounds = DesignBounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
-        search = DesignSearch(trial, case, bounds, self.as_filed)
+        search = DesignSearch(trial, case, bounds, self.nominal_count)
         if self._may_rest(drives):
             search.add_rest(jogs=self.written)
         for known in self.known:

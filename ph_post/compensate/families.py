@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.offsets import DWELL, LEAST, carries_offset, make_jog, peaks, whole_jog
+from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, peaks, whole_jog
 from ph_post.compensate.profile import stop
 from ph_post.compensate.trial import Design, Surroundings
 from ph_post.types import Array, Axis, Crossing, Jog
@@ -334,7 +334,7 @@ def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) 
             there = make_jog(axis, way * direction, t)
             turn = there.end + max(DWELL, out * _time_to_cross(axis, way) - there.duration)
             jogs += [there, msgspec.structs.replace(there, start=turn, travel=-there.travel)]
-        elif carries_offset(axis):
+        elif may_shift(axis):
             jogs.append(whole_jog(axis, direction, t))
         t = jogs[-1].end + DWELL if jogs else t
     return jogs, t

@@ -37,7 +37,7 @@ SAME_PLACE = 1e-12
 class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A profile's place: 2 `half` [m] of path with `s` [m] inside, entered and left at `cruise` [m/s].
 
-    `window` is the index of its window; `shape` is the one wanted; `wish` is what the strategy asked for, the
+    `window` is the index of its window; `shape` is the one wanted; `request` is what the strategy asked for, the
     share of the way before the turning point included; `notes` say what was cut off.
     """
 
@@ -46,13 +46,13 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     half: float
     cruise: float
     shape: ProfileShape
-    wish: ProfileRequest
+    request: ProfileRequest
     notes: tuple[str, ...] = ()
 
     @property
     def ends(self) -> tuple[float, float]:
         """Where it begins and ends along the path [m]; over the seam of a closed one it counts on."""
-        turn = self.wish.turn
+        turn = self.request.turn
         return self.s - 2.0 * turn * self.half, self.s + 2.0 * (1.0 - turn) * self.half
 
 
@@ -78,15 +78,15 @@ class SiteSpan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return found
 
 
-def find_site(index: int, window: Window, wish: ProfileRequest, feed: FeedAlong, room: float) -> Site | str:
-    """Fit a wish into its window.
+def find_site(index: int, window: Window, request: ProfileRequest, feed: FeedAlong, room: float) -> Site | str:
+    """Fit a request into its window.
 
     Parameters
     ----------
     index : int
         Index of the window.
     window : Window
-    wish : ProfileRequest
+    request : ProfileRequest
         With a shape.
     feed : FeedAlong
     room : float
@@ -97,18 +97,18 @@ def find_site(index: int, window: Window, wish: ProfileRequest, feed: FeedAlong,
     Site or str
         The site, or the reason why there is none.
     """
-    assert wish.shape is not None
+    assert request.shape is not None
     cruise = feed.at(window.s)
     if cruise <= 0.0:
         return "the motion stops here"
-    mean = shapes.mean(wish.shape)
+    mean = shapes.mean(request.shape)
     room = max(min(room, window.s - feed.first, feed.last - window.s), 0.0)
     # What a side may take is what the longer one takes; in the middle of the way both are alike.
-    longer = 2.0 * max(wish.turn, 1.0 - wish.turn)
-    wanted = longer * cruise * mean * wish.t_star
-    most = wanted if wish.may_leave else min(wanted, window.half_length)
+    longer = 2.0 * max(request.turn, 1.0 - request.turn)
+    wanted = longer * cruise * mean * request.t_star
+    most = wanted if request.may_leave_window else min(wanted, window.half_length)
     side = feed.steady_half(window.s, min(most, room), STEADY * cruise)
-    needed = min(most, longer * cruise * mean * wish.least)
+    needed = min(most, longer * cruise * mean * request.least)
     if side < needed * (1.0 - 1e-9):
         # Where the feed changes quickly a lower plateau is better than none.
         side = min(needed, room)
@@ -117,12 +117,12 @@ def find_site(index: int, window: Window, wish: ProfileRequest, feed: FeedAlong,
     lowest, half = feed.lowest(window.s, side), side / longer
     if side <= SAME_PLACE or lowest < SLOWEST * cruise:
         return "no room for it: the path starts or ends here, or the motion stops"
-    notes = tuple(_notes(window, wish, side, most, half / (lowest * mean)))
-    return Site(window=index, s=window.s, half=half, cruise=lowest, shape=wish.shape, wish=wish, notes=notes)
+    notes = tuple(_notes(window, request, side, most, half / (lowest * mean)))
+    return Site(window=index, s=window.s, half=half, cruise=lowest, shape=request.shape, request=request, notes=notes)
 
 
-def _notes(window: Window, wish: ProfileRequest, side: float, most: float, t_star: float) -> list[str]:
-    notes = [wish.note] if wish.note else []
+def _notes(window: Window, request: ProfileRequest, side: float, most: float, t_star: float) -> list[str]:
+    notes = [request.note] if request.note else []
     if side < most * (1.0 - 1e-6):
         notes.append(
             f"profile shortened from {most / MM:.4g} mm to {side / MM:.4g} mm on either side, where the feed "
@@ -130,10 +130,10 @@ def _notes(window: Window, wish: ProfileRequest, side: float, most: float, t_sta
         )
     if side > window.half_length * (1.0 + 1e-9):
         notes.append("the profile is longer than the window in which the osculating circle stands for the path")
-    if t_star < wish.least * (1.0 - 1e-9):
+    if t_star < request.least * (1.0 - 1e-9):
         notes.append(
             f"the window holds t* = {t_star / MS:.4g} ms only, less than the backlash interval of "
-            f"{wish.least / MS:.4g} ms"
+            f"{request.least / MS:.4g} ms"
         )
     return notes
 
@@ -231,7 +231,7 @@ class ValidMotion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A motion that keeps the limits.
 
     `sites` are those it was planned for, with V_c as it came out; `depth` (sites,) is how much of each
-    profile was kept: 1 all of it, 0 none; `refused` tells why a profile was left out, by its number;
+    profile was kept: 1 all of it, 0 none; `refused` holds the reason why a profile was left out, by its number;
     `factor` how much slower than the caps allow the motion is, at their points.
     """
 
@@ -285,7 +285,7 @@ class FeedPlanner:
         self._nodes = first_nodes(track.length, stops, (first, last))
 
     def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> ValidMotion:
-        """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as wished.
+        """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as requested.
 
         Where samples break a limit the feed is lowered, or the profile softened, and all is planned again; as
         a last resort everything is slowed down.
@@ -298,23 +298,23 @@ class FeedPlanner:
         depth = np.ones(len(sites)) if depth is None else depth.copy()
         refused: dict[int, str] = {}
         for attempt in range(_ROUNDS):
-            draft = self._draft(sites, depth, refused)
-            broken = find_violations(self.track, self.limits, draft.motion)
+            candidate = self._candidate(sites, depth, refused)
+            broken = find_violations(self.track, self.limits, candidate.motion)
             if not broken.factor.size:
                 return ValidMotion(
-                    motion=draft.motion,
-                    sites=draft.sites,
+                    motion=candidate.motion,
+                    sites=candidate.sites,
                     depth=depth,
                     refused=refused,
                     factor=self.factor.copy(),
                 )
-            guilty, elsewhere = self._guilty(draft, broken, depth)
-            self._soften(draft, guilty, depth, refused)
+            guilty, elsewhere = self._guilty(candidate, broken, depth)
+            self._soften(candidate, guilty, depth, refused)
             self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)
         left = f"{broken.factor.size} stretches of samples still break one"
         raise LimitError(f"no motion keeps the limits of the axes: {left}")
 
-    def _draft(self, sites: tuple[Site, ...], depth: Array, refused: dict[int, str]) -> _Candidate:
+    def _candidate(self, sites: tuple[Site, ...], depth: Array, refused: dict[int, str]) -> _Candidate:
         """Plan the feed with a plateau for every profile, and put the profiles on them."""
         laid: list[SiteSpan] = []
         for number in np.flatnonzero(depth).tolist():
@@ -336,7 +336,7 @@ class FeedPlanner:
         """Put a profile on the path so deep, or say why that cannot be done."""
         return site_spans(number, site, soften(site.shape, 1.0 - depth), self.track.length)
 
-    def _guilty(self, draft: _Candidate, broken: ViolationSpans, depth: Array) -> tuple[IntArray, BoolArray]:
+    def _guilty(self, candidate: _Candidate, broken: ViolationSpans, depth: Array) -> tuple[IntArray, BoolArray]:
         """Tell whose fault it is.
 
         Returns
@@ -346,27 +346,27 @@ class FeedPlanner:
         elsewhere : BoolArray
             Which of the broken stretches no such profile has a part in.
         """
-        motion = draft.motion
+        motion = candidate.motion
         first, last = motion.phase_at(broken.t0), motion.phase_at(broken.t1)
         between = [set(motion.window[i : j + 1].tolist()) for i, j in zip(first, last, strict=True)]
         suspects = set().union(*between) - {-1}
-        rows = [k for k, site in enumerate(draft.sites) if site.window in suspects and depth[k] > 0.0]
+        rows = [k for k, site in enumerate(candidate.sites) if site.window in suspects and depth[k] > 0.0]
         numbers = np.array(rows, dtype=np.int64)
-        guilty = numbers[self._usage(draft, numbers, np.zeros(depth.size)) <= 1.0]
-        windows = {draft.sites[k].window for k in guilty.tolist()}
+        guilty = numbers[self._usage(candidate, numbers, np.zeros(depth.size)) <= 1.0]
+        windows = {candidate.sites[k].window for k in guilty.tolist()}
         return guilty, np.array([not windows & found for found in between], dtype=np.bool_)
 
-    def _usage(self, draft: _Candidate, numbers: IntArray, depth: Array) -> Array:
+    def _usage(self, candidate: _Candidate, numbers: IntArray, depth: Array) -> Array:
         """Largest use of a limit on each of the sites `numbers`, were their profiles of that depth."""
         parts: list[SiteSpan] = []
         for number in numbers.tolist():
-            found = self._lay(number, draft.sites[number], depth[number])
+            found = self._lay(number, candidate.sites[number], depth[number])
             parts += [] if isinstance(found, str) else found
-        worst = np.zeros(len(draft.sites))
+        worst = np.zeros(len(candidate.sites))
         np.maximum.at(worst, [part.site for part in parts], stretch_usage(self.track, self.limits, parts))
         return np.asarray(worst[numbers])
 
-    def _soften(self, draft: _Candidate, guilty: IntArray, depth: Array, refused: dict[int, str]) -> None:
+    def _soften(self, candidate: _Candidate, guilty: IntArray, depth: Array, refused: dict[int, str]) -> None:
         """Make guilty profiles as shallow as the limits ask for, by bisection on dense samples."""
         if not guilty.size:
             return
@@ -374,7 +374,7 @@ class FeedPlanner:
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             fits = np.zeros(depth.size, dtype=np.bool_)
-            fits[guilty] = self._usage(draft, guilty, middle) <= 1.0
+            fits[guilty] = self._usage(candidate, guilty, middle) <= 1.0
             low, high = np.where(fits, middle, low), np.where(fits, high, middle)
         # What looked right on dense samples and broke a limit all the same is made a little shallower.
         depth[guilty] = np.minimum(low[guilty], 0.9 * depth[guilty])
@@ -398,7 +398,7 @@ def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[SiteSpan]) 
     plateaus = np.flatnonzero(schedule.window >= 0)
     count = np.ones(schedule.s.size, dtype=np.int64)
     count[plateaus] = [len(laid[number].shape.pieces) for number in schedule.window[plateaus].tolist()]
-    # Constant speed is of degree 0, so that it is told and evaluated without rounding.
+    # Constant speed is of degree 0, so that it is recognised and evaluated without rounding.
     group = 1 * np.all(schedule.speed == schedule.speed[:, :1], axis=1)
     row = np.where(group == 1, np.cumsum(group), np.cumsum(1 - group)) - 1
     speeds = [schedule.speed[group == 0], schedule.speed[group == 1][:, :1]]

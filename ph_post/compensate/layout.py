@@ -42,13 +42,13 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What is to be laid out: a motion with its profiles, and what was wished for."""
+    """The input of a layout: a motion with its profiles, and the requests."""
 
     track: Track
     machine: Machine
     turning_points: tuple[TurningPoint, ...]
     windows: tuple[Window, ...]
-    wishes: tuple[ProfileRequest, ...]
+    requests: tuple[ProfileRequest, ...]
     profiles: tuple[FeedProfile | None, ...]
     phases: tuple[Phase, ...]
     moving: bool
@@ -64,8 +64,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def lay_out(job: Job) -> Layout:
     """Place every crossing in time, and insert holds where the motion rests for one."""
     motion = MotionLaw.from_phases(job.phases)
-    wished = {one.axis for wish in job.wishes for one in wish.crossings if is_open(job, one.axis)}
-    shifted = sorted(wished.union(job.shifted))
+    requested = {one.axis for request in job.requests for one in request.crossings if is_open(job, one.axis)}
+    shifted = sorted(requested.union(job.shifted))
     crossings, crossed = _at_windows(job, motion)
     holds: dict[int, float] = {}
     at_stops: list[tuple[int, Crossing]] = []
@@ -103,9 +103,9 @@ def _at_windows(job: Job, motion: MotionLaw) -> tuple[list[Crossing], set[int]]:
     """Crossings of the windows, and the turning points that they serve."""
     found: list[Crossing] = []
     served: set[int] = set()
-    for number, wish in enumerate(job.wishes):
-        crossings = [one for one in wish.crossings if isinstance(one, Crossing)]
-        if not crossings or wish.stop:
+    for number, request in enumerate(job.requests):
+        crossings = [one for one in request.crossings if isinstance(one, Crossing)]
+        if not crossings or request.stop:
             continue
         window, middle = job.windows[number], middle_of(motion, number)
         chosen = crossings
@@ -252,7 +252,7 @@ def lay_out_jogs(job: Job) -> Layout:
     brings it: the motion begins with that. Z comes down onto it, whatever its first motion is.
     """
     motion = MotionLaw.from_phases(job.phases)
-    shifted = sorted({one.axis for one in _wished(job.wishes) if is_open(job, one.axis)}.union(job.shifted))
+    shifted = sorted({one.axis for one in _requested_jogs(job.requests) if is_open(job, one.axis)}.union(job.shifted))
     jogs, served = _jogs_at_windows(job, motion)
     holds: dict[int, float] = {}
     at_stops: list[tuple[int, Jog]] = []
@@ -279,41 +279,41 @@ def lay_out_jogs(job: Job) -> Layout:
     return Layout(phases=phases, crossings=tuple(sorted(placed, key=lambda one: (one.start, one.axis))), bias=bias)
 
 
-def without_axes(proposal: StrategyResult, axes: Sequence[str], why: str = NO_OFFSET) -> StrategyResult:
-    """Take the jogs of some axes out of a proposal, and the stops that were made for nothing else."""
+def without_axes(result: StrategyResult, axes: Sequence[str], why: str = NO_OFFSET) -> StrategyResult:
+    """Take the jogs of some axes out of a result, and the stops that were made for nothing else."""
 
-    def without(wish: ProfileRequest) -> ProfileRequest:
-        kept = tuple(one for one in wish.crossings if one.axis not in axes)
-        if kept or not wish.crossings:
-            return msgspec.structs.replace(wish, crossings=kept)
-        return ProfileRequest(shape=None, note=wish.note or why)
+    def without(request: ProfileRequest) -> ProfileRequest:
+        kept = tuple(one for one in request.crossings if one.axis not in axes)
+        if kept or not request.crossings:
+            return msgspec.structs.replace(request, crossings=kept)
+        return ProfileRequest(shape=None, note=request.note or why)
 
-    shifted = tuple(axis for axis in proposal.shifted if axis not in axes)
-    return msgspec.structs.replace(proposal, wishes=tuple(map(without, proposal.wishes)), shifted=shifted)
+    shifted = tuple(axis for axis in result.shifted if axis not in axes)
+    return msgspec.structs.replace(result, requests=tuple(map(without, result.requests)), shifted=shifted)
 
 
-def lacks_stops(task: PlanningTask, proposal: StrategyResult) -> bool:
-    """Whether a jog of a proposal has no stop: neither one of its own nor one of the path."""
-    pairs = zip(task.windows, proposal.wishes, strict=True)
+def lacks_stops(task: PlanningTask, result: StrategyResult) -> bool:
+    """Whether a jog of a result has no stop: neither one of its own nor one of the path."""
+    pairs = zip(task.windows, result.requests, strict=True)
     return any(
-        wish.shape is None and wish.crossings and not wish.stop and task.feed.at(window.s) > 0.0
-        for window, wish in pairs
+        request.shape is None and request.crossings and not request.stop and task.feed.at(window.s) > 0.0
+        for window, request in pairs
     )
 
 
-def _wished(wishes: Sequence[ProfileRequest]) -> list[Jog]:
-    return [one for wish in wishes for one in wish.crossings if isinstance(one, Jog)]
+def _requested_jogs(requests: Sequence[ProfileRequest]) -> list[Jog]:
+    return [one for request in requests for one in request.crossings if isinstance(one, Jog)]
 
 
 def _jogs_at_windows(job: Job, motion: MotionLaw) -> tuple[list[Jog], set[int]]:
     """Jogs of the windows that stand still for them, and the turning points that they serve."""
     found: list[Jog] = []
     served: set[int] = set()
-    for number, wish in enumerate(job.wishes):
+    for number, request in enumerate(job.requests):
         middle = None if job.profiles[number] is None else middle_of(motion, number)
         if middle is None:
             continue
-        own = [msgspec.structs.replace(_later(one, middle), window=number) for one in _wished([wish])]
+        own = [msgspec.structs.replace(_later(one, middle), window=number) for one in _requested_jogs([request])]
         if all(_stands_still(motion, jog) for jog in own):
             found += own
             names = {jog.axis for jog in own}

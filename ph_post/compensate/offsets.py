@@ -105,7 +105,7 @@ def corner_pause(axis: Axis) -> float:
     return max(DWELL, SETTLED * axis.servo.c)
 
 
-def carries_offset(axis: Axis) -> bool:
+def may_shift(axis: Axis) -> bool:
     """Whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
     return not axis.loop.encloses_backlash and axis.gap.lost_motion >= LEAST
 

@@ -42,23 +42,23 @@ _BISECTIONS = 60
 
 
 class FittedProfiles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The settled motion, one profile or None a window, and what there is to say."""
+    """The valid motion, one profile or None a window, and warnings."""
 
-    settled: ValidMotion
+    valid: ValidMotion
     profiles: tuple[FeedProfile | None, ...]
     warnings: tuple[str, ...]
 
 
 class Fitter:
-    """Fits profiles to one course.
+    """Fits profiles to one baseline.
 
     Parameters
     ----------
-    course : FeedPlanner
+    feed_planner : FeedPlanner
     before : ValidMotion
         The plain plan.
     windows : tuple of Window
-    wishes : tuple of ProfileRequest
+    requests : tuple of ProfileRequest
         One a window.
     options : PlanOptions
     feed : FeedAlong
@@ -67,14 +67,14 @@ class Fitter:
 
     def __init__(
         self,
-        course: FeedPlanner,
+        feed_planner: FeedPlanner,
         before: ValidMotion,
         windows: tuple[Window, ...],
-        wishes: tuple[ProfileRequest, ...],
+        requests: tuple[ProfileRequest, ...],
         options: PlanOptions,
         feed: FeedAlong,
     ) -> None:
-        self.course, self.before, self.windows, self.wishes = course, before, windows, wishes
+        self.feed_planner, self.before, self.windows, self.requests = feed_planner, before, windows, requests
         self.options, self.feed = options, feed
         self._said: list[tuple[tuple[int, ...], str]] = []
         self._causes: dict[int, set[str]] = {}
@@ -82,35 +82,33 @@ class Fitter:
     def fit(self) -> FittedProfiles:
         """Place the profiles, then soften and shorten them until everything holds at once."""
         sites = self._find_sites()
-        settled = self.before
+        valid = self.before
         depth = self._above_least_feed(sites, np.ones(len(sites)))
         for _ in range(_ROUNDS if sites else 0):
-            settled = self.course.settle(sites, depth)
-            self._blame(settled.depth < depth, "the limits of the axes")
-            sites = tuple(map(self._resize, settled.sites, settled.depth.tolist()))
-            depth = self._above_least_feed(sites, settled.depth * self._affordable(settled))
-            if np.all(depth == settled.depth) and sites == settled.sites:
+            valid = self.feed_planner.settle(sites, depth)
+            self._blame(valid.depth < depth, "the limits of the axes")
+            sites = tuple(map(self._resize, valid.sites, valid.depth.tolist()))
+            depth = self._above_least_feed(sites, valid.depth * self._affordable(valid))
+            if np.all(depth == valid.depth) and sites == valid.sites:
                 break
-        if not np.any(settled.depth):
+        if not np.any(valid.depth):
             # Whatever was tried, without any profile the plain plan is the one to run.
             plain = self.before
-            settled = msgspec.structs.replace(settled, motion=plain.motion, factor=plain.factor)
-        profiles = self._profiles(settled)
-        return FittedProfiles(
-            settled=settled, profiles=profiles, warnings=tuple(plan_warnings.about_points(self._said))
-        )
+            valid = msgspec.structs.replace(valid, motion=plain.motion, factor=plain.factor)
+        profiles = self._profiles(valid)
+        return FittedProfiles(valid=valid, profiles=profiles, warnings=tuple(plan_warnings.point_warnings(self._said)))
 
     def _find_sites(self) -> tuple[Site, ...]:
-        """Place every profile that is wanted, and say why others are not."""
-        track, looped = self.course.track, self.course.looped
-        wanted = [k for k, wish in enumerate(self.wishes) if wish.shape is not None]
-        for k, wish in enumerate(self.wishes):
-            if wish.shape is None and wish.note:
-                self._say(k, f"left alone: {wish.note}")
+        """Place every profile that is requested; keep the reasons why others are left out."""
+        track, looped = self.feed_planner.track, self.feed_planner.looped
+        wanted = [k for k, request in enumerate(self.requests) if request.shape is not None]
+        for k, request in enumerate(self.requests):
+            if request.shape is None and request.note:
+                self._say(k, f"left alone: {request.note}")
         rooms = half_distances([self.windows[k].s for k in wanted], track.length, looped)
         sites = []
         for k, room in zip(wanted, rooms, strict=True):
-            found = find_site(k, self.windows[k], self.wishes[k], self.feed, room)
+            found = find_site(k, self.windows[k], self.requests[k], self.feed, room)
             if isinstance(found, str):
                 self._say(k, f"left alone: {found}")
             else:
@@ -136,31 +134,31 @@ class Fitter:
         self._blame(limited < depth, "the least feed")
         return np.asarray(np.where(limited < depth * (1.0 - 2.0 * _SAME), limited, depth))
 
-    def _affordable(self, settled: ValidMotion) -> float:
+    def _affordable(self, valid: ValidMotion) -> float:
         """Part of their depth that all profiles may keep without the cycle time growing too much."""
         budget = self.before.motion.end * (1.0 + self.options.max_slowdown)
-        if self.options.chosen_by_user or settled.motion.end <= budget * (1.0 + _SAME):
+        if self.options.chosen_by_user or valid.motion.end <= budget * (1.0 + _SAME):
             return 1.0
-        flat = np.array([2.0 * site.half / site.cruise for site in settled.sites])
-        loss = settled.depth * np.array([1.0 - mean(site.shape) for site in settled.sites])
+        flat = np.array([2.0 * site.half / site.cruise for site in valid.sites])
+        loss = valid.depth * np.array([1.0 - mean(site.shape) for site in valid.sites])
 
         def extra(part: float) -> float:
             return float(np.sum(flat * (1.0 / (1.0 - part * loss) - 1.0)))
 
-        allowed = budget - (settled.motion.end - extra(1.0))
+        allowed = budget - (valid.motion.end - extra(1.0))
         low, high = 0.0, 1.0
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if extra(middle) <= allowed else (low, middle)
         cause = f"a cycle time at most {100.0 * self.options.max_slowdown:g} % longer"
-        self._blame(settled.depth > 0.0, cause)
-        return low if low * float(settled.depth.max()) >= FLAT else 0.0
+        self._blame(valid.depth > 0.0, cause)
+        return low if low * float(valid.depth.max()) >= FLAT else 0.0
 
-    def _profiles(self, settled: ValidMotion) -> tuple[FeedProfile | None, ...]:
+    def _profiles(self, valid: ValidMotion) -> tuple[FeedProfile | None, ...]:
         profiles: list[FeedProfile | None] = [None] * len(self.windows)
-        for number, (site, depth) in enumerate(zip(settled.sites, settled.depth.tolist(), strict=True)):
+        for number, (site, depth) in enumerate(zip(valid.sites, valid.depth.tolist(), strict=True)):
             if depth == 0.0:
-                why = settled.refused.get(number) or f"nothing worth having is left by {self._why(number)}"
+                why = valid.refused.get(number) or f"nothing worth having is left by {self._why(number)}"
                 self._say(site.window, f"left alone: {why}")
                 continue
             notes = [*site.notes, *self._softened(number, site, depth)]
@@ -170,7 +168,7 @@ class Fitter:
         return tuple(profiles)
 
     def _softened(self, number: int, site: Site, depth: float) -> list[str]:
-        """Say what of a profile was not to be had."""
+        """Return notes on what a profile has less than requested."""
         notes = []
         shape = soften(site.shape, 1.0 - depth)
         if depth < 1.0:
@@ -204,11 +202,11 @@ def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
         window=site.window,
         shape=shape,
         cruise=site.cruise,
-        turn=site.wish.turn,
+        turn=site.request.turn,
         t_star=half_duration(shape, site.cruise, site.half),
         s_star=site.half,
         ratio=reported_ratio(shape),
-        strategy=site.wish.strategy,
+        strategy=site.request.strategy,
         notes=tuple(notes),
     )
 
@@ -256,33 +254,33 @@ def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_
         raise InputError("", "a plan needs a machine")
     strategy = find_strategy(options.strategy)
     require_loop(strategy, analysis.path.axes, machine)
-    draft = Planner(analysis, machine, options, progress)
-    proposal = strategy.profiles(draft.task)
-    plan = draft.plan(strategy.name, proposal)
-    if not proposal.proven:
+    planner = Planner(analysis, machine, options, progress)
+    result = strategy.profiles(planner.task)
+    plan = planner.plan(strategy.name, result)
+    if not result.proven:
         return plan
     progress("proving the plan against the plain program")
-    return prove(plan, proposal, draft)
+    return prove(plan, result, planner)
 
 
 AS_DEEP = 0.02
-"""By how much V / V_c of a profile may be higher than wished before a rest is better."""
+"""By how much V / V_c of a profile may be higher than requested before a rest is better."""
 
 NO_STOPS = frozen([])
 
 
 class BaselinePlan(NamedTuple):
-    """What profiles are built on: the course, the plain motion on it, and its feed along the path."""
+    """The plan that profiles are built on: its feed planner, its motion, and its feed along the path."""
 
-    course: FeedPlanner
-    settled: ValidMotion
+    feed_planner: FeedPlanner
+    valid: ValidMotion
     feed: FeedAlong
 
 
 class Planner:
-    """What all plans of one job have in common: the plain plan along the path, and the ground to build on.
+    """The common parts of all plans of one job: the plain plan along the path, and the baseline to build on.
 
-    Where the command is to lead the path, the ground has ramps that can be led, if that costs little time.
+    Where the command is to lead the path, the baseline has ramps that can be led, if that costs little time.
     """
 
     def __init__(
@@ -298,23 +296,23 @@ class Planner:
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
-        course = self._course(None, NO_STOPS)
-        self.before = course.settle()
+        feed_planner = self._feed_planner(None, NO_STOPS)
+        self.before = feed_planner.settle()
         self._planned: Machine | None = None
-        self.ground = self._on(course, self.before)
+        self.baseline = self._on(feed_planner, self.before)
         if self.lead:
             self._lead_ramps()
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
         none = np.zeros(0)
-        told = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
-        self.stops = plan_warnings.stops(*told)
-        end = self.ground.settled.motion.end
+        reported = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
+        self.stops = plan_warnings.stop_warnings(*reported)
+        end = self.baseline.valid.motion.end
         self.task = PlanningTask(
             analysis=analysis,
             machine=machine,
             options=options,
-            feed=self.ground.feed,
-            looped=course.looped,
+            feed=self.baseline.feed,
+            looped=feed_planner.looped,
             duration=end,
             allowed=self.longest - end,
             progress=progress,
@@ -325,13 +323,13 @@ class Planner:
         """Longest cycle time allowed [s]."""
         return (1.0 + self.options.max_slowdown) * self.before.motion.end
 
-    def _course(self, planned: Machine | None, stops: Array) -> FeedPlanner:
+    def _feed_planner(self, planned: Machine | None, stops: Array) -> FeedPlanner:
         every = np.concatenate([self._stops, stops])
         return FeedPlanner(self.analysis.track, self.machine, every, self.moving, planned)
 
-    def _on(self, course: FeedPlanner, settled: ValidMotion) -> BaselinePlan:
-        period, length = course.limits.period, self.analysis.track.length
-        return BaselinePlan(course, settled, FeedAlong(settled.motion, period, length, course.looped))
+    def _on(self, feed_planner: FeedPlanner, valid: ValidMotion) -> BaselinePlan:
+        period, length = feed_planner.limits.period, self.analysis.track.length
+        return BaselinePlan(feed_planner, valid, FeedAlong(valid.motion, period, length, feed_planner.looped))
 
     def _lead_ramps(self) -> None:
         """Plan with the part of the limits with which ramps can be led, if that does not take too long."""
@@ -340,64 +338,64 @@ class Planner:
         slower = reduced(self.machine, max(feeds))
         if slower is None:
             return
-        course = self._course(slower, NO_STOPS)
-        settled = course.settle()
-        spent = settled.motion.end - self.before.motion.end
+        feed_planner = self._feed_planner(slower, NO_STOPS)
+        valid = feed_planner.settle()
+        spent = valid.motion.end - self.before.motion.end
         if spent <= LEAD_SHARE * (self.longest - self.before.motion.end):
-            self._planned, self.ground = slower, self._on(course, settled)
+            self._planned, self.baseline = slower, self._on(feed_planner, valid)
 
-    def _ground_for(self, wishes: Sequence[ProfileRequest]) -> BaselinePlan:
-        """Return the ground to build on, at rest where wishes want the motion to stop."""
-        pairs = zip(self.analysis.windows, wishes, strict=True)
+    def _baseline_for(self, requests: Sequence[ProfileRequest]) -> BaselinePlan:
+        """Return the baseline to build on, at rest where requests want the motion to stop."""
+        pairs = zip(self.analysis.windows, requests, strict=True)
         length = self.analysis.track.length
-        stops = np.array([window.s for window, wish in pairs if wish.stop and 0.0 < window.s < length])
+        stops = np.array([window.s for window, request in pairs if request.stop and 0.0 < window.s < length])
         if not stops.size:
-            return self.ground
-        course = self._course(self._planned, stops)
-        return self._on(course, course.settle())
+            return self.baseline
+        feed_planner = self._feed_planner(self._planned, stops)
+        return self._on(feed_planner, feed_planner.settle())
 
     def _breaks_limits(self, phases: tuple[Phase, ...]) -> tuple[float, ...]:
         """Return the instants at which samples of a motion on the path break a limit."""
         motion = MotionLaw.from_phases(phases)
-        broken = find_violations(self.analysis.track, self.ground.course.limits, motion)
+        broken = find_violations(self.analysis.track, self.baseline.feed_planner.limits, motion)
         return tuple(broken.t0.tolist()) + tuple(broken.t1.tolist())
 
-    def _missed(self, wishes: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
+    def _missed(self, requests: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
         """Return the windows that did not get the profile that a crossing behind the loop counts on."""
         if self.options.min_feed is not None:
             return set()
         return {
             number
-            for number, (wish, found) in enumerate(zip(wishes, profiles, strict=True))
-            if wish.shape is not None
-            and wish.crossings
-            and not any(self.machine.axes[one.axis].loop.encloses_backlash for one in wish.crossings)
-            and (found is None or found.ratio > reported_ratio(wish.shape) + AS_DEEP)
+            for number, (request, found) in enumerate(zip(requests, profiles, strict=True))
+            if request.shape is not None
+            and request.crossings
+            and not any(self.machine.axes[one.axis].loop.encloses_backlash for one in request.crossings)
+            and (found is None or found.ratio > reported_ratio(request.shape) + AS_DEEP)
         }
 
     def plain(self, why: str = "") -> Plan:
         """Return the plain program, nothing added, and say why."""
-        wishes = tuple(ProfileRequest(shape=None, note=why) for _ in self.analysis.windows)
-        plan = self.plan(PLAIN, StrategyResult(wishes=wishes))
+        requests = tuple(ProfileRequest(shape=None, note=why) for _ in self.analysis.windows)
+        plan = self.plan(PLAIN, StrategyResult(requests=requests))
         return msgspec.structs.replace(plan, phases=plan.nominal, inverse_dynamics=False)
 
-    def plan(self, name: str, proposal: StrategyResult) -> Plan:
+    def plan(self, name: str, result: StrategyResult) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
-        course, settled, feed = self._ground_for(proposal.wishes)
-        fitted = Fitter(course, settled, analysis.windows, proposal.wishes, options, feed).fit()
-        missed = self._missed(proposal.wishes, fitted.profiles)
+        feed_planner, valid, feed = self._baseline_for(result.requests)
+        fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed).fit()
+        missed = self._missed(result.requests, fitted.profiles)
         if missed:
-            return self.plan(name, with_rests(proposal, missed))
+            return self.plan(name, with_rests(result, missed))
         warnings = [
             *self.stops,
-            *plan_warnings.slow_stretches(course.caps),
-            *plan_warnings.slowed(course.caps, fitted.settled.factor),
-            *proposal.warnings,
+            *plan_warnings.slow_feed_warnings(feed_planner.caps),
+            *plan_warnings.lowered_feed_warnings(feed_planner.caps, fitted.valid.factor),
+            *result.warnings,
             *fitted.warnings,
         ]
         written = options.carrier == "program"
-        phases = fitted.settled.motion.phases()
+        phases = fitted.valid.motion.phases()
         if self._planned is not None:
             phases = smooth_ramps(phases, self._breaks_limits)
         job = Job(
@@ -405,17 +403,17 @@ class Planner:
             machine=self.task.sized,
             turning_points=analysis.turning_points,
             windows=analysis.windows,
-            wishes=proposal.wishes,
+            requests=result.requests,
             profiles=fitted.profiles,
             phases=phases,
             moving=self.moving,
             lead=self.lead,
-            shifted=proposal.shifted,
+            shifted=result.shifted,
         )
         layout = lay_out_jogs(job) if written else lay_out(job)
         if layout.dropped:
-            return self.plan(name, without_axes(proposal, layout.dropped))
-        warnings += plan_warnings.lasting_offsets(self.machine, layout)
+            return self.plan(name, without_axes(result, layout.dropped))
+        warnings += plan_warnings.offset_warnings(self.machine, layout)
         return Plan(
             path=analysis.path,
             machine=self.machine,
@@ -429,15 +427,15 @@ class Planner:
             crossings=layout.crossings,
             bias=layout.bias,
             inverse_dynamics=self.lead,
-            flanks=flanks_before(analysis) if course.looped else {},
+            flanks=flanks_before(analysis) if feed_planner.looped else {},
             warnings=tuple(warnings),
         )
 
 
-def with_rests(proposal: StrategyResult, windows: Collection[int]) -> StrategyResult:
+def with_rests(result: StrategyResult, windows: Collection[int]) -> StrategyResult:
     """Let the plain motion rest in some windows, where their profiles could not be had."""
-    wishes = tuple(
-        msgspec.structs.replace(wish, shape=None, stop=True) if number in windows else wish
-        for number, wish in enumerate(proposal.wishes)
+    requests = tuple(
+        msgspec.structs.replace(request, shape=None, stop=True) if number in windows else request
+        for number, request in enumerate(result.requests)
     )
-    return msgspec.structs.replace(proposal, wishes=wishes)
+    return msgspec.structs.replace(result, requests=requests)

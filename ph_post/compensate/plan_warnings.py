@@ -14,17 +14,17 @@ from ph_post.types import Array, Axis, Machine
 from ph_post.units import MM, MM_PER_MIN
 
 _MOST = 12
-"""Warnings of one sort that are told one by one."""
+"""Warnings of one kind that are listed one by one."""
 
 _NUMBERS = 8
 """Numbers listed in one warning."""
 
 _ROOM = 0.05
-"""Part by which a slowdown that is named is more than what was counted."""
+"""Relative margin of a slowdown that a warning suggests."""
 
 
-def stops(corners: Array, cusps: Array, infinite: Array, rapids: Array) -> list[str]:
-    """Where a motion that was to keep its feed stops all the same."""
+def stop_warnings(corners: Array, cusps: Array, infinite: Array, rapids: Array) -> list[str]:
+    """Warn of places where a motion that was to keep its feed stops."""
     kinds = (
         (corners, "a sharp corner", "sharp corners"),
         (cusps, "a cusp", "cusps"),
@@ -32,14 +32,15 @@ def stops(corners: Array, cusps: Array, infinite: Array, rapids: Array) -> list[
         (rapids, "an end of a rapid segment", "ends of rapid segments"),
     )
     return [
-        f"the motion stops at {one if s.size == 1 else f'{s.size} {many}'} ({_places(s)})"
+        f"the motion stops at {one if s.size == 1 else f'{s.size} {many}'} "
+        f"({_listed([f'{place / MM:.6g} mm' for place in s.tolist()])})"
         for s, one, many in kinds
         if s.size
     ]
 
 
-def slow_stretches(caps: LimitCurve) -> list[str]:
-    """Where the axes' limits keep the feed below the programmed one."""
+def slow_feed_warnings(caps: LimitCurve) -> list[str]:
+    """Warn of stretches where the axes' limits keep the feed below the programmed one."""
     slow = (caps.soft < caps.programmed * (1.0 - 1e-9)) & (caps.programmed < UNBOUNDED)
     found = runs(np.flatnonzero(slow))
     if not found:
@@ -54,8 +55,8 @@ def slow_stretches(caps: LimitCurve) -> list[str]:
     ]
 
 
-def slowed(caps: LimitCurve, factor: Array) -> list[str]:
-    """Where the feed had to be lowered because samples broke a limit."""
+def lowered_feed_warnings(caps: LimitCurve, factor: Array) -> list[str]:
+    """Warn of stretches where the feed was lowered because samples broke a limit."""
     found = runs(np.flatnonzero(factor < 1.0))
     lines = [
         f"feed lowered by up to {100.0 * (1.0 - factor[run].min()):.2g} % from {caps.s[run[0]] / MM:.6g} mm "
@@ -65,25 +66,25 @@ def slowed(caps: LimitCurve, factor: Array) -> list[str]:
     return lines if len(found) <= _MOST else [*lines, f"{len(found) - _MOST} more stretches with lowered feed"]
 
 
-def lasting_offsets(machine: Machine, layout: Layout) -> list[str]:
-    """Whether the table has to stay on a flank by itself, which only friction sees to."""
+def offset_warnings(machine: Machine, layout: Layout) -> list[str]:
+    """Warn of axes with a lasting offset: friction has to hold the table on its side, and backlash may vary."""
     shifted = {name for name, offset in layout.bias.items() if offset}
     shifted |= {one.axis for one in layout.crossings if not machine.axes[one.axis].loop.encloses_backlash}
-    return [*friction_words(shifted), *varying_words(machine.axes[name] for name in sorted(shifted))]
+    return [*friction_warnings(shifted), *varying_backlash_warnings(machine.axes[name] for name in sorted(shifted))]
 
 
-def stops_cost(axes: Sequence[str], time: float, part: float) -> str:
-    """Say of axes that carry no lasting offset what all stops would cost [s], and as a part of the time.
+def stop_time_warning(axes: Sequence[str], time: float, part: float) -> str:
+    """Warn of axes that are not compensated, with the time that their stops would add [s], and its part of all.
 
     Examples
     --------
-    >>> stops_cost(["X"], 0.605, 0.156)
-    'axis X carries no lasting offset: all stops would cost 0.605 s; --max-slowdown 0.16 would allow them'
+    >>> stop_time_warning(["X"], 0.605, 0.156)
+    'axis X is not compensated: stopping at every reversal would add 0.605 s; --max-slowdown 0.16 allows it'
     """
-    who = f"axis {axes[0]} carries" if len(axes) == 1 else f"axes {', '.join(axes)} carry"
+    who = f"axis {axes[0]} is" if len(axes) == 1 else f"axes {', '.join(axes)} are"
     return (
-        f"{who} no lasting offset: all stops would cost {time:.3g} s; --max-slowdown {round_up(part):g} would"
-        " allow them"
+        f"{who} not compensated: stopping at every reversal would add {time:.3g} s; "
+        f"--max-slowdown {round_up(part):g} allows it"
     )
 
 
@@ -98,48 +99,47 @@ def round_up(fraction: float) -> float:
     return float(f"{fraction * (1.0 + _ROOM):.1e}")
 
 
-def friction_words(shifted: Iterable[str]) -> list[str]:
-    """Say of axes with a lasting offset that only friction holds the table on its flank."""
+def friction_warnings(shifted: Iterable[str]) -> list[str]:
+    """Warn that only friction holds the table on its side on axes with a lasting offset."""
     names = sorted(shifted)
     if not names:
         return []
     who = f"axis {names[0]} counts" if len(names) == 1 else f"axes {', '.join(names)} count"
     return [
-        f"{who} on friction for the lasting offset, to hold the table on its flank: a cutter that pulls the "
-        "table along, as in climb milling, can pull it across the gap"
+        f"{who} on friction to hold the table on its side of the backlash: a cutter that pulls the "
+        "table along, as in climb milling, can pull it across"
     ]
 
 
-def varying_words(axes: Iterable[Axis]) -> list[str]:
-    """Say of axes with their gap behind the loop that it changes on the way, and the offset does not."""
+def varying_backlash_warnings(axes: Iterable[Axis]) -> list[str]:
+    """Warn of axes with a lasting offset whose backlash changes along the travel."""
     return [
-        f"the gap of axis {axis.name} changes along its travel, and its lasting offset does not"
+        f"the backlash of axis {axis.name} changes along its travel, but its lasting offset does not"
         for axis in axes
         if not axis.loop.encloses_backlash and backlash_varies(axis)
     ]
 
 
-def about_points(said: Iterable[tuple[Sequence[int], str]]) -> list[str]:
-    """Gather equal words about turning points; what is left of very many is counted.
+def point_warnings(said: Iterable[tuple[Sequence[int], str]]) -> list[str]:
+    """Gather equal warnings about turning points; beyond the first dozen they are counted.
 
     Examples
     --------
-    >>> about_points([([0], "too short"), ([2, 3], "too short"), ([1], "left alone")])
+    >>> point_warnings([([0], "too short"), ([2, 3], "too short"), ([1], "left alone")])
     ['turning points #0, #2, #3: too short', 'turning point #1: left alone']
     """
     gathered: dict[str, list[int]] = {}
     for indices, text in said:
         gathered.setdefault(text, []).extend(indices)
-    lines = [f"turning point{'s' * (len(who) > 1)} {_numbers(who)}: {text}" for text, who in gathered.items()]
+    lines = [
+        f"turning point{'s' * (len(who) > 1)} {_listed([f'#{index}' for index in who])}: {text}"
+        for text, who in gathered.items()
+    ]
     left = len(lines) - _MOST
     return lines if left <= 0 else [*lines[:_MOST], f"{left} more warnings about turning points like these"]
 
 
-def _numbers(indices: Sequence[int]) -> str:
-    shown = ", ".join(f"#{index}" for index in indices[:_NUMBERS])
-    return shown + (f" and {len(indices) - _NUMBERS} more" if len(indices) > _NUMBERS else "")
-
-
-def _places(s: Array) -> str:
-    shown = ", ".join(f"{value / MM:.6g} mm" for value in s[:_NUMBERS].tolist())
-    return shown + (f" and {s.size - _NUMBERS} more" if s.size > _NUMBERS else "")
+def _listed(words: Sequence[str]) -> str:
+    """Join words by commas; beyond the first eight they are counted."""
+    left = len(words) - _NUMBERS
+    return ", ".join(words[:_NUMBERS]) + (f" and {left} more" if left > 0 else "")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ph_post.compensate.plan import Planner
 
 ROUNDS: Final = 12
-"""Times that something is given up before everything is."""
+"""Rounds in which changes are removed one by one, before all of them are."""
 
 SHORTENINGS: Final = 4
 """Times that quicker designs are asked for."""
@@ -36,76 +36,76 @@ TOO_LONG: Final = "the stops that a lasting offset needs take longer than --max-
 GIVEN_UP: Final = "nothing that was tried is better than the plain motion in every case"
 
 
-def prove(plan: Plan, proposal: StrategyResult, draft: Planner) -> Plan:
-    """Give up whatever makes an error larger than the plain program's, in any scenario, or breaks a limit.
+def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
+    """Remove every change that makes an error larger than the plain program's in any scenario, or breaks a limit.
 
-    What still takes too long when it was asked to be quicker is given up as a whole.
-
-    The largest error of the whole run counts; for every pick-up rule with every size of the gap that is the
-    largest of its scenarios. What was done last before it is given up, in the end perhaps everything.
+    The largest contour error of the whole run counts: for every pick-up rule with every size of the backlash,
+    the largest of its scenarios. Round by round the last change before such an error is removed. A plan that
+    still takes too long after quicker designs were asked for is replaced by the plain one.
 
     Parameters
     ----------
     plan : Plan
-        Of `proposal`.
-    proposal : StrategyResult
-    draft : Planner
+        Of `result`.
+    result : StrategyResult
+    planner : Planner
 
     Returns
     -------
     Plan
-        Proven, and perhaps poorer.
+        Nowhere worse than the plain program.
     """
-    plan, proposal = _in_time(plan, proposal, draft)
-    judge = _Checker(draft)
+    plan, result = _in_time(plan, result, planner)
+    checker = _Checker(planner)
     for _ in range(ROUNDS):
-        if _takes_too_long(plan, draft):
+        if _takes_too_long(plan, planner):
             break
-        blamed = judge.blame(plan)
+        blamed = checker.blame(plan)
         if blamed is None:
             return plan
-        wishes = tuple(
-            _without(wish, draft.machine) if number in blamed else wish for number, wish in enumerate(proposal.wishes)
+        requests = tuple(
+            _without(request, planner.machine) if number in blamed else request
+            for number, request in enumerate(result.requests)
         )
-        if all(one is other for one, other in zip(wishes, proposal.wishes, strict=True)):
+        if all(one is other for one, other in zip(requests, result.requests, strict=True)):
             break
-        proposal = replace(proposal, wishes=wishes)
-        plan = draft.plan(plan.strategy, proposal)
-    return replace(draft.plain(GIVEN_UP), strategy=plan.strategy)
+        result = replace(result, requests=requests)
+        plan = planner.plan(plan.strategy, result)
+    return replace(planner.plain(GIVEN_UP), strategy=plan.strategy)
 
 
-def _in_time(plan: Plan, proposal: StrategyResult, draft: Planner) -> tuple[Plan, StrategyResult]:
+def _in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
     """Ask for quicker designs while the plan takes longer than it may."""
     part = 1.0
     for _ in range(SHORTENINGS):
-        if proposal.shorter is None or not _takes_too_long(plan, draft):
+        if result.shorter is None or not _takes_too_long(plan, planner):
             break
         end, plain = _ends(plan)
-        part *= 0.97 * (draft.longest - plain) / (end - plain)
-        proposal = proposal.shorter(part)
-        plan = draft.plan(plan.strategy, proposal)
-    if draft.options.carrier == "program" and proposal.shifted and _takes_too_long(plan, draft):
+        part *= 0.97 * (planner.longest - plain) / (end - plain)
+        result = result.shorter(part)
+        plan = planner.plan(plan.strategy, result)
+    if planner.options.carrier == "program" and result.shifted and _takes_too_long(plan, planner):
         # What jogs take at stops of the path is no matter of designs.
-        return _without_stops(plan, proposal, draft)
-    return plan, proposal
+        return _without_stops(plan, result, planner)
+    return plan, result
 
 
-def _without_stops(plan: Plan, proposal: StrategyResult, draft: Planner) -> tuple[Plan, StrategyResult]:
-    """Leave one axis without a lasting offset, that with the least lost motion that will do, or else all."""
+def _without_stops(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
+    """Leave out the axis with the least lost motion whose stops free enough time, or else all axes."""
     end, plain = _ends(plan)
-    play = {name: draft.machine.axes[name].gap.lost_motion for name in proposal.shifted}
+    play = {name: planner.machine.axes[name].gap.lost_motion for name in result.shifted}
     one_each = [(name,) for name in sorted(play, key=lambda name: (play[name], name))]
-    for left in dict.fromkeys((*one_each, tuple(proposal.shifted))):
-        said = plan_warnings.stops_cost(left, end - plain, (end - plain) / plain)
-        fewer = replace(without_axes(proposal, left, TOO_LONG), warnings=(*proposal.warnings, said))
-        plan = draft.plan(plan.strategy, fewer)
-        if not _takes_too_long(plan, draft):
+    for left in dict.fromkeys((*one_each, tuple(result.shifted))):
+        said = plan_warnings.stop_time_warning(left, end - plain, (end - plain) / plain)
+        fewer = replace(without_axes(result, left, TOO_LONG), warnings=(*result.warnings, said))
+        plan = planner.plan(plan.strategy, fewer)
+        if not _takes_too_long(plan, planner):
             break
     return plan, fewer
 
 
-def _takes_too_long(plan: Plan, draft: Planner) -> bool:
-    return _ends(plan)[0] > draft.longest * (1.0 + TIMED)
+def _takes_too_long(plan: Plan, planner: Planner) -> bool:
+    return _ends(plan)[0] > planner.longest * (1.0 + TIMED)
 
 
 def _ends(plan: Plan) -> tuple[float, float]:
@@ -114,16 +114,16 @@ def _ends(plan: Plan) -> tuple[float, float]:
     return end - approach_time(plan), plain
 
 
-def _without(wish: ProfileRequest, machine: Machine) -> ProfileRequest:
+def _without(request: ProfileRequest, machine: Machine) -> ProfileRequest:
     """Leave the feed alone; a lasting offset still has to be changed."""
-    lasting = tuple(one for one in wish.crossings if not machine.axes[one.axis].loop.encloses_backlash)
-    if wish.shape is None and not wish.stop and lasting == wish.crossings:
-        return wish
+    lasting = tuple(one for one in request.crossings if not machine.axes[one.axis].loop.encloses_backlash)
+    if request.shape is None and not request.stop and lasting == request.crossings:
+        return request
     return ProfileRequest(shape=None, crossings=lasting, note=GIVEN_UP)
 
 
 def _case(scenario: Scenario) -> object:
-    """Tell what must not become worse by itself: every pick-up rule with every size of the gap."""
+    """Return what must not become worse by itself: every pick-up rule with every size of the backlash."""
     return scenario.pickup, scenario.gap
 
 
@@ -138,13 +138,13 @@ def _largest(error: Array) -> tuple[float, int]:
 class _Checker:
     """The plain program in every scenario, and how others compare."""
 
-    def __init__(self, draft: Planner) -> None:
-        self.draft = draft
-        self.track = draft.analysis.track
-        self.period = draft.machine.servo_period
+    def __init__(self, planner: Planner) -> None:
+        self.planner = planner
+        self.track = planner.analysis.track
+        self.period = planner.machine.servo_period
         self.nominal = Nominal(self.track)
-        plain = command_of(draft.plain(), self.track, self.period)
-        self.scenarios = scenarios(draft.machine, plain.axes)
+        plain = command_of(planner.plain(), self.track, self.period)
+        self.scenarios = scenarios(planner.machine, plain.axes)
         self.plain: dict[object, float] = {}
         for scenario, (error, _) in zip(self.scenarios, self._largest(plain), strict=True):
             key = _case(scenario)
@@ -152,13 +152,13 @@ class _Checker:
 
     def _largest(self, command: Command) -> tuple[tuple[float, int], ...]:
         """Largest error in every scenario [m], and the row that has it, of those that count."""
-        return for_each_scenario(command, self.draft.machine, self.nominal, self.scenarios, _largest)
+        return for_each_scenario(command, self.planner.machine, self.nominal, self.scenarios, _largest)
 
     def blame(self, plan: Plan) -> set[int] | None:
         """Return the windows to give up; None where the plan is never worse and keeps the limits."""
         command = command_of(plan, self.track, self.period)
-        instants = [violation.t for violation in check_command(command, self.draft.machine)]
-        first = first_counted(command, self.draft.machine)
+        instants = [violation.t for violation in check_command(command, self.planner.machine)]
+        first = first_counted(command, self.planner.machine)
         for scenario, (error, row) in zip(self.scenarios, self._largest(command), strict=True):
             if error > self.plain[_case(scenario)] + SAME:
                 instants.append(float(command.t[first + row]))

@@ -199,8 +199,8 @@ class DesignSearch:
     def _gain(self, outcome: TrialResult) -> float:
         """Logarithm of what is left of the error; the smaller the better."""
         ratios = self._ratios(outcome)
-        as_filed = float(ratios[: self.nominal].max())
-        return WEIGHT * math.log(max(as_filed, ENOUGH)) + math.log(float(ratios.max()))
+        nominal = float(ratios[: self.nominal].max())
+        return WEIGHT * math.log(max(nominal, ENOUGH)) + math.log(float(ratios.max()))
 
     def _excess(self, design: Design, outcome: TrialResult, budget: float) -> float:
         """By how much a design is not allowed; 0 where it is."""

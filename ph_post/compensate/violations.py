@@ -25,7 +25,7 @@ QUANTITIES: tuple[Quantity, ...] = ("velocity", "acceleration", "jerk")
 
 
 class Violation(msgspec.Struct, frozen=True, kw_only=True):
-    """A stretch of samples on which one axis breaks one limit, told by its worst place.
+    """A stretch of samples on which one axis breaks one limit, described by its worst place.
 
     `t` [s] and `s` [m] are those of the first sample of the difference; `value` and `limit` in SI units.
     """

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate.offsets import DWELL, PART, carries_offset, corner_pause, make_jog
-from ph_post.compensate.plan_warnings import friction_words, round_up, varying_words
+from ph_post.compensate.offsets import DWELL, PART, corner_pause, make_jog, may_shift
+from ph_post.compensate.plan_warnings import friction_warnings, round_up, varying_backlash_warnings
 from ph_post.dialects.base import Dialect
 from ph_post.edit.directions import (
     CARRIED,
@@ -301,9 +301,9 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     InputError
         Where the dialect's decimals are too few for an axis.
     """
-    said = tuple(varying_words(machine.axes[name] for name in moved_axes(program)))
+    said = tuple(varying_backlash_warnings(machine.axes[name] for name in moved_axes(program)))
     nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))), warnings=said)
-    axes = [machine.axes[name] for name in AXES if name in machine.axes and carries_offset(machine.axes[name])]
+    axes = [machine.axes[name] for name in AXES if name in machine.axes and may_shift(machine.axes[name])]
     if not axes or program.motions.kind.size == 0:
         return nothing
     troubles = why_not_editable(program)
@@ -389,5 +389,5 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
 def _with_warnings(edits: Edits, program: PartProgram, dialect: Dialect, said: list[str]) -> Edits:
     if edits.amplitude:
         own = double_compensation(program, dialect.name)
-        said = [*said, *friction_words(edits.amplitude), *own, *dialect.cautions]
+        said = [*said, *friction_warnings(edits.amplitude), *own, *dialect.cautions]
     return replace(edits, warnings=tuple(said))

@@ -160,7 +160,7 @@ def test_a_described_profile_is_had_without_naming_its_strategy(capsys):
     assert strict_json(out)["strategy"] == "suppress"
     status, _, err = run(capsys, "convert", OVAL, "-m", "mill", "--strategy", "auto", *described)
     assert (status, err.count("\n")) == (2, 1)
-    assert "strategy auto has no such choice" in err
+    assert "strategy auto does not take it" in err
 
 
 def test_the_help_page_tells_every_strategy(capsys):

@@ -164,13 +164,13 @@ def test_coarse_decimals_keep_the_time() -> None:
 
 
 def test_what_a_stop_cannot_do_is_said() -> None:
-    assert told(planned(ring(), "dwell"), "standing still does not close the gap of X and Y")
+    assert told(planned(ring(), "dwell"), "a stop does not take up all backlash of X and Y")
     for feedback in ("motor", "none"):
         for strategy in ("dwell", "linear", "retrograde"):
             plan = planned(ring(feedback=feedback), strategy, allow_retrograde=True)
             assert any(plan.profiles)
             assert told(plan, "axes X, Y have no scale on the table")
-            assert told(plan, "which a modulated feed does not shrink")
+            assert told(plan, "modulated feed does not shrink that")
             assert not told(plan, "standing still")
 
 
@@ -223,9 +223,13 @@ def test_the_straight_dip() -> None:
             {"allow_retrograde": True, "coefficients": (1, 1, 1, 1, 1)},
             "--coefficients: nothing retrograde",
         ),
-        ("dwell", {"ratio": 0.2}, "--ratio: strategy dwell has no such choice"),
-        ("dwell", {"degree": 6}, "--degree: strategy dwell has no such choice"),
-        ("linear", {"coefficients": (1, 1, 0, 1, 1)}, "--coefficients: strategy linear has no such choice"),
+        ("dwell", {"ratio": 0.2}, "--ratio: strategy dwell does not take it; expected no --"),
+        ("dwell", {"degree": 6}, "--degree: strategy dwell does not take it; expected no --"),
+        (
+            "linear",
+            {"coefficients": (1, 1, 0, 1, 1)},
+            "--coefficients: strategy linear does not take it",
+        ),
         ("linear", {"ratio": -0.2}, "--ratio: the feed would become negative"),
     ],
 )
@@ -242,10 +246,10 @@ class Wanted:
     feedbacks = frozenset({"load"})
 
     def __init__(self, shape: ProfileShape, turn: float, t_star: float) -> None:
-        self.wish = ProfileRequest(shape=shape, turn=turn, t_star=t_star)
+        self.request = ProfileRequest(shape=shape, turn=turn, t_star=t_star)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
-        return StrategyResult(wishes=tuple(self.wish for _ in task.windows))
+        return StrategyResult(requests=tuple(self.request for _ in task.windows))
 
 
 def with_wish(monkeypatch: pytest.MonkeyPatch, shape: ProfileShape, turn: float, start: str = "rest") -> Plan:

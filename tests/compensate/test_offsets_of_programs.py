@@ -166,5 +166,5 @@ def test_a_gap_too_small_for_a_jog_is_left_alone() -> None:
 
 
 def test_what_a_program_cannot_carry_is_refused() -> None:
-    with pytest.raises(InputError, match="modifies single samples"):
+    with pytest.raises(InputError, match="shifts single samples"):
         written(read_path(shipped("paths", "oval")), "stepper", "step")

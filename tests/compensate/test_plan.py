@@ -257,7 +257,7 @@ def test_an_axis_without_a_gap_is_left_alone() -> None:
     none = Gap(lost_motion=0.0, motor_angle=0.0, gear_ratio=1.0, travel_per_rad=1e-3, inertia_fraction=0.5, beta=1.0)
     plan = make_plan(ring(gap=none), MOVING)
     assert dips(plan) == [None] * 4
-    assert told(plan, "turning points #0, #2: left alone: no gap on X")
+    assert told(plan, "turning points #0, #2: left alone: no backlash on X")
 
 
 def test_open_loops_are_warned_of_the_offset_that_stays() -> None:
@@ -285,7 +285,7 @@ class Halve:
     def profiles(self, task: PlanningTask) -> StrategyResult:
         half = profile.dip(0.5, 4)
         return StrategyResult(
-            wishes=tuple(ProfileRequest(shape=half) for _ in task.windows), warnings=("mind the gap",)
+            requests=tuple(ProfileRequest(shape=half) for _ in task.windows), warnings=("mind the gap",)
         )
 
 

@@ -36,16 +36,16 @@ def stop_and_cross(axis: str, travel: float) -> ProfileRequest:
     shape = profile.plateau(0.08, 0.06, 0.08, 0.0, order=3)
     crossing = Crossing(axis=axis, start=-0.025, duration=0.05, travel=travel)
     turn = shapes.share_of_way(shape, 0.5)
-    return ProfileRequest(shape=shape, t_star=0.11, turn=turn, may_leave=True, crossings=(crossing,))
+    return ProfileRequest(shape=shape, t_star=0.11, turn=turn, may_leave_window=True, crossings=(crossing,))
 
 
 def good(analysis: Analysis) -> list[ProfileRequest]:
     """Stop at every turning point, and cross the gap the way the axis goes on."""
-    wishes = []
+    requests = []
     for window in analysis.windows:
         point = analysis.turning_points[window.turning_point]
-        wishes.append(stop_and_cross(point.axis, -LOST if point.sense == "max" else LOST))
-    return wishes
+        requests.append(stop_and_cross(point.axis, -LOST if point.sense == "max" else LOST))
+    return requests
 
 
 def error(plan: Plan, analysis: Analysis, machine: Machine) -> float:
@@ -55,41 +55,41 @@ def error(plan: Plan, analysis: Analysis, machine: Machine) -> float:
     return float(np.abs(np.hypot(*executed.T) - RADIUS).max())
 
 
-def proven(draft: Planner, wishes: list[ProfileRequest]) -> tuple[Plan, Plan]:
+def proven(planner: Planner, requests: list[ProfileRequest]) -> tuple[Plan, Plan]:
     """The plan as proposed, and what the proof leaves of it."""
-    proposal = StrategyResult(wishes=tuple(wishes), proven=True)
-    plan = draft.plan("takeup", proposal)
-    return plan, prove(plan, proposal, draft)
+    result = StrategyResult(requests=tuple(requests), proven=True)
+    plan = planner.plan("takeup", result)
+    return plan, prove(plan, result, planner)
 
 
 def test_what_is_good_is_left_as_it_is() -> None:
     machine = stepper()
-    analysis, draft = draft_of(machine)
-    plan, kept = proven(draft, good(analysis))
+    analysis, planner = draft_of(machine)
+    plan, kept = proven(planner, good(analysis))
     assert kept is plan
-    assert error(kept, analysis, machine) < 0.05 * error(draft.plain(), analysis, machine)
+    assert error(kept, analysis, machine) < 0.05 * error(planner.plain(), analysis, machine)
 
 
 def test_a_crossing_the_wrong_way_is_given_up() -> None:
     machine = stepper()
-    analysis, draft = draft_of(machine)
-    wishes = good(analysis)
-    (crossing,) = wishes[2].crossings
-    wishes[2] = stop_and_cross(crossing.axis, -3.0 * crossing.travel)
-    plan, kept = proven(draft, wishes)
-    plain = error(draft.plain(), analysis, machine)
+    analysis, planner = draft_of(machine)
+    requests = good(analysis)
+    (crossing,) = requests[2].crossings
+    requests[2] = stop_and_cross(crossing.axis, -3.0 * crossing.travel)
+    plan, kept = proven(planner, requests)
+    plain = error(planner.plain(), analysis, machine)
     assert error(plan, analysis, machine) > 1.5 * plain
     assert error(kept, analysis, machine) <= plain + 1e-9
 
 
 def test_a_crossing_that_breaks_a_limit_is_given_up() -> None:
     machine = stepper()
-    analysis, draft = draft_of(machine)
-    wishes = good(analysis)
-    (crossing,) = wishes[1].crossings
+    analysis, planner = draft_of(machine)
+    requests = good(analysis)
+    (crossing,) = requests[1].crossings
     sudden = Crossing(axis=crossing.axis, start=-0.001, duration=0.002, travel=crossing.travel)
-    wishes[1] = replace(wishes[1], crossings=(sudden,))
-    _, kept = proven(draft, wishes)
+    requests[1] = replace(requests[1], crossings=(sudden,))
+    _, kept = proven(planner, requests)
     command = command_of(kept, analysis.track, machine.servo_period)
     limits, period = machine.axes["X"].limits, machine.servo_period
     assert np.abs(np.diff(command.position, 2, axis=0)).max() <= limits.acceleration * period**2 * (1 + 1e-9)
@@ -99,13 +99,13 @@ def test_a_crossing_that_breaks_a_limit_is_given_up() -> None:
 def test_a_jolt_to_a_loop_over_the_table_is_given_up() -> None:
     """A jolt inside the loop moves the table away."""
     machine = make_machine()
-    analysis, draft = draft_of(machine)
-    wishes = [ProfileRequest(shape=None) for _ in analysis.windows]
+    analysis, planner = draft_of(machine)
+    requests = [ProfileRequest(shape=None) for _ in analysis.windows]
     shape = profile.plateau(0.08, 0.06, 0.08, 0.0, order=3)
     jolt = Crossing(axis="X", start=0.0, duration=0.05, travel=0.0, push=5e-4, push_duration=0.1)
-    wishes[2] = ProfileRequest(shape=shape, t_star=0.11, may_leave=True, crossings=(jolt,))
-    _, kept = proven(draft, wishes)
-    assert kept.profiles == (None,) * len(wishes)
+    requests[2] = ProfileRequest(shape=shape, t_star=0.11, may_leave_window=True, crossings=(jolt,))
+    _, kept = proven(planner, requests)
+    assert kept.profiles == (None,) * len(requests)
     assert not kept.crossings
 
 

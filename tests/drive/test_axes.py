@@ -140,7 +140,7 @@ def test_a_program_says_that_it_carries_one_offset(tmp_path, capsys):
     effect = '[[axes.X.effects]]\nname = "position_dependent_backlash"\nslope_mm_per_mm = 0.002\n[axes.Y]'
     file.write_text(shipped("machines", "router").read_text(encoding="utf-8").replace("[axes.Y]", effect))
     assert main(["convert", str(part), "-m", str(file), "-o", str(tmp_path / "out.ngc")]) == 0
-    assert "the gap of axis X changes along its travel" in capsys.readouterr().err
+    assert "the backlash of axis X changes along its travel" in capsys.readouterr().err
 
 
 def test_rows_are_looked_for_as_far_as_the_gap_is_wide_anywhere():

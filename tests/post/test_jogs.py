@@ -125,12 +125,12 @@ def test_the_motion_stops_for_jogs_where_there_is_no_room_for_a_profile() -> Non
 
 def test_the_slowdown_that_is_named_allows_the_stops() -> None:
     """With less only the axis with more play has its stops, or none."""
-    [said] = [one for one in ring_plan(0.2).warnings if "no lasting offset" in one]
-    assert re.match(r"axis X carries no lasting offset: all stops would cost [\d.]+ s; ", said)
-    [named] = re.findall(r"--max-slowdown ([\d.]+) would allow them", said)
+    [said] = [one for one in ring_plan(0.2).warnings if "not compensated" in one]
+    assert re.match(r"axis X is not compensated: stopping at every reversal would add [\d.]+ s; ", said)
+    [named] = re.findall(r"--max-slowdown ([\d.]+) allows it", said)
     assert {jog.axis for jog in ring_plan(float(named)).crossings} == {"X", "Y"}
-    [said] = [one for one in ring_plan(0.01).warnings if "no lasting offset" in one]
-    assert said.startswith("axes X, Y carry no lasting offset: all stops")
+    [said] = [one for one in ring_plan(0.01).warnings if "not compensated" in one]
+    assert said.startswith("axes X, Y are not compensated: stopping")
 
 
 def test_jogs_run_at_the_feed_they_were_simulated_with() -> None:

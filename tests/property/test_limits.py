@@ -89,9 +89,9 @@ class RandomHolds:
         self.rng = rng
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
-        return StrategyResult(wishes=tuple(self._wish() for _ in task.windows))
+        return StrategyResult(requests=tuple(self._request() for _ in task.windows))
 
-    def _wish(self) -> ProfileRequest:
+    def _request(self) -> ProfileRequest:
         rng = self.rng
         down, up = rng.uniform(0.1, 1.0, 2)
         hold = rng.choice([0.0, 10.0 ** rng.uniform(-4.0, 0.0)])
@@ -100,7 +100,7 @@ class RandomHolds:
         middle = (down + 0.5 * hold) / (down + hold + up)
         turn = 0.5 if rng.random() < 0.3 else shapes.share_of_way(shape, middle)
         t_star, leaves = 10.0 ** rng.uniform(-2.0, 0.5), bool(rng.random() < 0.5)
-        return ProfileRequest(shape=shape, t_star=t_star, turn=turn, may_leave=leaves)
+        return ProfileRequest(shape=shape, t_star=t_star, turn=turn, may_leave_window=leaves)
 
 
 class Entry:

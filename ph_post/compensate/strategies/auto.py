@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import PLATEAU, DesignFamily, ReversalCase, dips
 from ph_post.compensate.layout import lacks_stops
-from ph_post.compensate.offsets import carries_offset
+from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import crossing_families, jog_families
@@ -39,11 +39,11 @@ class Automatic:
             return choose(task, _feed_families, offsets=False, lead=False)
         if options.carrier == "table":
             return choose(task, _families, offsets=True, lead=options.inverse_dynamics)
-        proposal = choose(task, _written_families, offsets=True, lead=False)
+        result = choose(task, _written_families, offsets=True, lead=False)
         # Without a stop at every reversal there is no lasting offset, and the feed may be modulated instead.
-        if lacks_stops(task, proposal):
+        if lacks_stops(task, result):
             return choose(task, _feed_families, offsets=False, lead=False)
-        return proposal
+        return result
 
 
 def _families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
@@ -55,7 +55,7 @@ def _families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
 
 
 def _written_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
-    lasting = any(carries_offset(axis) for axis, _ in case.reversing)
+    lasting = any(may_shift(axis) for axis, _ in case.reversing)
     jogs = jog_families(task, case)
     return jogs if lasting else (*jogs, *_feed_families(task, case))
 

@@ -1,6 +1,6 @@
 """The contract of a strategy.
 
-A strategy says, for every window, which profile it would like there. It knows the windows, the backlash
+A strategy requests a profile for every window. It knows the windows, the backlash
 intervals, the drives and the user's options; it knows nothing of the limits: a profile that does not fit is
 shortened or softened by the planner, and the plan says so.
 
@@ -36,7 +36,7 @@ from ph_post.types import (
 
 
 class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What a strategy is asked about.
+    """The job that a strategy answers: path, machine, options, and the time allowed.
 
     `feed` is the feed of the plain plan along the path, `looped` whether that runs through the seam,
     `duration` [s] how long it takes; `allowed` [s] is the time that may be added to it. `progress` is called with
@@ -90,12 +90,12 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     infinite for as long as the window; `least` [s] the half duration below which the profile is of less use.
     `turn` is the share of the profile's way that lies before the turning point. The default is the middle of
     the way, as Eq. (29) of the paper places coefficients that are not symmetric either: s_* of Eq. (27) is
-    measured both ways, and the turning point is not passed in the middle of the time then. Where it is to be
-    passed at another instant τ, a hold for one, `shapes.share_of_way` tells the share. It stays where
+    measured both ways, and the turning point is not passed in the middle of the time then. `shapes.share_of_way`
+    returns the share for another instant τ, as of a hold. It stays where
     the profile is softened, while the instant moves a little.
     `crossings` are those of the gap, their start counted from the middle of the profile's time; where there
     is none, a lasting offset is changed all the same, around the turning point.
-    `may_leave` lets it leave the window in which the osculating circle stands for the path. `note` says why
+    `may_leave_window` lets it leave the window in which the osculating circle stands for the path. `note` says why
     the window is left alone, or whatever else the user should know. `stop` has the plain motion rest at the
     turning point, for a crossing there. `strategy` names what was chosen where a
     strategy chooses among others.
@@ -105,7 +105,7 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     t_star: float = math.inf
     least: float = 0.0
     turn: float = 0.5
-    may_leave: bool = False
+    may_leave_window: bool = False
     crossings: tuple[Crossing | Jog, ...] = ()
     stop: bool = False
     strategy: str = ""
@@ -113,15 +113,15 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A strategy's answer: one wish a window, and warnings about the job as a whole.
+    """A strategy's answer: one request a window, and warnings about the job as a whole.
 
-    `proven` asks for a proof by simulation: what makes any error larger than the plain program's is given up.
-    `shorter` makes a proposal that takes about a part of the time that this one adds. `shifted` are axes that
-    carry a lasting offset even if no wish crosses their gap, as on a path whose turns are all corners; a part
+    `proven` asks for a proof by simulation: changes that make any error larger than the plain program's are removed.
+    `shorter` makes a result that takes about a part of the time that this one adds. `shifted` are axes that
+    carry a lasting offset even if no request crosses their gap, as on a path whose turns are all corners; a part
     program can only if the motion stops at each of their reversals.
     """
 
-    wishes: tuple[ProfileRequest, ...]
+    requests: tuple[ProfileRequest, ...]
     proven: bool = False
     shorter: Callable[[float], StrategyResult] | None = None
     shifted: tuple[str, ...] = ()
@@ -151,7 +151,7 @@ class Strategy(Protocol):
     1. `name` is what the user types; `summary` one line about it.
     2. `feedbacks` are the feedback loops whose backlash it can shrink. On a path none of whose axes has one
        of them it is refused, see :func:`require_loop`.
-    3. `profiles` returns exactly one wish a window, in their order. It raises InputError for options that
+    3. `profiles` returns exactly one request a window, in their order. It raises InputError for options that
        contradict each other, and is otherwise a pure function of the task.
     4. `traits`, which may be left out, is a :class:`StrategyTraits`, see :func:`traits_of`.
     """
@@ -169,7 +169,7 @@ class Strategy(Protocol):
         """Feedback loops whose backlash it can shrink."""
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
-        """Say which profile is wanted in every window."""
+        """Return the profile wanted in every window."""
 
 
 def traits_of(strategy: Strategy) -> StrategyTraits:
@@ -188,7 +188,7 @@ def require_loop(strategy: Strategy, axes: Iterable[str], machine: Machine) -> N
     if not strategy.feedbacks.intersection(loops.values()):
         raise InputError(
             "--strategy",
-            f"{strategy.name} cannot shrink the backlash of these loops",
+            f"strategy {strategy.name} does not compensate axes with these feedback loops",
             expected=f"feedback {' or '.join(sorted(strategy.feedbacks))}",
             got=", ".join(f"{axis}: {loop}" for axis, loop in loops.items()),
         )

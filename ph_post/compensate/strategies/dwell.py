@@ -30,27 +30,27 @@ class DwellAtReversals:
     feedbacks = EVERY_LOOP
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
-        """Want a stop in every window in which an axis crosses its gap, and say what a stop does not do."""
+        """Want a stop in every window in which an axis crosses its gap, and warn of what a stop does not do."""
         feed.refuse_options(task.options, self.name, "ratio", "degree", "coefficients")
-        proposal = feed.propose(task, lambda window, longest: _wish(task, window, longest))
-        axes = feed.modulated_axes(task, proposal.wishes)
+        result = feed.propose(task, lambda window, longest: _request(task, window, longest))
+        axes = feed.modulated_axes(task, result.requests)
         inside = [name for name in axes if task.machine.axes[name].loop.encloses_backlash]
         if not inside:
-            return proposal
+            return result
         warning = (
-            f"standing still does not close the gap of {' and '.join(inside)}: the motor crosses it only "
-            "under a position error, so what is left of the gap when the tool goes on is crossed then"
+            f"a stop does not take up all backlash of {' and '.join(inside)}: the motor crosses it only "
+            "under a position error. What is left when the tool goes on is crossed then"
         )
-        return msgspec.structs.replace(proposal, warnings=(*proposal.warnings, warning))
+        return msgspec.structs.replace(result, warnings=(*result.warnings, warning))
 
 
-def _wish(task: PlanningTask, window: Window, longest: float) -> ProfileRequest:
+def _request(task: PlanningTask, window: Window, longest: float) -> ProfileRequest:
     """Hold for the backlash interval; the ramps are as long as limits ask for and the window has room for."""
     t_star = task.options.t_star
     if t_star is not None:
         hold = min(longest, t_star)
         shape = profile.stop(t_star - 0.5 * hold, hold, ORDER)
-        return ProfileRequest(shape=shape, t_star=t_star, may_leave=True)
+        return ProfileRequest(shape=shape, t_star=t_star, may_leave_window=True)
     speed = _feed_around(task, window)
     limits = [task.machine.axes[name].limits for name in task.path.axes]
     acceleration, jerk = min(one.acceleration for one in limits), min(one.jerk for one in limits)

@@ -25,7 +25,7 @@ def propose(task: PlanningTask, want: Callable[[Window, float], ProfileRequest])
     ----------
     task : PlanningTask
     want : callable
-        The wish in a window whose longest backlash interval is so many seconds; 0 where none is known, but
+        The request in a window whose longest backlash interval is so many seconds; 0 where none is known, but
         the user has chosen a duration.
 
     Returns
@@ -33,14 +33,14 @@ def propose(task: PlanningTask, want: Callable[[Window, float], ProfileRequest])
     StrategyResult
         With a warning where a loop is not closed over the table.
     """
-    wishes = tuple(_wish(task, window, want) for window in task.windows)
-    return StrategyResult(wishes=wishes, warnings=_offset_warning(task, wishes))
+    requests = tuple(_request(task, window, want) for window in task.windows)
+    return StrategyResult(requests=requests, warnings=_offset_warning(task, requests))
 
 
-def wish_in_intervals(task: PlanningTask, shape: ProfileShape, longest: float) -> ProfileRequest:
+def request_in_intervals(task: PlanningTask, shape: ProfileShape, longest: float) -> ProfileRequest:
     """Want a shape for some backlash intervals, or as long as the user has it."""
     if task.options.t_star is not None:
-        return ProfileRequest(shape=shape, t_star=task.options.t_star, may_leave=True)
+        return ProfileRequest(shape=shape, t_star=task.options.t_star, may_leave_window=True)
     return ProfileRequest(shape=shape, t_star=INTERVALS * longest, least=longest)
 
 
@@ -97,7 +97,8 @@ def refuse_options(options: PlanOptions, strategy: str, *names: str) -> None:
     """
     for name in names:
         if getattr(options, name) is not None:
-            raise InputError(f"--{name}", f"strategy {strategy} has no such choice", expected="it left out")
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(option, f"strategy {strategy} does not take it", expected=f"no {option}")
 
 
 def _refuse_both(options: PlanOptions, degree: int) -> None:
@@ -112,11 +113,11 @@ def _refuse_both(options: PlanOptions, degree: int) -> None:
         )
 
 
-def _wish(task: PlanningTask, window: Window, want: Callable[[Window, float], ProfileRequest]) -> ProfileRequest:
+def _request(task: PlanningTask, window: Window, want: Callable[[Window, float], ProfileRequest]) -> ProfileRequest:
     members = [task.turning_points[index] for index in window.members]
     if not any(_lost_motion(task, point) for point in members):
         axes = " and ".join(sorted({point.axis for point in members}))
-        return ProfileRequest(shape=None, note=f"no gap on {axes}")
+        return ProfileRequest(shape=None, note=f"no backlash on {axes}")
     durations = [found.duration for found in (task.intervals[p.index] for p in members) if found is not None]
     longest = max(durations, default=0.0)
     if longest == 0.0 and task.options.t_star is None:
@@ -129,21 +130,21 @@ def _lost_motion(task: PlanningTask, point: TurningPoint) -> float:
     return axis_at(task.machine.axes[point.axis], point.position).gap.lost_motion
 
 
-def modulated_axes(task: PlanningTask, wishes: tuple[ProfileRequest, ...]) -> list[str]:
+def modulated_axes(task: PlanningTask, requests: tuple[ProfileRequest, ...]) -> list[str]:
     """Names of the axes that reverse in a window for which a profile is wanted."""
-    pairs = zip(task.windows, wishes, strict=True)
-    modulated = {i for window, wish in pairs if wish.shape is not None for i in window.members}
+    pairs = zip(task.windows, requests, strict=True)
+    modulated = {i for window, request in pairs if request.shape is not None for i in window.members}
     return sorted({task.turning_points[i].axis for i in modulated})
 
 
-def _offset_warning(task: PlanningTask, wishes: tuple[ProfileRequest, ...]) -> tuple[str, ...]:
-    """Say which axes keep a lasting offset whatever the feed does."""
-    axes = modulated_axes(task, wishes)
+def _offset_warning(task: PlanningTask, requests: tuple[ProfileRequest, ...]) -> tuple[str, ...]:
+    """Warn of axes that keep a lasting offset whatever the feed does."""
+    axes = modulated_axes(task, requests)
     open_axes = [name for name in axes if not task.machine.axes[name].loop.encloses_backlash]
     if not open_axes:
         return ()
     who = f"axis {open_axes[0]} has" if len(open_axes) == 1 else f"axes {', '.join(open_axes)} have"
     return (
-        f"{who} no scale on the table: the gap is a lasting offset after each reversal there, which a "
-        "modulated feed does not shrink; it only shortens the way travelled meanwhile",
+        f"{who} no scale on the table: after each reversal the backlash stays as an offset. A modulated feed "
+        "does not shrink that, it only shortens the way travelled meanwhile",
     )

@@ -34,7 +34,7 @@ class LinearDip:
         feed.refuse_options(options, self.name, "degree", "coefficients")
         ratio = RATIO if options.ratio is None else options.ratio
         shape = feed.passable(profile.plateau(1.0, 0.0, 1.0, ratio, order=0), "--ratio", options)
-        return feed.propose(task, lambda _, longest: feed.wish_in_intervals(task, shape, longest))
+        return feed.propose(task, lambda _, longest: feed.request_in_intervals(task, shape, longest))
 
 
 STRATEGY = LinearDip()

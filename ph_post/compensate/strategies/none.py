@@ -16,7 +16,7 @@ class PlainFeed:
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want no profile anywhere, and have nothing to say about it."""
-        return StrategyResult(wishes=tuple(ProfileRequest(shape=None) for _ in task.windows))
+        return StrategyResult(requests=tuple(ProfileRequest(shape=None) for _ in task.windows))
 
 
 STRATEGY = PlainFeed()

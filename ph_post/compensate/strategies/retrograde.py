@@ -44,7 +44,7 @@ class Retrograde:
             where = "--ratio" if options.coefficients is None else "--coefficients"
             got = f"V >= {shapes.lowest(shape):.6g} V_c"
             raise InputError(where, "nothing retrograde", expected="V < 0, or --strategy suppress", got=got)
-        return feed.propose(task, lambda _, longest: feed.wish_in_intervals(task, shape, longest))
+        return feed.propose(task, lambda _, longest: feed.request_in_intervals(task, shape, longest))
 
 
 STRATEGY = Retrograde()

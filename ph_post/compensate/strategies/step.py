@@ -44,7 +44,7 @@ class StepCompensation:
         drives = [reversing_axes(sized, [task.turning_points[k] for k in window.members]) for window in task.windows]
         order = (degree - 1) // 2
         return StrategyResult(
-            wishes=tuple(
+            requests=tuple(
                 ProfileRequest(
                     shape=None,
                     crossings=tuple(_shift(axis, sign, order) for axis, sign in own if _fits(axis)),

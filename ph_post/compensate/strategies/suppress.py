@@ -20,7 +20,7 @@ class FeedSuppression:
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""
         shape = feed.chosen_shape(task.options, RATIO)
-        return feed.propose(task, lambda _, longest: feed.wish_in_intervals(task, shape, longest))
+        return feed.propose(task, lambda _, longest: feed.request_in_intervals(task, shape, longest))
 
 
 STRATEGY = FeedSuppression()

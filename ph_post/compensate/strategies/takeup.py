@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
 from ph_post.compensate.families import BARE, CROSSING, JOG, OFFSET, PULSE, DesignFamily, ReversalCase
-from ph_post.compensate.offsets import carries_offset
+from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.errors import InputError
@@ -44,7 +44,7 @@ def refuse_feed_only(task: PlanningTask, name: str) -> None:
         With --feed-only.
     """
     if task.options.feed_only:
-        raise InputError("--feed-only", f"strategy {name} modifies the path", expected="it left out")
+        raise InputError("--feed-only", f"strategy {name} modifies the path", expected="no --feed-only")
 
 
 def refuse_offsets(task: PlanningTask, name: str) -> None:
@@ -59,13 +59,13 @@ def refuse_offsets(task: PlanningTask, name: str) -> None:
     if task.options.carrier == "program":
         raise InputError(
             "--strategy",
-            f"strategy {name} modifies single samples of the path",
-            expected="--table, as a part program cannot carry that",
+            f"strategy {name} shifts single samples, which a part program cannot",
+            expected="--table",
         )
 
 
 def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
-    """Families that cross the gap: those that stop only where no least feed forbids it."""
+    """Return the families that cross the backlash; those that stop are left out where a least feed forbids it."""
     inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
     if not inside:
         return (BARE, OFFSET)
@@ -73,13 +73,13 @@ def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[Design
 
 
 def jog_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
-    """Families of what a part program can carry: they stop, and so need that no least feed forbids it."""
+    """Return the families that a part program can carry; all of them stop, which a least feed forbids."""
     if task.options.min_feed:
         return ()
     inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
     if inside:
         return (PULSE,)
-    return (JOG,) if any(carries_offset(axis) for axis, _ in case.reversing) else ()
+    return (JOG,) if any(may_shift(axis) for axis, _ in case.reversing) else ()
 
 
 STRATEGY = TakeUp()
