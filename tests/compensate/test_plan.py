@@ -265,7 +265,7 @@ def test_open_loops_are_warned_of_the_offset_that_stays() -> None:
         plan = make_plan(ring(feedback=feedback), MOVING)
         assert any(ratio is not None for ratio in dips(plan))
         assert told(plan, "axes X, Y have no scale on the table")
-        assert told(plan, "which a modulated feed does not shrink")
+        assert told(plan, "modulated feed does not shrink that")
     assert not told(make_plan(ring(), MOVING), "no scale")
 
 
