@@ -55,7 +55,7 @@ def test_an_axis_behind_its_loop_is_shifted_at_every_reversal(degree: int) -> No
 
 def test_a_loop_over_the_table_refuses_a_step() -> None:
     machine = make_machine(feedback="load")
-    with pytest.raises(InputError, match="strategy step does not compensate axes with these feedback loops"):
+    with pytest.raises(InputError, match="step does not compensate axes with these feedback loops"):
         make_plan(look(arc(), machine), PlanOptions(strategy="step"))
 
 

@@ -188,7 +188,7 @@ def require_loop(strategy: Strategy, axes: Iterable[str], machine: Machine) -> N
     if not strategy.feedbacks.intersection(loops.values()):
         raise InputError(
             "--strategy",
-            f"strategy {strategy.name} does not compensate axes with these feedback loops",
+            f"{strategy.name} does not compensate axes with these feedback loops",
             expected=f"feedback {' or '.join(sorted(strategy.feedbacks))}",
             got=", ".join(f"{axis}: {loop}" for axis, loop in loops.items()),
         )

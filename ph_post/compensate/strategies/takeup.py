@@ -59,7 +59,7 @@ def refuse_offsets(task: PlanningTask, name: str) -> None:
     if task.options.carrier == "program":
         raise InputError(
             "--strategy",
-            f"strategy {name} shifts single samples, which a part program cannot",
+            f"{name} shifts single samples, which a part program cannot",
             expected="--table",
         )
 
