@@ -177,8 +177,7 @@ def rehearse(
     """
     progress("reading")
     drives, name = any_machine(machine)
-    words = find_dialect(drives.dialect)
-    if words.front is not None or words.language != RS274:
+    if find_dialect(drives.dialect).language != RS274:
         what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
         raise InputError(name, what, expected="a machine file for LinuxCNC", got=drives.dialect)
     part = _read(program)

@@ -14,7 +14,7 @@ from typing import Final
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis, IntervalSource, analyse
-from ph_post.dialects.reading import read_as
+from ph_post.dialects.reading import read_again_as, read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive import machinefile
 from ph_post.drive.axes import check_axes
@@ -246,7 +246,7 @@ def raw_job(job: Job) -> Path | SourceBytes:
 
 
 def program_in(job: PartProgram | SourceBytes, dialect: str, *, strict: bool = False) -> PartProgram:
-    """Return a part program read by the words of a dialect; it is read again where it was read by others.
+    """Return a part program read by the words of a dialect; it is read again where its language is another.
 
     Raises
     ------
@@ -254,9 +254,7 @@ def program_in(job: PartProgram | SourceBytes, dialect: str, *, strict: bool = F
         Where it is not understood, or `strict` and some of it is not.
     """
     if isinstance(job, PartProgram):
-        if job.dialect == dialect and not (strict and job.notes):
-            return job
-        return read_as(dialect, job.data, job.name, strict=strict)
+        return read_again_as(dialect, job, strict=strict)
     return read_as(dialect, job.data, job.name, strict=strict)
 
 

@@ -11,8 +11,6 @@ from msgspec.structs import replace
 
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.registry import find_traits
-from ph_post.dialects.base import require_spliceable
-from ph_post.dialects.reading import read_anew
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
@@ -24,6 +22,7 @@ from ph_post.edit.write import apply_edits
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
 from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import reread
 from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.contour import ContourError
@@ -103,7 +102,7 @@ def compensate_program(
         Where the outcome does not pass :func:`ph_post.verify.verify.verify`: nothing is to be written then.
     """
     dialect = find_dialect(machine.dialect)
-    require_spliceable(dialect, program.name)
+    dialect.require_editable(program.name)
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)
@@ -115,7 +114,7 @@ def compensate_program(
     declaration = _declaration(original, edits, machine, request)
     data = apply_edits(original, edits, dialect, declaration)
     progress("verifying")
-    after = read_anew(original, data)
+    after = reread(original, data)
     verdict = verify(original, after, tolerance=request.edit.tolerance, machine=machine)
     if not verdict.ok:
         raise _refusal(original.name, verdict)
@@ -138,7 +137,7 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
             f"compensated before, by ph-post {found.version} for {found.machine}",
             expected="the original, or --force to begin again from it, or --undo",
         )
-    return read_anew(program, undo(program.data, program.name))
+    return reread(program, undo(program.data, program.name))
 
 
 def _plan(
@@ -181,7 +180,7 @@ def _changes(edits: Edits) -> bool:
 
 def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: ProgramRequest) -> Declaration:
     dialect = find_dialect(machine.dialect)
-    mode = dialect.path_mode(request.edit.chord_tolerance) if edits.dips and dialect.path_mode else ""
+    mode = dialect.syntax.path_mode(request.edit.chord_tolerance) if edits.dips and dialect.syntax.path_mode else ""
     return declare(
         program,
         edits,

@@ -301,7 +301,7 @@ def _noted(program: str, warnings: tuple[str, ...], dialect: str) -> str:
     """Put warnings at the head of a program."""
     from ph_post.dialects.registry import find_dialect
 
-    remark = find_dialect(dialect).remark
+    remark = find_dialect(dialect).comment
     notes = [line for word in warnings for line in remark(f"warning: {word}")]
     return "".join(f"{line}\n" for line in notes) + program
 

@@ -1,43 +1,49 @@
-"""The contract of a dialect: a record of its syntax and abilities, with functions that write its own words."""
+"""The contract of a dialect: records of its words, abilities and numbers, and the language that it is read in.
+
+To add a dialect:
+
+1. Write a module with a :class:`Dialect` record; name in its docstring the manuals that the facts are from.
+2. Register the record under the entry point ``ph_post.dialects``, by the name that machine files write.
+3. :class:`Syntax`: how a program begins and ends, its comments, dwells and path modes, and how long a line is.
+4. :class:`Abilities`: which moves it can write and how finely, and what it does under inverse time.
+5. :class:`NumberFormat`: decimals of lengths, digits of feeds, signs and points. All that is written is a whole
+   number of the last decimal.
+6. :class:`Language <ph_post.gcode.program.Language>`: how its programs are read. One that differs from
+   RS274/NGC in a few words says so there; one of another grammar brings its own reader.
+7. :class:`Notices`: what a user has to know, and what keeps the controller from compensating a second time.
+8. `writer`: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>` of its own where moves are no RS274
+   words; it overrides what differs.
+9. `variants`: what a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import msgspec
 
+from ph_post.dialects.lines import LineWriter
 from ph_post.errors import InputError
-from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text, significant_text
-from ph_post.gcode.program import RS274, Language, PartProgram
-from ph_post.types import Array, Capabilities
-
-if TYPE_CHECKING:
-    from ph_post.dialects.lines import LineWriter
-
+from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text, significant_text, to_counts
+from ph_post.gcode.program import RS274, Language
+from ph_post.types import Array, IntArray
+from ph_post.units import MM
 
 _ROUNDING = 1e-6
 """A time that is longer than whole steps by no more than this part of one is rounding."""
 
-SET_BEFORE = "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before"
+PRECONDITIONS = "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before"
 """What programs of most machine tools take for granted."""
 
-_PLANES = {"G17": ("X", "Y"), "G18": ("Z", "X"), "G19": ("Y", "Z")}
-"""First and second axis of each plane, as controllers count the sense of G2 and G3."""
 
-
-def switched_off(end: str) -> str:
-    """Remark that a program does nothing about spindle and coolant before the word of its end."""
+def end_remark(end: str) -> str:
+    """Return the remark that a program does nothing about spindle and coolant before the word of its end."""
     return f"spindle and coolant are not touched until {end}, which switches them off"
 
 
-ASSUMED = (SET_BEFORE, switched_off("M2"))
-"""What a program of an RS274 dialect takes for granted."""
-
-
 class DwellWords(msgspec.Struct, frozen=True, kw_only=True):
-    """How a language writes a dwell.
+    """The words of a dwell.
 
     Parameters
     ----------
@@ -76,122 +82,164 @@ class DwellWords(msgspec.Struct, frozen=True, kw_only=True):
         return float(self.number(seconds, digits)) * self.unit
 
 
-class Dialect(msgspec.Struct, frozen=True, kw_only=True):
-    """A controller dialect; to add one: a file with such a record, an entry point in ``ph_post.dialects``.
+class Syntax(msgspec.Struct, frozen=True, kw_only=True):
+    """The words of a dialect around its moves.
 
     Parameters
     ----------
-    name : str
-        As machine files and ``--dialect`` write it.
-    capabilities : Capabilities
-        `decimals` are those of lengths in mm.
-    feed_digits : int
-        Significant digits of F words and dwells.
-    terse : bool
-        No blanks, no motion word and no coordinate that repeats the last one: for serial lines.
     opening : callable
         ``opening(plane) -> lines``: the modal state the program relies on; `plane` is G17, G18 or G19.
     closing : tuple of str
         Last lines of the program.
-    inverse_time_arcs, inverse_time_splines : bool
-        Whether G2 and G3, and G5, keep their time under G93.
-    arc_planes : tuple of str
-        Planes in which it can write arcs.
+    max_line : int
+        Most characters of a line.
+    comments : Comments
+    dwell : DwellWords
     path_mode : callable or None
         ``path_mode(tolerance) -> line``, or several with line feeds between them: the controller may round
         joints by `tolerance` [m], or has to reach every end point where `tolerance` is None. None where the
         dialect has no such words.
-    spline_deviation : callable or None
-        ``spline_deviation(control)``: how far the controller's own rendering of cubic Béziers leaves them
-        [m], from shape (m, 4, 2) [m] to (m,); infinite where writing one would not be safe.
-    spline_pieces : int
-        Number of moves into which the controller breaks one cubic.
-    stream_rate : float or None
-        Bytes a second that the controller is fed with while it runs, None where it reads a file.
-    stream_window : int
-        Number of moves that it holds in store.
-    front : callable or None
-        ``front(data, name) -> program``: reads a part program of this dialect, every byte kept; None where
-        :func:`ph_post.gcode.read.read_program` does.
-    variants : mapping of str to callable
-        What a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``):
-        ``variant(dialect) -> dialect`` with it.
-    comments : Comments
-        How a comment is written.
-    dwell : DwellWords
-        How a dwell is written, and the unit of its time.
-    assumed : tuple of str
-        Remarks for the head: what has to be set before, and what the end does.
     modal_motion : bool
         Whether a line may do without the word of its motion, and F may stand alone; if not, terse or not,
         every line names it.
+    terse : bool
+        No blanks, no motion word and no coordinate that repeats the last one: for serial lines.
     rapid_feed : bool
         Whether G0 moves at F, as G1 does, so that every rapid needs an F of its own.
-    cautions : tuple of str
-        What a user should know about lasting offsets on such controllers.
-    guard : tuple of str
-        Commands before the first line of a program that is compensated: they keep the controller from
-        compensating a second time.
-    language : Language
-        How its programs are read.
-    writer : callable or None
-        ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>` of the
-        dialect's own, for a language whose moves are not RS274 words.
     finish : callable or None
         ``finish(lines, name) -> lines``: what is done with the whole program of that name at last: its frame
         (% and O number, BEGIN PGM), line numbers.
+    """
+
+    opening: Callable[[str], tuple[str, ...]]
+    closing: tuple[str, ...]
+    max_line: int
+    comments: Comments = PARENTHESES
+    dwell: DwellWords = DwellWords()
+    path_mode: Callable[[float | None], str] | None = None
+    modal_motion: bool = True
+    terse: bool = False
+    rapid_feed: bool = False
+    finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
+
+
+class CubicAbility(msgspec.Struct, frozen=True, kw_only=True):
+    """The cubic Béziers of a dialect, in the plane X, Y.
+
+    Parameters
+    ----------
+    deviation : callable
+        ``deviation(control)``: how far the controller's own rendering of cubics leaves them [m], from shape
+        (m, 4, 2) [m] to (m,); infinite where writing one would not be safe.
+    pieces : int
+        Number of moves into which the controller breaks one cubic.
+    """
+
+    deviation: Callable[[Array], Array]
+    pieces: int = 1
+
+
+class StreamLimit(msgspec.Struct, frozen=True, kw_only=True):
+    """The line by which a controller is fed while it runs: `rate` [bytes/s], and a `window` of moves in store."""
+
+    rate: float
+    window: int
+
+
+class Abilities(msgspec.Struct, frozen=True, kw_only=True):
+    """The moves that a dialect can carry.
+
+    Parameters
+    ----------
+    arc_planes : tuple of str
+        Planes in which it can write arcs.
+    full_circles : bool
+        Whether an arc may end where it begins.
+    cubic : CubicAbility or None
+    inverse_time : frozenset of str
+        Moves that keep their time under G93, of "line", "arc" and "spline"; empty where there is no G93.
+    polynomial_degree : int
+        Highest degree of a block that is a polynomial, or a quotient of two, of each axis; 1 where there is
+        none but the straight move.
+    feed_degree : int
+        Highest degree of the feed of one block as a polynomial of the way; 0 where a block has one feed.
+    dwells : bool
+        Whether the axes stand still in a dwell, so that a short move between two of them is not blended away.
+    stream : StreamLimit or None
+        None where the controller reads a file.
+    not_editable : str
+        Why programs of that language cannot be edited, in words; empty where they can.
+    """
+
+    arc_planes: tuple[str, ...] = ("G17", "G18", "G19")
+    full_circles: bool = True
+    cubic: CubicAbility | None = None
+    inverse_time: frozenset[str] = frozenset()
+    polynomial_degree: int = 1
+    feed_degree: int = 0
+    dwells: bool = True
+    stream: StreamLimit | None = None
+    not_editable: str = ""
+
+    def writes_arcs(self, plane: str, *, inverse: bool = False) -> bool:
+        """Return whether arcs can be written in a plane; `inverse` under G93."""
+        return plane in self.arc_planes and (not inverse or "arc" in self.inverse_time)
+
+    def writes_splines(self, plane: str, *, inverse: bool = False) -> bool:
+        """Return whether cubics can be written in a plane; `inverse` under G93."""
+        return self.cubic is not None and plane == "G17" and (not inverse or "spline" in self.inverse_time)
+
+
+class NumberFormat(msgspec.Struct, frozen=True, kw_only=True):
+    """The numbers of a dialect.
+
+    Parameters
+    ----------
+    decimals : int
+        Decimals of lengths in mm.
+    feed_digits : int
+        Significant digits of F words and dwells.
+    feed_decimals : int or None
+        Decimals of F, where a controller counts those and not digits; never less than the last of them.
     point : bool
         Whether every length, and every feed, has to have a decimal point: without one it may be counted in
         increments.
     plus : bool
         Whether every length has its sign.
-    feed_decimals : int or None
-        Decimals of F, where a controller counts those and not digits; never less than the last of them.
-    unspliced : str
-        Why nothing is spliced into a program of that language, in words; empty where it can be.
-    ending : str
-        What its programs' file names end with.
+
+    Examples
+    --------
+    >>> fanuc = NumberFormat(decimals=3, feed_digits=6, feed_decimals=2, point=True)
+    >>> fanuc.length(12000), fanuc.feed(1200.0), fanuc.counts([0.0125]).tolist(), f"{fanuc.quantum:.0e}"
+    ('12.', '1200.', [12500], '1e-06')
     """
 
-    name: str
-    capabilities: Capabilities
+    decimals: int
     feed_digits: int
-    terse: bool
-    opening: Callable[[str], tuple[str, ...]]
-    closing: tuple[str, ...]
-    inverse_time_arcs: bool = True
-    inverse_time_splines: bool = False
-    arc_planes: tuple[str, ...] = ("G17", "G18", "G19")
-    path_mode: Callable[[float | None], str] | None = None
-    spline_deviation: Callable[[Array], Array] | None = None
-    spline_pieces: int = 1
-    stream_rate: float | None = None
-    stream_window: int = 1
-    front: Callable[[bytes, str], PartProgram] | None = None
-    variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
-    comments: Comments = PARENTHESES
-    dwell: DwellWords = DwellWords()
-    assumed: tuple[str, ...] = ASSUMED
-    modal_motion: bool = True
-    rapid_feed: bool = False
-    cautions: tuple[str, ...] = ()
-    guard: tuple[str, ...] = ()
-    language: Language = RS274
-    writer: Callable[[Dialect, Sequence[str], float], LineWriter] | None = None
-    finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
+    feed_decimals: int | None = None
     point: bool = False
     plus: bool = False
-    feed_decimals: int | None = None
-    unspliced: str = ""
-    ending: str = ".ngc"
 
-    def length(self, count: int, decimals: int) -> str:
-        """Write a length of `count` / 10^`decimals` units."""
+    @property
+    def quantum(self) -> float:
+        """Step of lengths [m]."""
+        return MM * 10.0**-self.decimals
+
+    def counts(self, lengths: Array | Sequence[float]) -> IntArray:
+        """Round lengths [m] to whole numbers of the last decimal."""
+        return to_counts(lengths, self.decimals)
+
+    def count(self, length: float) -> int:
+        """Round one length [m] to a whole number of the last decimal."""
+        return int(to_counts(length, self.decimals))
+
+    def length(self, count: int, decimals: int | None = None) -> str:
+        """Write a length of `count` last decimals, or of `count` / 10^`decimals` units."""
         sign = "+" if self.plus and count >= 0 else ""
-        return sign + self._pointed(decimal_text(count, decimals))
+        return sign + self._pointed(decimal_text(count, self.decimals if decimals is None else decimals))
 
     def feed(self, value: float) -> str:
-        """Write a feed, or an inverse time."""
+        """Write a feed [mm/min], or an inverse time [1/min]."""
         if self.feed_decimals is not None:
             count = max(1, round(value * 10**self.feed_decimals))
             return self._pointed(decimal_text(count, self.feed_decimals))
@@ -200,44 +248,96 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     def _pointed(self, text: str) -> str:
         return f"{text}." if self.point and "." not in text else text
 
-    def remark(self, words: str) -> list[str]:
-        """Write words as comment lines."""
-        return comment_lines(words, self.capabilities.max_line, self.comments)
+
+class Notices(msgspec.Struct, frozen=True, kw_only=True):
+    """What users of a dialect have to know.
+
+    Parameters
+    ----------
+    assumed : tuple of str
+        Remarks for the head of a program: what has to be set before, and what the end does.
+    cautions : tuple of str
+        What a user should know about lasting offsets on such controllers.
+    guard : tuple of str
+        Commands before the first line of a program that is compensated: they keep the controller from
+        compensating a second time.
+    own_compensation : str
+        The setting of the controller's own backlash compensation, which must be 0; empty where it has none
+        that is not switched off by `guard`.
+    """
+
+    assumed: tuple[str, ...] = (PRECONDITIONS, end_remark("M2"))
+    cautions: tuple[str, ...] = ()
+    guard: tuple[str, ...] = ()
+    own_compensation: str = ""
+
+
+class Dialect(msgspec.Struct, frozen=True, kw_only=True):
+    """A controller dialect; the module's docstring says how to add one.
+
+    Parameters
+    ----------
+    name : str
+        As machine files and ``--dialect`` write it.
+    syntax : Syntax
+    abilities : Abilities
+    numbers : NumberFormat
+    language : Language
+        How its programs are read.
+    notices : Notices
+    writer : callable
+        ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>`.
+    variants : mapping of str to callable
+        ``variant(dialect) -> dialect`` with what a machine may have besides, by the word behind a plus sign.
+    options : frozenset of str
+        Variants that it has.
+    ending : str
+        What its programs' file names end with.
+    """
+
+    name: str
+    syntax: Syntax
+    abilities: Abilities
+    numbers: NumberFormat
+    language: Language = RS274
+    notices: Notices = Notices()
+    writer: Callable[[Dialect, Sequence[str], float], LineWriter] = LineWriter
+    variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
+    options: frozenset[str] = frozenset()
+    ending: str = ".ngc"
+
+    def comment(self, text: str) -> list[str]:
+        """Write a text as comment lines."""
+        return comment_lines(text, self.syntax.max_line, self.syntax.comments)
+
+    def dwell_words(self, seconds: float) -> list[str]:
+        """Words of a dwell."""
+        return self.syntax.dwell.words(seconds, self.numbers.feed_digits)
+
+    def line_writer(self, axes: Sequence[str], tolerance: float) -> LineWriter:
+        """Make a writer of lines for moves in `axes`, whose joints may be rounded by `tolerance` [m]."""
+        return self.writer(self, axes, tolerance)
 
     def finished(self, lines: Sequence[str], name: str) -> Sequence[str]:
         """Return the lines of a whole program as the controller is to have them."""
-        return lines if self.finish is None else self.finish(lines, name)
+        return lines if self.syntax.finish is None else self.syntax.finish(lines, name)
 
+    def require_editable(self, where: str) -> None:
+        """Raise unless programs of the dialect can be edited; `where` names the program, or who asks for it.
 
-def require_spliceable(dialect: Dialect, where: str) -> None:
-    """See that programs of a dialect can be compensated; `where` is the program, or who asks for it.
-
-    Raises
-    ------
-    InputError
-        With the dialect's reason.
-    """
-    if dialect.unspliced:
-        raise InputError(
-            where,
-            f"nothing is spliced into programs of {dialect.name}: {dialect.unspliced}",
-            expected="a path file, or a program of another dialect",
-        )
+        Raises
+        ------
+        InputError
+            With the dialect's reason.
+        """
+        if self.abilities.not_editable:
+            raise InputError(
+                where,
+                f"programs of {self.name} cannot be edited: {self.abilities.not_editable}",
+                expected="a path file, or a program of another dialect",
+            )
 
 
 def metric_opening(plane: str) -> tuple[str, ...]:
     """Open a program in mm, absolute and per minute, nothing compensated: words that RS274 dialects share."""
     return (f"G21 {plane} G90 G91.1 G94 G40 G49 G54 G80",)
-
-
-def plane_of(axes: Sequence[str]) -> tuple[str, int]:
-    """Word of the plane of the first two axes, and +1 or -1 as their order is the plane's or not.
-
-    Examples
-    --------
-    >>> plane_of(("X", "Y")), plane_of(("X", "Z"))
-    (('G17', 1), ('G18', -1))
-    """
-    pair = tuple(axes[:2])
-    word = next(word for word, plane in _PLANES.items() if set(pair) == set(plane))
-    return word, 1 if pair == _PLANES[word] else -1

@@ -9,8 +9,7 @@ and `config.h` have a receive buffer of 128 and 115,200 baud.
 
 from __future__ import annotations
 
-from ph_post.dialects.base import Dialect, metric_opening
-from ph_post.types import Capabilities
+from ph_post.dialects.base import Abilities, Dialect, NumberFormat, StreamLimit, Syntax, metric_opening
 
 _DECIMALS = 4
 """0.1 µm. Grbl computes in single precision, which has no more at the size of such machines, and a shorter
@@ -28,22 +27,13 @@ _PLANNER_BLOCKS = 16
 
 DIALECT = Dialect(
     name="grbl",
-    capabilities=Capabilities(
-        arcs=True,
-        cubic_splines=False,
-        inverse_time=True,
-        decimals=_DECIMALS,
-        max_line=_MAX_LINE,
-        blending=False,
+    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE, terse=True),
+    abilities=Abilities(
+        # Under G93 Grbl 1.1 breaks an arc into chords, multiplies F by their number and then takes it for mm/min
+        # (mc_arc in its motion_control.c): only straight moves keep their time.
+        inverse_time=frozenset(("line",)),
+        stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
     ),
-    feed_digits=6,
-    terse=True,
-    # Under G93 Grbl 1.1 breaks an arc into chords, multiplies F by their number and then takes it for mm/min
-    # (mc_arc in its motion_control.c): only straight moves keep their time.
-    inverse_time_arcs=False,
-    opening=metric_opening,
-    closing=("M2",),
-    stream_rate=_STREAM_RATE,
-    stream_window=_PLANNER_BLOCKS,
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
 )
 """The Grbl dialect."""

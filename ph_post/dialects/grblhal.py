@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.dialects.base import Dialect, metric_opening
-from ph_post.types import Array, Capabilities
+from ph_post.dialects.base import Abilities, CubicAbility, Dialect, Notices, NumberFormat, Syntax, metric_opening
+from ph_post.types import Array
 
 _DECIMALS: Final = 4
 """0.1 µm, as for Grbl: single precision has no more at the size of such machines."""
@@ -42,21 +42,11 @@ def spline_deviation(control: Array) -> Array:
 
 DIALECT = Dialect(
     name="grblhal",
-    capabilities=Capabilities(
-        arcs=True,
-        cubic_splines=True,
-        inverse_time=True,
-        decimals=_DECIMALS,
-        max_line=_MAX_LINE,
-        blending=False,
+    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE),
+    abilities=Abilities(
+        cubic=CubicAbility(deviation=spline_deviation, pieces=_STEPS), inverse_time=frozenset(("line",))
     ),
-    feed_digits=6,
-    terse=False,
-    inverse_time_arcs=False,
-    inverse_time_splines=False,
-    opening=metric_opening,
-    closing=("M2",),
-    spline_deviation=spline_deviation,
-    spline_pieces=_STEPS,
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
+    notices=Notices(own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,"),
 )
 """The grblHAL dialect."""

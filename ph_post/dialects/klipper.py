@@ -15,12 +15,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from ph_post.dialects.base import Dialect, DwellWords
+from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax
 from ph_post.dialects.printers import reader_of, why_bound
 from ph_post.gcode import codes
 from ph_post.gcode.numbers import SEMICOLON
 from ph_post.gcode.program import Language
-from ph_post.types import Capabilities
 from ph_post.units import MM, MS
 
 _DECIMALS: Final = 5
@@ -50,23 +49,18 @@ def _opening(plane: str) -> tuple[str, ...]:
 
 DIALECT = Dialect(
     name="klipper",
-    capabilities=Capabilities(
-        arcs=False,
-        cubic_splines=False,
-        inverse_time=False,
-        decimals=_DECIMALS,
+    syntax=Syntax(
+        opening=_opening,
+        closing=(),
         max_line=255,
-        blending=False,
+        comments=SEMICOLON,
+        dwell=DwellWords(unit=MS),
+        modal_motion=False,
+        rapid_feed=True,
     ),
-    feed_digits=7,
-    terse=False,
-    opening=_opening,
-    closing=(),
-    comments=SEMICOLON,
-    dwell=DwellWords(unit=MS),
-    assumed=_ASSUMED,
-    modal_motion=False,
-    rapid_feed=True,
+    abilities=Abilities(arc_planes=()),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
+    notices=Notices(assumed=_ASSUMED),
     ending=".gcode",
     language=Language(
         name="klipper",

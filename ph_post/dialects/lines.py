@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ph_post.dialects.base import Dialect, plane_of
 from ph_post.gcode.blocks import ARC, JOG, LINE, POLYNOMIAL, SPLINE, Moves
+from ph_post.gcode.program import CENTERS, plane_of
 from ph_post.types import IntArray
 from ph_post.units import MINUTE, MM_PER_MIN
 
-OFFSET_WORDS: Final = {"X": "I", "Y": "J", "Z": "K"}
-"""Words of an arc's centre, counted from its start."""
+if TYPE_CHECKING:
+    from ph_post.dialects.base import Dialect
 
 _SPLINE_END_WORDS = {"X": "P", "Y": "Q"}
 
@@ -40,14 +40,15 @@ class LineWriter:
     sizes : list of int
         Bytes of each move on the path.
     rapid_speed : float
-        F of rapids [m/s], where the dialect needs one (`Dialect.rapid_feed`).
+        F of rapids [m/s], where the dialect needs one (`Syntax.rapid_feed`).
     """
 
     def __init__(self, dialect: Dialect, axes: Sequence[str], tolerance: float) -> None:
         self.lines: list[str] = []
         self.sizes: list[int] = []
         self.rapid_speed = 0.0
-        self.dialect = dialect
+        self.dialect, self.syntax = dialect, dialect.syntax
+        self._length, self._digits = dialect.numbers.length, dialect.numbers.feed
         self.axes = tuple(axes)
         self._tolerance = tolerance
         self._plane, self._sense = plane_of(self.axes)
@@ -69,9 +70,9 @@ class LineWriter:
 
     def path_mode(self, *, exact: bool) -> None:
         """Make the controller reach every point, or let it round the joints, where the dialect can say so."""
-        if self.dialect.path_mode is None:
+        if self.syntax.path_mode is None:
             return
-        word = self.dialect.path_mode(None if exact else self._tolerance)
+        word = self.syntax.path_mode(None if exact else self._tolerance)
         if word != self._path_mode:
             self.lines += word.split("\n")
             self._path_mode = word
@@ -87,7 +88,7 @@ class LineWriter:
         words = [
             axis + self._length(count)
             for axis, count in target.items()
-            if not self.dialect.terse or self._at.get(axis) != count
+            if not self.syntax.terse or self._at.get(axis) != count
         ]
         if words:
             self.write_straight(word, words, self._digits(speed / MM_PER_MIN) if speed else "")
@@ -115,10 +116,10 @@ class LineWriter:
 
     def write_straight(self, word: str, body: list[str], feed: str) -> None:
         """Write a G0 or a G1 with its coordinate words; `feed` is its F, empty where it has none."""
-        if word == "G0" and self.dialect.rapid_feed:
+        if word == "G0" and self.syntax.rapid_feed:
             feed = self._digits(self.rapid_speed / MM_PER_MIN)
         self._write(word, body, feed)
-        if word == "G0" and self.dialect.rapid_feed:
+        if word == "G0" and self.syntax.rapid_feed:
             # Some firmware keeps the F of G0 apart, some does not: the next G1 says its own.
             self._feed = ""
 
@@ -152,7 +153,7 @@ class LineWriter:
 
     def write_dwell(self, seconds: float) -> None:
         """Let the axes stand."""
-        word, *words = self.dialect.dwell.words(seconds, self.dialect.feed_digits)
+        word, *words = self.dialect.dwell_words(seconds)
         self._write(word, words, "", modal=False)
 
     def _coordinates(self, moves: Moves, first: int, last: int) -> list[list[str]]:
@@ -160,7 +161,7 @@ class LineWriter:
         points, kind = moves.points[first : last + 1], moves.kind[first:last]
         needed = np.diff(points, axis=0) != 0
         needed[:, :2] |= (kind == ARC)[:, None]
-        if not self.dialect.terse:
+        if not self.syntax.terse:
             needed |= (kind != JOG)[:, None]
         columns = [
             [axis + self._length(count) if need else "" for count, need in zip(column, needs, strict=True)]
@@ -199,31 +200,20 @@ class LineWriter:
 
     def _center(self, moves: Moves, i: int) -> list[str]:
         offsets = (moves.center[i] - moves.points[i, :2]).tolist()
-        return [OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes[:2], offsets, strict=True)]
+        return [CENTERS[axis] + self._length(n) for axis, n in zip(self.axes[:2], offsets, strict=True)]
 
     def _inner(self, moves: Moves, i: int) -> list[str]:
         near = (moves.inner[i, 0] - moves.points[i]).tolist()
         far = (moves.inner[i, 1] - moves.points[i + 1]).tolist()
-        words = [OFFSET_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, near, strict=True)]
+        words = [CENTERS[axis] + self._length(n) for axis, n in zip(self.axes, near, strict=True)]
         return words + [_SPLINE_END_WORDS[axis] + self._length(n) for axis, n in zip(self.axes, far, strict=True)]
-
-    def _length(self, count: int) -> str:
-        return self.dialect.length(count, self.dialect.capabilities.decimals)
-
-    def _digits(self, value: float) -> str:
-        return self.dialect.feed(value)
 
     def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
         """One line."""
-        able = self.dialect.terse and self.dialect.modal_motion
+        able = self.syntax.terse and self.syntax.modal_motion
         repeats = able and modal and word == self._motion
         named = [] if repeats else [word]
         if modal:
             self._motion = word
         parts = [*named, *words, *self._speed(feed)]
-        self.lines.append(("" if self.dialect.terse else " ").join(parts))
-
-
-def make_writer(dialect: Dialect, axes: Sequence[str], tolerance: float) -> LineWriter:
-    """Return a writer of lines, the dialect's own where it has one."""
-    return (dialect.writer or LineWriter)(dialect, axes, tolerance)
+        self.lines.append(("" if self.syntax.terse else " ").join(parts))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ph_post.dialects.base import Dialect, metric_opening
-from ph_post.gcode.numbers import decimal_text, to_grid
-from ph_post.types import Array, Capabilities
+from ph_post.dialects.base import Abilities, CubicAbility, Dialect, Notices, NumberFormat, Syntax, metric_opening
+from ph_post.gcode.numbers import decimal_text, to_counts
+from ph_post.types import Array
 
 _DECIMALS = 6
 """1 nm: below the resolution of any scale, and in the deepest dips still a small part of a block."""
@@ -29,7 +29,7 @@ def _path_mode(tolerance: float | None) -> str:
     """G61, or G64 with Q0: without it blocks of equal F are joined into one within P (NaiveCAM)."""
     if tolerance is None:
         return "G61"
-    return f"G64 P{decimal_text(int(to_grid(tolerance, _DECIMALS)), _DECIMALS)} Q0"
+    return f"G64 P{decimal_text(int(to_counts(tolerance, _DECIMALS)), _DECIMALS)} Q0"
 
 
 def spline_deviation(control: Array) -> Array:
@@ -106,22 +106,13 @@ def _cross(a: Array, b: Array) -> Array:
 
 DIALECT = Dialect(
     name="linuxcnc",
-    capabilities=Capabilities(
-        arcs=True,
-        cubic_splines=True,
-        inverse_time=True,
-        decimals=_DECIMALS,
-        max_line=255,
-        blending=True,
+    syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=255, path_mode=_path_mode),
+    abilities=Abilities(
+        cubic=CubicAbility(deviation=spline_deviation, pieces=2 * _SPANS),
+        # Under G93 LinuxCNC computes no feed for a G5: the rate of the block before stays in force.
+        inverse_time=frozenset(("line", "arc")),
     ),
-    feed_digits=7,
-    terse=False,
-    # Under G93 LinuxCNC computes no feed for a G5: the rate of the block before stays in force.
-    inverse_time_splines=False,
-    opening=metric_opening,
-    closing=("M2",),
-    path_mode=_path_mode,
-    spline_deviation=spline_deviation,
-    spline_pieces=2 * _SPANS,
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
+    notices=Notices(own_compensation="BACKLASH in LinuxCNC's ini file"),
 )
 """The LinuxCNC dialect."""

@@ -20,12 +20,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from ph_post.dialects.base import Dialect, DwellWords
+from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, StreamLimit, Syntax
 from ph_post.dialects.printers import reader_of, why_bound
 from ph_post.gcode import codes
 from ph_post.gcode.numbers import SEMICOLON
 from ph_post.gcode.program import Language
-from ph_post.types import Capabilities
 from ph_post.units import MS
 
 _DECIMALS: Final = 4
@@ -70,30 +69,23 @@ def _opening(plane: str) -> tuple[str, ...]:
 
 DIALECT = Dialect(
     name="marlin",
-    capabilities=Capabilities(
-        arcs=True,
-        # G5 depends on a build option, and how finely it is drawn on another one.
-        cubic_splines=False,
-        inverse_time=False,
-        decimals=_DECIMALS,
+    syntax=Syntax(
+        opening=_opening,
+        closing=_CLOSING,
         max_line=_MAX_LINE,
-        blending=False,
+        comments=SEMICOLON,
+        dwell=DwellWords(unit=MS, decimals=0),
+        modal_motion=False,
+        rapid_feed=True,
     ),
-    feed_digits=6,
-    terse=False,
-    opening=_opening,
-    closing=_CLOSING,
-    arc_planes=("G17",),
-    stream_rate=_STREAM_RATE,
-    stream_window=_PLANNER_BLOCKS,
-    comments=SEMICOLON,
-    dwell=DwellWords(unit=MS, decimals=0),
-    assumed=_ASSUMED,
-    modal_motion=False,
-    rapid_feed=True,
+    # G5 depends on a build option, and how finely it is drawn on another one: no cubics.
+    abilities=Abilities(
+        arc_planes=("G17",),
+        stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
+    ),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
+    notices=Notices(assumed=_ASSUMED, cautions=(_JOINED,), guard=(_OWN_OFF,)),
     ending=".gcode",
-    cautions=(_JOINED,),
-    guard=(_OWN_OFF,),
     language=Language(
         name="marlin",
         hide=reader_of(frozenset(), b"XYZIJREFS", b"$@", small=False),

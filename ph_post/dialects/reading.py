@@ -14,12 +14,11 @@ from typing import Final
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
 
-from ph_post.dialects.registry import find_dialect
+from ph_post.dialects.registry import built_in_dialects, find_dialect
 from ph_post.errors import InputError
-from ph_post.gcode.program import RS274, Motions, Note, PartProgram, PlaceArray, WordTable
-from ph_post.gcode.read import read_program, refuse_notes, shortened
+from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
+from ph_post.gcode.read import read_program, shortened
 from ph_post.gcode.words import excerpt, find_lines, refuse
 from ph_post.types import sealed
 
@@ -181,19 +180,14 @@ def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
     return pieces
 
 
-_LANGUAGES: Final = {".mpf": "siemens", ".spf": "siemens"}
-"""Endings of programs that are of one language alone."""
-
-_KLARTEXT: Final = re.compile(rb"\s*(?:\d+\s+)?BEGIN\s+PGM\s")
-
-
 def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> PartProgram:
     """Read a part program by the words of a dialect.
 
     Parameters
     ----------
     dialect : str
-        Its name; empty for the words that most controllers share, or those that the ending of `name` tells.
+        Its name; empty for the words that most controllers share, or for the dialect that alone has the
+        ending of `name`.
     data, name, strict
         As for :func:`ph_post.gcode.read.read_program`.
 
@@ -202,27 +196,34 @@ def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> Pa
     InputError
         Where there is no such dialect, or the text is not understood as a program of it.
     """
-    dialect = dialect or _LANGUAGES.get(PurePath(name).suffix.lower(), "")
-    found = find_dialect(dialect) if dialect else None
-    front = None if found is None else found.front
-    if front is None and _KLARTEXT.match(data):
-        raise InputError(
-            f"{name}:1",
-            "a conversational program of Heidenhain, read by other words",
-            expected="--dialect heidenhain, or a machine file with that dialect",
-        )
-    if front is None:
-        language = RS274 if found is None else found.language
-        return replace(read_program(data, name, strict=strict, language=language), dialect=dialect)
-    program = replace(front(data, name), dialect=dialect)
-    if strict:
-        refuse_notes(program)
-    return program
+    language = _language_of(dialect, name)
+    if language.read is None:
+        _refuse_another(data, name)
+    return read_program(data, name, strict=strict, language=language)
 
 
-def read_anew(program: PartProgram, data: bytes, name: str | None = None) -> PartProgram:
-    """Read what was made of a program, or what it was made of, by the words it was read by itself."""
-    told = program.name if name is None else name
-    if program.dialect:
-        return read_as(program.dialect, data, told)
-    return read_program(data, told, language=program.language)
+def read_again_as(dialect: str, program: PartProgram, *, strict: bool = False) -> PartProgram:
+    """Return a program read by the words of a dialect: itself, where it was read in that language before."""
+    if program.language == _language_of(dialect, program.name) and not (strict and program.notes):
+        return program
+    return read_as(dialect, program.data, program.name, strict=strict)
+
+
+def _language_of(dialect: str, name: str) -> Language:
+    """Return the language of a dialect; without its name that which alone has the ending, or RS274/NGC."""
+    if dialect:
+        return find_dialect(dialect).language
+    ending = PurePath(name).suffix.lower()
+    languages = (one.language for one in built_in_dialects())
+    return next((one for one in languages if ending in one.endings), RS274)
+
+
+def _refuse_another(data: bytes, name: str) -> None:
+    """Refuse a program that is of another dialect beyond doubt."""
+    for dialect in built_in_dialects():
+        if dialect.language.recognizes is not None and dialect.language.recognizes(data):
+            raise InputError(
+                f"{name}:1",
+                f"{dialect.language.title}, read by other words",
+                expected=f"--dialect {dialect.name}, or a machine file with that dialect",
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, TypeGuard
 
 from msgspec.structs import replace
@@ -62,7 +63,12 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
             known = " or ".join(dialect.variants) or "none"
             raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
         dialect = dialect.variants[word](dialect)
-    return replace(dialect, name=name) if words else dialect
+    return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
+
+
+def built_in_dialects() -> Iterator[Dialect]:
+    """Yield the dialects of this package."""
+    return (find_dialect(name) for name in BUILT_IN)
 
 
 def _is_dialect(found: object) -> TypeGuard[Dialect]:

@@ -7,7 +7,6 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.dialects.reading import read_anew
 from ph_post.diff.blocks import compare_blocks, compare_commands
 from ph_post.diff.curves import curve_table
 from ph_post.diff.feeds import PathTiming, compare_feeds, compare_times, programmed_timing
@@ -17,6 +16,7 @@ from ph_post.edit.header import Declaration, read_declaration
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.gcode.read import reread
 from ph_post.simulate.assess import resting_axes, scenarios
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import moving_axes, program_error
@@ -48,7 +48,7 @@ class DeclaredProgram:
             return
         words = describe_declaration(declaration)
         try:
-            self.original = read_anew(program, undo(program.data, program.name))
+            self.original = reread(program, undo(program.data, program.name))
             self.taken_back = True
         except InputError as error:
             words.append(f"what it declares cannot be taken off: {error}")

@@ -122,7 +122,7 @@ class ChangeWriter:
             self._path = modal.path
         feed = self._feeds.after(block)
         if modal.feed_mode == 94 and feed is not None and feed != self._feed:
-            if self._dialect.modal_motion:
+            if self._dialect.syntax.modal_motion:
                 lines.append(f"F{feed}")
             else:
                 lines.append(self._joined("G1", f"F{feed}"))
@@ -171,7 +171,7 @@ class ChangeWriter:
 
     def _wording(self, motion: int, block: int, offset: IntArray) -> PartWords:
         modal = self._program.modal_after(block)
-        length = self._dialect.length
+        length = self._dialect.numbers.length
         words = PartWords(self._program, motion, modal, self._decimals, self._fine, length)
         words.begin(offset)
         return words
@@ -209,7 +209,7 @@ class ChangeWriter:
         exchange |= dict.fromkeys(block_words.words_after_motion(self._program, block), "")
         feed = self._feed_of(words, part)
         own = block_words.words_by_letter(self._program, block).get("F")
-        cuts = self._program.motions.kind[words.motion] != RAPID or self._dialect.rapid_feed
+        cuts = self._program.motions.kind[words.motion] != RAPID or self._dialect.syntax.rapid_feed
         if own is not None:
             if feed != self._feeds.after(block) or words.modal.feed_mode == 93:
                 exchange[own] = f"F{feed}"
@@ -253,10 +253,10 @@ class ChangeWriter:
         assert self._change is not None
         wanted = modal.path
         if part.duration is not None and self._program.motions.exact[motion]:
-            if self._dialect.path_mode is None:
+            if self._dialect.syntax.path_mode is None:
                 where = f"{self._program.name}:{self._program.motions.block[motion] + 1}"
                 raise InputError(where, f"{self._dialect.name} has no words to leave exact stops in a feed dip")
-            wanted = self._dialect.path_mode(self._tolerance * MM / modal.units)
+            wanted = self._dialect.syntax.path_mode(self._tolerance * MM / modal.units)
         if wanted is not None and wanted != self._path:
             self._change.lines.append(wanted)
             self._path = wanted
@@ -283,11 +283,11 @@ class ChangeWriter:
         """Write a dwell, if there is one."""
         assert self._change is not None
         if pause >= _LEAST_PAUSE:
-            words = self._dialect.dwell.words(pause, self._dialect.feed_digits)
+            words = self._dialect.dwell_words(pause)
             self._change.lines.append(self._joined(*words))
 
     def _digits(self, value: float) -> str:
-        return self._dialect.feed(value)
+        return self._dialect.numbers.feed(value)
 
     def _joined(self, *words: str) -> str:
-        return ("" if self._dialect.terse else " ").join(words)
+        return ("" if self._dialect.syntax.terse else " ").join(words)

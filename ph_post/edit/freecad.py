@@ -20,7 +20,7 @@ from typing import Any, Final, Literal
 import msgspec
 import numpy as np
 
-from ph_post.dialects.base import Dialect, require_spliceable
+from ph_post.dialects.base import Dialect
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError, PhPostError
 from ph_post.files.storage import SourceText, make_folder, shipped, write_atomically
@@ -188,7 +188,7 @@ def answer(job: JobRecord, machine: Machine) -> dict[str, Any]:
         Where programs of the machine's dialect cannot be compensated.
     """
     dialect = find_dialect(machine.dialect)
-    require_spliceable(dialect, machine.name)
+    dialect.require_editable(machine.name)
     traced = [_traced(operation, dialect, machine, job.tolerance * MM) for operation in job.operations]
     return {
         "dialect": dialect.name,

@@ -156,7 +156,7 @@ def declare(
         block_time=options.block_time,
         path_mode=path_mode,
         dialect=program.language.name,
-        commands=dialect.guard,
+        commands=dialect.notices.guard,
         notes=notes,
     )
 
@@ -262,7 +262,7 @@ def _value(name: str, text: str | None) -> Any:
 def _pauses(stops: Iterable[StopEdit], dialect: Dialect) -> list[float]:
     """Return every dwell [s] as the dialect's digits have it."""
     told = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    return [dialect.dwell.written(pause, dialect.feed_digits) for pause in told if pause > 0.0]
+    return [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in told if pause > 0.0]
 
 
 def _words(found: re.Match[bytes]) -> str:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable
 from typing import BinaryIO, Final, Literal
 
-from ph_post.dialects.reading import read_as
+from ph_post.dialects.reading import read_again_as, read_as
 from ph_post.edit.header import declared_language
 from ph_post.errors import InputError
 from ph_post.files.path import path_of
@@ -61,8 +61,8 @@ def read_program_pair(
     )
     words = dialect_of([first, second], dialect, machine)
     return (
-        a if isinstance(a, PartProgram) and a.dialect == words else read_as(words, first, one),
-        b if isinstance(b, PartProgram) and b.dialect == words else read_as(words, second, other),
+        read_again_as(words, a) if isinstance(a, PartProgram) else read_as(words, first, one),
+        read_again_as(words, b) if isinstance(b, PartProgram) else read_as(words, second, other),
     )
 
 

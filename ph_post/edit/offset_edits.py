@@ -388,6 +388,6 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
 
 def _with_warnings(edits: Edits, program: PartProgram, dialect: Dialect, said: list[str]) -> Edits:
     if edits.amplitude:
-        own = double_compensation(program, dialect.name)
-        said = [*said, *friction_warnings(edits.amplitude), *own, *dialect.cautions]
+        own = double_compensation(program, dialect)
+        said = [*said, *friction_warnings(edits.amplitude), *own, *dialect.notices.cautions]
     return replace(edits, warnings=tuple(said))

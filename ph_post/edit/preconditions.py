@@ -48,12 +48,10 @@ def why_kept_whole(program: PartProgram, motion: int) -> str:
 
 def _why_indivisible_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
     line = int(program.motions.block[motion]) + 1
-    if not dialect.capabilities.cubic_splines:
+    if dialect.abilities.cubic is None:
         return f"line {line} would have to be divided, and {dialect.name} has no G5"
-    if dialect.spline_deviation is None:
-        return ""
     parts = np.array(split_cubic(program.motions.control[motion], [0.0, share, 1.0]))[:, :, :2]
-    if np.isfinite(dialect.spline_deviation(parts)).all():
+    if np.isfinite(dialect.abilities.cubic.deviation(parts)).all():
         return ""
     return f"the parts of the G5 in line {line} could not be trusted to {dialect.name}"
 
@@ -69,7 +67,7 @@ def word_decimals(dialect: Dialect, units: float) -> int:
     >>> word_decimals(find_dialect("grbl"), 1e-3), word_decimals(find_dialect("grbl"), 25.4e-3)
     (4, 5)
     """
-    return dialect.capabilities.decimals + (units > MM)
+    return dialect.numbers.decimals + (units > MM)
 
 
 def half_lost_motion(axis: Axis, dialect: Dialect, units: float) -> float:
@@ -92,12 +90,6 @@ def half_lost_motion(axis: Axis, dialect: Dialect, units: float) -> float:
         )
     return rounded
 
-
-_OWN: Final = {
-    "linuxcnc": "BACKLASH in LinuxCNC's ini file",
-    "grblhal": "the backlash settings of grblHAL ($160 on), where it was built with them,",
-}
-"""Where controllers keep a compensation of their own, by dialect."""
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
@@ -151,7 +143,7 @@ def program_units(program: PartProgram) -> list[float]:
     return sorted({program.modal[number].units for number in used.tolist()})
 
 
-def double_compensation(program: PartProgram, dialect: str) -> list[str]:
+def double_compensation(program: PartProgram, dialect: Dialect) -> list[str]:
     """Warn of a controller that compensates a second time."""
     words = program.words
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
@@ -166,8 +158,8 @@ def double_compensation(program: PartProgram, dialect: str) -> list[str]:
     if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
         line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
         said = [f"line {line} sets the controller's own backlash compensation (M425): both together shift twice"]
-    if dialect in _OWN:
-        said.append(f"{_OWN[dialect]} must be 0 for the shifted axes, or both shift them")
+    if own_setting := dialect.notices.own_compensation:
+        said.append(f"{own_setting} must be 0 for the shifted axes, or both shift them")
     return said
 
 

@@ -113,7 +113,7 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     step = units[0] * 10.0**-decimals
     tasks = schedule(edits, program.motions, step)
     found = motion_offsets(edits.offset, tasks, step)
-    numbers = _numbers(program, shifted_words(program, found), decimals, int(dialect.point))
+    numbers = _numbers(program, shifted_words(program, found), decimals, int(dialect.numbers.point))
     writer = ChangeWriter(
         program,
         dialect,
@@ -184,7 +184,7 @@ def _assemble_text(
     end, line = line_end(program), _head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
-    head = declaration_lines(declaration, dialect.capabilities.max_line, dialect.comments)
+    head = declaration_lines(declaration, dialect.syntax.max_line, dialect.syntax.comments)
     head += declaration.commands
     texts = [_join_lines(head, end), *(_join_lines(_change_lines(change, dialect), end) for change in changes)]
     places = [(line, line), *((change.block, change.block + change.removed) for change in changes)]
@@ -223,10 +223,10 @@ def _number_text(program: PartProgram, word: int) -> bytes:
 
 def _change_lines(change: Change, dialect: Dialect) -> list[str]:
     """Lines of a change behind the one that counts them; what it is for is cut to the length of a line."""
-    words, style = list(dict.fromkeys(change.label)), dialect.comments
+    words, style = list(dict.fromkeys(change.label)), dialect.syntax.comments
     head = f"+{len(change.lines)} -{change.removed} "
     line = marked(head + style.text(", ".join(words)), style)
-    while len(line) > dialect.capabilities.max_line:
+    while len(line) > dialect.syntax.max_line:
         words.pop()
         line = marked(head + style.text(", ".join([*words, "and more"])), style)
     return [line, *change.lines]
@@ -248,7 +248,7 @@ def _head_line(program: PartProgram) -> int:
 
 def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
     """Refuse lines that are longer than the dialect takes, and than the program had them."""
-    most = max(dialect.capabilities.max_line + len("\r\n"), int(np.diff(program.lines).max()))
+    most = max(dialect.syntax.max_line + len("\r\n"), int(np.diff(program.lines).max()))
     lines = split_lines(sealed(out))
     long = np.flatnonzero(np.diff(lines) > most)
     if long.size:
@@ -256,12 +256,12 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
         raise InputError(
             program.name,
             f"a line comes out too long for {dialect.name}",
-            expected=f"<= {dialect.capabilities.max_line} characters",
+            expected=f"<= {dialect.syntax.max_line} characters",
             got=text,
         )
 
 
 def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
     """Add the lines that undo the change."""
-    lines = payload_lines(payload, dialect.capabilities.max_line, dialect.comments)
+    lines = payload_lines(payload, dialect.syntax.max_line, dialect.syntax.comments)
     return body + _join_lines(lines, line_end(program))

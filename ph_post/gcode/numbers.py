@@ -69,7 +69,7 @@ SEMICOLON = Comments(before="; ", after="")
 """Comments to the end of the line."""
 
 
-def to_grid(values: Any, decimals: int) -> IntArray:
+def to_counts(values: Any, decimals: int) -> IntArray:
     """Turn lengths [m] into whole numbers of the last decimal of a mm, the nearest ones.
 
     Everything written is on this grid, so that equality of positions is exact and a length or a radius
@@ -77,7 +77,7 @@ def to_grid(values: Any, decimals: int) -> IntArray:
 
     Examples
     --------
-    >>> to_grid([0.0123456, -0.001], 3)
+    >>> to_counts([0.0123456, -0.001], 3)
     array([12346, -1000])
     """
     return np.rint(np.asarray(values, dtype=np.float64) / MM * 10.0**decimals).astype(np.int64)

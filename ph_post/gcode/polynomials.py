@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from ph_post.gcode.blocks import POLYNOMIAL, Blocks, TrackShape
-from ph_post.gcode.numbers import to_grid
+from ph_post.gcode.numbers import to_counts
 from ph_post.geometry.bernstein import elevate, subdivide, to_power
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
@@ -58,7 +58,7 @@ def polynomial_words(
         if one.kind == "rational":
             found[row] = _quotient(part, offset[row], decimals)
         else:
-            found[row] = to_grid(to_power(part)[:, 2:], decimals)
+            found[row] = to_counts(to_power(part)[:, 2:], decimals)
     return found
 
 
@@ -81,8 +81,8 @@ def _quotient(net: Array, offset: Array, decimals: int) -> IntArray:
     scaled = net / net[-1, 0]
     scaled[:-1] += offset[:, None] * scaled[-1]
     power = to_power(scaled)
-    above = to_grid(power[:-1, 2:], decimals)
-    below = to_grid(np.append(scaled[-1, -1], power[-1, 2:]) * MM, DENOMINATOR_DECIMALS)
+    above = to_counts(power[:-1, 2:], decimals)
+    below = to_counts(np.append(scaled[-1, -1], power[-1, 2:]) * MM, DENOMINATOR_DECIMALS)
     return np.vstack([np.pad(above, ((0, 0), (1, 0))), below])
 
 

@@ -1,12 +1,12 @@
 """The record of a part program: every byte, its words, modal states, motions, breaks and notes.
 
 Everything is columnar, as programs of a million blocks are common: a row a word, a row a motion. `Language`
-says in which respects a controller's language differs from RS274/NGC.
+says in which respects a controller's language differs from RS274/NGC, or names its own reader.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Literal
 
 import msgspec
@@ -18,12 +18,12 @@ from ph_post.types import Array, IntArray
 
 
 class Language(msgspec.Struct, frozen=True, kw_only=True):
-    """A language that is read as RS274/NGC, but for what is said here.
+    """A language that is read as RS274/NGC but for the fields below, or by its own reader.
 
     Parameters
     ----------
     name : str
-        Of the dialect that it belongs to; empty for RS274/NGC.
+        Dialect that a compensated program declares for its reader; empty where RS274/NGC's reads it.
     hide : callable or None
         ``hide(data)``: the same text, every line as long as it was, with blanks in the place of what has no
         meaning for motion. What may move, and is not understood, becomes a line that begins with ``$``: after
@@ -37,6 +37,14 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether a cut needs an F before it; if not, it is one whose feed the program does not tell.
     bound : callable or None
         ``bound(line)``: why the motion of a line cannot be divided, in words; empty where it can.
+    read : callable or None
+        ``read(data, name) -> program``: its own reader, every byte kept, for a language of another grammar.
+    endings : tuple of str
+        Endings of files that are of this language alone, in small letters.
+    recognizes : callable or None
+        ``recognizes(data)``: whether a program is of this language beyond doubt; None where that never shows.
+    title : str
+        What such a program is called in errors.
     """
 
     name: str = ""
@@ -45,6 +53,10 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     fixed: Mapping[int, float] = {}
     feed_known: bool = True
     bound: Callable[[bytes], str] | None = None
+    read: Callable[[bytes, str], PartProgram] | None = None
+    endings: tuple[str, ...] = ()
+    recognizes: Callable[[bytes], bool] | None = None
+    title: str = ""
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""
@@ -79,6 +91,9 @@ RAPID, LINE, ARC, CUBIC, NURBS = range(5)
 AXES: Final[tuple[str, ...]] = ("X", "Y", "Z")
 """The axes of a position, by column."""
 
+CENTERS: Final[Mapping[str, str]] = {"X": "I", "Y": "J", "Z": "K"}
+"""Letter of an arc's centre along each axis."""
+
 PLANE_AXES: Final[Mapping[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 """First, second and third axis of a plane, as columns of a position; arcs turn from first to second."""
 
@@ -101,6 +116,19 @@ def plane_columns(plane: CodeArray) -> CodeArray:
     """
     table = np.array([PLANE_AXES[number] for number in sorted(PLANE_AXES)], dtype=np.int8)
     return np.asarray(table[plane - min(PLANE_AXES)])
+
+
+def plane_of(axes: Sequence[str]) -> tuple[str, int]:
+    """Word of the plane of the first two axes, and +1 or -1 as their order is the plane's or not.
+
+    Examples
+    --------
+    >>> plane_of(("X", "Y")), plane_of(("X", "Z"))
+    (('G17', 1), ('G18', -1))
+    """
+    pair = tuple(AXES.index(axis) for axis in axes[:2])
+    number = next(number for number, columns in PLANE_AXES.items() if set(pair) == set(columns[:2]))
+    return f"G{number}", 1 if pair == PLANE_AXES[number][:2] else -1
 
 
 BreakKind = Literal[
@@ -213,9 +241,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     with its line end (LF, CR LF or CR), the last one perhaps without. `modal` the distinct modal states,
     `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
-    end. `notes` name what was passed through. `dialect` is the one whose words it was read by, empty for
-    the common ones: what is made of it has to be read by the same.
-    `language` is what its words were taken for.
+    end. `notes` name what was passed through. `language` is the one it was read in: what is made of it has
+    to be read in the same.
     """
 
     name: str
@@ -229,7 +256,6 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     feed_word: Array
     breaks: tuple[Break, ...]
     notes: tuple[Note, ...]
-    dialect: str = ""
     language: Language = RS274
 
     @property

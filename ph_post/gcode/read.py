@@ -211,6 +211,11 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     >>> program.blocks, program.motions.end[1].tolist(), program.motions.feed[1].item()
     (4, [0.01, 0.0, nan], 0.01)
     """
+    if language.read is not None:
+        program = msgspec.structs.replace(language.read(data, name), language=language)
+        if strict:
+            refuse_notes(program)
+        return program
     if not data.strip():
         raise InputError(name, "the file is empty")
     if len(data) > _LARGEST:
@@ -254,6 +259,11 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         notes=notes,
         language=language,
     )
+
+
+def reread(program: PartProgram, data: bytes, name: str | None = None) -> PartProgram:
+    """Read what was made of a program, or what it was made of, in the language that it was read in itself."""
+    return read_program(data, program.name if name is None else name, language=program.language)
 
 
 def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.motion import MotionLaw
-from ph_post.dialects.base import Dialect, plane_of
+from ph_post.dialects.base import CubicAbility, Dialect
 from ph_post.gcode.blocks import (
     ARC,
     CURVE,
@@ -24,12 +24,12 @@ from ph_post.gcode.blocks import (
     read_shape,
 )
 from ph_post.gcode.polynomials import cut_cubics
+from ph_post.gcode.program import plane_of
 from ph_post.geometry.track import Track
 from ph_post.post.feeds import cut_stretches, feed_blocks
 from ph_post.post.options import ProgramOptions
 from ph_post.post.timeline import BlockRuns, MotionStretch, find_runs, find_stretches
 from ph_post.types import Array, BoolArray, IntArray, Plan
-from ph_post.units import MM
 
 _SAMPLES = 33
 """Places a piece at which the curvature is looked at, to begin with; the deviation is checked afterwards."""
@@ -202,12 +202,11 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     Blocks, TrackShape
     """
     inverse = options.feed_mode == "inverse-time"
-    abilities, plane = dialect.capabilities, plane_of(plan.path.axes)[0]
-    in_xy = plane == "G17"
+    abilities, plane = dialect.abilities, plane_of(plan.path.axes)[0]
     shape = read_shape(
         track,
-        arcs=abilities.arcs and plane in dialect.arc_planes and (dialect.inverse_time_arcs or not inverse),
-        splines=abilities.cubic_splines and in_xy and (dialect.inverse_time_splines or not inverse),
+        arcs=abilities.writes_arcs(plane, inverse=inverse),
+        splines=abilities.writes_splines(plane, inverse=inverse),
         degree=abilities.polynomial_degree,
     )
     motion = MotionLaw.from_phases(plan.phases)
@@ -218,7 +217,9 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
         stretches, timed = [one.stretch for one in cuts], feed_blocks(cuts)
     else:
         timed = _by_time(stretches, options.block_time)
-    runs = _with_splines(find_runs(stretches, shape), stretches, shape, dialect, period, options.chord_tolerance)
+    runs = _with_splines(
+        find_runs(stretches, shape), stretches, shape, abilities.cubic, period, options.chord_tolerance
+    )
     blocks = _in_order(_by_geometry(runs, stretches, shape, options.chord_tolerance), timed)
     blocks = _with_curves(_with_places(blocks, motion, shape), shape, dialect)
     blocks = join_short_blocks(blocks, shape, period, options.block_time)
@@ -229,7 +230,7 @@ def _with_splines(
     runs: BlockRuns,
     stretches: list[MotionStretch],
     shape: TrackShape,
-    dialect: Dialect,
+    ability: CubicAbility | None,
     period: float,
     tolerance: float,
 ) -> BlockRuns:
@@ -237,16 +238,16 @@ def _with_splines(
     rapid = np.array([stretch.rapid for stretch in stretches], dtype=bool)[runs.stretch]
     kind = np.where(rapid & (runs.kind != LINE), CURVE, runs.kind)
     cubic = np.flatnonzero(kind == SPLINE)
-    if not cubic.size or dialect.spline_deviation is None:
+    if not cubic.size or ability is None:
         return msgspec.structs.replace(runs, kind=kind)
     speed = np.array([abs(one.s1 - one.s0) / (one.end - one.start) for one in stretches])[runs.stretch]
     parts = cut_cubics(
         shape,
-        dialect.spline_deviation,
+        ability.deviation,
         runs.piece[cubic],
         (runs.s0 - runs.base)[cubic],
         (runs.s1 - runs.base)[cubic],
-        least=dialect.spline_pieces * period * speed[cubic],
+        least=ability.pieces * period * speed[cubic],
         tolerance=tolerance,
     )
     rest = np.flatnonzero(kind != SPLINE)
@@ -358,7 +359,7 @@ def _with_curves(blocks: Blocks, shape: TrackShape, dialect: Dialect) -> Blocks:
     inwards = np.clip(0.5 * (blocks.s1 - blocks.s0), -SNAP, SNAP)  # so that a joint counts as either side
     same = (shape.piece_at(blocks.s0 + inwards) == piece) & (shape.piece_at(blocks.s1 - inwards) == piece)
     timed = (blocks.timed == 1) & (blocks.kind == LINE) & same
-    quantum = MM * 10.0**-dialect.capabilities.decimals
+    quantum = dialect.numbers.quantum
     bent = (blocks.s1 - blocks.s0) ** 2 >= 8.0 * quantum * shape.radius[piece]
     round_ = (blocks.kind == ARC) | (timed & (shape.kind[piece] == ARC))
     kind = np.where(round_, np.where(bent, ARC, LINE), blocks.kind)

@@ -16,7 +16,7 @@ from ph_post.compensate.motion import MotionLaw
 from ph_post.dialects.base import Dialect
 from ph_post.errors import InputError
 from ph_post.gcode.blocks import ARC, DWELL, JOG, POLYNOMIAL, SPLINE, Blocks, Moves, TrackShape
-from ph_post.gcode.numbers import to_grid
+from ph_post.gcode.numbers import to_counts
 from ph_post.gcode.polynomials import cubic_control, polynomial_words
 from ph_post.post.feeds import FeedSchedule, schedule_feeds
 from ph_post.types import Array, IntArray, Jog, Phase, Plan
@@ -76,10 +76,10 @@ def check_jogs(jogs: Sequence[Jog], dialect: Dialect) -> None:
     """
     if not jogs:
         return
-    if not dialect.capabilities.dwells:
+    if not dialect.abilities.dwells:
         what = f"the dialect {dialect.name} has no dwell in which the axes stand still, as an offset needs it"
         raise InputError("--dialect", what, expected="another dialect, or --feed-only", got=dialect.name)
-    least = FINEST * MM * 10.0**-dialect.capabilities.decimals
+    least = FINEST * dialect.numbers.quantum
     smallest = min(jogs, key=lambda jog: abs(jog.travel))
     if abs(smallest.travel) < least:
         raise InputError(
@@ -149,9 +149,9 @@ def round_blocks(
     no more than the rounding of the two points. `phases` are the motion's, for dialects whose feed can change
     within a block.
     """
-    decimals = dialect.capabilities.decimals
+    decimals = dialect.numbers.decimals
     path = shape.positions(np.append(blocks.s0[:1], blocks.s1))
-    points = to_grid(path + carried.offset, decimals)
+    points = to_counts(path + carried.offset, decimals)
     moving = (np.diff(points, axis=0) != 0).any(axis=1) | (blocks.kind == DWELL)
     duration = _inherited(blocks.end - blocks.start, moving)
     kept = np.flatnonzero(moving)
@@ -159,18 +159,18 @@ def round_blocks(
     blocks = msgspec.structs.replace(blocks, **{name: getattr(blocks, name)[kept] for name in names})
     points, offset = points[np.append(0, kept + 1)], carried.offset[kept + 1]
     piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
-    center = to_grid(shape.center[piece] + offset[:, :2], decimals)
+    center = to_counts(shape.center[piece] + offset[:, :2], decimals)
     way = np.sign(blocks.s1 - blocks.s0).astype(np.int64)
     turn = np.where(blocks.kind == ARC, shape.turn[piece] * way, 0)
     length = _lengths(blocks, points, center, turn, decimals)
     feed = np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration))
     course = FeedSchedule(feed=feed, profiles={}, off={})
-    if dialect.capabilities.feed_degree:
-        course = schedule_feeds(blocks, MotionLaw.from_phases(phases), feed, dialect.feed_digits)
+    if dialect.abilities.feed_degree:
+        course = schedule_feeds(blocks, MotionLaw.from_phases(phases), feed, dialect.numbers.feed_digits)
     return Moves(
         kind=blocks.kind,
         points=points,
-        plain=to_grid(path[-1], decimals),
+        plain=to_counts(path[-1], decimals),
         center=center,
         turn=turn,
         inner=_inner_points(blocks, shape, piece, offset, decimals),
@@ -203,7 +203,7 @@ def _inner_points(blocks: Blocks, shape: TrackShape, piece: IntArray, offset: Ar
     of = piece[spline]
     u0, u1 = shape.local(of, blocks.s0[spline]), shape.local(of, blocks.s1[spline])
     control = cubic_control(shape, of, u0, u1)[:, 1:3]
-    inner[spline] = to_grid(control + offset[spline, np.newaxis, :2], decimals)
+    inner[spline] = to_counts(control + offset[spline, np.newaxis, :2], decimals)
     return inner
 
 

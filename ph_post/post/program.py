@@ -13,11 +13,10 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance
-from ph_post.dialects.base import Dialect, plane_of
-from ph_post.dialects.lines import make_writer
+from ph_post.dialects.base import Dialect
 from ph_post.errors import InputError
 from ph_post.gcode.blocks import DWELL, JOG, SNAP, Moves, TrackShape
-from ph_post.gcode.numbers import to_grid
+from ph_post.gcode.program import plane_of
 from ph_post.geometry.track import Track
 from ph_post.post.blocks import cut_blocks
 from ph_post.post.moves import check_jogs, read_jogs, round_blocks, with_jogs
@@ -116,7 +115,7 @@ def make_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOpt
     """
     chosen = options or ProgramOptions()
     inverse = chosen.feed_mode == "inverse-time"
-    if inverse and not dialect.capabilities.inverse_time:
+    if inverse and not dialect.abilities.inverse_time:
         what = f"the dialect {dialect.name} has no inverse time"
         raise InputError("--feed-mode", what, expected="per-minute", got=chosen.feed_mode)
     check_options(chosen, plan.path, plan.machine.servo_period)
@@ -136,7 +135,7 @@ class _Job:
         blocks, self.shape = cut_blocks(msgspec.structs.replace(plan, phases=found.phases), track, dialect, options)
         blocks, carried = with_jogs(blocks, found, self.axes)
         self.moves = round_blocks(blocks, self.shape, dialect, carried, found.phases)
-        self.out = make_writer(dialect, self.axes, options.chord_tolerance)
+        self.out = dialect.line_writer(self.axes, options.chord_tolerance)
         self.out.rapid_speed = _rapid_speed(plan)
         self.safe = self._height(options.safe_z)
         self.depth = self._height(options.depth)
@@ -144,7 +143,7 @@ class _Job:
     def program(self) -> Program:
         """Header, opening, the cuts each with its approach, and the end."""
         self.out.add(header_lines(self.plan, self.dialect, self.options))
-        self.out.add(self.dialect.opening(plane_of(self.axes)[0]))
+        self.out.add(self.dialect.syntax.opening(plane_of(self.axes)[0]))
         for first, last, rapid in _groups(self.moves):
             if rapid:
                 self._rapids(first, last)
@@ -205,7 +204,7 @@ class _Job:
         if back:
             self.out.path_mode(exact=True)
             self.out.straight("G1", back, min(APPROACH_FEED, self.plan.path.feed))
-        self.out.add(self.dialect.closing)
+        self.out.add(self.dialect.syntax.closing)
 
     def _lift(self) -> None:
         if self.safe is not None:
@@ -217,14 +216,10 @@ class _Job:
     def _offset(self, first: int, last: int) -> dict[str, int]:
         s, end = float(self.moves.s0[first]), float(self.moves.s1[last - 1])
         offset = approach_offset(self.shape, self.plan, s, end)
-        return dict(zip(self.axes, to_grid(offset, self._decimals).tolist(), strict=True))
+        return dict(zip(self.axes, self.dialect.numbers.counts(offset).tolist(), strict=True))
 
     def _height(self, z: float | None) -> int | None:
-        return None if z is None else int(to_grid(z, self._decimals))
-
-    @property
-    def _decimals(self) -> int:
-        return self.dialect.capabilities.decimals
+        return None if z is None else self.dialect.numbers.count(z)
 
 
 def _rapid_speed(plan: Plan) -> float:

@@ -29,7 +29,7 @@ def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[
         *_offsets(plan),
         *_assumptions(plan, dialect, options),
     ]
-    return [line for remark in remarks for line in dialect.remark(remark)]
+    return [line for remark in remarks for line in dialect.comment(remark)]
 
 
 def package_version() -> str:
@@ -56,7 +56,7 @@ def _hash(digest: str) -> str:
 def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     feed = "inverse time, F in 1/min" if options.feed_mode == "inverse-time" else "F in mm/min"
     chord, block = options.chord_tolerance / MM, options.block_time / MS
-    rounding = "" if dialect.path_mode is None else f", joints rounded by at most {chord:g} mm more"
+    rounding = "" if dialect.syntax.path_mode is None else f", joints rounded by at most {chord:g} mm more"
     return [
         f"dialect {dialect.name}, lengths in mm, {feed}",
         f"planned time {cycle_time(plan.nominal):.4f} s without feed dips,"
@@ -66,7 +66,7 @@ def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
 
 
 def _dips(dialect: Dialect, block: float) -> str:
-    if dialect.capabilities.feed_degree:
+    if dialect.abilities.feed_degree:
         part = 100.0 * FOLLOWS
         return f"feed in ramps and dips within {part:g} percent but for the last milliseconds beside a stop"
     return f"blocks of at most {block:g} ms in ramps and dips"
@@ -113,8 +113,8 @@ def _offsets(plan: Plan) -> list[str]:
 
 def _assumptions(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     """Say what has to hold for the program to do what it was planned for."""
-    facts = list(dialect.assumed)
-    if dialect.path_mode is not None:
+    facts = list(dialect.notices.assumed)
+    if dialect.syntax.path_mode is not None:
         facts.append("the path mode of the last cut stays in force after the program")
     if "Z" in plan.path.axes:
         facts.append("Z is approached from above, whatever its first motion")
@@ -156,10 +156,10 @@ def controller_warnings(
             f"{int((missing > 0.0).sum())} of {moves.kind.size} blocks are shorter than the servo period of"
             f" {period / MS:g} ms and cost {missing.sum():.3g} s: try a larger --chord-tolerance"
         )
-    rate = _stream_rate(dialect.stream_window, moves.duration, sizes)
-    if dialect.stream_rate is not None and rate > dialect.stream_rate:
+    stream = dialect.abilities.stream
+    if stream is not None and (rate := _stream_rate(stream.window, moves.duration, sizes)) > stream.rate:
         warnings.append(
-            f"in places the controller needs {rate:.0f} bytes a second and gets {dialect.stream_rate:.0f}:"
+            f"in places the controller needs {rate:.0f} bytes a second and gets {stream.rate:.0f}:"
             " try a longer --block-time or a larger --chord-tolerance"
         )
     coarse = [off for off in moves.off.values() if off > FOLLOWS]
@@ -169,7 +169,7 @@ def controller_warnings(
             f" {100.0 * max(coarse):.2g} percent: the servo period lets them be no shorter, or another feed"
             " is in force before them"
         )
-    if options.feed_mode == "inverse-time" and not dialect.inverse_time_arcs:
+    if options.feed_mode == "inverse-time" and "arc" not in dialect.abilities.inverse_time:
         warnings.append(f"no G2 and G3 are written, as {dialect.name} does not keep their time under G93")
     return tuple(warnings)
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.dialects.base import Dialect
+from ph_post.dialects.base import CubicAbility, Dialect
 from ph_post.errors import SolveError
 from ph_post.gcode.blocks import read_shape
 from ph_post.gcode.polynomials import CubicParts, cubic_control, cut_cubics
@@ -97,13 +97,13 @@ def trace_moves(
     list of Move, int
         The moves, and the number of splines among them.
     """
-    if not dialect.capabilities.cubic_splines or dialect.spline_deviation is None or not tracks:
+    if (ability := dialect.abilities.cubic) is None or not tracks:
         return list(moves), 0
     done, kept, count = list[Move](), 0, 0
     for run in find_runs(moves):
         for trace in find_traces(run.points, tracks, tolerance):
-            least = dialect.spline_pieces * period * run.feed
-            steps = _steps(tracks[trace.curve], trace, run, dialect, least)
+            least = ability.pieces * period * run.feed
+            steps = _steps(tracks[trace.curve], trace, run, ability, least)
             splines = sum(step.inner is not None for step in steps)
             if not splines:
                 continue
@@ -114,14 +114,13 @@ def trace_moves(
     return [*done, *moves[kept:]], count
 
 
-def _steps(track: Track, trace: CurveTrace, run: StraightRun, dialect: Dialect, least: float) -> list[TracedMove]:
+def _steps(track: Track, trace: CurveTrace, run: StraightRun, ability: CubicAbility, least: float) -> list[TracedMove]:
     """Cut a trace into splines and straight moves."""
     shape = read_shape(track, arcs=False, splines=True)
     piece, u0, u1 = _cut_at_pieces(trace)
-    assert dialect.spline_deviation is not None
     parts = cut_cubics(
         shape,
-        dialect.spline_deviation,
+        ability.deviation,
         piece,
         track.arc_length(piece, u0),
         track.arc_length(piece, u1),

@@ -8,11 +8,11 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.dialects.reading import read_anew
 from ph_post.edit.header import read_declaration
 from ph_post.edit.undo import undo
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram
+from ph_post.gcode.read import reread
 from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
@@ -271,4 +271,4 @@ def original_of(program: PartProgram) -> PartProgram | None:
     """
     if read_declaration(program.data) is None:
         return None
-    return read_anew(program, undo(program.data, program.name), f"original of {program.name}")
+    return reread(program, undo(program.data, program.name), f"original of {program.name}")

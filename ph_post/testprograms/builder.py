@@ -9,10 +9,8 @@ from typing import Final
 
 import msgspec
 
-from ph_post.dialects.base import Dialect, plane_of
-from ph_post.dialects.lines import OFFSET_WORDS, LineWriter, make_writer
-from ph_post.gcode.numbers import to_grid
-from ph_post.gcode.program import AXES
+from ph_post.dialects.base import Dialect
+from ph_post.gcode.program import AXES, CENTERS, plane_of
 from ph_post.types import Machine
 from ph_post.units import MM, MM_PER_MIN
 
@@ -113,7 +111,7 @@ class ProgramBuilder:
         self.volume = volume
         self.dialect = dialect
         self.seconds = 0.0
-        self._writer = make_writer(dialect, AXES, JOINT)
+        self._writer = dialect.line_writer(AXES, JOINT)
         self._at: dict[str, int] = {}
         self.home(min(APPROACH, 0.25 * volume.top(*volume.axes)))
         self.dwell(1.0)
@@ -123,13 +121,13 @@ class ProgramBuilder:
         self.home()
         self._writer.plane("G17")
         self._writer.path_mode(exact=True)
-        head = [line for remark in remarks for line in self.dialect.remark(remark)]
-        lines = [*head, *self.dialect.opening("G17"), *self._writer.lines, *self.dialect.closing]
+        head = [line for remark in remarks for line in self.dialect.comment(remark)]
+        lines = [*head, *self.dialect.syntax.opening("G17"), *self._writer.lines, *self.dialect.syntax.closing]
         return "\n".join(self.dialect.finished(lines, name)) + "\n"
 
     def say(self, words: str) -> None:
         """Write a comment."""
-        self._writer.add(self.dialect.remark(words))
+        self._writer.add(self.dialect.comment(words))
 
     def home(self, speed: float | None = None) -> None:
         """Go to the middle of the volume, quickly where no speed is given [m/s]."""
@@ -152,7 +150,7 @@ class ProgramBuilder:
         self._writer.write_straight("G1", self._words(moved), self._feed(speed))
         # The first move has no known start and counts as length 0.
         steps = [count - self._at.get(axis, count) for axis, count in moved.items()]
-        self._spend(math.hypot(*steps) * MM / 10.0**self.dialect.capabilities.decimals, speed, tuple(moved))
+        self._spend(math.hypot(*steps) * self.dialect.numbers.quantum, speed, tuple(moved))
         self._at |= to
 
     def circle(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int = 1) -> None:
@@ -174,8 +172,8 @@ class ProgramBuilder:
         middle = {axis: self.volume.centre(axis) for axis in pair}
         self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.volume.top(*pair))
         self.dwell(self.volume.settle)
-        arcs = self.dialect.capabilities.arcs and plane_of(pair)[0] in self.dialect.arc_planes
-        if arcs and type(self._writer).write_arc is LineWriter.write_arc:
+        abilities = self.dialect.abilities
+        if abilities.full_circles and abilities.writes_arcs(plane_of(pair)[0]):
             self._arcs(pair, turn, speed, turns)
         else:
             self._chords(pair, radius, turn, speed, turns)
@@ -190,7 +188,7 @@ class ProgramBuilder:
         self._writer.path_mode(exact=False)
         end = self._words({axis: self._at[axis] for axis in pair})
         centre = self._words(
-            {OFFSET_WORDS[first]: self._count(self.volume.centre(first)) - self._at[first], OFFSET_WORDS[second]: 0}
+            {CENTERS[first]: self._count(self.volume.centre(first)) - self._at[first], CENTERS[second]: 0}
         )
         for _ in range(turns):
             self._writer.arc(end, centre, turn * sense > 0, self._feed(speed))
@@ -213,11 +211,10 @@ class ProgramBuilder:
         self.seconds += 2.0 * math.sqrt(length / ramp) if slow else length / speed + speed / ramp
 
     def _count(self, place: float) -> int:
-        return int(to_grid(place, self.dialect.capabilities.decimals))
+        return self.dialect.numbers.count(place)
 
     def _words(self, counts: Mapping[str, int]) -> list[str]:
-        decimals = self.dialect.capabilities.decimals
-        return [letter + self.dialect.length(count, decimals) for letter, count in counts.items()]
+        return [letter + self.dialect.numbers.length(count) for letter, count in counts.items()]
 
     def _feed(self, speed: float) -> str:
-        return self.dialect.feed(speed / MM_PER_MIN)
+        return self.dialect.numbers.feed(speed / MM_PER_MIN)

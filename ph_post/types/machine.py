@@ -131,22 +131,3 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     gap: float = 1.0
     beta: float = 1.0
     gain: float = 1.0
-
-
-class Capabilities(msgspec.Struct, frozen=True, kw_only=True):
-    """What a dialect can carry."""
-
-    arcs: bool
-    cubic_splines: bool
-    inverse_time: bool
-    decimals: int
-    max_line: int
-    blending: bool
-    """Whether a path-blending word (G64) is understood."""
-    dwells: bool = True
-    """Whether the axes stand still in a G4, so that a short move between two of them is not blended away."""
-    polynomial_degree: int = 1
-    """Highest degree of a block that is a polynomial, or a quotient of two, of each axis; 1 where there is
-    none but the straight move."""
-    feed_degree: int = 0
-    """Highest degree of the feed of one block as a polynomial of the way; 0 where a block has one feed."""

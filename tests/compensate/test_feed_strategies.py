@@ -138,7 +138,7 @@ def test_a_program_stops_at_the_turning_points_waits_and_goes_on(dialect: str, s
     ends = np.cumsum([move.duration for move in moves])
     assert ends[-1] == pytest.approx(cycle_time(plan.phases), rel=1e-3)
     dwells = [k for k, move in enumerate(moves) if move.word == "G4"]
-    quantum = 10.0 ** -find_dialect(dialect).capabilities.decimals
+    quantum = find_dialect(dialect).numbers.quantum / MM
     for k, hold in zip(dwells, holds(plan), strict=True):
         exact = analysis.track.derivatives(*analysis.track.locate(np.array([hold.s])), 0)[0, 0] / MM
         assert np.abs(moves[k].end[:2] - exact).max() <= 0.5001 * quantum

@@ -84,7 +84,7 @@ def test_printer_firmware_goes_where_the_path_goes(firmware: str) -> None:
 @pytest.mark.parametrize("firmware", PRINTERS)
 def test_dwells_are_in_milliseconds(firmware: str) -> None:
     plan, own = plan_of(ROOT / "paths" / "circle.json", "dwell"), find_dialect(firmware)
-    other = replace(find_dialect("grblhal"), capabilities=own.capabilities)
+    other = replace(find_dialect("grblhal"), abilities=own.abilities, numbers=own.numbers)
     texts = [make_program(plan, Track(plan.path), dialect, HOW).text for dialect in (own, other)]
     seconds = [float(one) for one in re.findall(r"^G4 P([\d.]+)$", texts[1], re.MULTILINE)]
     assert seconds

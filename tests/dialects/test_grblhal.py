@@ -36,6 +36,6 @@ def test_a_spline_is_divided_where_an_axis_turns() -> None:
     found = compensate(text, read_machine("stepper"), dialect="grblhal").text.decode()
     assert "G5 X15.03 Y15.04 I10 J5 P0 Q-5" in found
     assert "G5 X-0.03 Y30.04 I0 J5 P10 Q-5 F600" in found
-    assert max(map(len, found.splitlines())) <= DIALECT.capabilities.max_line
+    assert max(map(len, found.splitlines())) <= DIALECT.syntax.max_line
     grbl = compensate(text, read_machine("stepper"), dialect="grbl")
     assert "no G5" in grbl.edits.warnings[0]

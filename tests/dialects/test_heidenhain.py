@@ -261,11 +261,11 @@ def test_rapid_traverse_holds_for_its_block_alone() -> None:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_nothing_is_spliced_and_the_reason_is_told(dialect: str) -> None:
+def test_editing_is_refused_with_its_reason(dialect: str) -> None:
     program = read(dialect, PART)
     machine = replace(read_machine("router"), dialect=dialect)
     request = ProgramRequest(
         plan=PlanOptions(strategy="auto", carrier="program", effort=0.05), edit=EditOptions(), force=False
     )
-    with pytest.raises(InputError, match="nothing is spliced into programs of heidenhain"):
+    with pytest.raises(InputError, match=f"programs of {dialect} cannot be edited: blocks are numbered"):
         compensate_program(program, machine, request, lambda words: None)

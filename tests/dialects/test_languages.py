@@ -61,7 +61,7 @@ def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> N
     moves = found.run.moves[1 - program.moves :] if program.moves > 1 else found.run.moves
     curve = dense_points(name)
     points = samples(moves)[:, : curve.shape[1]]
-    quantum = 10.0 ** -find_dialect(dialect).capabilities.decimals
+    quantum = find_dialect(dialect).numbers.quantum / MM
     # the ends of moves are rounded by half a decimal in each coordinate, and so are the centres of arcs
     assert distance(points, curve).max() <= TOLERANCE + 2.0 * quantum + 1e-5
     # the other way round: no part of the path is left out

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from ph_post.dialects.lines import make_writer
 from ph_post.dialects.registry import find_dialect
 
 
 @pytest.mark.parametrize("name", ["fanuc", "grbl", "linuxcnc", "marlin", "siemens"])
 def test_a_line_behind_an_arc_has_its_own_feed(name: str) -> None:
-    writer = make_writer(find_dialect(name), "XYZ", 1e-5)
+    writer = find_dialect(name).line_writer("XYZ", 1e-5)
     writer.write_straight("G1", ["X30"], "24000")
     writer.arc(["X30", "Y0"], ["I-30", "J0"], True, "1200")
     writer.arc(["X30", "Y0"], ["I-30", "J0"], False, "1200")
@@ -20,17 +19,17 @@ def test_a_line_behind_an_arc_has_its_own_feed(name: str) -> None:
 
 
 def test_a_terse_dialect_repeats_no_arc_word() -> None:
-    writer = make_writer(find_dialect("grbl"), "XYZ", 1e-5)
+    writer = find_dialect("grbl").line_writer("XYZ", 1e-5)
     for _ in range(2):
         writer.arc(["X30", "Y0"], ["I-30", "J0"], True, "1200")
     assert writer.lines == ["G3X30Y0I-30J0F1200", "X30Y0I-30J0"]
 
 
 def test_a_plane_is_written_where_it_changes() -> None:
-    writer = make_writer(find_dialect("linuxcnc"), "XYZ", 1e-5)
+    writer = find_dialect("linuxcnc").line_writer("XYZ", 1e-5)
     for word in ("G17", "G18", "G18", "G17"):
         writer.plane(word)
     assert writer.lines == ["G18", "G17"]
-    turned = make_writer(find_dialect("linuxcnc"), "XZ", 1e-5)
+    turned = find_dialect("linuxcnc").line_writer("XZ", 1e-5)
     turned.plane("G18")
     assert turned.lines == []

@@ -44,8 +44,9 @@ def test_an_unknown_name_lists_those_that_exist(monkeypatch: pytest.MonkeyPatch)
 def test_what_a_machine_has_besides_is_named_behind_plus_signs() -> None:
     found = registry.find_dialect("fanuc+nurbs+isc")
     assert found.name == "fanuc+nurbs+isc"
-    assert (found.capabilities.cubic_splines, found.capabilities.decimals) == (True, 4)
-    assert not registry.find_dialect("fanuc").capabilities.cubic_splines
+    assert (found.abilities.writes_splines("G17"), found.numbers.decimals) == (True, 4)
+    assert found.options == {"ai", "nurbs", "isc"}
+    assert not registry.find_dialect("fanuc").abilities.writes_splines("G17")
     with pytest.raises(InputError) as error:
         registry.find_dialect("fanuc+nurb", "--dialect")
     assert str(error.value) == (

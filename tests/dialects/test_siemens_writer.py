@@ -180,6 +180,6 @@ def test_every_word_is_in_the_manual(tmp_path: Path) -> None:
         text = _program(path, tmp_path)
         code = "\n".join(line.split(";")[0] for line in text.splitlines())
         found |= set(re.findall(r"[GM]\d+|[A-Z]{2,}|(?<![A-Z])[A-FH-LN-Z](?=[-=\d.\]])", code))
-        assert max(map(len, text.splitlines())) < DIALECT.capabilities.max_line
+        assert max(map(len, text.splitlines())) < DIALECT.syntax.max_line
         assert text.isascii()
     assert found <= WORDS

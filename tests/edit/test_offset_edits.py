@@ -218,9 +218,9 @@ def test_too_few_decimals_are_refused() -> None:
     coarse = find_dialect("grbl")
     program = read_program((START + "G1 X5\nX0\nM2\n").encode(), "part.ngc")
     # half of 0.06 mm is three whole steps of 0.01 mm, and none of 0.1 mm
-    fair = replace(coarse, capabilities=replace(coarse.capabilities, decimals=2))
+    fair = replace(coarse, numbers=replace(coarse.numbers, decimals=2))
     assert half_lost_motion(STEPPER.axes["X"], fair, 1e-3) == pytest.approx(0.5 * STEPPER.axes["X"].gap.lost_motion)
-    coarse = replace(coarse, capabilities=replace(coarse.capabilities, decimals=1))
+    coarse = replace(coarse, numbers=replace(coarse.numbers, decimals=1))
     with pytest.raises(InputError, match="decimals of grbl are too few for an offset of axis X"):
         plan_offsets(program, STEPPER, coarse, EditOptions())
 

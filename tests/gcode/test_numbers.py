@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ph_post.gcode.numbers import ALLOWED, Comments, comment_lines, decimal_text, significant_text, to_grid
+from ph_post.gcode.numbers import ALLOWED, Comments, comment_lines, decimal_text, significant_text, to_counts
 
 
 @given(st.integers(-(10**13), 10**13), st.integers(3, 6))
@@ -25,7 +25,7 @@ def test_a_count_is_written_exactly_and_as_short_as_it_goes(count: int, decimals
 def test_lengths_go_to_the_nearest_count(metres: float, decimals: int) -> None:
     exact = Fraction(metres) * 1000 * 10**decimals
     # one rounding in each of the two multiplications, besides that to the grid
-    assert abs(exact - int(to_grid([metres], decimals)[0])) <= Fraction(1, 2) + abs(exact) * Fraction(3, 2**53)
+    assert abs(exact - int(to_counts([metres], decimals)[0])) <= Fraction(1, 2) + abs(exact) * Fraction(3, 2**53)
 
 
 @given(st.floats(1e-6, 1e9), st.integers(3, 9))

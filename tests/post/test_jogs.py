@@ -16,7 +16,6 @@ from support.plans import make_path, make_plan
 from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan as plan_motion
-from ph_post.dialects.base import Dialect
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
@@ -165,18 +164,17 @@ def test_the_header_declares_the_offsets() -> None:
     assert "offset of" not in plain
 
 
-def coarse(**changes: object) -> Dialect:
-    dialect = find_dialect("linuxcnc")
-    return replace(dialect, capabilities=replace(dialect.capabilities, **changes))
+LINUXCNC = find_dialect("linuxcnc")
 
 
 def test_a_dialect_that_cannot_carry_jogs_is_refused() -> None:
     plan, track = planned("ring")
+    restless = replace(LINUXCNC, abilities=replace(LINUXCNC.abilities, dwells=False))
     with pytest.raises(InputError, match="decimals of linuxcnc are too few for an offset of axis X"):
-        make_program(plan, track, coarse(decimals=2), HOW)
+        make_program(plan, track, replace(LINUXCNC, numbers=replace(LINUXCNC.numbers, decimals=2)), HOW)
     with pytest.raises(InputError, match="no dwell in which the axes stand still"):
-        make_program(plan, track, coarse(dwells=False), HOW)
-    assert make_program(make_plan(track), track, coarse(dwells=False), HOW).text
+        make_program(plan, track, restless, HOW)
+    assert make_program(make_plan(track), track, restless, HOW).text
 
 
 def test_a_jog_in_motion_is_refused() -> None:

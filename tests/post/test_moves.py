@@ -174,7 +174,7 @@ def test_options_that_cannot_be(track: Track, how: dict[str, float], message: st
 def test_a_dialect_without_inverse_time_is_not_asked_for_it() -> None:
     grbl = find_dialect("grbl")
     plain = msgspec.structs.replace(
-        grbl, name="plain", capabilities=msgspec.structs.replace(grbl.capabilities, inverse_time=False)
+        grbl, name="plain", abilities=msgspec.structs.replace(grbl.abilities, inverse_time=frozenset())
     )
     with pytest.raises(InputError, match="the dialect plain has no inverse time; expected per-minute"):
         make_program(make_plan(PLANAR), PLANAR, plain, ProgramOptions(feed_mode="inverse-time"))

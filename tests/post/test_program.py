@@ -99,13 +99,13 @@ NAMES = ("circle", "retrograde", "slot", "bezier", "quintic", "rational", "space
 def convert(name: str, dialect: str, mode: str, **more) -> tuple[Track, Plan, Program, Run, list[Move]]:
     track, plan = plan_of(name)
     program = make_program(plan, track, find_dialect(dialect), ProgramOptions(feed_mode=mode, **more))
-    result = run(program.text, max_line=find_dialect(dialect).capabilities.max_line)
+    result = run(program.text, max_line=find_dialect(dialect).syntax.max_line)
     return track, plan, program, result, result.moves[-program.moves :]
 
 
 def quantum(dialect: str) -> float:
     """Last decimal [mm]."""
-    return 10.0 ** -find_dialect(dialect).capabilities.decimals
+    return find_dialect(dialect).numbers.quantum / MM
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -333,7 +333,7 @@ def test_the_same_bytes_twice_and_short_lines(dialect: str) -> None:
         assert first.isascii()
         assert "\r" not in first
         assert first.endswith("M2\n")
-        assert max(map(len, first.split("\n"))) <= find_dialect(dialect).capabilities.max_line
+        assert max(map(len, first.split("\n"))) <= find_dialect(dialect).syntax.max_line
 
 
 def test_grbl_lines_are_terse() -> None:

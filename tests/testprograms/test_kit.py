@@ -68,8 +68,8 @@ def test_every_shipped_machine_is_tried() -> None:
 @pytest.mark.parametrize(("machine", "dialect", "room"), CASES)
 def test_programs_keep_to_the_room_and_end_where_they_begin(machine: str, dialect: str, room: str) -> None:
     drives, start = read_machine(machine), start_of(room)
-    reach, capabilities = reach_of(room, drives), find_dialect(dialect).capabilities
-    grid = 0.5 * 10.0**-capabilities.decimals
+    reach, words = reach_of(room, drives), find_dialect(dialect)
+    grid = 0.5 * words.numbers.quantum / MM
     for one in kit_of(machine, dialect, room):
         drive = Drive(one.program, start)
         assert drive.run.ended
@@ -77,7 +77,7 @@ def test_programs_keep_to_the_room_and_end_where_they_begin(machine: str, dialec
         np.testing.assert_allclose(drive.end, start, atol=grid + 1e-9)
         off = np.abs(drive.points - np.array(start)).max(axis=0)
         assert np.all(off <= reach + grid + 1e-9), one.name
-        assert max(map(len, one.program.splitlines())) <= capabilities.max_line
+        assert max(map(len, one.program.splitlines())) <= words.syntax.max_line
         assert "THE TOOL MUST BE CLEAR" in one.program
         assert {one.word for one in drive.moves} <= {"G1", "G2", "G3", "G4"}
 
@@ -256,7 +256,7 @@ def test_a_line_behind_an_arc_names_its_feed_anew(dialect: str) -> None:
 def test_without_arcs_a_circle_is_chords_within_a_micrometre() -> None:
     machine = read_machine("mill")
     dialect = find_dialect("linuxcnc")
-    straight = replace(dialect, capabilities=replace(dialect.capabilities, arcs=False))
+    straight = replace(dialect, abilities=replace(dialect.abilities, arc_planes=()))
     builder = ProgramBuilder(choose_volume(machine, (), (), (), 0.01, ()), straight)
     motions.circles(builder, ("X", "Y"), (0.02,), 0.01)
     drive = Drive(builder.text(()))

@@ -28,12 +28,23 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.dialects.base import SET_BEFORE, Dialect, DwellWords, switched_off
+from ph_post.dialects.base import (
+    PRECONDITIONS,
+    Abilities,
+    CubicAbility,
+    Dialect,
+    DwellWords,
+    Notices,
+    NumberFormat,
+    Syntax,
+    end_remark,
+)
 from ph_post.dialects.fanuc.reader import read_fanuc
 from ph_post.dialects.lines import LineWriter
 from ph_post.gcode.blocks import Moves
 from ph_post.gcode.numbers import Comments
-from ph_post.types import Array, Capabilities
+from ph_post.gcode.program import Language
+from ph_post.types import Array
 from ph_post.units import MS
 
 _DECIMALS: Final = 3
@@ -88,27 +99,40 @@ def spline_deviation(control: Array) -> Array:
 
 
 def _with_ai(dialect: Dialect) -> Dialect:
-    if "G5.1 Q0" in dialect.closing:
+    if "ai" in dialect.options:
         return dialect
-    return replace(dialect, opening=lambda plane: (*opening(plane), "G5.1 Q1"), closing=("G5.1 Q0", *dialect.closing))
+    words = dialect.syntax
+    return replace(
+        dialect,
+        options=dialect.options | {"ai"},
+        syntax=replace(
+            words,
+            opening=lambda plane: (*words.opening(plane), "G5.1 Q1"),
+            closing=("G5.1 Q0", *words.closing),
+        ),
+    )
 
 
 def _with_nurbs(dialect: Dialect) -> Dialect:
-    carries = replace(dialect.capabilities, cubic_splines=True)
-    return replace(_with_ai(dialect), capabilities=carries, spline_deviation=spline_deviation)
+    cubic = CubicAbility(deviation=spline_deviation)
+    return replace(_with_ai(dialect), abilities=replace(dialect.abilities, cubic=cubic))
 
 
 def _with_inverse_time(dialect: Dialect) -> Dialect:
-    # the inverse of a long block's time needs digits, not decimals
-    return replace(dialect, feed_decimals=None, capabilities=replace(dialect.capabilities, inverse_time=True))
+    return replace(
+        dialect,
+        abilities=replace(dialect.abilities, inverse_time=frozenset(("line", "arc"))),
+        # the inverse of a long block's time needs digits, not decimals
+        numbers=replace(dialect.numbers, feed_decimals=None),
+    )
 
 
 def _with_isc(dialect: Dialect) -> Dialect:
-    return replace(dialect, capabilities=replace(dialect.capabilities, decimals=_DECIMALS + 1))
+    return replace(dialect, numbers=replace(dialect.numbers, decimals=_DECIMALS + 1))
 
 
 def _with_calculator(dialect: Dialect) -> Dialect:
-    return replace(dialect, front=partial(read_fanuc, calculator=True))
+    return replace(dialect, language=Language(read=partial(read_fanuc, calculator=True)))
 
 
 _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {
@@ -121,30 +145,21 @@ _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {
 
 DIALECT = Dialect(
     name="fanuc",
-    capabilities=Capabilities(
-        arcs=True,
-        cubic_splines=False,
-        inverse_time=False,
-        decimals=_DECIMALS,
+    syntax=Syntax(
+        opening=opening,
+        closing=("M30",),
         max_line=_MAX_LINE,
-        blending=False,
+        comments=Comments(allowed=_ALLOWED, upper=True),
+        dwell=DwellWords(letter="P", unit=MS, decimals=0),
+        finish=finish,
     ),
-    feed_digits=6,
-    terse=False,
-    opening=opening,
-    closing=("M30",),
-    comments=Comments(allowed=_ALLOWED, upper=True),
-    dwell=DwellWords(letter="P", unit=MS, decimals=0),
-    assumed=(
-        SET_BEFORE,
-        switched_off("M30"),
-        "the program number may be taken: change it",
+    abilities=Abilities(),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, feed_decimals=_FEED_DECIMALS, point=True),
+    language=Language(read=read_fanuc),
+    notices=Notices(
+        assumed=(PRECONDITIONS, end_remark("M30"), "the program number may be taken: change it"),
     ),
     writer=FanucLines,
-    finish=finish,
-    point=True,
-    feed_decimals=_FEED_DECIMALS,
-    front=read_fanuc,
     ending=".nc",
     variants=_VARIANTS,
 )

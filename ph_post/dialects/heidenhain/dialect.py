@@ -20,8 +20,8 @@ which is not touched. There is no inverse time; SPL, the cubic polynomials of th
 is neither written nor read. The option ``tolerance``, behind a plus sign, sets cycle 32 (G62) to the chord
 tolerance while the tool cuts; without it the machine's own tolerance is in force.
 
-An existing program can be read, simulated and compared, but nothing is spliced into it: blocks are numbered
-without a gap, a jump or a repeat counts on labels, and a contour may be corrected or completed elsewhere.
+An existing program can be read, simulated and compared, but not edited: blocks are numbered without a gap, a
+jump or a repeat counts on labels, and a contour may be corrected or completed elsewhere.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from ph_post.dialects.base import Dialect, DwellWords, switched_off
+from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.heidenhain.iso import read_tnc_iso
-from ph_post.dialects.heidenhain.klartext import read_klartext
+from ph_post.dialects.heidenhain.klartext import is_klartext, read_klartext
 from ph_post.dialects.lines import LineWriter
 from ph_post.gcode.blocks import Moves
-from ph_post.gcode.numbers import SEMICOLON, decimal_text, to_grid
-from ph_post.types import Capabilities
+from ph_post.gcode.numbers import SEMICOLON, decimal_text, to_counts
+from ph_post.gcode.program import Language
 
 _DECIMALS: Final = 4
 _FEED_DECIMALS: Final = 3
@@ -53,9 +53,9 @@ _LAST: Final = "N99999999"
 
 _ASSUMED: Final = (
     "assumed: datum set, feed override 100 percent, tool called with axis Z and spindle on as set before",
-    switched_off("M30"),
+    end_remark("M30"),
 )
-_UNSPLICED: Final = (
+_NOT_EDITABLE: Final = (
     "blocks are numbered without a gap, repeats count on labels, and a contour may be corrected elsewhere"
 )
 
@@ -76,7 +76,7 @@ class KlartextLines(LineWriter):
 
     def write_dwell(self, seconds: float) -> None:
         """Write cycle 9."""
-        time = self.dialect.dwell.number(seconds, self.dialect.feed_digits)
+        time = self.syntax.dwell.number(seconds, self.dialect.numbers.feed_digits)
         self.lines += ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {time}"]
 
 
@@ -135,18 +135,8 @@ def finish_iso(lines: Sequence[str], name: str) -> Sequence[str]:
     return [f"%{called} G71 *", *blocks, f"{_LAST} %{called} G71 *"]
 
 
-def _nothing(_plane: str) -> tuple[str, ...]:
-    """Open a conversational program: its first block says it all."""
-    return ()
-
-
-def _absolute(_plane: str) -> tuple[str, ...]:
-    """Open an ISO program: absolute, nothing corrected."""
-    return ("G90 G40",)
-
-
 def _tolerance(length: float) -> str:
-    return decimal_text(max(1, int(to_grid(length, _DECIMALS))), _DECIMALS)
+    return decimal_text(max(1, int(to_counts(length, _DECIMALS))), _DECIMALS)
 
 
 def _cycle_32(tolerance: float | None) -> str:
@@ -160,34 +150,25 @@ def _g62(tolerance: float | None) -> str:
 
 
 def _with_path_mode(dialect: Dialect, path_mode: Callable[[float | None], str]) -> Dialect:
-    return replace(dialect, path_mode=path_mode, capabilities=replace(dialect.capabilities, blending=True))
+    return replace(dialect, syntax=replace(dialect.syntax, path_mode=path_mode))
 
 
 DIALECT = Dialect(
     name="heidenhain",
-    capabilities=Capabilities(
-        arcs=True,
-        cubic_splines=False,
-        inverse_time=False,
-        decimals=_DECIMALS,
+    syntax=Syntax(
+        opening=lambda _plane: (),
+        closing=("M30",),
         max_line=_MAX_LINE,
-        blending=False,
+        comments=SEMICOLON,
+        dwell=DwellWords(decimals=_TIME_DECIMALS),
+        finish=finish_klartext,
     ),
-    feed_digits=8,
-    terse=False,
-    opening=_nothing,
-    closing=("M30",),
-    arc_planes=("G17",),
-    comments=SEMICOLON,
-    assumed=_ASSUMED,
+    abilities=Abilities(arc_planes=("G17",), full_circles=False, not_editable=_NOT_EDITABLE),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8, feed_decimals=_FEED_DECIMALS, plus=True),
+    language=Language(read=read_klartext, recognizes=is_klartext, title="a conversational program of Heidenhain"),
+    notices=Notices(assumed=_ASSUMED),
     writer=KlartextLines,
-    finish=finish_klartext,
-    plus=True,
-    feed_decimals=_FEED_DECIMALS,
-    unspliced=_UNSPLICED,
-    front=read_klartext,
     ending=".h",
-    dwell=DwellWords(decimals=_TIME_DECIMALS),
     variants={"tolerance": partial(_with_path_mode, path_mode=_cycle_32)},
 )
 """Conversational programs."""
@@ -195,12 +176,15 @@ DIALECT = Dialect(
 ISO_DIALECT = replace(
     DIALECT,
     name="heidenhain-iso",
-    opening=_absolute,
+    syntax=replace(
+        DIALECT.syntax,
+        opening=lambda _plane: ("G90 G40",),
+        dwell=DwellWords(word="G04", letter="F", decimals=_TIME_DECIMALS),
+        finish=finish_iso,
+    ),
+    language=Language(read=read_tnc_iso),
     writer=IsoLines,
-    finish=finish_iso,
-    front=read_tnc_iso,
     ending=".i",
-    dwell=DwellWords(word="G04", letter="F", decimals=_TIME_DECIMALS),
     variants={"tolerance": partial(_with_path_mode, path_mode=_g62)},
 )
 """ISO programs."""

@@ -32,13 +32,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from ph_post.dialects.base import Dialect, DwellWords, switched_off
+from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.lines import LineWriter
 from ph_post.dialects.siemens.reader import read_siemens
 from ph_post.gcode.blocks import Feed, Moves
-from ph_post.gcode.numbers import SEMICOLON, decimal_text, significant_text, to_grid
+from ph_post.gcode.numbers import SEMICOLON, decimal_text, significant_text, to_counts
 from ph_post.gcode.polynomials import DENOMINATOR_DECIMALS
-from ph_post.types import Capabilities, IntArray
+from ph_post.gcode.program import Language
+from ph_post.types import IntArray
 from ph_post.units import MM_PER_MIN
 
 _DECIMALS: Final = 10
@@ -81,7 +82,7 @@ class SiemensLines(LineWriter):
 
     def _profile(self, feed: Feed) -> str:
         values = (feed.end, feed.quad, feed.cub)
-        words = (_signed(value / MM_PER_MIN, self.dialect.feed_digits) for value in values)
+        words = (_signed(value / MM_PER_MIN, self.dialect.numbers.feed_digits) for value in values)
         return f"{_PROFILE}{','.join(words)})"
 
     def _write(self, word: str, words: list[str], feed: str, *, modal: bool = True) -> None:
@@ -120,42 +121,40 @@ def _opening(plane: str) -> tuple[str, ...]:
 def _path_mode(tolerance: float | None) -> str:
     if tolerance is None:
         return "G60"
-    return f"G641 ADIS={decimal_text(int(to_grid(tolerance, _DECIMALS)), _DECIMALS)}"
+    return f"G641 ADIS={decimal_text(int(to_counts(tolerance, _DECIMALS)), _DECIMALS)}"
 
 
 DIALECT = Dialect(
     name="siemens",
-    capabilities=Capabilities(
-        arcs=True,
-        cubic_splines=False,
-        # G93 there is, but a feed over the path says more, and once.
-        inverse_time=False,
-        decimals=_DECIMALS,
+    syntax=Syntax(
+        opening=_opening,
+        closing=("M30",),
         max_line=512,
-        blending=True,
+        comments=SEMICOLON,
+        dwell=DwellWords(letter="F"),
+        path_mode=_path_mode,
+    ),
+    abilities=Abilities(
+        # G93 there is, but a feed over the path says more, and once.
         polynomial_degree=5,
         feed_degree=3,
+        not_editable=(
+            "values there may be computed, and a new line has to fit polynomials and feeds that change within"
+            " blocks; convert the path file that it was made from"
+        ),
     ),
-    feed_digits=8,
-    terse=False,
-    opening=_opening,
-    closing=("M30",),
-    path_mode=_path_mode,
-    comments=SEMICOLON,
-    front=read_siemens,
-    ending=".mpf",
-    unspliced=(
-        "values there may be computed, and a new line has to fit polynomials and feeds that change within"
-        " blocks; convert the path file that it was made from"
-    ),
-    dwell=DwellWords(letter="F"),
-    assumed=(
-        "assumed: work offset G54, feed override 100 percent, tool, its length and spindle as set before",
-        "assumed: polynomial interpolation is enabled, axes and coefficients fit into a block, and positions"
-        " are rounded to the resolution of the control alone, MD10200",
-        "the compressor is switched off by COMPOF and stays off",
-        switched_off("M30"),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8),
+    language=Language(read=read_siemens, endings=(".mpf", ".spf")),
+    notices=Notices(
+        assumed=(
+            "assumed: work offset G54, feed override 100 percent, tool, its length and spindle as set before",
+            "assumed: polynomial interpolation is enabled, axes and coefficients fit into a block, and positions"
+            " are rounded to the resolution of the control alone, MD10200",
+            "the compressor is switched off by COMPOF and stays off",
+            end_remark("M30"),
+        ),
     ),
     writer=SiemensLines,
+    ending=".mpf",
 )
 """The SINUMERIK dialect."""
