@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.registry import find_traits
+from ph_post.dialects.base import Dialect
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
@@ -107,11 +108,11 @@ def compensate_program(
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
-    edits, windows = _plan(original, machine, request, progress)
+    edits, windows = _plan(original, machine, dialect, request, progress)
     if not _changes(edits):
         return CompensatedProgram(before=original, after=original, edits=edits, windows=windows)
     progress("writing")
-    declaration = _declaration(original, edits, machine, request)
+    declaration = _declaration(original, edits, machine, dialect, request)
     data = apply_edits(original, edits, dialect, declaration)
     progress("verifying")
     after = reread(original, data)
@@ -141,7 +142,7 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
 
 
 def _plan(
-    program: PartProgram, machine: Machine, request: ProgramRequest, progress: Progress
+    program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
 ) -> tuple[Edits, tuple[WindowPlan, ...]]:
     """Plan lasting offsets of axes behind their loop, then what the strategy does for the others.
 
@@ -157,7 +158,7 @@ def _plan(
         progress("planning lasting offsets")
         share = request.edit.max_slowdown * behind / len(gaps)
         options = replace(request.edit, max_slowdown=share)
-        lasting = plan_offsets(program, machine, find_dialect(machine.dialect), options)
+        lasting = plan_offsets(program, machine, dialect, options)
     if behind == len(gaps):
         return lasting, ()
     share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
@@ -178,9 +179,11 @@ def _changes(edits: Edits) -> bool:
     return bool(edits.stops or edits.dips or np.any(edits.offset))
 
 
-def _declaration(program: PartProgram, edits: Edits, machine: Machine, request: ProgramRequest) -> Declaration:
-    dialect = find_dialect(machine.dialect)
-    mode = dialect.syntax.path_mode(request.edit.chord_tolerance) if edits.dips and dialect.syntax.path_mode else ""
+def _declaration(
+    program: PartProgram, edits: Edits, machine: Machine, dialect: Dialect, request: ProgramRequest
+) -> Declaration:
+    path_mode = dialect.syntax.path_mode
+    mode = path_mode(request.edit.chord_tolerance) if edits.dips and path_mode is not None else ""
     return declare(
         program,
         edits,
