@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
 
 from ph_post.errors import InputError
 
@@ -42,3 +43,24 @@ def consistent_value(given: Iterable[tuple[str, float | None]], where: Callable[
                 got=f"{ratio:.6g} times that",
             )
     return known[0][1] if known else None
+
+
+SAME: Final = 1e-6
+"""Relative difference of numbers that are the same: seven digits are written."""
+
+
+def same(one: Any, other: Any) -> bool:
+    """Return whether two values differ only in digits that are not written.
+
+    Examples
+    --------
+    >>> same({"force_n": 20.0}, {"force_n": 20.00000001}), same([1.0], [1.1])
+    (True, False)
+    """
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same(value, other[key]) for key, value in one.items())
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(same(*pair) for pair in zip(one, other, strict=True))
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return math.isclose(one, other, rel_tol=SAME)
+    return bool(one == other)

@@ -101,7 +101,7 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
 
 def _products(found: Diagnosis, log: Log, text: SourceText, how: dict[str, Any]) -> dict[str, Content]:
     """Return what was asked for, by the name of its file."""
-    from ph_post.identify.machinechange import diagnosed_machine
+    from ph_post.identify.machinefile import diagnosed_machine
     from ph_post.report.diagnoses import effort_units
     from ph_post.report.diagnosis_figures import draw_diagnosis
     from ph_post.report.diagnosis_page import diagnosis_page

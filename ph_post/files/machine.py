@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, MutableMapping, Sequence
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import msgspec
 import tomlkit
@@ -81,13 +81,48 @@ def written(value: float | str) -> float | str:
     return value if isinstance(value, str) else float(f"{value:.{DIGITS}g}")
 
 
-def put(table: Any, key: str, value: float | str, comment: str = "", column: int = 0) -> None:
-    """Add a key to a table of tomlkit, with its comment at a column, or two blanks behind the value."""
-    item = tomlkit.item(value)
-    if comment:
-        item.comment(comment)
-        item.trivia.comment_ws = " " * max(column - len(f"{key} = {item.as_string()}"), 2)
-    table.add(key, item)
+class Row(NamedTuple):
+    """A key of a machine file, its value, and the comment behind it; `assumed` if nobody measured or answered it."""
+
+    key: str
+    value: Any
+    comment: str = ""
+    assumed: bool = False
+
+    def line(self, column: int = 0) -> str:
+        """Return the row as TOML, its comment at `column`, or two blanks behind the value."""
+        text = f"{self.key} = {_literal(self.value)}"
+        return f"{text.ljust(column - 2)}  # {self.comment}\n" if self.comment else f"{text}\n"
+
+
+def machine_document(
+    head: Sequence[str],
+    name: str,
+    controller: Sequence[Row],
+    axes: Mapping[str, Sequence[Row | str]],
+    column: int = 0,
+) -> str:
+    """Return the text of a new machine file.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Lines of the comment at its top.
+    name : str
+        Name of the machine.
+    controller : sequence of Row
+        Keys of ``[controller]``.
+    axes : mapping of str to sequence of Row or str
+        Keys of each ``[axes.AXIS]``; a str is a comment on a line of its own.
+    column : int, optional
+        Where comments behind a value begin; without it two blanks behind the value.
+    """
+    tables = {"controller": controller} | {f"axes.{axis}": rows for axis, rows in axes.items()}
+    text = _lines(head) + Row("name", name).line()
+    for title, rows in tables.items():
+        lines = [_lines([row]) if isinstance(row, str) else row.line(column) for row in rows]
+        text += f"\n[{title}]\n" + "".join(lines)
+    return text
 
 
 def _with_keys(text: str, change: AxisChange) -> str:
@@ -151,8 +186,7 @@ def _with_new_key(text: str, change: AxisChange, key: str, value: float | str, a
         table[last] = written(value)
         return tomlkit.dumps(document)
     comment = change.comments.get(key, "")
-    row = f"{name} = {_literal(value)}" + (f"  # {comment}" if comment else "") + "\n"
-    return _inserted(text, end, _lines(above) + row)
+    return _inserted(text, end, _lines(above) + Row(name, value, comment).line())
 
 
 def _with_effects(text: str, change: AxisChange) -> str:
@@ -211,11 +245,10 @@ def _append_inline(axis: Any, added: Sequence[EffectChange]) -> None:
 
 def _effect_lines(axis: str, change: EffectChange) -> str:
     assert change.setting is not None
-    rows = [f"name = {_literal(change.setting.name)}"]
-    for key, value in change.setting.parameters.items():
-        comment = change.comments.get(key, "")
-        rows.append(f"{key} = {_literal(value)}" + (f"  # {comment}" if comment else ""))
-    return "\n" + _lines(change.above) + f"[[axes.{axis}.effects]]\n" + "".join(f"{row}\n" for row in rows)
+    rows = [Row("name", change.setting.name)]
+    rows += [Row(key, value, change.comments.get(key, "")) for key, value in change.setting.parameters.items()]
+    lines = (row.line() for row in rows)
+    return "\n" + _lines(change.above) + f"[[axes.{axis}.effects]]\n" + "".join(lines)
 
 
 def _literal(value: Any) -> str:

@@ -21,7 +21,7 @@ from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, left_by, position_rms, rows_of
 from ph_post.identify.free_run import AxisProblem, weights_of
 from ph_post.types import Array, Axis, AxisLog, Gap, Uncertainty
-from ph_post.types.diagnosis import Estimate, IdentifiedDrive, Origin, Sensitivity
+from ph_post.types.diagnosis import PRODUCT, Estimate, IdentifiedDrive, Origin, Sensitivity
 from ph_post.units import MICROMETRE, MM
 
 MOST_RELATIVE_ERROR: Final = 0.25
@@ -169,9 +169,6 @@ def between_samples(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
     moved = -np.linalg.lstsq(columns, change, rcond=None)[0]
     return dict(zip(names, map(float, moved), strict=True))
 
-
-PRODUCT: Final = "lost_motion_times_inertia_fraction"
-"""What a load loop shows from positions: Δθ_m/C in the units of the axis, η times the lost motion."""
 
 MOST_UNCERTAIN: Final = 0.9
 

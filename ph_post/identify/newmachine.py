@@ -14,19 +14,16 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import msgspec
-import tomlkit
 
 from ph_post.drive.machinefile import machine_of, read_machine
-from ph_post.errors import InputError, PhPostError
-from ph_post.files.check import checked
-from ph_post.files.machine import AxisRecord, ControllerRecord, MachineRecord, put, written
+from ph_post.errors import InputError
+from ph_post.files.machine import Row, machine_document, written
 from ph_post.files.storage import SourceText, source_of
-from ph_post.types import LOOPS, MACHINE_AXES, Axis, ByAxis, Feedback, Loop, Machine
+from ph_post.types import LOOPS, MACHINE_AXES, Axis, Feedback, Loop, Machine
 from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
 
 _GRBL: Final = re.compile(r"^\s*\$(1[12][012])\s*=\s*([0-9.]+)", re.MULTILINE)
@@ -39,7 +36,7 @@ Ini = Mapping[tuple[str, str], str]
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """What was found: by axis in mm/s, mm/s² and mm; the servo period in ms, None where it is not said."""
+    """Settings by axis in mm/s, mm/s² and mm; the servo period in ms, None where it is not given."""
 
     dialect: str
     speed: Mapping[str, float]
@@ -130,13 +127,13 @@ _COLUMN: Final = 38
 
 _HEAD: Final = """\
 A machine file of ph-post: what it knows of a machine, in mm and s. Written by `ph-post machine new`.
-What is "assumed" nobody has measured or answered: it is that of a shipped machine with the same loop.
-`ph-post calibrate` writes test programs and says what to record, `ph-post identify` takes b, c and the play
-from the record, `ph-post diagnose` finds what else the machine does and writes it in here."""
+Values marked "assumed" were neither measured nor answered: they are those of a shipped machine with the
+same loop. `ph-post calibrate` writes test programs and says what to record, `ph-post identify` takes b, c and
+the backlash from the log, `ph-post diagnose` finds what else the machine does and writes it in here."""
 
 
 class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
-    """What was answered for one axis, in the shop's units: mm, mm/s, mm/s².
+    """Answers for one axis, in the shop's units: mm, mm/s, mm/s².
 
     `c_s` [s] is following error over speed, None where nobody knows it. `screw_lead_mm` and `gear_ratio` are
     needed on a `load` loop alone. `taken` are the keys that nobody answered: the shipped machine's.
@@ -158,21 +155,12 @@ class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answers(msgspec.Struct, frozen=True, kw_only=True):
-    """What was answered for a machine."""
+    """Answers for a machine."""
 
     name: str
     dialect: str
     servo_period_ms: float
     axes: Mapping[str, AxisAnswers]
-
-
-class _Row(NamedTuple):
-    """A line of the file: key, value and comment; `assumed` where nobody answered it."""
-
-    key: str
-    value: float | str
-    words: str
-    assumed: bool = False
 
 
 class NewMachine(msgspec.Struct, frozen=True, kw_only=True):
@@ -197,14 +185,15 @@ def new_machine(answers: Answers) -> NewMachine:
         Where the machine cannot be: what the project's own reader says of it.
     """
     rows = {name: tuple(_axis_rows(name, axis)) for name, axis in answers.axes.items()}
-    record = MachineRecord(
-        name=answers.name,
-        controller=ControllerRecord(dialect=answers.dialect, servo_period_ms=_short(answers.servo_period_ms)),
-        axes=ByAxis(**{name: _record(those) for name, those in rows.items()}),
+    controller = (
+        Row("dialect", answers.dialect, "the words its programs are written in"),
+        Row(
+            "servo_period_ms",
+            answers.servo_period_ms,
+            "how often the controller commands its axes; a row of an interpolator table",
+        ),
     )
-    text = _text(record, rows)
-    if checked(tomllib.loads(text), MachineRecord, answers.name) != record:
-        raise PhPostError(f"{answers.name}: the machine file would not be that of the answers")
+    text = machine_document(_HEAD.splitlines(), answers.name, controller, rows, _COLUMN)
     return NewMachine(
         text=text,
         machine=machine_of(source_of(text, answers.name, answers.name)),
@@ -212,43 +201,38 @@ def new_machine(answers: Answers) -> NewMachine:
     )
 
 
-def _record(rows: tuple[_Row, ...]) -> AxisRecord:
-    values: dict[str, Any] = {row.key: row.value for row in rows}
-    return AxisRecord(**values)
-
-
-def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[_Row]:
+def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[Row]:
     """Yield the lines of one axis."""
     model = model_axis(axis.feedback, name)
-    yield _Row("feedback", axis.feedback, axis.loop.comment)
+    yield Row("feedback", axis.feedback, axis.loop.comment)
     yield from _servo_rows(axis, model)
     if axis.loop.encloses_backlash:
         yield from _drive_rows(axis, model)
-    yield _play_row(axis)
-    flank = 'where it rests in its play: "+", "-" (its weight pulls to minus) or not known'
-    yield _Row("initial_flank", "unknown", flank, assumed=True)
+    yield _backlash_row(axis)
+    flank = 'where it rests in its backlash: "+", "-" (its weight pulls to minus) or not known'
+    yield Row("initial_flank", "unknown", flank, assumed=True)
     yield from _limit_rows(axis, model)
 
 
-def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
+def _servo_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
     """Yield b and c of Eq. (9): c as answered, b in the ratio to c² that the shipped machine has."""
     if not axis.loop.has_controller:
-        yield _Row("b", 0.0, "s², steps follow the command at once,")
-        yield _Row("c", 0.0, "s, as long as none is lost")
+        yield Row("b", 0.0, "s², steps follow the command at once,")
+        yield Row("c", 0.0, "s, as long as none is lost")
         return
     shipped = f"assumed ({axis.loop.model}.toml), identify measures it"
     c = model.servo.c if axis.c_s is None else axis.c_s
     ratio = model.servo.b / model.servo.c**2
-    yield _Row("b", _short(ratio * c * c), f"s², how fast the loop answers; {ratio:.2g} c² {shipped}", assumed=True)
+    yield Row("b", ratio * c * c, f"s², how fast the loop answers; {ratio:.2g} c² {shipped}", assumed=True)
     if axis.c_s is None:
-        yield _Row("c", _short(c), f"s, following error / speed; {shipped}", assumed=True)
+        yield Row("c", c, f"s, following error / speed; {shipped}", assumed=True)
     else:
         lag = c * MM_PER_MIN / MM * 1000.0
-        yield _Row("c", _short(c), f"s, following error / speed: {lag:.4g} mm at 1000 mm/min, gain {1 / c:.4g}/s")
+        yield Row("c", c, f"s, following error / speed: {lag:.4g} mm at 1000 mm/min, gain {1 / c:.4g}/s")
 
 
-def _drive_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
-    """Yield screw, gear and the motor alone, which crosses the gap inside a loop."""
+def _drive_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
+    """Yield screw, gear and the motor alone, which crosses the backlash inside a loop."""
     gap, shipped = model.gap, f"assumed ({axis.loop.model}.toml), identify measures it"
     assert axis.gear_ratio is not None
     assert axis.screw_lead_mm is not None
@@ -257,21 +241,21 @@ def _drive_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
     yield _answered("gear_ratio", axis.gear_ratio, "motor turns per turn of the screw", "gear", axis)
     yield _answered("screw_lead_mm", axis.screw_lead_mm, "mm a turn of the screw or pinion", "lead", axis)
     part = f"the motor's part of all that is moved; {shipped}"
-    yield _Row("inertia_fraction", _short(gap.inertia_fraction), part, assumed=True)
+    yield Row("inertia_fraction", gap.inertia_fraction, part, assumed=True)
     alone = f"s in which the motor alone runs out; {shipped}"
-    yield _Row("motor_time_constant_s", _short(1.0 / gap.beta), alone, assumed=True)
+    yield Row("motor_time_constant_s", 1.0 / gap.beta, alone, assumed=True)
 
 
-def _play_row(axis: AxisAnswers) -> _Row:
-    """Return the gap; a play that nobody has measured is none, which does no harm."""
+def _backlash_row(axis: AxisAnswers) -> Row:
+    """Return the backlash; where nobody has measured it, it is 0, which does no harm."""
     words = "mm that the dial indicator loses where the axis turns round"
     untouched = "lost_motion" in axis.taken
     if untouched:
         words = "mm; assumed: nothing is compensated until the dial indicator's number stands here"
-    return _Row("lost_motion_mm", _short(axis.lost_motion_mm), words, untouched)
+    return Row("lost_motion_mm", axis.lost_motion_mm, words, untouched)
 
 
-def _limit_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
+def _limit_rows(axis: AxisAnswers, model: Axis) -> Iterator[Row]:
     """Yield the limits; the jerk stands to the acceleration as on the shipped machine."""
     speed = f"the fastest it may move: {axis.max_velocity_mm_s * MM / MM_PER_MIN:.6g} mm/min"
     yield _answered("max_velocity_mm_s", axis.max_velocity_mm_s, speed, "speed", axis)
@@ -279,51 +263,24 @@ def _limit_rows(axis: AxisAnswers, model: Axis) -> Iterator[_Row]:
     yield _answered("max_acceleration_mm_s2", acceleration, "the most it may accelerate", "acceleration", axis)
     rise = model.limits.acceleration / model.limits.jerk
     jerk = f"full acceleration after {rise / MS:.3g} ms; assumed ({axis.loop.model}.toml)"
-    yield _Row("max_jerk_mm_s3", _short(acceleration / rise), jerk, assumed=True)
+    yield Row("max_jerk_mm_s3", acceleration / rise, jerk, assumed=True)
     if axis.loop.encloses_backlash and axis.gear_ratio and axis.screw_lead_mm:
         motor = acceleration * axis.gear_ratio / axis.screw_lead_mm * math.tau
         words = "assumed: no more than the table's acceleration takes"
-        yield _Row("max_motor_acceleration_rad_s2", _short(motor), words, assumed=True)
+        yield Row("max_motor_acceleration_rad_s2", motor, words, assumed=True)
 
 
-def _answered(key: str, value: float, words: str, question: str, axis: AxisAnswers) -> _Row:
+def _answered(key: str, value: float, words: str, question: str, axis: AxisAnswers) -> Row:
     """Return the line of a number that was asked for, marked where the default was taken."""
     if question not in axis.taken:
-        return _Row(key, _short(value), words)
-    return _Row(key, _short(value), f"{words}; assumed ({axis.loop.model}.toml)", assumed=True)
-
-
-def _short(value: float) -> float:
-    return float(written(value))
-
-
-def _text(record: MachineRecord, rows: Mapping[str, tuple[_Row, ...]]) -> str:
-    document = tomlkit.document()
-    for line in _HEAD.splitlines():
-        document.add(tomlkit.comment(line))
-    document.add("name", tomlkit.item(record.name))
-    document.add(tomlkit.nl())
-    controller = tomlkit.table()
-    words = "the words its programs are written in"
-    put(controller, "dialect", record.controller.dialect, words, _COLUMN)
-    period = "how often the controller commands its axes; a row of an interpolator table"
-    put(controller, "servo_period_ms", record.controller.servo_period_ms, period, _COLUMN)
-    document.add("controller", controller)
-    axes = tomlkit.table(is_super_table=True)
-    for name, those in rows.items():
-        table = tomlkit.table()
-        for row in those:
-            put(table, row.key, row.value, row.words, _COLUMN)
-        axes.add(name, table)
-        table.add(tomlkit.nl())
-    document.add("axes", axes)
-    return tomlkit.dumps(document).rstrip("\n") + "\n"
+        return Row(key, value, words)
+    return Row(key, value, f"{words}; assumed ({axis.loop.model}.toml)", assumed=True)
 
 
 def defaults(feedback: Feedback, axis: str) -> Mapping[str, float]:
     """Return the numbers of the shipped machine that stand for an axis nobody has answered for.
 
-    Keys are those of the questions; mm, mm/s, mm/s². The play is none: that of another machine would do harm.
+    Keys are those of the questions; mm, mm/s, mm/s². The backlash is 0: the size of another machine's would do harm.
     """
     model = model_axis(feedback, axis)
     numbers = {
@@ -334,9 +291,9 @@ def defaults(feedback: Feedback, axis: str) -> Mapping[str, float]:
     if model.gap.gear_ratio is not None and model.gap.travel_per_rad is not None:
         numbers["gear"] = model.gap.gear_ratio
         numbers["lead"] = model.gap.travel_per_rad / MM * math.tau
-    return {key: _short(value) for key, value in numbers.items()}
+    return {key: float(written(value)) for key, value in numbers.items()}
 
 
 def default_period(feedback: Feedback) -> float:
     """Return the servo period of the shipped machine that stands for a loop [ms]."""
-    return _short(read_machine(LOOPS[feedback].model).servo_period / MS)
+    return float(written(read_machine(LOOPS[feedback].model).servo_period / MS))

@@ -6,7 +6,7 @@ SI units except where a unit stands beside the number.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Final, Literal
 
 import msgspec
 
@@ -220,3 +220,7 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
         """All notes, those of an axis with its name before them."""
         own = [f"{name}: {note}" for name, drive in self.drives.items() for note in drive.notes]
         return (*self.notes, *own)
+
+
+PRODUCT: Final = "lost_motion_times_inertia_fraction"
+"""What a load loop shows from positions: Δθ_m/C in the units of the axis, η times the lost motion."""

@@ -67,7 +67,7 @@ def test_a_new_machine_file_reads_back(capsys, motor_log, tmp_path):
         row = next(line for line in lines if line.startswith(f"{key} = "))
         assert "  # +- " in row
         assert row.endswith(f" {unit}")
-    assert "# limits: what the record reached; put those of the machine here" in lines
+    assert "# limits: the largest values in the log; replace them by the machine's" in lines
 
 
 def test_limits_of_a_new_file_are_what_the_command_reached(capsys, motor_log, tmp_path):

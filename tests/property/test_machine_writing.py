@@ -9,7 +9,7 @@ from support.amount import examples
 from ph_post.drive.machinefile import machine_of, machine_source
 from ph_post.files.machine import edit_axes
 from ph_post.files.storage import SourceText, shipped_names
-from ph_post.identify.machinechange import axis_change
+from ph_post.identify.machinefile import axis_change
 from ph_post.types import EffectSetting
 
 factor = st.one_of(st.just(1.0), st.floats(0.8, 1.25))

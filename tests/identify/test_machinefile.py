@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from ph_post.drive.machinefile import machine_of, machine_source
 from ph_post.errors import SolveError
 from ph_post.files.storage import SourceText, source_of
-from ph_post.identify.machinechange import diagnosed_machine
+from ph_post.identify.machinefile import diagnosed_machine
 from ph_post.types import AxisLog, EffectSetting, Log, frozen
 from ph_post.types.diagnosis import Diagnosis, Estimate, Finding, LogQuality, ResidualStep
 
@@ -92,7 +92,7 @@ def test_an_effect_stands_behind_its_axis_and_says_where_it_comes_from():
     assert text == original.text.replace(
         "5000\n\n# the saddle",
         "5000\n\n# coulomb_friction, diagnosed from run.csv (sha256 abc123)\n"
-        "# gap between model and record on held-out data 8.04 -> 3 um\n"
+        "# residual on held-out data 8.04 -> 3 um\n"
         '[[axes.X.effects]]\nname = "coulomb_friction"\nforce_n = 20.41235  # +- 0.1 N\n\n# the saddle',
     )
     assert machine_of(source_of(text, "mine.toml", "mine")).axes["X"].effects == (
@@ -110,7 +110,7 @@ def test_a_number_changes_where_it_stands_and_keeps_its_comment():
     assert changed_lines(original, text) == [
         "- lost_motion_mm = 0.030   # indicator",
         "+ # backlash, diagnosed from run.csv (sha256 abc123)",
-        "+ # gap between model and record on held-out data 8.04 -> 3 um",
+        "+ # residual on held-out data 8.04 -> 3 um",
         "+ lost_motion_mm = 0.03123457   # +- 0.0004 mm; indicator",
     ]
 
@@ -180,7 +180,7 @@ def test_an_effect_that_is_there_gets_the_new_number():
     text = diagnosed_machine(original, diagnosis(better, finding()), log())
     assert changed_lines(original, text) == [
         "+ # coulomb_friction, diagnosed from run.csv (sha256 abc123)",
-        "+ # gap between model and record on held-out data 8.04 -> 3 um",
+        "+ # residual on held-out data 8.04 -> 3 um",
         "- force_n = 10 # guess",
         "+ force_n = 20.41235 # +- 0.1 N; guess",
     ]
