@@ -432,7 +432,6 @@ def test_a_real_entry_point_of_a_built_in_name_does_not_replace_it(monkeypatch):
 
 
 def test_every_effect_of_the_package_is_built_in():
-    from ph_post.drive.effects.registry import BUILT_IN
 
     folder = README.parent / "ph_post" / "drive" / "effects"
     assert {file.stem for file in folder.glob("*.py") if "\nEFFECT = " in file.read_text(encoding="utf-8")} == set(
