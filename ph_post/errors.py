@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class PhPostError(Exception):
-    """Base class of everything that ends a command with exit status 2 and one line."""
+    """Base class of the package's errors; a command prints one line and exits with status 2."""
 
 
 class InputError(PhPostError):
@@ -43,4 +43,4 @@ class SolveError(PhPostError):
 
 
 class LimitError(PhPostError):
-    """What was asked for cannot be done inside the machine's limits."""
+    """The request exceeds the machine's limits."""

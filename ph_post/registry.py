@@ -15,21 +15,20 @@ T = TypeVar("T")
 
 
 class Registry(msgspec.Struct, Generic[T], frozen=True, kw_only=True):
-    """One kind of thing.
+    """Things of one kind by name.
 
     Parameters
     ----------
     group : str
         Group of the entry points by which others add theirs.
     noun : str
-        What one of them is called in a refusal: ``dialect``.
+        Word for one of them in a refusal: ``dialect``.
     wanted : str
         What must be registered, for a refusal: ``a Dialect record``.
     fits : callable
-        Whether what is registered is that.
+        Type guard for a registered object.
     built_in : mapping of str to str
-        ``module:attribute`` by name: what a source tree without installed metadata offers. No entry point
-        can take one of these names.
+        ``module:attribute`` by name of those of this package. No entry point can take one of these names.
     """
 
     group: str
@@ -39,20 +38,20 @@ class Registry(msgspec.Struct, Generic[T], frozen=True, kw_only=True):
     built_in: Mapping[str, str]
 
     def names(self) -> tuple[str, ...]:
-        """Names of all of them, sorted."""
+        """Return all names, sorted."""
         return tuple(sorted({*self.built_in, *self._registered()}))
 
     def has(self, name: str) -> bool:
-        """Whether one of that name is registered."""
+        """Return True if the name is known."""
         return name in self.built_in or name in self._registered()
 
     def find(self, name: str, where: str) -> T:
-        """Return the one of that name; `where` is what named it (a file and key, an option).
+        """Return the object with a name; `where` is the file and key, or the option, that has the name.
 
         Raises
         ------
         InputError
-            Where nobody registered the name, or what is registered does not fit.
+            If nobody registered the name, or the registered object does not fit.
         """
         if name in self.built_in:
             module, attribute = self.built_in[name].split(":")
@@ -62,8 +61,9 @@ class Registry(msgspec.Struct, Generic[T], frozen=True, kw_only=True):
         else:
             raise InputError(where, f"no such {self.noun}", expected=" or ".join(self.names()), got=repr(name))
         if not self.fits(found):
-            what = f"what is registered as {self.noun} {name!r} is not one"
-            raise InputError(where, what, expected=self.wanted, got=type(found).__name__)
+            raise InputError(
+                where, f"the entry point {name!r} is no {self.noun}", expected=self.wanted, got=type(found).__name__
+            )
         return found
 
     def _registered(self) -> dict[str, EntryPoint]:

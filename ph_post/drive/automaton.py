@@ -18,16 +18,13 @@ References
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from functools import lru_cache
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 
 from ph_post.drive.plant import Plant
-from ph_post.types import Array, IntArray, frozen
+from ph_post.types import Array
 
 STATES: Final = 5
 """x, v of the table, m, w of the motor [m, m/s], and the integral of the error [m s]."""
@@ -60,27 +57,6 @@ class Guard(NamedTuple):
     reset: Array
 
 
-class Automaton(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The modes of an axis as arrays.
-
-    `keys` names mode k; `rates` (modes, WIDTH, WIDTH) holds A and B with the inputs' own rates; of `guards`,
-    `noise`, `targets` and `resets` (modes, most guards, ...) a mode has the first `counts` (modes,).
-    `moving` is the index of the state whose sign the targets ask for; `directions` (modes,) that of friction,
-    `contacts` (modes,) the flank.
-    """
-
-    keys: tuple[Key, ...]
-    rates: Array
-    counts: IntArray
-    guards: Array
-    noise: Array
-    targets: IntArray
-    resets: Array
-    moving: int
-    directions: IntArray
-    contacts: IntArray
-
-
 def unit(index: int) -> Array:
     """Return the row that picks one of state and inputs."""
     row = np.zeros(WIDTH)
@@ -107,39 +83,6 @@ Motion = dict[str, Array]
 """Rates of change by the name of the state."""
 
 
-@lru_cache(maxsize=512)
-def build_automaton(plant: Plant) -> Automaton:
-    """Return the automaton of a plant.
-
-    Implements section 3.3 of [1]_ for the table in the loop, and a play behind the servo otherwise.
-    """
-    drive = drive_of(plant)
-    sides = (0, 1, -1) if math.isfinite(plant.saturation) else (0,)
-    modes: dict[Key, tuple[Array, list[Guard]]] = {}
-    for side in sides:
-        for contact, direction in drive.places():
-            key = (contact, direction, side)
-            rows = drive.rows(side)
-            guards = drive.guards(key, rows)
-            if len(sides) > 1:
-                guards += _saturation(plant, key, rows.asked)
-            modes[key] = (_rates(drive.motion(key, rows)), guards)
-    return _pack(modes, drive.friction_state)
-
-
-def _saturation(plant: Plant, key: Key, u: Array) -> list[Guard]:
-    """Guards at which the motor's torque reaches its limit, or comes back from it."""
-    contact, direction, side = key
-    limit = plant.saturation * one
-
-    def other(new: int) -> tuple[Key, Key, Key]:
-        return ((contact, direction, new),) * 3
-
-    if side:
-        return [Guard(side * u - limit, PLACE_NOISE, other(0), stay())]
-    return [Guard(limit - s * u, PLACE_NOISE, other(s), stay()) for s in (1, -1)]
-
-
 def stay() -> Array:
     """Reset that leaves the state as it is."""
     return np.eye(STATES, WIDTH)
@@ -156,46 +99,8 @@ def reset(**rows: Array) -> Array:
 NAMES: Final = ("x", "v", "m", "w", "integral")
 
 
-def _rates(motion: Motion) -> Array:
-    matrix = np.zeros((WIDTH, WIDTH))
-    for name, row in motion.items():
-        matrix[NAMES.index(name)] = row
-    matrix[5], matrix[8], matrix[10] = X_dot, g_dot, q_dot
-    return matrix
-
-
-def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton:
-    keys = tuple(modes)
-    most = max(len(guards) for _, guards in modes.values())
-    shape = (len(keys), most)
-    rows, noise = np.zeros((*shape, WIDTH)), np.zeros(shape)
-    targets, resets = np.zeros((*shape, 3), dtype=np.int64), np.zeros((*shape, STATES, WIDTH))
-    for mode, (_, guards) in enumerate(modes.values()):
-        for number, guard in enumerate(guards):
-            rows[mode, number], noise[mode, number] = guard.row, guard.noise
-            targets[mode, number] = [keys.index(target) for target in guard.target]
-            resets[mode, number] = guard.reset
-    directions = np.array([key[1] for key in keys], dtype=np.int64)
-    counts = np.array([len(guards) for _, guards in modes.values()], dtype=np.int64)
-    contacts = np.array([key[0] for key in keys], dtype=np.int64)
-    for array in (counts, targets, directions, contacts):
-        array.setflags(write=False)
-    return Automaton(
-        keys=keys,
-        rates=frozen([rates for rates, _ in modes.values()]),
-        counts=counts,
-        guards=frozen(rows),
-        noise=frozen(noise),
-        targets=targets,
-        resets=frozen(resets),
-        moving=NAMES.index(moving),
-        directions=directions,
-        contacts=contacts,
-    )
-
-
 class DriveModel(ABC):
-    """What all drives share: the controller, friction, and where the gap's flanks are.
+    """Base of all drives: the controller, friction, and the flanks of the gap.
 
     Parameters
     ----------
@@ -211,7 +116,7 @@ class DriveModel(ABC):
         self.open = plant.gap > NO_GAP or plant.widening is not None
 
     def places(self) -> list[tuple[int, int]]:
-        """Contacts and directions that exist."""
+        """Return the contacts and directions that exist."""
         contacts = (1, -1, 0) if self.open else (1,)
         return [(contact, direction) for contact in contacts for direction in (1, -1, 0)]
 
@@ -223,7 +128,7 @@ class DriveModel(ABC):
         return Rows((side * self.plant.saturation * one if side else u) - q, e, u)
 
     def feedback(self) -> tuple[Array, Array]:
-        """Position and speed that the controller sees."""
+        """Return position and speed of the side that the controller sees."""
         return x, v
 
     def resistance(self, direction: int, speed: Array) -> Array:
@@ -246,11 +151,11 @@ class DriveModel(ABC):
 
     @abstractmethod
     def motion(self, key: Key, rows: Rows) -> Motion:
-        """Rates of the states in a mode."""
+        """Return the rates of the states in a mode."""
 
     @abstractmethod
     def guards(self, key: Key, rows: Rows) -> list[Guard]:
-        """Guards of a mode, the most urgent first."""
+        """Return the guards that end a mode, the most urgent first."""
 
 
 def same(key: Key) -> tuple[Key, Key, Key]:
@@ -261,12 +166,3 @@ def same(key: Key) -> tuple[Key, Key, Key]:
 def by_direction(contact: int, side: int) -> tuple[Key, Key, Key]:
     """Targets of one contact by direction."""
     return (contact, 1, side), (contact, -1, side), (contact, 0, side)
-
-
-def drive_of(plant: Plant) -> DriveModel:
-    """Return the equations that fit a plant."""
-    from ph_post.drive.loops import ElasticLoop, PlayBehindServo, RigidLoop
-
-    if not plant.loop.encloses_backlash:
-        return PlayBehindServo(plant)
-    return ElasticLoop(plant) if plant.windup_frequency else RigidLoop(plant)

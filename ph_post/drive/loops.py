@@ -14,6 +14,7 @@ References
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
@@ -38,7 +39,7 @@ from ph_post.drive.automaton import (
     x,
 )
 from ph_post.drive.plant import Plant
-from ph_post.types import Array
+from ph_post.types import Array, Feedback
 
 LEAST_TABLE: Final = 0.02
 """The table keeps at least this part of the inertia, whatever factor a scenario puts on C."""
@@ -109,7 +110,7 @@ class RigidLoop(TableLoop):
         return rows.u - own
 
     def guards(self, key: Key, rows: Rows) -> list[Guard]:
-        """Say what ends a mode.
+        """Return the guards that end a mode.
 
         The gap opens where the motor reverses; under `contact` already where it no longer pushes, which is
         also what holds while the load pushes the axis back.
@@ -178,7 +179,7 @@ class ElasticLoop(TableLoop):
         return {**table, "m": w, "w": motor, "integral": rows.e}
 
     def guards(self, key: Key, _rows: Rows) -> list[Guard]:
-        """Say what ends a mode: the spring is slack, or the table stops or breaks away."""
+        """Return the guards that end a mode: the spring is slack, or the table stops or breaks away."""
         contact, direction, side = key
         if not contact:
             return self.gap_guards(key)
@@ -207,11 +208,11 @@ class PlayBehindServo(DriveModel):
         """Speed of the motor's side."""
 
     def feedback(self) -> tuple[Array, Array]:
-        """Return the motor's, which the controller sees."""
+        """Return position and speed of the motor, which the controller sees."""
         return m, w
 
     def places(self) -> list[tuple[int, int]]:
-        """Contacts and directions that exist; a load beyond friction keeps the table on one flank."""
+        """Return the contacts and directions that exist; a load beyond friction keeps the table on one flank."""
         held = self._held()
         contacts: tuple[int, ...] = (1, -1, 0) if self.open and not held else (held or 1,)
         return [(contact, direction) for contact in contacts for direction in (1, -1, 0)]
@@ -245,7 +246,7 @@ class PlayBehindServo(DriveModel):
         return (rows.u - self.plant.c * w - self.resistance(direction, w)) / self.plant.b
 
     def guards(self, key: Key, rows: Rows) -> list[Guard]:
-        """Say what ends a mode: the motor stops, breaks away, or meets a flank."""
+        """Return the guards that end a mode: the motor stops, breaks away, or meets a flank."""
         contact, direction, side = key
         hits = [] if contact else [self._hit(flank, direction, side) for flank in (1, -1)]
         if direction:
@@ -275,3 +276,20 @@ class PlayBehindServo(DriveModel):
         row = self.half - flank * (m - x)
         after = np.array(stay()) if self.plant.windup_frequency else reset(x=m - flank * self.half)
         return Guard(row, PLACE_NOISE, same((flank, direction, side)), after)
+
+
+def _closed_over_table(plant: Plant) -> DriveModel:
+    return ElasticLoop(plant) if plant.windup_frequency else RigidLoop(plant)
+
+
+EQUATIONS: Final[Mapping[Feedback, Callable[[Plant], DriveModel]]] = {
+    "load": _closed_over_table,
+    "motor": PlayBehindServo,
+    "none": PlayBehindServo,
+}
+"""The equations of motion of each kind of loop in :data:`ph_post.types.LOOPS`."""
+
+
+def drive_model(plant: Plant) -> DriveModel:
+    """Return the equations that fit a plant."""
+    return EQUATIONS[plant.feedback](plant)

@@ -42,7 +42,7 @@ class TableReading(msgspec.Struct, frozen=True, kw_only=True):
     cycles : tuple of (amplitude, period, phase)
         A sin(2π x/p + φ) of screw or scale [m, m, rad].
     scale : float
-        TableReading for each metre too much.
+        Excess of the reading for each metre of travel.
     growths : tuple of (growth, time constant)
         Thermal growth, from the beginning of the motion on [m, s].
     others : tuple of (axis, angle)
@@ -56,7 +56,7 @@ class TableReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GapProfile(msgspec.Struct, frozen=True, kw_only=True):
-    """By how much the gap at x is wider than elsewhere: slope (x - reference) and a bump, all in metres.
+    """The local excess of the gap at x: slope (x - reference) and a Gaussian bump, all in metres.
 
     The bump is bump exp(-((x - centre)/width)²/2).
     """
@@ -109,7 +109,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     command_delay, reading_delay : float
         [s].
     reading : TableReading
-        What the table's reading has beyond its position; see :func:`ph_post.drive.plant.read_table`.
+        Errors of the table's reading: cyclic, scale, thermal, other axes; see :func:`ph_post.drive.plant.read_table`.
     forces : tuple of callables
         Further forces; an axis that has any runs in the slow engine.
     """
@@ -205,8 +205,8 @@ def following_error(plant: Plant, command: Array, table: Array, motor: Array, pe
     command : Array, shape (n,)
         As it was sent [m]; `command_delay` is added here.
     table, motor : Array, shape (n,)
-        Of :func:`ph_post.simulate.machine.run_plant` [m]. Its table is told late by `reading_delay`, which
-        the loop itself does not see: that is taken back here, and over the last samples, whose reading is not
+        Of :func:`ph_post.simulate.machine.run_plant` [m], which delays the table by `reading_delay`. The loop
+        does not see that delay, so that it is taken back here; over the last samples, whose reading is not
         yet there, the table is taken to stand.
     period : float
         [s].

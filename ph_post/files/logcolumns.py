@@ -134,16 +134,16 @@ def _kind(name: str, where: str) -> str | None:
     Raises
     ------
     InputError
-        Where it is that of an axis other than X, Y and Z.
+        Where the axis is a known letter but none of :data:`MACHINE_AXES`.
     """
     if name == TIME:
         return TIME
     other = _OTHER_AXIS.fullmatch(name)
-    if other is not None:
+    if other is not None and other[1] not in MACHINE_AXES:
         raise InputError(
             where,
             f"axis {other[1]} cannot be taken: drives are known of straight axes only",
-            expected="X, Y or Z",
+            expected=f"{', '.join(MACHINE_AXES[:-1])} or {MACHINE_AXES[-1]}",
             got=name,
         )
     axis, _, kind = name.partition("_")

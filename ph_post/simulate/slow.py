@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import astuple, replace
 
-from ph_post.drive.automaton import build_automaton
+from ph_post.drive.hybrid import build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, force_on
 from ph_post.simulate import kernel
 from ph_post.types import Array, IntArray, frozen, sealed

@@ -314,5 +314,5 @@ def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_no_strategy_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry("a string")])
-    with pytest.raises(InputError, match="is not one; expected a Strategy; got str"):
+    with pytest.raises(InputError, match="is no strategy; expected a Strategy; got str"):
         registry.find_strategy("halve")

@@ -39,7 +39,7 @@ def active_effects(axis: Axis) -> tuple[ActiveEffect, ...]:
 def ignored_effects(axis: Axis) -> tuple[str, ...]:
     """Names of an axis' effects that change nothing: reserved ones, and those its loop does not feel.
 
-    Whoever simulates says so.
+    Callers that simulate report these names.
     """
     return tuple(setting.name for setting in axis.effects if _felt(axis, setting) is None)
 
@@ -47,7 +47,7 @@ def ignored_effects(axis: Axis) -> tuple[str, ...]:
 def unmoved_axes(axis: Axis, axes: Collection[str]) -> tuple[str, ...]:
     """Names of the axes whose position an axis is read with, and which are not among those that move.
 
-    They count as standing at 0. Whoever simulates says so.
+    They count as standing at 0; callers that simulate report their names.
     """
     others = [name for name, _ in plant_of(axis, Scenario()).reading.others]
     return tuple(name for name in dict.fromkeys(others) if name not in axes)

@@ -31,26 +31,9 @@ CATALOGUE = (
 )
 """Names whose meaning is fixed, whether or not something acts under them yet."""
 
-_HERE = "ph_post.drive.effects"
-BUILT_IN = {
-    "cogging": f"{_HERE}.cogging:EFFECT",
-    "coulomb_friction": f"{_HERE}.coulomb_friction:EFFECT",
-    "cutting_force": f"{_HERE}.cutting_force:EFFECT",
-    "cyclic_error": f"{_HERE}.cyclic_error:EFFECT",
-    "elastic_windup": f"{_HERE}.elastic_windup:EFFECT",
-    "engagement_impact": f"{_HERE}.engagement_impact:EFFECT",
-    "friction_asymmetry": f"{_HERE}.friction_asymmetry:EFFECT",
-    "load_offset": f"{_HERE}.load_offset:EFFECT",
-    "position_dependent_backlash": f"{_HERE}.position_dependent_backlash:EFFECT",
-    "scale_error": f"{_HERE}.scale_error:EFFECT",
-    "squareness": f"{_HERE}.squareness:EFFECT",
-    "stribeck_friction": f"{_HERE}.stribeck_friction:EFFECT",
-    "thermal_growth": f"{_HERE}.thermal_growth:EFFECT",
-    "torque_saturation": f"{_HERE}.torque_saturation:EFFECT",
-    "transport_delay": f"{_HERE}.transport_delay:EFFECT",
-    "viscous_friction": f"{_HERE}.viscous_friction:EFFECT",
-}
-"""What a source tree without installed metadata offers."""
+_RESERVED = frozenset(("backlash", "servo_mismatch"))
+BUILT_IN = {name: f"ph_post.drive.effects.{name}:EFFECT" for name in CATALOGUE if name not in _RESERVED}
+"""The effects of this package: a module of the name for each, which defines its EFFECT."""
 
 
 def effect_names() -> tuple[str, ...]:
@@ -76,12 +59,12 @@ def known_names() -> tuple[str, ...]:
 
 
 def is_effect(name: str) -> bool:
-    """Whether something acts under that name."""
+    """Return True if an effect acts under the name."""
     return _REGISTRY.has(name)
 
 
 def find_effect(name: str, where: str = "effect") -> Effect:
-    """Return the effect of that name.
+    """Return the effect with the name.
 
     Parameters
     ----------

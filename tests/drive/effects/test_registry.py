@@ -421,7 +421,9 @@ def test_others_register_by_entry_point(read, name):
 
 @pytest.mark.usefixtures("plugged_in")
 def test_what_is_registered_must_be_an_effect(read):
-    with pytest.raises(InputError, match=r"effects\[0\]\.name: what is .* not one; expected an Effect record"):
+    with pytest.raises(
+        InputError, match=r"effects\[0\]\.name: the entry point 'wrong' is no effect; expected an Effect record"
+    ):
         read('[[axes.X.effects]]\nname = "wrong"\n')
 
 

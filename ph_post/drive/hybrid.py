@@ -1,0 +1,119 @@
+"""The equations of a drive as the arrays that the engine runs; see :mod:`ph_post.drive.automaton`."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+
+from ph_post.drive.automaton import (
+    NAMES,
+    PLACE_NOISE,
+    STATES,
+    WIDTH,
+    Guard,
+    Key,
+    Motion,
+    X_dot,
+    g_dot,
+    one,
+    q_dot,
+    stay,
+)
+from ph_post.drive.loops import drive_model
+from ph_post.drive.plant import Plant
+from ph_post.types import Array, IntArray, frozen
+
+
+class Automaton(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The modes of an axis as arrays.
+
+    `keys` names mode k; `rates` (modes, WIDTH, WIDTH) holds A and B with the inputs' own rates; of `guards`,
+    `noise`, `targets` and `resets` (modes, most guards, ...) a mode has the first `counts` (modes,).
+    `moving` is the index of the state whose sign the targets ask for; `directions` (modes,) that of friction,
+    `contacts` (modes,) the flank.
+    """
+
+    keys: tuple[Key, ...]
+    rates: Array
+    counts: IntArray
+    guards: Array
+    noise: Array
+    targets: IntArray
+    resets: Array
+    moving: int
+    directions: IntArray
+    contacts: IntArray
+
+
+@lru_cache(maxsize=512)
+def build_automaton(plant: Plant) -> Automaton:
+    """Return the automaton of a plant.
+
+    Implements section 3.3 of [1]_ for the table in the loop, and a play behind the servo otherwise.
+    """
+    drive = drive_model(plant)
+    sides = (0, 1, -1) if math.isfinite(plant.saturation) else (0,)
+    modes: dict[Key, tuple[Array, list[Guard]]] = {}
+    for side in sides:
+        for contact, direction in drive.places():
+            key = (contact, direction, side)
+            rows = drive.rows(side)
+            guards = drive.guards(key, rows)
+            if len(sides) > 1:
+                guards += _saturation(plant, key, rows.asked)
+            modes[key] = (_rates(drive.motion(key, rows)), guards)
+    return _pack(modes, drive.friction_state)
+
+
+def _saturation(plant: Plant, key: Key, u: Array) -> list[Guard]:
+    """Guards at which the motor's torque reaches its limit, or comes back from it."""
+    contact, direction, side = key
+    limit = plant.saturation * one
+
+    def other(new: int) -> tuple[Key, Key, Key]:
+        return ((contact, direction, new),) * 3
+
+    if side:
+        return [Guard(side * u - limit, PLACE_NOISE, other(0), stay())]
+    return [Guard(limit - s * u, PLACE_NOISE, other(s), stay()) for s in (1, -1)]
+
+
+def _rates(motion: Motion) -> Array:
+    matrix = np.zeros((WIDTH, WIDTH))
+    for name, row in motion.items():
+        matrix[NAMES.index(name)] = row
+    matrix[5], matrix[8], matrix[10] = X_dot, g_dot, q_dot
+    return matrix
+
+
+def _pack(modes: dict[Key, tuple[Array, list[Guard]]], moving: str) -> Automaton:
+    keys = tuple(modes)
+    most = max(len(guards) for _, guards in modes.values())
+    shape = (len(keys), most)
+    rows, noise = np.zeros((*shape, WIDTH)), np.zeros(shape)
+    targets, resets = np.zeros((*shape, 3), dtype=np.int64), np.zeros((*shape, STATES, WIDTH))
+    for mode, (_, guards) in enumerate(modes.values()):
+        for number, guard in enumerate(guards):
+            rows[mode, number], noise[mode, number] = guard.row, guard.noise
+            targets[mode, number] = [keys.index(target) for target in guard.target]
+            resets[mode, number] = guard.reset
+    directions = np.array([key[1] for key in keys], dtype=np.int64)
+    counts = np.array([len(guards) for _, guards in modes.values()], dtype=np.int64)
+    contacts = np.array([key[0] for key in keys], dtype=np.int64)
+    for array in (counts, targets, directions, contacts):
+        array.setflags(write=False)
+    return Automaton(
+        keys=keys,
+        rates=frozen([rates for rates, _ in modes.values()]),
+        counts=counts,
+        guards=frozen(rows),
+        noise=frozen(noise),
+        targets=targets,
+        resets=frozen(resets),
+        moving=NAMES.index(moving),
+        directions=directions,
+        contacts=contacts,
+    )
