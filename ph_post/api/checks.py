@@ -10,6 +10,7 @@ from ph_post.diff import compare
 from ph_post.diff.records import Comparison
 from ph_post.drive.axes import check_axes
 from ph_post.edit.inputs import read_program_file, read_program_pair
+from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import RS274, PartProgram
 from ph_post.progress import Progress, no_progress
@@ -181,7 +182,7 @@ def rehearse(
         what = "LinuxCNC runs programs in RS274's words, not in those of another controller"
         raise InputError(name, what, expected="a machine file for LinuxCNC", got=drives.dialect)
     part = _read(program)
-    before = rehearsing.original_of(part) if original is None else _read(original)
+    before = original_of(part, f"original of {part.name}") if original is None else _read(original)
     check_axes(moved_axes(part), "program", drives, name)
     return rehearsing.rehearse(part, drives, original=before, backlash=backlash, limit=limit, progress=progress)
 

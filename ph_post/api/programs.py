@@ -17,7 +17,7 @@ from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.header import Declaration, declare, read_declaration
 from ph_post.edit.offset_edits import plan_offsets
-from ph_post.edit.undo import undo
+from ph_post.edit.undo import original_of
 from ph_post.edit.windows import WindowPlan, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits
 from ph_post.errors import InputError, PhPostError
@@ -34,16 +34,16 @@ from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
 
 SHOWN: Final = 3
-"""Failures that are told where a program does not pass."""
+"""Failures that the error names where a program does not pass its check."""
 
 NOTED: Final = 20
 """Warnings that the head of a program holds, where it is to hold them."""
 
 
 class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """What is asked of a compensation.
+    """A request to compensate a program.
 
-    `plan` tells the strategy and its limits, `apply_edits` how it is written; with `force` a program that was
+    `plan` has the strategy and its limits, `edit` the options of what is written; with `force` a program that was
     compensated otherwise before is taken back to its original first. With `noted` the head of the program
     holds the warnings too, for those who see nothing but the program.
     """
@@ -63,7 +63,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `before` is the original, recovered where the input was compensated before; `after` what is to be
     written, the same where nothing is changed. `declaration` is what the head then says, `edits` are the
-    changes and `windows` the plans behind those of axes inside their loops; `verdict` is the judge's, None
+    changes and `windows` the plans behind those of axes inside their loops; `verdict` is the checker's, None
     where nothing was changed. `done` says that the input was this very compensation already.
     """
 
@@ -85,7 +85,7 @@ def compensate_program(
     ----------
     program : PartProgram
     machine : Machine
-        Its dialect tells the words of new lines.
+        Its dialect gives the words of new lines.
     request : ProgramRequest
     progress : Progress, optional
         Called with what is being done.
@@ -109,7 +109,7 @@ def compensate_program(
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     edits, windows = _plan(original, machine, dialect, request, progress)
-    if not _changes(edits):
+    if edits.empty:
         return CompensatedProgram(before=original, after=original, edits=edits, windows=windows)
     progress("writing")
     declaration = _declaration(original, edits, machine, dialect, request)
@@ -125,7 +125,7 @@ def compensate_program(
 
 
 def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -> PartProgram:
-    """Return the program as it was before any compensation: the input itself where there was none."""
+    """Return the program before any compensation: the input itself where there was none."""
     found = read_declaration(program.data)
     if found is None:
         return program
@@ -138,29 +138,29 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
             f"compensated before, by ph-post {found.version} for {found.machine}",
             expected="the original, or --force to begin again from it, or --undo",
         )
-    return reread(program, undo(program.data, program.name))
+    return original_of(program) or program
 
 
 def _plan(
     program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
 ) -> tuple[Edits, tuple[WindowPlan, ...]]:
-    """Plan lasting offsets of axes behind their loop, then what the strategy does for the others.
+    """Plan the offsets of axes with backlash outside the loop, then the windows of the others.
 
     They share the time allowed by the number of their axes.
     """
-    lasting = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    offsets = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
     if not find_traits(request.plan.strategy).compensates:
-        return lasting, ()
+        return offsets, ()
     drives = [machine.axes[name] for name in moved_axes(program)]
     gaps = [axis.loop for axis in drives if has_backlash(axis)]
     behind = sum(not loop.encloses_backlash for loop in gaps) if shifts_axes(request.plan) else 0
     if behind:
-        progress("planning lasting offsets")
+        progress("planning offsets")
         share = request.edit.max_slowdown * behind / len(gaps)
         options = replace(request.edit, max_slowdown=share)
-        lasting = plan_offsets(program, machine, dialect, options)
+        offsets = plan_offsets(program, machine, dialect, options)
     if behind == len(gaps):
-        return lasting, ()
+        return offsets, ()
     share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
     progress("fitting the path")
     found = plan_windows(
@@ -172,11 +172,7 @@ def _plan(
         progress,
         request.edit.block_time,
     )
-    return merge_edits(lasting, found.edits), found.plans
-
-
-def _changes(edits: Edits) -> bool:
-    return bool(edits.stops or edits.dips or np.any(edits.offset))
+    return merge_edits(offsets, found.edits), found.plans
 
 
 def _declaration(
@@ -198,7 +194,7 @@ def _declaration(
 
 def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:
     """Warnings for the head of a program; beyond the first ones their number."""
-    passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through as it is" for note in program.notes)
+    passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through unchanged" for note in program.notes)
     words = [f"warning: {word}" for word in (*passed, *edits.warnings)]
     more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
     return (*words[:NOTED], *more)
@@ -213,7 +209,7 @@ def _refusal(name: str, verdict: Verdict) -> PhPostError:
 
 
 class Performance(msgspec.Struct, frozen=True, kw_only=True):
-    """What a program does on a model of its controller and of the machine.
+    """Run of a program on a model of its controller and of the machine.
 
     `time` [s] from rest to rest. `error` [m] is the largest at the values of the machine file, `error_worst`
     that on all machines which the file leaves possible; None where they were not asked for or nothing counts.

@@ -172,7 +172,7 @@ def compensated(raw: SourceBytes, machine: Machine, how: dict[str, Any], progres
     from ph_post.dialects.reading import read_as
     from ph_post.drive.axes import check_axes
     from ph_post.edit.edits import EditOptions
-    from ph_post.rehearse.rehearse import original_of
+    from ph_post.edit.undo import original_of
     from ph_post.simulate.controllers.run import moved_axes
 
     refuse_path_options(how)

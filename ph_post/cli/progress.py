@@ -94,7 +94,7 @@ class FilterProgress:
 _ON_THE_WAY: Final = (
     ("reading", 1.0),
     ("locating", 5.0),
-    ("planning lasting", 10.0),
+    ("planning offsets", 10.0),
     ("fitting", 15.0),
     ("planning", 20.0),
     ("searching", 25.0),

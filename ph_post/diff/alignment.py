@@ -14,7 +14,7 @@ SMALL: Final = 1 << 16
 """A gap of no more cells (items by items) is solved exactly."""
 
 WINDOWS: Final = (1, 2, 4, 8, 16)
-"""Lengths of the runs that are tried as anchors: repeated items are told apart by their neighbours."""
+"""Lengths of the runs that are tried as anchors: repeated items are distinguished by their neighbours."""
 
 _MIX: Final = np.uint64(0x9E3779B97F4A7C15)
 
@@ -298,7 +298,7 @@ def _best(a: Array, b: Array, level: int, low: IntArray, high: IntArray) -> IntA
 
 @inner
 def _walk_back(steps: Array, begins: IntArray, low: IntArray, n: int, m: int) -> IntArray:
-    """Return the chain of pairs that the steps tell, from its beginning."""
+    """Return the chain of pairs that the steps describe, from its beginning."""
     chain = np.empty((n + m, 2), dtype=np.int64)
     i, j, size = n - 1, m - 1, 0
     while True:

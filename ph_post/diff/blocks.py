@@ -1,4 +1,4 @@
-"""Blocks of two programs that differ by what they say, and orders beside motion that one of them lacks."""
+"""Compare the blocks of two programs, and their commands other than motions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ph_post.types import Array, BoolArray, IntArray
 _N: Final = ord("N")
 
 _WRITING: Final = re.compile(rb"\([^)]*\)|;.*|[ \t\r\n]+|^N\d+", re.IGNORECASE | re.MULTILINE)
-"""What does not matter in a block that is compared as text."""
+"""Text that is ignored where a block is compared as text."""
 
 _ODD: Final = re.compile(rb"[/#\[\]%<>]|^[ \t]*(?:N\d+)?[ \t]*O", re.IGNORECASE | re.MULTILINE)
 """Blocks with these are compared as text: block delete, parameters, expressions, control flow, `%`."""
@@ -58,7 +58,7 @@ def block_meaning(program: PartProgram, block: int) -> str:
 
 
 def _as_text(program: PartProgram) -> BoolArray:
-    """Blocks that their words do not tell fully."""
+    """Mask of blocks that are not fully described by their words."""
     odd = np.zeros(program.blocks, dtype=bool)
     odd[program.words.block[np.isnan(program.words.value)]] = True
     found = np.array([match.start() for match in _ODD.finditer(program.data)], dtype=np.int64)
@@ -78,7 +78,7 @@ def _hashes(program: PartProgram) -> IntArray:
 def _changes(
     programs: tuple[PartProgram, PartProgram], says: tuple[IntArray, IntArray], found: IntArray
 ) -> list[BlockChange]:
-    """Pair blocks that differ only in numbers of axes, and tell what was added and removed between them."""
+    """Pair blocks that differ only in numbers of axes, and list what was added and removed between them."""
     here = np.flatnonzero(found >= 0)
     shapes = [_shapes(program) for program in programs]
     for shape, rows in ((shapes[0], here), (shapes[1], found[here])):
@@ -96,15 +96,15 @@ def _shapes(program: PartProgram) -> IntArray:
     """Hash what every block does: its letters, with the numbers of G, M and T words; never below zero."""
     words = program.words
     kept = words.letter != _N
-    told = np.isin(words.letter, list(b"GMT"))
-    mixed = hash_columns(words.letter[kept].astype(np.int64), np.where(told, words.value, 0.0)[kept])
+    kept_values = np.isin(words.letter, list(b"GMT"))
+    mixed = hash_columns(words.letter[kept].astype(np.int64), np.where(kept_values, words.value, 0.0)[kept])
     keys = np.zeros(program.blocks, dtype=np.uint64)
     np.add.at(keys, words.block[kept], mixed.view(np.uint64))
     return (keys >> np.uint64(1)).view(np.int64)
 
 
 def _change(says: tuple[IntArray, IntArray], row: list[int]) -> BlockChange:
-    """Tell what a gap of the alignment is."""
+    """Return the change that a gap of the alignment is."""
     a0, a1, b0, b1 = row
     kind: BlockKind = "added" if a0 == a1 else "removed" if b0 == b1 else "changed"
     if not (says[0][a0:a1].any() or says[1][b0:b1].any()):
@@ -140,7 +140,7 @@ _STATES: Final = {
     "path": "path mode",
     "retract": "retract of cycles",
 }
-"""Modes whose changes count as they are; all others tell in motions and feeds, and are compared there."""
+"""Modes whose changes count as they are; all others show in motions and feeds, and are compared there."""
 
 _MODES: Final = (
     *(
@@ -174,7 +174,7 @@ _SWITCHES: Final = (3.0, 4.0, 5.0, 7.0, 8.0, 9.0)
 
 
 class ProgramCommand(msgspec.Struct, frozen=True, kw_only=True):
-    """Something that is done: in words, in which block, before which motion."""
+    """A command other than a motion: in words, its block, and the motion before which it is."""
 
     what: str
     block: int
@@ -266,7 +266,7 @@ def _counterparts(travel: ComparedPaths) -> tuple[IntArray, IntArray]:
 
 
 def _before(travel: ComparedPaths, number: int, motion: int) -> Array:
-    """Where the tool is before a motion [m]."""
+    """Position of the tool before a motion [m]."""
     outline = travel.outlines[number]
     if len(outline.table) == 0:
         return np.zeros(3)

@@ -77,7 +77,7 @@ def curve_table(motions: Motions, shift: Array | None = None) -> CurveTable:
 
 
 def _known(start: Array, end: Array) -> tuple[Array, Array]:
-    """Fill what the program has not told yet: unknown coordinates become the next known of their axis."""
+    """Fill unknown coordinates: they become the next known of their axis."""
     if np.isfinite(start).all() and np.isfinite(end).all():
         return start, end
     both = np.stack([start, end], axis=1).reshape(-1, 3).copy()
@@ -188,7 +188,7 @@ STEPS: Final = 48
 GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 
 SLACK: Final = 0.4
-"""How far along the other path a nearer place may be than where a point belongs, relative to the distance.
+"""Distance along the other path within which a nearer place is sought, relative to the distance between them.
 
 The alignment that makes the sum of all distances small is slack by about that much beside a corner. What goes
 astray by d is still found to be off, by 0.6 d where it runs along the path itself.
@@ -295,7 +295,7 @@ def _square(point: Array, x: float, y: float, z: float) -> float:
 
 @inner
 def _foot(point: Array, row: Array, control: Array, low: float, high: float) -> float:
-    """Where a piece is nearest between two parameters: of a line at once, of a curve by golden sections."""
+    """Parameter of the closest point between two parameters: of a line at once, of a curve by golden sections."""
     if row[ANGLE] == 0.0 and row[ORDER] == 0.0:
         dx, dy, dz = row[END] - row[START], row[END + 1] - row[START + 1], row[END + 2] - row[START + 2]
         ahead = (point[0] - row[START]) * dx + (point[1] - row[START + 1]) * dy + (point[2] - row[START + 2]) * dz

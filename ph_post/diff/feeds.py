@@ -10,8 +10,8 @@ import numpy as np
 from ph_post.diff.curves import CurveTable
 from ph_post.diff.records import FeedChange, Span, TimeChange, Timing
 from ph_post.diff.travel import ComparedPaths, PathSamples
-from ph_post.gcode.program import RAPID, PartProgram
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.gcode.program import RAPID, PartProgram, runs
+from ph_post.types import Array, IntArray
 
 SAME_FEED: Final = 1e-9
 """Feeds that differ by no more, relatively, are the same."""
@@ -27,9 +27,9 @@ SAME_PERIODS: Final = 0.01
 
 
 class PathTiming(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """How a program goes along its path.
+    """Speeds and times of a program along its path.
 
-    `speed` (m,) [m/s] as programmed, infinite in rapid moves, NaN where it is not told; `time` (m,) [s] of
+    `speed` (m,) [m/s] as programmed, infinite in rapid moves, NaN where it is not known; `time` (m,) [s] of
     every motion, `pause` (m + 1,) [s] what it dwells before each, and behind the last. `timing` is the sum.
     """
 
@@ -40,7 +40,7 @@ class PathTiming(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def programmed_timing(program: PartProgram, outline: CurveTable) -> PathTiming:
-    """Work out speeds and times from lengths and feeds; rapid moves, whose speed is not told, take none."""
+    """Work out speeds and times from lengths and feeds; rapid moves, whose speed is not known, take none."""
     motions, lengths = program.motions, outline.lengths()
     rapid = motions.kind == RAPID
     timed = motions.duration > 0.0
@@ -76,11 +76,13 @@ def compare_feeds(
     both = np.unique(np.concatenate(pairs), axis=0)
     speeds = [paces[k].speed[both[:, k]] for k in (0, 1)]
     moving = [travel.outlines[k].lengths()[both[:, k]] > 0.0 for k in (0, 1)]
-    differs = _unlike(*speeds) & moving[0] & moving[1]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], differs, [False]])))
+    with np.errstate(invalid="ignore"):
+        near = np.abs(speeds[0] - speeds[1]) <= SAME_FEED * np.maximum(*np.abs(speeds))
+    alike = near | (speeds[0] == speeds[1]) | (np.isnan(speeds[0]) & np.isnan(speeds[1]))
+    differs = ~alike & moving[0] & moving[1]
+    spans = zip(*(ends.tolist() for ends in runs(differs)), strict=True)
     return tuple(
-        _feed_change(travel, programs, both[first:end], [speed[first:end] for speed in speeds])
-        for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        _feed_change(travel, programs, both[first:end], [speed[first:end] for speed in speeds]) for first, end in spans
     )
 
 
@@ -96,13 +98,6 @@ def _beside(side: PathSamples, other: CurveTable) -> IntArray:
     apart = np.zeros(len(pairs))
     np.maximum.at(apart, number, side.deviation[along])
     return np.asarray(pairs[together > CLEAR * apart])
-
-
-def _unlike(one: Array, other: Array) -> BoolArray:
-    with np.errstate(invalid="ignore"):
-        near = np.abs(one - other) <= SAME_FEED * np.maximum(np.abs(one), np.abs(other))
-    alike: BoolArray = near | (one == other) | (np.isnan(one) & np.isnan(other))
-    return ~alike
 
 
 def _feed_change(
@@ -140,7 +135,7 @@ def compare_times(
     times = [_spent(paces[k], rows[:, 2 * k : 2 * k + 2]) for k in (0, 1)]
     least = SAME_TIME if paces[0].timing.model == "length over feed" else SAME_PERIODS
     differs = np.abs(times[0] - times[1]) > least * np.maximum(1.0, times[0])
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], differs, [False]])))
+    spans = zip(*(ends.tolist() for ends in runs(differs)), strict=True)
     return tuple(
         TimeChange(
             a=_block_span(programs[0], int(rows[first, 0]), int(rows[end - 1, 1])),
@@ -148,7 +143,7 @@ def compare_times(
             time_a=float(times[0][first:end].sum()),
             time_b=float(times[1][first:end].sum()),
         )
-        for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        for first, end in spans
     )
 
 

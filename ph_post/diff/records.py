@@ -43,7 +43,7 @@ class Deviation(msgspec.Struct, frozen=True, kw_only=True):
 class FeedChange(msgspec.Struct, frozen=True, kw_only=True):
     """A stretch on which the feeds differ: lowest and highest of both [m/s], and of their ratio b to a.
 
-    None where there is none to tell: rapid moves, or no F.
+    None for rapid moves and without an F.
     """
 
     a: Span
@@ -64,7 +64,7 @@ class TimeChange(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CommandChange(msgspec.Struct, frozen=True, kw_only=True):
-    """Something beside the motion that only one program does, or both at other places.
+    """A command other than a motion that only one program has, or both at different places.
 
     `what` in words; `a` and `b` the block in either program, None where it is not there.
     """
@@ -75,7 +75,7 @@ class CommandChange(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Timing(msgspec.Struct, frozen=True, kw_only=True):
-    """How long a program takes [s].
+    """The time that a program takes [s].
 
     `model` says how that was found. `rapids` is None where their speed is not known and they do not count.
     """
@@ -116,6 +116,6 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def same(self) -> bool:
-        """Whether a machine does the same with both: path, feed, time, and everything beside them."""
+        """True where a machine does the same with both: path, feed, time, and everything beside them."""
         apart = self.max_deviation is None and len(self.travel.gaps) > 0
         return not (apart or self.deviations or self.feeds or self.retimed or self.orders)

@@ -130,7 +130,7 @@ def _strays(lags: list[float], lengths: list[float], last: float) -> list[int]:
 
 
 def _keys(outline: CurveTable, own: int) -> IntArray:
-    """Hash the geometry of every motion; those without a length are like no other, as they tell no place."""
+    """Hash the geometry of every motion; those without a length are unlike all others, as they have no place."""
     table = outline.table.copy()
     table[:, :ANGLE] = np.rint(table[:, :ANGLE] / GRID)
     table[:, ANGLE] = np.rint(table[:, ANGLE] / GRID)

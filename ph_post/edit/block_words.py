@@ -1,4 +1,4 @@
-"""Words of a block: exchanged, added and removed in its text; and written for a part of a motion or a jog."""
+"""Replace, add and remove words in the text of a block, and write the words of a part of a motion or of a jog."""
 
 from __future__ import annotations
 
@@ -98,14 +98,14 @@ def text_after_motion(program: PartProgram, block: int) -> str:
 
 
 def ends_program(program: PartProgram, block: int) -> bool:
-    """Whether the program ends in a line."""
+    """Return true where the program ends in this line."""
     return any(float(program.words.value[w]) in _ENDING for w in words_after_motion(program, block))
 
 
 def exchange_words(
     program: PartProgram, block: int, new: Mapping[str, str], mode: str
 ) -> tuple[dict[int, str], list[str]]:
-    """Put new words, by letter, in the place of a line's own; those it does not have are to be added."""
+    """Return the words of a line to replace, by number, and the new words that it does not have yet."""
     own = words_by_letter(program, block)
     exchange = {own[letter]: text for letter, text in new.items() if letter in own}
     word = motion_word(program, block)
@@ -115,7 +115,7 @@ def exchange_words(
 
 
 def relies_on_mode(program: PartProgram, block: int) -> bool:
-    """Whether a line moves without saying how, so that the motion mode in force decides."""
+    """Return true where a line moves without a motion word, so that the motion mode in force applies."""
     words, moves = program.words, False
     for word in program.words_of(block):
         letter, value = chr(int(words.letter[word])), float(words.value[word])
@@ -204,7 +204,7 @@ def fine_decimals(program: PartProgram, decimals: int) -> int:
 
 
 class PartWords:
-    """Writes the words of parts, with what has been written before kept in mind.
+    """Writes the words of the parts of one motion, each relative to the part before it.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ class PartWords:
         return words_by_letter(self.program, self.block)
 
     def begin(self, offset: IntArray) -> None:
-        """Tell the offset, in steps, with which the motion begins."""
+        """Set the offset, in steps, with which the motion begins."""
         self._last = offset.copy()
 
     def _steps(self, length: Array, coarse: bool) -> IntArray:
@@ -283,7 +283,7 @@ class PartWords:
         return words
 
     def _require(self, axis: int, *points: Array) -> None:
-        """Refuse to write what follows from a position that is not known."""
+        """Refuse to write a place that follows from an unknown position."""
         if any(np.isnan(point[axis]) for point in points):
             where = f"{self.program.name}:{self.block + 1}"
             raise InputError(where, f"a place inside a motion that begins where {AXES[axis]} is not known")

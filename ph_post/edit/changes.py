@@ -255,7 +255,7 @@ class ChangeWriter:
         if part.duration is not None and self._program.motions.exact[motion]:
             if self._dialect.syntax.path_mode is None:
                 where = f"{self._program.name}:{self._program.motions.block[motion] + 1}"
-                raise InputError(where, f"{self._dialect.name} has no words to leave exact stops in a feed dip")
+                raise InputError(where, f"{self._dialect.name} cannot leave exact-stop mode for a feed dip")
             wanted = self._dialect.syntax.path_mode(self._tolerance * MM / modal.units)
         if wanted is not None and wanted != self._path:
             self._change.lines.append(wanted)

@@ -13,7 +13,7 @@ from ph_post.types import IntArray
 
 NEAR: Final = 1e-7
 """A turning point inside a motion counts as its end where the axis gets no farther than this from there [m]:
-a stop a tenth of a micrometre of excursion away would cut slivers off arcs."""
+a stop a tenth of a micrometre of excursion away would leave very short arcs."""
 
 SAME: Final = 1e-9
 """Positions that differ by no more [m] are one: the axis rests."""
@@ -232,7 +232,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
     Returns
     -------
     Array, shape (n, 6)
-        Changes in order; columns as named in this module. The first of a chain tells its first direction.
+        Changes in order; columns as named in this module. The first of a chain gives its first direction.
     """
     kind, end = view[0], view[2]
     rows, count = np.empty((64, _COLUMNS)), 0

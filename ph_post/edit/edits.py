@@ -5,12 +5,12 @@ Two sets of edits are merged here, and put in the order in which they are writte
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby, pairwise
 
 import msgspec
+import numpy as np
 
-from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import part_length
 from ph_post.gcode.program import Motions
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE
@@ -31,9 +31,9 @@ class OffsetShift(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
-    """The path stands still at the `share` (0 to 1) of a motion, rests for `pause` [s], and axes are shifted.
+    """The path stops at the `share` (0 to 1) of a motion, rests for `pause` [s], and axes are shifted.
 
-    Lasting shifts are those that :attr:`Edits.offset` has too; of others (out and back) the sum is zero.
+    Shifts that change :attr:`Edits.offset` stay; those of a backlash take-up move add up to zero.
     """
 
     motion: int
@@ -55,14 +55,14 @@ class DipEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """All changes to one program.
+    """All edits of one program.
 
-    `offset` (m, 3) [m]: what X, Y and Z carry at the end of every motion, on the grid of the dialect's
-    decimals in the program's units. A rapid goes from the offset before it to its own; a cutting motion
-    carries one offset, unless a stop on it changes that. At the end of every chain it is zero, where need be
-    by a stop behind the last motion. `stops` and `dips` in order of travel. `amplitude` [m] by axis: the
-    lasting offset, which is + or - this or zero; `pulse` [m] by axis: the largest shift out and back.
-    `warnings` name what was left alone.
+    `offset` (m, 3) [m] is added to X, Y and Z at the end of every motion, on the grid of the dialect's
+    decimals in the program's units. A rapid goes from the offset before it to its own; a cutting motion has
+    one offset, unless a stop on it changes that. At the end of every chain the offset is zero, where need be
+    by a stop behind the last motion. `stops` and `dips` are in the order of travel. `amplitude` [m] by axis:
+    the offset is plus or minus this, or zero; `pulse` [m] by axis: the largest backlash take-up move.
+    `warnings` name what is not compensated.
     """
 
     offset: Array
@@ -72,21 +72,27 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     pulse: Mapping[str, float] = {}
     warnings: tuple[str, ...] = ()
 
+    @property
+    def empty(self) -> bool:
+        """No change at all."""
+        return not (self.stops or self.dips or np.any(self.offset))
+
 
 def merge_edits(a: Edits, b: Edits) -> Edits:
-    """Return the changes of both; stops at the same place become one.
+    """Return the edits of both; stops at the same place become one.
 
     Raises
     ------
-    InputError
-        Where both shift one axis for good, or both tell the feed of one stretch.
+    ValueError
+        Where both offset one axis, or dips of both overlap.
     """
     shared = sorted(set(a.amplitude) & set(b.amplitude))
     if shared:
-        raise InputError("merge", f"both shift axis {shared[0]}", expected="axes apart", got=shared[0])
+        raise ValueError(f"both sets of edits offset axis {shared[0]}")
+    ordered = sorted((*a.stops, *b.stops), key=_stop_place)
     return Edits(
         offset=a.offset if a.offset is b.offset and not a.offset.any() else sealed(a.offset + b.offset),
-        stops=_merged_stops((*a.stops, *b.stops)),
+        stops=tuple(join_stops(list(found)) for _, found in groupby(ordered, _stop_place)),
         dips=_merged_dips((*a.dips, *b.dips)),
         amplitude={**a.amplitude, **b.amplitude},
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
@@ -98,20 +104,11 @@ def _stop_place(stop: StopEdit) -> tuple[int, float]:
     return stop.motion, stop.share
 
 
-def _merged_stops(stops: tuple[StopEdit, ...]) -> tuple[StopEdit, ...]:
-    """Order stops by place; the shifts of those at one place follow one another."""
-    joined = []
-    for (motion, share), group in groupby(sorted(stops, key=_stop_place), key=_stop_place):
-        found = list(group)
-        joined.append(
-            StopEdit(
-                motion=motion,
-                share=share,
-                pause=max(one.pause for one in found),
-                shifts=tuple(shift for one in found for shift in one.shifts),
-            )
-        )
-    return tuple(joined)
+def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
+    """Make one stop of stops at one place: the longest of their pauses, their shifts one after the other."""
+    first = stops[0]
+    shifts = tuple(shift for stop in stops for shift in stop.shifts)
+    return StopEdit(motion=first.motion, share=first.share, pause=max(one.pause for one in stops), shifts=shifts)
 
 
 def _merged_dips(dips: tuple[DipEdit, ...]) -> tuple[DipEdit, ...]:
@@ -120,21 +117,21 @@ def _merged_dips(dips: tuple[DipEdit, ...]) -> tuple[DipEdit, ...]:
     starts = [(int(dip.motion[0]), float(dip.share[0])) for dip in ordered]
     for end, start in zip(ends[:-1], starts[1:], strict=True):
         if start < end and sum(start) < sum(end):
-            raise InputError("merge", f"two feeds for one stretch of motion {start[0]}", expected="one")
+            raise ValueError(f"two feed dips overlap in motion {start[0]}")
     return tuple(ordered)
 
 
 TOLERANCE = 5e-3 * MM
-"""Default ε of the windows [m]; an excursion of an axis below it is not worth a stop either."""
+"""Default ε of the windows [m]; a move of an axis below it is not worth a stop either."""
 
 
 class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """How a program is compensated; lengths in m, times in s.
+    """Options of a program's compensation; lengths in m, times in s.
 
     Parameters
     ----------
     tolerance : float
-        ε of the windows, and the least excursion of an axis that is followed with a lasting offset.
+        ε of the windows; smaller moves of an axis are ignored.
     max_slowdown : float
         How much the program's time may grow, relative.
     chord_tolerance : float
@@ -165,7 +162,7 @@ _WHOLE = MotionPart(low=0.0, high=1.0)
 
 
 class MotionEdit(msgspec.Struct, frozen=True, kw_only=True):
-    """What is done at one motion: `parts` in order, and `stops` by the share at which they stand."""
+    """The edits of one motion: its `parts` in order, and its `stops` by share."""
 
     motion: int
     parts: tuple[MotionPart, ...]
@@ -173,12 +170,12 @@ class MotionEdit(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def whole(self) -> bool:
-        """Whether the motion itself stays as it is."""
+        """True where the motion itself stays unchanged."""
         return len(self.parts) == 1 and self.parts[0].duration is None
 
 
 def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
-    """Gather the changes by motion; `step` [m] is one of the last decimal."""
+    """Gather the edits by motion; `step` [m] is one of the last decimal."""
     timed: dict[int, list[MotionPart]] = {}
     for dip in edits.dips:
         for motion, part in _pieces(dip, motions):
@@ -195,8 +192,8 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
 def stops_written(tasks: Iterable[MotionEdit], motions: Motions) -> tuple[int, list[StopEdit]]:
     """Count the places at which the path stands, and return what is written there, in order.
 
-    Stops that came to one seat are one already. One at the end of a motion and one at the start of the next
-    line's are one standstill as well.
+    Stops at one share of a motion are one already; a stop at the end of a motion and one at the start of the
+    next line's are one standstill as well.
     """
     placed = [(task.motion, share, task.stops[share]) for task in tasks for share in sorted(task.stops)]
     shared = sum(
@@ -228,42 +225,38 @@ def _motion_edit(
     wanted = sorted({0.0, 1.0, *(stop.share for stop in stops), *(e for p in timed for e in (p.low, p.high))})
     length = part_length(motions, motion, 0.0, 1.0)
     least = _LEAST_STEPS * step / length if length > 0.0 else 2.0
-    seat = _snap_shares(wanted, least)
-    edges = sorted(set(seat.values()))
-    parts = tuple(_timed_part(low, high, timed, seat) for low, high in pairwise(edges))
-    return MotionEdit(motion=motion, parts=parts, stops=_placed(stops, seat))
+    snapped = _snap_shares(wanted, least)
+    edges = sorted(set(snapped.values()))
+    parts = tuple(_timed_part(low, high, timed, snapped) for low, high in pairwise(edges))
+    return MotionEdit(motion=motion, parts=parts, stops=_placed(stops, snapped))
 
 
-def _placed(stops: list[StopEdit], seat: dict[float, float]) -> dict[float, StopEdit]:
+def _placed(stops: list[StopEdit], snapped: dict[float, float]) -> dict[float, StopEdit]:
     """Gather stops by the share at which they come to stand; those at one place become one."""
     placed: dict[float, StopEdit] = {}
     for stop in stops:
-        at = seat[stop.share]
+        at = snapped[stop.share]
         held = placed.get(at)
-        placed[at] = stop if held is None else _join_two(held, stop)
+        placed[at] = stop if held is None else join_stops((held, stop))
     return placed
 
 
 def _snap_shares(wanted: list[float], least: float) -> dict[float, float]:
-    """Where each place comes to lie, so that no part is shorter than `least`."""
-    seat, last = {0.0: 0.0, 1.0: 1.0}, 0.0
+    """Move shares together so that no part is shorter than `least`; new share by old."""
+    snapped, last = {0.0: 0.0, 1.0: 1.0}, 0.0
     for share in wanted[1:-1]:
         if 1.0 - share < least:
-            seat[share] = 1.0
+            snapped[share] = 1.0
         else:
             last = share if share - last >= least else last
-            seat[share] = last
-    return seat
+            snapped[share] = last
+    return snapped
 
 
-def _timed_part(low: float, high: float, timed: list[MotionPart], seat: dict[float, float]) -> MotionPart:
-    """Tell the time of a part from the piece it lies in."""
+def _timed_part(low: float, high: float, timed: list[MotionPart], snapped: dict[float, float]) -> MotionPart:
+    """Give a part its share of the time of the piece that it lies in."""
     for piece in timed:
-        first, last = seat[piece.low], seat[piece.high]
+        first, last = snapped[piece.low], snapped[piece.high]
         if first <= low and high <= last and piece.duration is not None:
             return MotionPart(low=low, high=high, duration=piece.duration * (high - low) / (last - first))
     return MotionPart(low=low, high=high)
-
-
-def _join_two(a: StopEdit, b: StopEdit) -> StopEdit:
-    return StopEdit(motion=a.motion, share=a.share, pause=max(a.pause, b.pause), shifts=(*a.shifts, *b.shifts))

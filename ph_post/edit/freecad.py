@@ -180,7 +180,7 @@ def read_job(source: SourceText) -> JobRecord:
 
 
 def answer(job: JobRecord, machine: Machine) -> dict[str, Any]:
-    """Return what FreeCAD's post-processor is told: see the module.
+    """Return the answer to FreeCAD's post-processor: see the module.
 
     Raises
     ------

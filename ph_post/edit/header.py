@@ -68,7 +68,7 @@ def find_last(data: bytes, words: str) -> int:
 
 
 def has_marks(data: bytes) -> bool:
-    """Whether a text holds such comments."""
+    """Return true where a text contains such comments."""
     return find_last(data, "") >= 0
 
 
@@ -110,7 +110,7 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[str, ...] = ()
 
     def same_job(self, other: Declaration) -> bool:
-        """Whether both are of the same version, machine and options: nothing is left to do a second time."""
+        """Return true for the same version, machine and options: a second run has nothing to do."""
         return all(
             getattr(self, name) == getattr(other, name) for name in ("version", "machine_digest", "options_digest")
         )
@@ -127,7 +127,7 @@ def declare(
     path_mode: str = "",
     notes: tuple[str, ...] = (),
 ) -> Declaration:
-    """Gather what a program with these changes has to declare.
+    """Make the declaration of a program with these edits.
 
     `options_digest` is the hash of all that the user asked for; `path_mode` and `notes` as the head is to
     have them.
@@ -172,7 +172,7 @@ def declaration_lines(declaration: Declaration, max_line: int, style: Comments =
         f"options sha256 {one.options_digest}",
         *([f"dialect {one.dialect}"] if one.dialect else []),
         *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
-        *(f"pulse {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
+        *(f"take-up {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
         f"{one.stops} stops, {one.dips} dips",
         f"dwell {_seconds(one.dwell)} s, decimals {one.decimals},"
         f" chord tolerance {one.chord_tolerance / MM:g} mm, block time {one.block_time / MS:g} ms{mode}",
@@ -223,7 +223,7 @@ def read_declaration(data: bytes) -> Declaration | None:
 
 
 def declared_language(data: bytes) -> Language:
-    """Return the language of a compensated program; RS274/NGC where it tells none, and of others.
+    """Return the language of a compensated program; RS274/NGC where it declares none, and of other programs.
 
     Raises
     ------
@@ -235,14 +235,14 @@ def declared_language(data: bytes) -> Language:
 
 
 def _read_fact(fact: str, fields: dict[str, Any]) -> None:
-    """Read one line of the head; a line of a later version says nothing to this one."""
+    """Read one line of the head; lines of a later version are ignored."""
     for pattern, names in _FACTS:
         found = pattern.fullmatch(fact)
         if found:
             fields.update(zip(names, map(_value, names, found.groups()), strict=True))
     if found := _LENGTH.fullmatch(fact):
         kind, axis, size, unit = found.groups()
-        fields[kind.lower()][axis.upper()] = float(size) * _UNITS[unit.lower()]
+        fields["offset" if kind.lower() == "offset" else "pulse"][axis.upper()] = float(size) * _UNITS[unit.lower()]
         fields["units"] = _UNITS[unit.lower()]
     elif found := _COMMAND.fullmatch(fact):
         fields["commands"] += (found.group(1),)
@@ -261,8 +261,8 @@ def _value(name: str, text: str | None) -> Any:
 
 def _pauses(stops: Iterable[StopEdit], dialect: Dialect) -> list[float]:
     """Return every dwell [s] as the dialect's digits have it."""
-    told = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    return [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in told if pause > 0.0]
+    pauses = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    return [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in pauses if pause > 0.0]
 
 
 def _words(found: re.Match[bytes]) -> str:
@@ -284,7 +284,8 @@ _FURTHER = comment_pattern("  (.*)")
 _COMMAND = re.compile("command (.*)", re.IGNORECASE)
 _NOTE = re.compile("note (.*)", re.IGNORECASE)
 _NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
-_LENGTH = re.compile(rf"(offset|pulse) ([XYZ]) {_NUMBER} (mm|inch)", re.IGNORECASE)
+# Version 0.1.0 wrote "pulse" for "take-up".
+_LENGTH = re.compile(rf"(offset|take-up|pulse) ([XYZ]) {_NUMBER} (mm|inch)", re.IGNORECASE)
 _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE), ("digest",)),
     (re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
@@ -311,7 +312,7 @@ _CAPITALS: Final = b"UNDO"
 
 
 class Payload(msgspec.Struct, frozen=True, kw_only=True, array_like=True):
-    """What is needed to take a change back.
+    """Data that undo needs and cannot compute from the compensated program.
 
     `whole` is the original where nothing less would do. `head` the line of the first comment of the head, and
     their number; `bare` whether the original has no line end at its end; `removed` the lines that changes stand

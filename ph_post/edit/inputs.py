@@ -105,11 +105,11 @@ DRAWING_ENDINGS: Final = frozenset((".dxf", ".svg"))
 Kind = Literal["path", "program", "log"]
 
 _BLOCK: Final = re.compile(rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d]|(?:\d+\s+)?BEGIN\s+PGM)")
-"""How part programs begin: with a percent sign, a comment, a word, or as Heidenhain has it."""
+"""First characters of part programs: a percent sign, a comment, a word, or ``BEGIN PGM`` of Heidenhain."""
 
 
 def is_program(raw: SourceBytes) -> bool:
-    """Tell a part program from a path file, by its ending or else by how it begins.
+    """Return true for a part program, false for a path file, by the ending or else by the first characters.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def is_program(raw: SourceBytes) -> bool:
 
 
 def input_kind(raw: SourceBytes) -> Kind:
-    """Tell a path file, a part program, and a record of what a machine did, by ending or by how it begins.
+    """Return the kind of an input file, by its ending or else by its first characters.
 
     Examples
     --------

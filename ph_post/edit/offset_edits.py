@@ -35,7 +35,7 @@ from ph_post.edit.preconditions import (
     why_not_editable,
 )
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, CodeArray, PartProgram, plane_columns
+from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Array, Axis, BoolArray, IntArray, Machine, frozen, sealed
 from ph_post.units import MM
@@ -115,7 +115,7 @@ class ReversalSearch:
     machine : Machine
     dialect : Dialect
     amplitude : dict
-        Lasting offset by axis [m].
+        Offset by axis [m].
     chains : BoolArray, shape (c,)
         Which chains may be shifted.
     """
@@ -166,7 +166,7 @@ class ReversalSearch:
         ends = []
         for chain in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
             low, high = int(self.low[chain]), int(self.high[chain])
-            last = _last_cut(motions.kind, low, high)
+            last = low + int(np.flatnonzero(motions.kind[low:high] != RAPID)[-1])
             after = np.flatnonzero(motions.start[last + 1 : high, axis] != motions.end[last + 1 : high, axis])
             rapid = after.size > 0
             motion = last + 1 + int(after[-1]) if rapid else high - 1
@@ -185,14 +185,14 @@ class ReversalSearch:
         return stop_cost(changes, travel, self.machine)
 
     def give_up(self, name: str, chain: int, why: str) -> None:
-        """Leave an axis alone in a chain, and say so."""
+        """Leave an axis uncompensated in a chain, and warn."""
         self.open[name][chain] = False
         block = self.program.motions.block
         where = line_words(int(block[self.low[chain]]), int(block[self.high[chain] - 1]))
-        self.warnings.append(f"axis {name} carries no lasting offset in {where}: {why}")
+        self.warnings.append(f"axis {name} not compensated in {where}: {why}")
 
     def unsplit(self, changes: dict[str, Array]) -> bool:
-        """Give up where a motion cannot be divided at a change; whether there was any such place."""
+        """Give up chains in which a motion cannot be divided at a reversal; return true where there was one."""
         found = False
         for name, rows in changes.items():
             inside = rows[(rows[:, SHARE] > 0.0) & (rows[:, SHARE] < 1.0)]
@@ -208,8 +208,8 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[
     """Find the changes that keep within the time allowed.
 
     The dead band begins with the tolerance. Where the stops cost too much it is raised, up to half the lost
-    motion of each axis; where that is not enough axes are left alone in whole chains, those first that cost
-    most for their time.
+    motion of each axis; where that is not enough, axes are not compensated in whole chains, beginning with those
+    that cost most for their time.
 
     Returns
     -------
@@ -234,14 +234,14 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[
     widest = max(_bands(search, options, high).values())
     need = round_up(every / max(float(search.times.sum()), 1e-9))
     said = [
-        f"excursions of up to {widest / MM:.4g} mm are not followed, to keep within the time allowed:"
-        f" --max-slowdown {need:g} would follow all above {options.tolerance / MM:g} mm"
+        f"moves below {widest / MM:.4g} mm are ignored to keep within --max-slowdown:"
+        f" --max-slowdown {need:g} would compensate all above {options.tolerance / MM:g} mm"
     ]
     return found, [*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])]
 
 
 def _drop_costly_chains(search: ReversalSearch, options: EditOptions, allowed: float) -> None:
-    """Leave axes alone in whole chains until the widest dead band keeps within the time allowed."""
+    """Leave axes uncompensated in whole chains until the widest dead band keeps within the time allowed."""
     found = _search_raised(search, options, 1.0)
     total = search.cost(found)
     if total <= allowed:
@@ -270,18 +270,13 @@ def _bands(search: ReversalSearch, options: EditOptions, raised: float) -> dict[
     }
 
 
-def _last_cut(kind: CodeArray, low: int, high: int) -> int:
-    """Return the last motion of a chain that is no rapid; a chain that is looked at has one."""
-    return low + int(np.flatnonzero(kind[low:high] != RAPID)[-1])
-
-
 APPROACH: Final = 3.0
-"""How far before its place an axis comes onto its flank where the flank it stands on is not known, in halves
-of the lost motion: with the half that is added this is twice the lost motion, as a program's approach has."""
+"""Distance before its place from which an axis approaches where its side of the backlash is not known, in
+halves of the lost motion: with the half that is added this is twice the lost motion."""
 
 
 def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, options: EditOptions) -> Edits:
-    """Plan the lasting offsets of all axes that carry one.
+    """Plan the offsets of all axes whose backlash is outside the loop.
 
     Parameters
     ----------
@@ -294,7 +289,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     Returns
     -------
     Edits
-        With stops, but no dips; `warnings` name what is left alone.
+        With stops, but no dips; `warnings` name what is not compensated.
 
     Raises
     ------
@@ -308,7 +303,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         return nothing
     troubles = why_not_editable(program)
     if troubles:
-        said += tuple(f"the program carries no lasting offset: {trouble}" for trouble in troubles)
+        said += tuple(f"program not compensated: {trouble}" for trouble in troubles)
         return Edits(offset=nothing.offset, warnings=said)
     units = program_units(program)[0]
     amplitude = {axis.name: half_lost_motion(axis, dialect, units) for axis in axes}
@@ -318,13 +313,17 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     offset, edits = np.zeros(nothing.offset.shape), nothing
     for name, rows in changes.items():
         column = offset[:, AXES.index(name)]
-        _fill(column, rows, amplitude[name])
+        starts = np.append(rows[:, MOTION], column.size).astype(np.int64).tolist()
+        for (low, high), sign in zip(pairwise(starts), rows[:, SIGN].tolist(), strict=True):
+            column[low:high] = sign * amplitude[name]
         if column.any():
             found = _edits_of(program, machine.axes[name], amplitude[name], rows, nothing.offset)
             edits = merge_edits(edits, found)
-    edits = replace(edits, offset=sealed(offset))
-    told = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *said_of_time]
-    return _with_warnings(edits, program, dialect, told)
+    warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *said_of_time]
+    if edits.amplitude:
+        own = double_compensation(program, dialect)
+        warnings += [*friction_warnings(edits.amplitude), *own, *dialect.notices.cautions]
+    return replace(edits, offset=sealed(offset), warnings=tuple(warnings))
 
 
 def _open_chains(program: PartProgram, blocked: dict[str, BoolArray]) -> BoolArray:
@@ -336,41 +335,34 @@ def _open_chains(program: PartProgram, blocked: dict[str, BoolArray]) -> BoolArr
     return np.asarray(cuts)
 
 
-def _fill(offset: Array, rows: Array, amplitude: float) -> None:
-    """Write the offset of one axis at the end of every motion; each change lasts until the next."""
-    starts = np.append(rows[:, MOTION], offset.size).astype(np.int64).tolist()
-    for (low, high), sign in zip(pairwise(starts), rows[:, SIGN].tolist(), strict=True):
-        offset[low:high] = sign * amplitude
-
-
 def _edits_of(program: PartProgram, axis: Axis, amplitude: float, rows: Array, nothing: Array) -> Edits:
     """Turn the changes of one axis into stops; the last change of every chain is to none."""
-    stops, seated = _stops(program, axis, amplitude, rows)
+    stops, approached = _stops(program, axis, amplitude, rows)
     return Edits(
         offset=nothing,
         stops=stops,
         amplitude={axis.name: amplitude},
-        pulse={axis.name: APPROACH * amplitude} if seated else {},
+        pulse={axis.name: APPROACH * amplitude} if approached else {},
     )
 
 
 def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> tuple[tuple[StopEdit, ...], bool]:
-    """Make stops of changes, and say whether any of them seats the axis.
+    """Make stops of reversals; the second value is true where the axis approaches from beyond its backlash.
 
-    The first change of a chain finds the axis on either flank. Behind a rapid, so in the air, it comes from
-    beyond the gap.
+    At the first reversal of a chain the axis may be on either side of its backlash. Behind a rapid, so in the
+    air, it approaches its place from beyond the backlash.
     """
     before = np.append(0.0, rows[:-1, SIGN])
     first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)
     before[first] = 0.0
     steps = rows[:, SIGN] - before
     rapid = (program.motions.kind[rows[:, MOTION].astype(np.int64)] == RAPID) & (rows[:, SHARE] == 1.0)
-    seats = first & rapid
+    approaches = first & rapid
     made = np.flatnonzero((rows[:, CARRIED] == 0.0) & (steps != 0.0))
     velocity = {size: make_jog(axis, size * amplitude, 0.0).velocity for size in (1.0, 2.0, APPROACH, APPROACH + 1.0)}
     stops = []
     for n, rest in zip(made.tolist(), jog_dwells(axis, rows[made]), strict=True):
-        ways = (-APPROACH * steps[n], (APPROACH + 1.0) * steps[n]) if seats[n] else (steps[n],)
+        ways = (-APPROACH * steps[n], (APPROACH + 1.0) * steps[n]) if approaches[n] else (steps[n],)
         shifts = tuple(
             OffsetShift(
                 axis=axis.name,
@@ -383,11 +375,4 @@ def _stops(program: PartProgram, axis: Axis, amplitude: float, rows: Array) -> t
         stops.append(
             StopEdit(motion=int(rows[n, MOTION]), share=float(rows[n, SHARE]), pause=float(rest), shifts=shifts)
         )
-    return tuple(stops), bool(seats[made].any())
-
-
-def _with_warnings(edits: Edits, program: PartProgram, dialect: Dialect, said: list[str]) -> Edits:
-    if edits.amplitude:
-        own = double_compensation(program, dialect)
-        said = [*said, *friction_warnings(edits.amplitude), *own, *dialect.notices.cautions]
-    return replace(edits, warnings=tuple(said))
+    return tuple(stops), bool(approaches[made].any())

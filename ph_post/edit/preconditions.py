@@ -1,7 +1,4 @@
-"""What a program must fulfil to be edited.
-
-Why chains of motions stay original, which motions can be divided, and the grid on which offsets lie.
-"""
+"""Preconditions of an edit, and reasons why a program, a chain or a motion does not meet them."""
 
 from __future__ import annotations
 
@@ -24,15 +21,15 @@ from ph_post.units import MM
 
 
 def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
-    """Tell why a motion cannot be divided at a share of it, in words; empty where it can."""
+    """Return why a motion cannot be divided at a share of it, in words; empty where it can."""
     motions = program.motions
     line, own = int(motions.block[motion]) + 1, words_by_letter(program, int(motions.block[motion]))
     if motions.kind[motion] in (RAPID, NURBS):
-        return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'}, and is not divided"
+        return f"line {line} is a {'rapid' if motions.kind[motion] == RAPID else 'NURBS'} and cannot be divided"
     unknown = np.isnan(motions.start[motion]) | np.isnan(motions.end[motion])
     for axis, name in enumerate(AXES):
         if unknown[axis] and name in own:
-            return f"line {line} begins where {name} is not known, and cannot be divided"
+            return f"line {line} begins where {name} is not known and cannot be divided"
     if why := why_kept_whole(program, motion):
         return f"line {line} {why}"
     if motions.kind[motion] == CUBIC:
@@ -41,7 +38,7 @@ def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: 
 
 
 def why_kept_whole(program: PartProgram, motion: int) -> str:
-    """Tell what in its language keeps a motion's line whole, in words; empty where nothing does."""
+    """Return why the program's language keeps a motion's line whole, in words; empty where it does not."""
     bound = program.language.bound
     return "" if bound is None else bound(program.text(int(program.motions.block[motion])))
 
@@ -107,14 +104,14 @@ def cutting_feed(program: PartProgram, times: Array) -> Array:
 
 
 def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
-    """Chains that cannot be shifted, by the reason; chains without a cut are in none and need nothing."""
+    """Chains that cannot be offset, by the reason; chains without a cut are in none and need nothing."""
     motions = program.motions
     low, _ = chain_spans(motions)
     cuts = motions.kind != RAPID
     found: dict[str, BoolArray] = {
-        "its feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
-        "it holds a NURBS (G5.2)": motions.kind == NURBS,
-        "a G5 of it goes on from the last one without I and J": _continued(program),
+        "the feed is not known (G95, or no F yet)": cuts & np.isnan(motions.feed) & (motions.duration == 0.0),
+        "contains a NURBS (G5.2)": motions.kind == NURBS,
+        "contains a G5 that continues the one before it, without I and J": _continued(program),
     }
     if low.size == 0:
         return {}
@@ -122,10 +119,10 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
 
 
 def why_not_editable(program: PartProgram) -> list[str]:
-    """Why nothing of a program can be shifted."""
+    """Return the reasons why nothing in a program can be offset; empty where it can."""
     troubles = []
     if _checksummed(program):
-        troubles.append("its lines carry checksums, between which no line can be added")
+        troubles.append("its lines carry checksums, so no line can be added")
     words = program.words
     turned = (words.letter == ord("G")) & (words.digits == 10) & (words.decimals == 0)
     for block in words.block[turned].tolist():
@@ -144,27 +141,23 @@ def program_units(program: PartProgram) -> list[float]:
 
 
 def double_compensation(program: PartProgram, dialect: Dialect) -> list[str]:
-    """Warn of a controller that compensates a second time."""
+    """Warn of a controller that compensates the backlash a second time."""
     words = program.words
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
-    said = (
-        [
-            f"line {found[0] + 1} switches the controller's own backlash compensation on (M425)"
-            ": both together shift twice"
-        ]
-        if found.size
-        else []
-    )
+    twice = "the backlash would be compensated twice"
+    said = []
+    if found.size:
+        said = [f"line {found[0] + 1} switches the controller's own backlash compensation on (M425): {twice}"]
     if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
         line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
-        said = [f"line {line} sets the controller's own backlash compensation (M425): both together shift twice"]
+        said = [f"line {line} sets the controller's own backlash compensation (M425): {twice}"]
     if own_setting := dialect.notices.own_compensation:
-        said.append(f"{own_setting} must be 0 for the shifted axes, or both shift them")
+        said.append(f"{own_setting} must be 0 for the compensated axes, or their backlash is compensated twice")
     return said
 
 
 def _checksummed(program: PartProgram) -> bool:
-    """Whether a star stands outside comments and expressions."""
+    """Return true where a line ends with a checksum."""
     if b"*" not in program.data:
         return False
     data = np.frombuffer(program.data, dtype=np.uint8)
@@ -189,27 +182,27 @@ def _continued(program: PartProgram) -> BoolArray:
 def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
     """Name axes that move from places that are not known, as under G91 from where the machine stands."""
     words, motions = program.words, program.motions
-    told = []
+    warnings = []
     for name in axes:
         named = np.isin(motions.block, words.block[words.letter == ord(name)])
         lost = motions.block[named & np.isnan(motions.end[:, AXES.index(name)])]
         if lost.size:
-            told.append(
-                f"axis {name} carries no lasting offset at {lost.size} motions, the first in line"
+            warnings.append(
+                f"axis {name} not compensated at {lost.size} motions, the first in line"
                 f" {lost[0] + 1}: they begin where its position is not known"
             )
-    return told
+    return warnings
 
 
 def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: int = 12) -> list[str]:
-    """Name the stretches that are left alone."""
+    """Name the chains that are not compensated."""
     low, high = chain_spans(program.motions)
     block = program.motions.block
-    told = []
+    warnings = []
     for why, marks in blocked.items():
         for chain in np.flatnonzero(marks)[:most].tolist():
             where = line_words(int(block[low[chain]]), int(block[high[chain] - 1]))
-            told.append(f"no lasting offset in {where}: {why}")
+            warnings.append(f"not compensated in {where}: {why}")
         if marks.sum() > most:
-            told.append(f"{int(marks.sum()) - most} more stretches like these: {why}")
-    return told
+            warnings.append(f"{int(marks.sum()) - most} more places not compensated: {why}")
+    return warnings

@@ -20,7 +20,8 @@ from ph_post.edit.header import (
 from ph_post.edit.word_shifts import assemble, unshift_numbers
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
-from ph_post.gcode.program import ByteArray, Language, PlaceArray
+from ph_post.gcode.program import ByteArray, Language, PartProgram, PlaceArray
+from ph_post.gcode.read import reread
 from ph_post.gcode.words import read_words
 from ph_post.types import BoolArray, IntArray, sealed
 
@@ -33,7 +34,7 @@ _LINES: Final = 50_000
 _BEGUN: Final = b"N1\n"
 
 SHIFTABLE: Final = tuple(ord(letter) for letter in "XYZIJK")
-"""Letters of words that a lasting offset can change."""
+"""Letters of words that an offset can change."""
 
 
 def undo(data: bytes, name: str) -> bytes:
@@ -53,8 +54,23 @@ def undo(data: bytes, name: str) -> bytes:
     return original
 
 
+def original_of(program: PartProgram, name: str | None = None) -> PartProgram | None:
+    """Return the original of a compensated program, read by the same words; None where it is not compensated.
+
+    `name` is its name in messages, by default the program's own.
+
+    Raises
+    ------
+    InputError
+        Where the program was changed after it was compensated.
+    """
+    if read_declaration(program.data) is None:
+        return None
+    return reread(program, undo(program.data, program.name), name)
+
+
 def restore(data: bytes, name: str) -> bytes:
-    """Take back what the payload of a program tells, without a look at the result."""
+    """Return what the payload of a program restores, without a check of the result."""
     payload, end = read_payload(data, name)
     if payload.whole is not None:
         return payload.whole
@@ -103,8 +119,8 @@ class _Restorer:
         return text
 
     def _find_changes(self, end: int) -> tuple[BoolArray, IntArray]:
-        """Mark the lines that were added, and tell by line what they took the place of (n, 2)."""
-        removed = np.append(0, np.cumsum([len(one) for one in _split(self._payload.removed)]))
+        """Mark the lines that were added (n,); and by line the span of the removed text they replaced (n, 2)."""
+        removed = split_lines(np.frombuffer(self._payload.removed, np.uint8)).astype(np.int64)
         added = np.zeros(self._lines.size - 1, dtype=np.bool_)
         spans, done = np.zeros((added.size, 2), dtype=np.int64), 0
         added[self._payload.head[0] : sum(self._payload.head)] = True
@@ -162,13 +178,8 @@ class _Restorer:
         return words.start[word] + 1, words.end[word], pool, bounds
 
 
-def _split(text: bytes) -> list[bytes]:
-    lines = split_lines(np.frombuffer(text, np.uint8)).tolist()
-    return [text[low:high] for low, high in pairwise(lines)]
-
-
 def _with_odd(pool: ByteArray, bounds: IntArray, odd: dict[int, bytes]) -> tuple[ByteArray, IntArray]:
-    """Put the text of odd numbers in the place of what their style tells."""
+    """Put the kept text of odd numbers in the place of the text that their style gives."""
     texts = [pool[low:high].tobytes() for low, high in pairwise(bounds.tolist())]
     for number, text in odd.items():
         texts[number] = text

@@ -21,7 +21,7 @@ BISECTIONS = 60
 
 
 class UnchangedWindow(msgspec.Struct, frozen=True, kw_only=True):
-    """A window that the program keeps as it is: its number, the motion it lies on, and why."""
+    """A window that stays unchanged: its number, the motion it lies on, and why."""
 
     window: int
     motion: int
@@ -29,7 +29,7 @@ class UnchangedWindow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlacedEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Stops and dips in order of travel, and windows that were left alone."""
+    """Stops and dips in order of travel, and windows that stay unchanged."""
 
     stops: tuple[StopEdit, ...]
     dips: tuple[DipEdit, ...]
@@ -39,7 +39,7 @@ class PlacedEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def place_plan(
     motions: Motions, path: ProgramPath, plan: Plan, block_time: float, bound: Callable[[int], str]
 ) -> PlacedEdits:
-    """Tell what a plan does in its windows on the motions of the program.
+    """Turn the windows of a plan into stops and dips on the motions of the program.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def place_plan(
     path : ProgramPath
         The path that was planned.
     plan : Plan
-        Made for a program, without lasting offsets.
+        Made for a program, without offsets.
     block_time : float
         Longest block of a dip [s].
     bound : callable
@@ -95,7 +95,7 @@ class _PlanPlacer:
             self._leave(window, motion, f"it would stop inside a line that {why}")
             return
         if inside and self.motions.kind[motion] in (RAPID, NURBS):
-            what = "a rapid" if self.motions.kind[motion] == RAPID else "a NURBS, which is not divided"
+            what = "a rapid" if self.motions.kind[motion] == RAPID else "a NURBS, which cannot be divided"
             self._leave(window, motion, f"it would stop inside {what}")
             return
         times = [*(jog.start for jog in jogs), span.end]
@@ -133,7 +133,7 @@ class _PlanPlacer:
         )
         if any(sign_changes(phase.speed) for phase in self.phases[first : last + 1]):
             where, _ = self._place(float(self.motion.s[first]), -1)
-            self._leave(window, where, "the tool would move back on its path, which a dip cannot tell")
+            self._leave(window, where, "the tool would move back on its path, which a feed dip cannot do")
             return
         times, s = self._cut(start, end)
         motion, share = self.path.to_motions(s)
@@ -141,7 +141,7 @@ class _PlanPlacer:
             self._leave(window, int(motion[0]), "the dip would be shorter than a block")
             return
         touched = self.motions.kind[motion[0] : motion[-1] + 1]
-        for kind, what in ((RAPID, "a rapid"), (NURBS, "a NURBS, which is not divided")):
+        for kind, what in ((RAPID, "a rapid"), (NURBS, "a NURBS, which cannot be divided")):
             if (touched == kind).any():
                 self._leave(window, int(motion[0]), f"it would change the feed of {what}")
                 return
@@ -155,7 +155,7 @@ class _PlanPlacer:
         """Return times and places [m] of the ends of blocks: ends of motions, and equal times between them.
 
         The ends of a dip and its middle, which ends a block as well, go to an end of a motion that is passed
-        within half a block of them: so neither a dip nor what it leaves of a motion begins with a sliver.
+        within half a block of them: so neither a dip nor the rest of a motion begins with a very short block.
         Where both ends go to the same place, that alone is returned.
         """
         slack = 0.5 * self.block_time

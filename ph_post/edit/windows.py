@@ -116,7 +116,7 @@ class WindowPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class WindowEdits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the windows of a program change, and the plans that say why, one a part that was planned."""
+    """The edits of a program's windows, and the plan of each part that was planned."""
 
     edits: Edits
     plans: tuple[WindowPlan, ...]
@@ -131,11 +131,11 @@ def plan_windows(
     progress: Progress = no_progress,
     block_time: float = BLOCK_TIME,
 ) -> WindowEdits:
-    """Plan the windows of a program, and tell them as changes to its motions.
+    """Plan the windows of a program, and turn the plans into edits of its motions.
 
-    A full stop of the plan becomes a stop at its turning point, with what axes are shifted out and back; the
+    A full stop of the plan becomes a stop at its turning point, with a backlash take-up move; the
     controller ramps to it by itself. A dip becomes blocks of a known time each. Where nothing is modulated,
-    nothing is changed. Rapids are left alone.
+    nothing is changed. Rapids stay unchanged.
 
     Parameters
     ----------
@@ -156,19 +156,19 @@ def plan_windows(
     Returns
     -------
     WindowEdits
-        `edits.warnings` name what was left alone.
+        `edits.warnings` name what is not compensated.
     """
     edits = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
     troubles = why_not_editable(program)
     if troubles:
-        words = tuple(f"no window of the program is changed: {trouble}" for trouble in troubles)
+        words = tuple(f"windows not compensated: {trouble}" for trouble in troubles)
         return WindowEdits(edits=replace(edits, warnings=words), plans=())
     reasons, said = _reasons(program), []
     parts: list[_Part] = []
     for one in paths:
         found = _parts(one, planned_machine(machine, one.path, options), tolerance)
         if found and one.chain in reasons:
-            said.append(f"{_where(program, one)}: windows left alone: {reasons[one.chain]}")
+            said.append(f"{_where(program, one)}: windows not compensated: {reasons[one.chain]}")
         else:
             parts += found
     stops: list[StopEdit] = []
@@ -199,7 +199,7 @@ class _Part(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def _parts(path: ProgramPath, machine: Machine, tolerance: float) -> list[_Part]:
-    """Divide a path, and leave out what has no window at which a gap is crossed."""
+    """Divide a path, and leave out parts without a window at which backlash is crossed."""
     if not any(has_backlash(machine.axes[name]) for name in path.path.axes):
         return []
     found = analyse(path.path, None, tolerance)
@@ -258,7 +258,7 @@ def shifts_axes(options: PlanOptions) -> bool:
 def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machine:
     """Return the machine to plan windows for.
 
-    Where lasting offsets take care of the axes behind their loop, those of the path have no gap any more.
+    Where offsets compensate the axes whose backlash is outside the loop, those of the path have none any more.
     """
     if not shifts_axes(options):
         return machine
@@ -276,7 +276,7 @@ def _planned(part: _Part, options: PlanOptions, tolerance: float, progress: Prog
 
 
 def _reasons(program: PartProgram) -> dict[int, str]:
-    """Why chains cannot be changed, by their number."""
+    """Reasons why chains cannot be changed, by chain number."""
     low, _ = chain_spans(program.motions)
     number = program.motions.chain[low]
     return {int(number[k]): why for why, marks in blocked_chains(program).items() for k in np.flatnonzero(marks)}
@@ -294,4 +294,4 @@ def _pulses(stops: Sequence[StopEdit]) -> Mapping[str, float]:
 def _words(program: PartProgram, made: WindowPlan, left: UnchangedWindow) -> str:
     points = [made.plan.turning_points[k] for k in made.plan.windows[left.window].members]
     axes = " and ".join(dict.fromkeys(point.axis for point in points))
-    return f"line {program.motions.block[left.motion] + 1}: {axes} turns: left alone: {left.why}"
+    return f"line {program.motions.block[left.motion] + 1}: {axes} reversal not compensated: {left.why}"

@@ -52,7 +52,7 @@ def _compose(digits: Any, style: Any, out: Any, at: Any) -> Any:
 
 @inner
 def _read_style(data: Any, start: Any, end: Any, digits: Any, decimals: Any) -> Any:
-    """Tell the style of a word's number, and whether it is odd: with blanks, or a minus before zero."""
+    """Read the style of a word's number; odd is true for blanks in it, or a minus before zero."""
     plus, point, before, leading = 0, 0, 0, 0
     odd = digits == 0 and data[start + 1] == 45
     for i in range(start + 1, end):
@@ -198,7 +198,7 @@ class ShiftedWords(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> MotionOffsets:
-    """Round offsets to steps [m] and tell what the words of every motion carry, its stops where they are."""
+    """Round offsets to steps [m], at the end of every motion and in its words ahead of a stop there."""
     after = np.rint(offset / step).astype(np.int32)
     word = after.copy()
     for task in tasks:
@@ -208,7 +208,7 @@ def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> M
 
 
 def net_shift(stop: StopEdit, step: float) -> IntArray:
-    """Sum of the shifts of a stop in steps, shape (3,)."""
+    """Net shift of each axis at a stop in steps, shape (3,)."""
     total = np.zeros(3)
     for shift in stop.shifts:
         total[AXES.index(shift.axis)] += shift.travel
@@ -216,19 +216,22 @@ def net_shift(stop: StopEdit, step: float) -> IntArray:
 
 
 def stop_label(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
-    """Say what a stop does to the offsets (3,) in force before it, in steps: a word or two an axis."""
+    """Describe a stop for the comment before it: by axis the side of the new offset, or a take-up move.
+
+    `offset` (3,) is in force before the stop, in steps.
+    """
     if not stop.shifts:
         return ["rest"]
     after, found = offset + net_shift(stop, step), []
     for axis, name in enumerate(AXES):
         if any(shift.axis == name for shift in stop.shifts):
-            way = int(np.sign(after[axis]))
-            found.append(f"{name} {'pulse' if after[axis] == offset[axis] else ('back', 'up', 'down')[way]}")
+            side = (" to 0", "+", "-")[int(np.sign(after[axis]))]
+            found.append(name + (" take-up" if after[axis] == offset[axis] else side))
     return found
 
 
 def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
-    """Tell the change of every word.
+    """Return the words that offsets change, and by how many steps.
 
     Words of motions only: under G90 they carry the offset, under G91 its change in their own block; centres
     under G90.1 move with the axes. Within a motion nothing but a stop changes an offset, and it has words of
@@ -255,7 +258,7 @@ def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:
 
 @inner
 def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, after: Any, word: Any) -> Any:
-    """Tell what is added to a word of a motion; under G91 only a rapid changes an offset by its own word.
+    """Return the steps added to a word of a motion; under G91 only a rapid changes an offset by its own word.
 
     Of centres only those of arcs are absolute: I and J of a G5 always begin at its start.
     """

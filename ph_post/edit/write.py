@@ -69,7 +69,7 @@ class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
-    """Write changes into a program.
+    """Write edits into a program.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     InputError
         Where the program was compensated before, or a change cannot be written in the dialect.
     """
-    if not (edits.stops or edits.dips or np.any(edits.offset)):
+    if edits.empty:
         return program.data
     if has_marks(program.data):
         raise InputError(
@@ -105,10 +105,10 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
 
 
 def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaration: Declaration) -> bytes:
-    """Write the new text; all that is needed for that is given up with it."""
+    """Write the new text, with the payload that undo needs."""
     units = program_units(program)
     if len(units) > 1 and np.any(edits.offset):
-        raise InputError(program.name, "a lasting offset in a program in mm and in inches")
+        raise InputError(program.name, "the program moves in both mm and inches: no offset can be added")
     decimals = word_decimals(dialect, units[0])
     step = units[0] * 10.0**-decimals
     tasks = schedule(edits, program.motions, step)
@@ -127,7 +127,7 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
 
 
 def _restores(text: bytes, program: PartProgram) -> bool:
-    """Whether the inverse gives the original, byte for byte."""
+    """Return true where the inverse gives the original, byte for byte."""
     try:
         return restore(text, program.name) == program.data
     except InputError:
@@ -153,7 +153,11 @@ def _check_digits(program: PartProgram, word: IntArray) -> None:
     if np.abs(digits).max() > _LARGEST or decimals.max() > MOST_DECIMALS:
         worst = np.argmax((np.abs(digits) > _LARGEST) | (decimals > MOST_DECIMALS))
         where = f"{program.name}:{program.words.block[word[worst]] + 1}"
-        raise InputError(where, "a number of too many digits to be shifted")
+        raise InputError(
+            where,
+            "the number has too many digits to add an offset",
+            expected=f"<= {len(str(_LARGEST)) - 1} digits, <= {MOST_DECIMALS} decimals",
+        )
 
 
 def _distinct(delta: IntArray) -> tuple[IntArray, ByteArray]:
@@ -212,13 +216,12 @@ def _assemble_text(
         delta=numbers.delta,
         code=number_codes(words.letter, words.block, outside, numbers.word, numbers.number).tobytes(),
         style=numbers.style[kept].astype("<u2").tobytes(),
-        odd={int(n): _number_text(program, int(numbers.word[kept][n])) for n in odd.tolist()},
+        odd={
+            n: program.data[words.start[word] + 1 : words.end[word]]
+            for n, word in zip(odd.tolist(), numbers.word[kept][odd].tolist(), strict=True)
+        },
     )
     return out.tobytes(), payload
-
-
-def _number_text(program: PartProgram, word: int) -> bytes:
-    return program.data[program.words.start[word] + 1 : program.words.end[word]]
 
 
 def _change_lines(change: Change, dialect: Dialect) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.gcode import codes
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, BoolArray, IntArray
 
 
 class Language(msgspec.Struct, frozen=True, kw_only=True):
@@ -290,6 +290,32 @@ def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:
     # Of the same type: what is looked for in another would be a copy of the whole column.
     low, high = np.searchsorted(blocks, np.array([block, block + 1], dtype=blocks.dtype))
     return int(low), int(high)
+
+
+def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:
+    """First places of the runs of a mask (n,) that are true, and the places behind their ends; (k,) each.
+
+    Examples
+    --------
+    >>> runs(np.array([True, True, False, True]))
+    (array([0, 3]), array([2, 4]))
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return edges[::2], edges[1::2]
+
+
+def expand(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
+    """All numbers of ranges ``[first, last)`` one after the other, and which range each is of.
+
+    Examples
+    --------
+    >>> expand(np.array([3, 7]), np.array([5, 8]))
+    (array([3, 4, 7]), array([0, 0, 1]))
+    """
+    size = last - first
+    number = np.repeat(np.arange(first.size), size)
+    begins = np.cumsum(size) - size
+    return np.arange(number.size) - begins[number] + first[number], number
 
 
 def number_text(value: float) -> str:

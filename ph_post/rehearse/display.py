@@ -1,4 +1,4 @@
-"""What LinuxCNC starts in place of a screen: runs one program, and records the commands of the joints.
+"""Stand-in for LinuxCNC's screen: runs one program, and records the commands of the joints.
 
 Runs under the system's Python, where LinuxCNC's modules are, and uses nothing else. It reads what to do from
 the file that PH_POST_JOB names, and leaves two beside it: ``rows.txt``, what ``halsampler`` wrote, and
@@ -71,7 +71,7 @@ class HeadlessMachine:
         self.command.wait_complete()
 
     def collect(self) -> bool:
-        """Take the messages that have come in; whether one of them is an error."""
+        """Take the messages that have come in; return true where one of them is an error."""
         bad = False
         while (found := self.errors.poll()) is not None:
             kind, text = found

@@ -163,7 +163,7 @@ def _foreign() -> list[str]:
 
 
 INSTALL: Final = "apt-get install linuxcnc-uspace"
-"""How LinuxCNC is installed on Debian."""
+"""Command that installs LinuxCNC on Debian."""
 
 TIME_LIMIT: Final = 600.0
 """Time on the wall that a program may take [s]."""
@@ -188,7 +188,7 @@ class NotInstalledError(PhPostError):
 
 
 class Recording(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What LinuxCNC commanded, one row a servo period, from the last row before the first motion on.
+    """Commands of LinuxCNC, one row a servo period, from the last row before the first motion on.
 
     `position` (n, 3) [m]: X, Y and Z as planned; `motor` (n, 3) [m]: with LinuxCNC's own compensation of
     backlash. `line` (n,) the line of the program, from 0, -1 where none runs. `settled` (n,) whether the
@@ -205,7 +205,7 @@ class Recording(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def is_installed() -> bool:
-    """Whether a LinuxCNC can be run here."""
+    """Return true where LinuxCNC can be run on this computer."""
     return all(shutil.which(name, path=_PATH) for name in ("linuxcnc", "halsampler", "rs274"))
 
 
@@ -357,7 +357,7 @@ def _require_end(folder: pathlib.Path, name: str, limit: float, log: str) -> Non
 
 
 def _refused_line(folder: pathlib.Path) -> int:
-    """Find the number of the line that the interpreter stops at, from 1; 0 where that cannot be told.
+    """Find the number of the line that the interpreter stops at, from 1; 0 where it is not found.
 
     LinuxCNC forgets it before its display can ask; the interpreter alone says what stands on that line.
     """

@@ -8,17 +8,16 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.edit.header import read_declaration
-from ph_post.edit.undo import undo
+from ph_post.edit.header import mark_text
+from ph_post.edit.undo import CHANGE_MARK
 from ph_post.files.table import log_content
-from ph_post.gcode.program import AXES, PartProgram
-from ph_post.gcode.read import reread
+from ph_post.gcode.program import AXES, PartProgram, runs
 from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
 from ph_post.simulate.controllers.run import run_program, tolerances
-from ph_post.types import Array, BoolArray, Command, IntArray, Machine, frozen, sealed
+from ph_post.types import Array, BoolArray, Command, Machine, frozen, sealed
 
 OPERATOR: Final = (0, 1, 6, 60)
 """M words that wait for somebody: how long that takes is not compared."""
@@ -178,7 +177,7 @@ def _without_waits(command: Command, program: PartProgram) -> Command:
     waits = int(((words.letter == ord("M")) & np.isin(words.value, OPERATOR)).sum())
     if not waits:
         return command
-    begins, ends = _stretches(command.feed == 0.0)
+    begins, ends = runs(command.feed == 0.0)
     longest = np.argsort(begins - ends, kind="stable")[:waits]
     kept = np.ones(command.t.size, dtype=bool)
     for begin, end in zip(begins[longest], ends[longest], strict=True):
@@ -186,17 +185,10 @@ def _without_waits(command: Command, program: PartProgram) -> Command:
     return _command(command.position[kept], command.axes, command.period)
 
 
-def _stretches(marks: BoolArray) -> tuple[IntArray, IntArray]:
-    """First rows of the stretches of a mark, and the rows behind their ends."""
-    edges = np.diff(np.concatenate([[0], marks.astype(np.int64), [0]]))
-    begins, ends = (np.flatnonzero(edges == kind).astype(np.int64) for kind in (1, -1))
-    return begins, ends
-
-
 def _path(
     program: PartProgram, machine: Machine, real: Command, plan: Command
 ) -> tuple[float, tuple[float, float, int]]:
-    """How far the real commands are from the program's path, and how far their speeds are from the plan's."""
+    """Distance of the real commands from the program's path, and of their speeds from the plan's."""
     path = CutPath(program, machine)
     leg, place = path.follow(real)
     distance = path.command_distance(real, place)
@@ -217,7 +209,7 @@ def _speeds(
         return 0.0, 0.0, 0
     off = _speed_at(real[0], real[1], where) - _speed_at(plan[0], plan[1], where)
     share = (off / path.legs.speed[leg])[inside]
-    return float(np.sqrt(np.mean(share * share))), float(np.abs(share).max()), _stretches(inside)[0].size
+    return float(np.sqrt(np.mean(share * share))), float(np.abs(share).max()), runs(inside)[0].size
 
 
 def _speed_at(command: Command, place: Array, where: Array) -> Array:
@@ -241,34 +233,18 @@ def _windows(program: PartProgram, path: CutPath) -> BoolArray:
 
 def changed_blocks(program: PartProgram) -> BoolArray:
     """Blocks of a compensated program that stand in place of others, by the marks before them."""
-    found = np.zeros(program.blocks, dtype=bool)
-    if b"(ph-post: +" not in program.data:
-        return found
-    for block in range(program.blocks):
-        text = program.text(block)
-        if text.startswith(b"(ph-post: +"):
-            count = int(text[len(b"(ph-post: +") :].split(b" ", 1)[0])
-            found[block + 1 : block + 1 + count] = True
-    return found
+    changed = np.zeros(program.blocks, dtype=bool)
+    for found in CHANGE_MARK.finditer(program.data):
+        line = int(np.searchsorted(program.lines, np.int32(found.start()), side="right")) - 1
+        if not changed[line]:
+            changed[line + 1 : line + 1 + int(mark_text(found)[0])] = True
+    return changed
 
 
 def _allowed(program: PartProgram) -> float | None:
-    """How far the program's path modes let the controller round joints [m]; None where they do not say."""
+    """Return the rounding of joints that the program's path modes allow [m]; None where it is not bounded."""
     cuts = program.motions.kind != 0
     found = tolerances(program)[cuts]
     if found.size == 0 or (found == 0.0).any():
         return None
     return float(max(found.max(), 0.0))
-
-
-def original_of(program: PartProgram) -> PartProgram | None:
-    """Return what a compensated program was made of, None of one that is not compensated.
-
-    Raises
-    ------
-    InputError
-        Where a compensated program was changed after that.
-    """
-    if read_declaration(program.data) is None:
-        return None
-    return reread(program, undo(program.data, program.name), f"original of {program.name}")

@@ -212,7 +212,7 @@ def note_words(program: PartProgram) -> Iterator[str]:
     """Name the stretches of a program that are passed through as they are."""
     for note in program.notes:
         lines = f"{note.first + 1}" if note.first == note.last else f"{note.first + 1} to {note.last + 1}"
-        yield f"{program.name}:{lines}: {note.what}: passed through as it is"
+        yield f"{program.name}:{lines}: {note.what}: passed through unchanged"
 
 
 def _changes(delivery: CompensatedProgram) -> str:

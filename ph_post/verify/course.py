@@ -34,13 +34,13 @@ _FINE = 20.0
 
 _HALVINGS = 32
 _LONGEST = 1.0
-"""Deviations are told up to this length [m]."""
+"""Deviations are measured up to this length [m]."""
 
 _CELLS = 10**6
-"""Ways of more pairs of pieces than this take too long to tell how far they are apart."""
+"""The deviation of traces with more pairs of pieces than this takes too long to measure."""
 
 _MEASURED = 20
-"""Of so many stretches the deviation is worked out."""
+"""The deviation is measured on so many stretches."""
 
 
 class _TracedPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -61,11 +61,11 @@ def check_path(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> Stretches:
     found = find_stretches(one, other, pairing)
     case.findings.count("stretches", found.change.size)
     doubts = _doubtful_jogs(case, pairing, dwells)
-    told = _check_traces(case, unproven_stretches(one, other, found, case.bound), doubts)
+    failed = _check_traces(case, unproven_stretches(one, other, found, case.bound), doubts)
     gap = np.abs(_last(one, other, found))
     off = np.any(gap > 0.5 * _grid(case, found)[:, None] + EXACT, axis=1)
     for place in np.flatnonzero(off).tolist():
-        if int(found.change[place]) not in told and not _report_jogs(case, doubts, found, place):
+        if int(found.change[place]) not in failed and not _report_jogs(case, doubts, found, place):
             _report_end(case, int(found.change[place]), gap[place])
     return found
 
@@ -110,7 +110,7 @@ def _filled(way: _TracedPath, other: _TracedPath) -> _TracedPath:
 
 
 def _last(one: Motions, other: Motions, found: Stretches) -> Array:
-    """Tell by what stretches end elsewhere [m]; a stretch without a motion ends where it begins."""
+    """Distance by axis between the ends of the stretches [m]; one without a motion ends where it begins."""
     ends = []
     for motions, side in ((one, found.old), (other, found.new)):
         first, last = np.zeros((found.change.size, 3)), np.zeros((found.change.size, 3))
@@ -148,7 +148,7 @@ def _doubtful_jogs(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> BoolAr
 
 
 def _report_jogs(case: VerifyCase, doubts: BoolArray, found: Stretches, place: int) -> bool:
-    """Tell the doubtful jogs of a stretch; whether there are any."""
+    """Report the doubtful jogs of a stretch; return true where there are any."""
     motions = case.compensated.motions
     own = found.new.motion[found.new.first[place] : found.new.first[place + 1]]
     for motion in own[doubts[own]].tolist():
@@ -194,7 +194,7 @@ def _report_path(
 
 
 def _deviation(old: _TracedPath, new: _TracedPath, place: int) -> float | None:
-    """How far the ways of a stretch are apart, in order [m], up to a metre; None where they are very long."""
+    """Fréchet distance of the traces of a stretch [m], up to a metre; None where they are very long."""
     one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
     if len(one) * len(other) > _CELLS:
         return None
@@ -220,10 +220,10 @@ _SKIP = -1
 
 
 def check_direction(case: VerifyCase, pairing: Pairing) -> None:
-    """Demand that no axis moves back farther than the dead band under the offset of its other direction.
+    """Check that no axis moves back farther than the dead band under the offset of its other direction.
 
-    The dead band is the tolerance, or the offset itself where that is more: to follow an excursion that is
-    smaller than the lost motion is nobody's duty.
+    The dead band is the tolerance, or the offset itself where that is more: moves smaller than the lost motion
+    may be ignored.
     """
     motions = case.compensated.motions
     curves = np.isin(motions.kind, (CUBIC, NURBS))
@@ -238,8 +238,8 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
         ends = (motions.start[:, axis], motions.end[:, axis])
         shift = (pairing.before[:, axis], pairing.after[:, axis])
         places = np.ascontiguousarray(lines.points[:, axis])
-        excursion = _excursions(sign, chain, ends, shift, _swings(motions, axis), (places, first))
-        over = excursion > _SPARE * band
+        back = _reverse_travel(sign, chain, ends, shift, _swings(motions, axis), (places, first))
+        over = back > _SPARE * band
         for motion in np.flatnonzero(over & ~np.append(False, over)[:-1]).tolist():
             case.findings.add(
                 "direction",
@@ -247,7 +247,7 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
                 original=_original_line(case, pairing, motion),
                 compensated=int(motions.block[motion]),
                 expected=f"<= {band / MM:.6g} mm",
-                got=f"{excursion[motion] / MM:.6g} mm",
+                got=f"{back[motion] / MM:.6g} mm",
             )
 
 
@@ -259,7 +259,7 @@ def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | Non
 
 
 def _swings(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
-    """Tell how arcs swing an axis: middle [m], radius [m], where they begin and how far they go.
+    """Motion of an axis on arcs: middle [m], radius [m], where it begins and how far it goes.
 
     The last two in half turns from where the axis is farthest; radius 0 where the axis does not swing.
     """
@@ -295,7 +295,7 @@ def _visit_turns(k: int, sign: int, shift: float, swings: Any, spot: Any) -> Non
 
 
 @compiled
-def _excursions(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any) -> Array:
+def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swings: Any, curve: Any) -> Array:
     """Longest way back [m] under one offset that each motion adds to, 0 where the axis carries none.
 
     Parameters

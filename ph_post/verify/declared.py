@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from ph_post.gcode.program import PartProgram, PlaceArray
+from ph_post.gcode.program import PartProgram, PlaceArray, expand
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import LENGTHS, MM, MS
 from ph_post.verify.verdict import Findings, quoted
@@ -21,7 +21,7 @@ _MORE = re.compile(rb"\(  (.*)\)\s*")
 """A fact that is too long for its line goes on in lines that begin with two blanks."""
 
 _BEFORE = re.compile(rb"\s*(?:%.*|O\d+\b.*)?\s*", re.IGNORECASE)
-"""What may stand before the header: blank lines, ``%`` and an O-number."""
+"""Lines that may come before the header: blank lines, ``%`` and an O-number."""
 
 _UNDO = re.compile(rb"\(ph-post: undo (\d+)/(\d+) ([A-Za-z0-9+/=]*)\)\s*", re.IGNORECASE)
 _SEMICOLON = b"; "
@@ -35,7 +35,8 @@ _KNOWN = {
     "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE),
     "options": re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE),
     "offset": re.compile(r"offset ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
-    "pulse": re.compile(r"pulse ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
+    # Version 0.1.0 wrote "pulse".
+    "pulse": re.compile(r"(?:take-up|pulse) ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
     "edits": re.compile(r"(\d+) stops?, (\d+) dips?", re.IGNORECASE),
     "dwell": re.compile(
         r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*",
@@ -62,7 +63,7 @@ class DeclaredLength(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
-    """What the header declares.
+    """The declarations of the header.
 
     `first`, `last` its lines, `tail` the first of the undo lines at the end (the number of lines where there
     are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike with the
@@ -97,7 +98,7 @@ def read_declared(original: PartProgram, compensated: PartProgram) -> DeclaredCh
     facts, last = _read_facts(original, compensated, first)
     fields, wrong = _fields(facts, first)
     if _declared_commands(facts) and not _commands(compensated, facts, last - len(_declared_commands(facts))):
-        wrong.append((first, "the commands that the header tells do not stand behind it"))
+        wrong.append((first, "the commands that the header declares do not follow it"))
     tail, more = _read_tail(compensated, last)
     return DeclaredChanges(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
 
@@ -144,10 +145,10 @@ def _read_facts(original: PartProgram, compensated: PartProgram, first: int) -> 
 
 
 def _commands(compensated: PartProgram, facts: list[tuple[int, str]], last: int) -> int:
-    """Count the lines behind the header that hold the commands it tells, in order; 0 where they do not."""
-    told = _declared_commands(facts)
-    lines = range(last, min(last + len(told), compensated.blocks))
-    return len(told) if [compensated.text(line).strip().decode("latin-1") for line in lines] == told else 0
+    """Count the lines behind the header that hold its declared commands, in order; 0 where they do not."""
+    commands = _declared_commands(facts)
+    lines = range(last, min(last + len(commands), compensated.blocks))
+    return len(commands) if [compensated.text(line).strip().decode("latin-1") for line in lines] == commands else 0
 
 
 def _declared_commands(facts: list[tuple[int, str]]) -> list[str]:
@@ -155,24 +156,24 @@ def _declared_commands(facts: list[tuple[int, str]]) -> list[str]:
 
 
 def _fields(facts: list[tuple[int, str]], first: int) -> tuple[dict[str, Any], list[tuple[int, str]]]:
-    """Values of the declaration, and what is said twice, missing, or not understood."""
+    """Values of the declaration, and its duplicate, missing or unknown lines."""
     fields: dict[str, Any] = {"offsets": {}, "pulses": {}}
     faults: list[tuple[int, str]] = []
     seen: set[str] = set()
     for number, words in facts:
         name = next((name for name, pattern in _KNOWN.items() if pattern.fullmatch(words)), None)
         if name is None:
-            faults.append((number, f"the header tells what is not understood: {words[:40]}"))
+            faults.append((number, f"the header has an unknown line: {words[:40]}"))
             continue
         match = _KNOWN[name].fullmatch(words)
         assert match is not None
         key = f"{name} {match[1]}" if name in ("offset", "pulse") else name
         if key in seen and name != "note":
-            faults.append((number, f"the header tells {key} twice"))
+            faults.append((number, f"the header declares {key} twice"))
         seen.add(key)
         _set_fact(fields, name, match)
     missing = [name for name in ("original", "edits", "dwell") if name not in seen]
-    return fields, faults + [(first, f"the header does not tell {name}") for name in missing]
+    return fields, faults + [(first, f"the header does not declare {name}") for name in missing]
 
 
 def _set_fact(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
@@ -204,8 +205,8 @@ def _read_tail(program: PartProgram, last: int) -> tuple[int, list[tuple[int, st
         match = _UNDO.fullmatch(comment_of(program, number))
         assert match is not None
         if (int(match[1]), int(match[2])) != (place, lines - tail):
-            told = f"undo {int(match[1])}/{int(match[2])} where {place}/{lines - tail} belongs"
-            faults.append((number, f"the undo lines are not in order: {told}"))
+            numbers = f"undo {int(match[1])}/{int(match[2])} where {place}/{lines - tail} belongs"
+            faults.append((number, f"the undo lines are not in order: {numbers}"))
     return tail, faults
 
 
@@ -219,7 +220,7 @@ NO_CHANGE = -1
 class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The changed stretches: lines ``[new_first, new_last)`` in place of ``[old_first, old_last)``, all (h,).
 
-    `marker` is the comment line that tells it, the one before `new_first`.
+    `marker` is the comment line that announces it, the one before `new_first`.
     """
 
     marker: IntArray
@@ -230,7 +231,7 @@ class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def number(self) -> int:
-        """How many there are."""
+        """Number of changes."""
         return self.marker.size
 
 
@@ -253,7 +254,7 @@ class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 def pair_lines(
     original: PartProgram, compensated: PartProgram, declared: DeclaredChanges, findings: Findings
 ) -> LinePairs | None:
-    """Pair the lines as header and changes tell; None where the numbers of lines do not allow it."""
+    """Pair the lines as header and marks declare; None where the numbers of lines do not allow it."""
     markers = _markers(original, compensated, declared)
     rows: list[tuple[int, int, int, int, int]] = []
     old, new = declared.first, declared.last
@@ -291,16 +292,15 @@ def _markers(original: PartProgram, compensated: PartProgram, declared: Declared
     behind, shift = declared.last, declared.last - declared.first
     for line in lines[compensated.lines[lines] == begins].tolist():
         match = _MARKER.fullmatch(comment_of(compensated, line)) if line >= behind else None
-        if match is None or _has(original, line - shift, compensated.text(line)):
+        if match is None:
+            continue
+        old = line - shift
+        if 0 <= old < original.blocks and original.text(old) == compensated.text(line):
             continue
         added, removed = int(match[1]), int(match[2])
         found.append((line, added, removed))
         behind, shift = line + 1 + added, shift + 1 + added - removed
     return found
-
-
-def _has(original: PartProgram, line: int, text: bytes) -> bool:
-    return 0 <= line < original.blocks and original.text(line) == text
 
 
 def _line_pairs(
@@ -328,7 +328,7 @@ def _line_pairs(
         for outside in (old_change == NO_CHANGE, (new_change == NO_CHANGE) & ~apart)
     )
     shared = min(old.size, new.size)
-    ends = declared.tail < compensated.blocks and not _has_end(original)
+    ends = declared.tail < compensated.blocks and original.blocks > 0 and not original.data.endswith((b"\n", b"\r"))
     return LinePairs(
         changes=changes, old=old[:shared], new=new[:shared], old_change=old_change, new_change=new_change, ends=ends
     )
@@ -339,24 +339,6 @@ def _change_of_lines(lines: int, first: IntArray, last: IntArray) -> PlaceArray:
     inside, number = expand(first, last)
     change[inside] = number
     return change
-
-
-def expand(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
-    """All numbers of ranges ``[first, last)`` one after the other, and which range each is of.
-
-    Examples
-    --------
-    >>> expand(np.array([3, 7]), np.array([5, 8]))
-    (array([3, 4, 7]), array([0, 0, 1]))
-    """
-    size = last - first
-    number = np.repeat(np.arange(first.size), size)
-    begins = np.cumsum(size) - size
-    return np.arange(number.size) - begins[number] + first[number], number
-
-
-def _has_end(program: PartProgram) -> bool:
-    return program.blocks == 0 or program.data.endswith((b"\n", b"\r"))
 
 
 def _report_count(
@@ -401,8 +383,8 @@ def as_mask(size: int, places: IntArray) -> BoolArray:
 class VerifyCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A program, what was made of it, and what is known about both.
 
-    `bound` [m] is how far the way may be off, `band` [m] the longest excursion of an axis that need not be
-    followed by its offset. Every check adds what it finds to `findings`.
+    `bound` [m] is how far the way may be off, `band` [m] the longest move of an axis that need not be
+    compensated. Every check adds what it finds to `findings`.
     """
 
     original: PartProgram

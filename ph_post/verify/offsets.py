@@ -1,4 +1,4 @@
-"""Check what is added to the motions, and the feeds in changes.
+"""Check the offsets of the motions, and the feeds in changes.
 
 Only declared amounts may be added, only where that is allowed, and they are taken back in time.
 """
@@ -46,7 +46,7 @@ def check_feeds(case: VerifyCase, found: Stretches) -> None:
     slower = np.flatnonzero(feed < bound * (1.0 - _SLOWER))
     if case.declared.dips == 0 and slower.size:
         block = case.compensated.motions.block[found.new.motion[mine[slower[0]]]]
-        case.findings.add("count", "the feed dips, and the header tells of no dip", compensated=int(block))
+        case.findings.add("count", "the feed dips, and the header declares no dip", compensated=int(block))
     for place in np.flatnonzero(~right).tolist():
         block = case.compensated.motions.block[found.new.motion[mine[place]]]
         case.findings.add(
@@ -88,7 +88,7 @@ def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
 
 
 def check_jogs(case: VerifyCase, pairing: Pairing, machine: Machine) -> None:
-    """Demand of every jog a feed that its axis can reach on its way, inside its limits."""
+    """Check that every jog has a feed that its axis can reach on its way, within its limits."""
     motions, jogs = case.compensated.motions, np.flatnonzero(pairing.jog)
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
@@ -148,7 +148,7 @@ def check_pairs(case: VerifyCase, pairing: Pairing) -> None:
 
 
 def _differ(one: Array, other: Array) -> BoolArray:
-    """Which numbers are not the same but for rounding; two unknown ones are."""
+    """Mask of the numbers that differ by more than rounding; two unknown ones do not."""
     return ~((np.abs(one - other) <= _RELATIVE * np.abs(one)) | (np.isnan(one) & np.isnan(other)))
 
 
@@ -201,7 +201,7 @@ def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
         size = np.abs(pairing.after[:, axis])
         beyond, off = size > max(offset, pulse) + EXACT, np.minimum(size, np.abs(size - offset)) > EXACT
         wrong[:, axis] = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
-    # A wrong shift lasts until it is taken back: it is told where it begins.
+    # A wrong shift lasts until it is taken back: it is reported where it begins.
     begins = wrong & ~np.vstack([np.zeros((1, 3), dtype=bool), wrong])[:-1]
     for motion, axis in np.argwhere(begins).tolist():
         _report_amount(case, pairing, motion, axis, *allowed[axis].tolist())
@@ -213,7 +213,7 @@ def _report_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, o
     if pulse:
         case.findings.add(
             "pulse",
-            f"what {AXES[axis]} was moved by has not come back",
+            f"the take-up move of {AXES[axis]} is not taken back",
             compensated=line,
             got=got,
             expected=f"0 when the tool moves on, at most {pulse / MM:g} mm before",
@@ -221,7 +221,7 @@ def _report_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, o
         return
     case.findings.add(
         "offset",
-        f"{AXES[axis]} is shifted by something else than the declared offset",
+        f"{AXES[axis]} is shifted by something other than the declared offset",
         compensated=line,
         expected=f"-{offset / MM:g}, 0 or {offset / MM:g} mm" if offset else "0",
         got=got,
@@ -274,7 +274,7 @@ def check_stops(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> None:
     if case.declared.stops is not None and stops != case.declared.stops:
         case.findings.add(
             "count",
-            "there are not as many stops as the header says",
+            "the number of stops is not the declared one",
             expected=str(case.declared.stops),
             got=str(stops),
         )

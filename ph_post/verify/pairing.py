@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from ph_post.gcode.program import ARC, AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, plane_columns
+from ph_post.gcode.program import ARC, AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, expand, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import NO_CHANGE, DeclaredChanges, DeclaredLength, LinePairs, VerifyCase, expand
+from ph_post.verify.declared import NO_CHANGE, DeclaredChanges, DeclaredLength, LinePairs, VerifyCase
 from ph_post.verify.polylines import motion_lengths, places_on, radii
 from ph_post.verify.states import Dwells
 
@@ -103,7 +103,7 @@ def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArra
 
 
 def declared_lengths(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
-    """By column of a declared axis: the lasting offset and the largest pulse [m], 0 where there is none."""
+    """By column of a declared axis: the offset and the largest take-up move [m], 0 where there is none."""
 
     def metres(amounts: Mapping[str, DeclaredLength], axis: str) -> float:
         return amounts[axis].metres if axis in amounts else 0.0
@@ -115,7 +115,7 @@ def declared_lengths(declared: DeclaredChanges) -> dict[int, tuple[float, float]
 
 
 def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
-    """Whether lengths are a change of the offset, or no longer than a pulse, offset included."""
+    """Mask of lengths that are a change of the offset, or no longer than a take-up move with the offset."""
     change = (offset > 0.0) & (np.minimum(np.abs(way - offset), np.abs(way - 2.0 * offset)) <= EXACT)
     return np.asarray((way > EXACT) & (change | (way <= pulse + offset + EXACT) & (pulse > 0.0)))
 
@@ -123,7 +123,7 @@ def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
 def dwell_beside(
     block: PlaceArray, change: PlaceArray, dwells: Dwells, lines: LinePairs
 ) -> tuple[BoolArray, BoolArray]:
-    """Whether one of the dwells stands between a motion and the one before it, and the one after it.
+    """Masks of motions with a dwell between them and the one before, and the one after.
 
     Both in the motion's own change.
     """
@@ -206,7 +206,7 @@ class StretchSide(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return np.asarray(np.diff(sums))
 
     def places(self) -> tuple[Array, Array]:
-        """Where each motion begins and ends: number of its stretch and share of that stretch's length."""
+        """Return the start and end of each motion: number of its stretch plus share of that stretch's length."""
         run = self.stretch()
         total = np.maximum(self.totals(), _NOTHING)[run]
         sums = np.append(0.0, np.cumsum(self.length))
@@ -299,7 +299,7 @@ def _owners(found: Stretches) -> IntArray:
 
 
 def _divided(original: Motions, compensated: Motions, found: Stretches, owner: IntArray, bound: float) -> BoolArray:
-    """Which motions of the original, by place, are there part by part and nothing else."""
+    """Mask of the original's motions that are there part by part and nothing else."""
     part = np.flatnonzero(owner % 2 == 1)
     place, new = owner[part] // 2, found.new.motion[part]
     old = found.old.motion[place]
@@ -324,7 +324,7 @@ def _divided(original: Motions, compensated: Motions, found: Stretches, owner: I
 
 
 def _bends(original: Motions, compensated: Motions, old: IntArray, new: IntArray, shift: Array, swept: Array) -> Array:
-    """How far a part of an arc may be off beyond its ends: by its centre, its radius and its sweep [m]."""
+    """Bound of the deviation of a part of an arc between its ends: by centre, radius and sweep [m]."""
     arcs = compensated.kind[new] == ARC
     columns = plane_columns(original.plane[old])[:, :2]
     centre = compensated.center[new] - np.take_along_axis(shift, columns, axis=1) - original.center[old]

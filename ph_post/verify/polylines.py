@@ -1,4 +1,4 @@
-"""Motions as polylines within a sagitta, and whether two polylines follow each other within a bound (Fréchet)."""
+"""Polylines of motions within a sagitta, and the decision of the Fréchet distance of two polylines."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import msgspec
 import numpy as np
 
 from ph_post.compiling import compiled, inner
-from ph_post.gcode.program import ARC, CUBIC, NURBS, Motions, plane_columns
+from ph_post.gcode.program import ARC, CUBIC, NURBS, Motions, expand, plane_columns
 from ph_post.types import Array, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import expand
 
 _NONE = (2.0, -1.0)
 """An empty interval."""
@@ -118,7 +117,7 @@ def _within(p: Array, q: Array, bound: float, low: Array, high: Array) -> int:
 
 @compiled
 def first_unreached(p: Array, p_first: IntArray, q: Array, q_first: IntArray, bound: Array) -> IntArray:
-    """Decide for each pair of polylines whether they are within their bound of each other, in order.
+    """Decide for each pair of polylines if their Fréchet distance is within a bound.
 
     Parameters
     ----------
@@ -148,7 +147,7 @@ _LEAST = 2
 """An arc has at least so many chords a half turn, however small it is."""
 
 _LENGTH_SAGITTA = 1e-3 * MM
-"""How far the chords leave a spline whose length is taken [m]."""
+"""Sagitta of the chords that a spline is measured by [m]."""
 
 _PIECES = 4096
 """A spline is never cut into more chords than this."""

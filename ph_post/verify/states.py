@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from ph_post.gcode.program import Modal, PartProgram, PlaceArray
-from ph_post.types import Array, BoolArray, IntArray
-from ph_post.verify.declared import NO_CHANGE, VerifyCase, expand
+from ph_post.gcode.program import Modal, PartProgram, PlaceArray, expand, runs
+from ph_post.types import Array, IntArray
+from ph_post.verify.declared import NO_CHANGE, VerifyCase
 from ph_post.verify.verdict import quoted
 
 _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)
@@ -39,7 +39,7 @@ def find_dwells(program: PartProgram) -> Dwells:
 
 
 def check_commands(case: VerifyCase) -> None:
-    """Demand in changes the commands and comments of the lines they replace, in the same order."""
+    """Check that changes keep the commands and comments of the lines they replace, in the same order."""
     old = _commands(case.original, case.lines.old_change)
     new = _commands(case.compensated, case.lines.new_change)
     case.findings.count("commands in changes", old.shape[1])
@@ -136,13 +136,13 @@ def _check_times(case: VerifyCase, dwells: Dwells) -> None:
     least = declared.dwell if declared.dwell is not None else np.nan
     most = declared.longest if declared.longest is not None else least
     fits = (dwells.duration >= least - _ALIKE) & (dwells.duration <= most + _ALIKE)
-    told = f"{least:.7g} s" if most == least else f"{least:.7g} to {most:.7g} s"
+    times = f"{least:.7g} s" if most == least else f"{least:.7g} to {most:.7g} s"
     for place in np.flatnonzero(~fits).tolist():
         case.findings.add(
             "dwell",
             "a dwell is not as long as declared",
             compensated=int(dwells.block[place]),
-            expected=told,
+            expected=times,
             got=f"{dwells.duration[place]:.7g} s",
         )
     total = float(dwells.duration.sum())
@@ -181,12 +181,12 @@ def check_states(case: VerifyCase) -> None:
         _after(known.number(original)[original.state], old, known.of(Modal()))
         != (known.number(compensated)[compensated.state][new])
     )
-    for place in _onsets(unlike).tolist():
+    for place in runs(unlike)[0].tolist():
         _report_state(case, int(old[place]), int(new[place]))
     expected, got = _after(original.feed_word, old, np.nan), compensated.feed_word[new]
     timed = np.array([modal.feed_mode == _INVERSE_TIME for modal in compensated.modal])
     unlike = ~((expected == got) | np.isnan(expected) | timed[compensated.state[new]])
-    for place in _onsets(unlike).tolist():
+    for place in runs(unlike)[0].tolist():
         case.findings.add(
             "state",
             "the F in force after the block is another one",
@@ -218,11 +218,6 @@ class _Numbering:
 def _after(values: Any, lines: IntArray, start: float) -> Any:
     """Values after each of the lines, and `start` before the first one (-1)."""
     return np.append(values, start)[lines]
-
-
-def _onsets(wrong: BoolArray) -> IntArray:
-    """Where something begins to be wrong."""
-    return np.flatnonzero(wrong & ~np.append(False, wrong)[:-1])
 
 
 def _line(line: int) -> int | None:

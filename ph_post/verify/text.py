@@ -53,7 +53,7 @@ class _Side(NamedTuple):
 
 
 class _Pairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """WordTable of the lines that belong together, one to one: their numbers in each program."""
+    """Words of the lines that belong together, one to one: their numbers in each program."""
 
     old: IntArray
     new: IntArray
@@ -100,7 +100,7 @@ def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice) -> in
 def _pair_words(
     original: PartProgram, compensated: PartProgram, old_lines: PlaceArray, new_lines: PlaceArray
 ) -> _Pairs:
-    """WordTable of lines with the same letters; the others are told by their bytes."""
+    """Words of lines with the same letters; other lines are compared by their bytes."""
     both = ((original.words.block, old_lines), (compensated.words.block, new_lines))
     spans = [(span_of(block, lines[0])[0], span_of(block, lines[-1])[1]) for block, lines in both]
     own = [block[low:high] - lines[0] for (block, lines), (low, high) in zip(both, spans, strict=True)]
@@ -115,7 +115,7 @@ def _pair_words(
 
 
 def _changed(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> BoolArray:
-    """WordTable whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
+    """Mask of words whose numbers are plain in both programs and differ (1.0 and 1. do not)."""
     one, other = case.original.words, case.compensated.words
     plain = (one.decimals[pairs.old] >= 0) & (other.decimals[pairs.new] >= 0)
     same_letter = one.letter[pairs.old] == other.letter[pairs.new]
@@ -148,7 +148,7 @@ def _modes(program: PartProgram, name: str, lines: PlaceArray) -> Any:
 
 
 def _has_comment(side: _Side, words: WordTable, chosen: IntArray) -> BoolArray:
-    """WordTable with a comment between their letter and their digits."""
+    """Mask of words with a comment between their letter and their digits."""
     first, last = (np.searchsorted(side.comments, ends[chosen]) for ends in (words.start, words.end))
     return np.asarray(first != last)
 
@@ -170,7 +170,7 @@ def _check_amounts(case: VerifyCase, pairs: _Pairs) -> None:
 def _differ_by(
     case: VerifyCase, pairs: _Pairs, amount: DeclaredLength, steps: tuple[int, ...], unit: float
 ) -> BoolArray:
-    """Which words differ by one of the multiples of the amount, to the last digit."""
+    """Mask of words that differ by one of the multiples of the amount, to the last digit."""
     one, other = case.original.words, case.compensated.words
     if unit != amount.unit:
         grid = 0.5 * 10.0 ** -(case.declared.decimals or 0) * max(unit, MM)
@@ -213,7 +213,7 @@ def _report_word(case: VerifyCase, old: int, new: int, amount: DeclaredLength) -
     letter = chr(case.compensated.words.letter[new])
     case.findings.add(
         "offset",
-        f"{letter} is shifted by something else than the declared offset",
+        f"{letter} is shifted by something other than the declared offset",
         original=int(case.original.words.block[old]),
         compensated=int(case.compensated.words.block[new]),
         expected=f"+ or - {amount.number}",

@@ -30,7 +30,7 @@ FailureKind = Literal[
     "count",
     "machine",
 ]
-"""What kind of thing went wrong.
+"""Kinds of failures.
 
 `header` the declaration is damaged; `original` it speaks of another program; `undeclared` there is none, yet
 the bytes differ; `lines` lines are missing, too many, or not where the changes say; `text` a line differs from
@@ -79,7 +79,7 @@ class Verdict(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """True where there is no failure."""
         return self.found == 0
 
 

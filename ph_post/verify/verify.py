@@ -28,15 +28,15 @@ ROUNDED = 4.0
 def verify(
     original: PartProgram, compensated: PartProgram, *, tolerance: float, machine: Machine | None = None
 ) -> Verdict:
-    """Judge whether only what is declared was changed, and the tool still goes the same way.
+    """Check that only what is declared was changed, and that the tool still follows the same path.
 
     Parameters
     ----------
     original, compensated : PartProgram
         The program, and what was made of it.
     tolerance : float
-        How far the way may be off in changed stretches, and the longest excursion of an axis that need not
-        be followed by its offset [m]. Where the header declares a finer chord tolerance, the way is held to
+        Bound of the path's deviation in changed stretches, and the longest move of an axis that need not be
+        compensated [m]. Where the header declares a finer chord tolerance, the way is held to
         that.
     machine : Machine, optional
         The machine the program is for: jogs are held to its limits, and the declaration to its lost motion.
@@ -56,7 +56,7 @@ def verify(
     if declared.original != original.digest:
         findings.add(
             "original",
-            "the header tells of another original",
+            "the header names another original",
             compensated=declared.first,
             expected=original.digest,
             got=declared.original,
@@ -111,9 +111,9 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
         if axis not in machine.axes or machine.axes[axis].loop.encloses_backlash:
             findings.add(
                 "machine",
-                f"{axis} carries a lasting offset",
+                f"{axis} is given an offset",
                 compensated=declared.first,
-                expected="an axis with its gap behind the loop",
+                expected="an axis with its backlash outside the loop",
             )
             continue
         half = 0.5 * machine.axes[axis].gap.lost_motion
@@ -151,7 +151,7 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
 
 
 def _bound(declared: DeclaredChanges, tolerance: float) -> float:
-    """How far the way may be off [m]: the tolerance, or what the header promises where that is less."""
+    """Bound of the deviation of the path [m]: the tolerance, or what the header promises where that is less."""
     if declared.chord is None or declared.decimals is None:
         return tolerance
     return min(tolerance, declared.chord + ROUNDED * MM * 10.0**-declared.decimals)

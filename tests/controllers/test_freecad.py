@@ -16,8 +16,8 @@ import pytest
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.freecad import install, macro_folders
+from ph_post.edit.undo import original_of
 from ph_post.gcode.read import read_program
-from ph_post.rehearse.rehearse import original_of
 from ph_post.verify.verify import verify
 
 ROOT = Path(__file__).parents[2]

@@ -204,7 +204,7 @@ def test_a_declaration_that_cannot_be_taken_off_is_said():
     program = read_program(PART.encode(), "part")
     output = compensated(program, stepper(), find_dialect("linuxcnc")).replace(b"M8", b"M7")
     found = compare_programs(program, read_program(output, "part"))
-    assert any("cannot be taken off" in words for words in found.declared[1])
+    assert any("cannot be undone" in words for words in found.declared[1])
     assert found.undone is None
 
 

@@ -176,7 +176,7 @@ def test_what_is_not_understood_is_left_alone_and_named() -> None:
     text = SLOT.replace("M2\n", "G5 X10 Y10 I5 J0 P-5 Q0\nG5 X20 Y20 P-5 Q0\nM2\n")
     found = planned(text, "mill", strategy="suppress")
     assert (found.edits.dips, found.plans) == ((), ())
-    assert any("windows left alone: a G5 of it goes on from the last one" in word for word in found.edits.warnings)
+    assert any("windows not compensated: contains a G5 that continues" in word for word in found.edits.warnings)
 
 
 def test_every_chain_is_planned() -> None:

@@ -206,7 +206,7 @@ def test_dips_leave_exact_stops_only_where_they_are() -> None:
     exact = read_program(found.text, "result.ngc").motions.exact.tolist()
     assert exact == [1, 1, 0, 1, 1]
     assert "G64 P0.001 Q0" in lines(found)
-    with pytest.raises(InputError, match=r"part\.ngc:3: grbl has no words to leave exact stops"):
+    with pytest.raises(InputError, match=r"part\.ngc:3: grbl cannot leave exact-stop mode"):
         changed(text.replace("61.1", "61"), dialect="grbl", dips=(dip([1, 1], [0.2, 0.8], [1.2]),))
 
 
@@ -309,5 +309,5 @@ def test_words_in_comments_and_deleted_blocks_stay() -> None:
 def test_a_program_in_two_units_carries_no_offset() -> None:
     program = read_program(b"G21 G90 F60\nG0 X0\nG1 X5\nG20\nX1\nM2\n", "part.ngc")
     offset = np.full((3, 3), 0.01 * MM)
-    with pytest.raises(InputError, match="in mm and in inches"):
+    with pytest.raises(InputError, match="in both mm and inches"):
         with_edits(program, Edits(offset=offset), STEPPER, "linuxcnc")

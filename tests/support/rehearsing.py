@@ -8,9 +8,10 @@ from pathlib import Path
 
 from ph_post.cli.main import main
 from ph_post.drive.machinefile import read_machine
+from ph_post.edit.undo import original_of
 from ph_post.gcode.read import read_program
 from ph_post.rehearse.linuxcnc import INSTALL, is_installed
-from ph_post.rehearse.rehearse import Rehearsal, original_of, rehearse
+from ph_post.rehearse.rehearse import Rehearsal, rehearse
 from support.shop import PROGRAMS
 
 MACHINES = Path(__file__).parents[1] / "controllers" / "machines"
