@@ -46,7 +46,7 @@ def command(
                       backlash {lag [s], duration [s], standstill_travel [mm]}}
       certificate     with --certify: {ok, count, found, roots, words}
     """
-    from ph_post.analysis.turning_points import certify as certify_turning_points
+    from ph_post.analysis.certification import certify as certify_turning_points
     from ph_post.cli.job import load_and_analyse
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically

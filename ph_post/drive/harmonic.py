@@ -185,22 +185,3 @@ class OpenGap(msgspec.Struct, frozen=True, kw_only=True):
             turned = self.sine * unit.sine + self.cosine * unit.versine
             total -= self.kd_over_kp * self.amplitude * self.omega * turned
         return total
-
-
-def open_gap(gain: float, beta: float, amplitude: float, omega: float, t_i: float, x_i: float) -> OpenGap:
-    """Return the gap that opens at t_i [s] with the axis at x_i [m], P controller.
-
-    The error is the difference of X(t_i) and x_i: it keeps as many digits as these two floats give it.
-    """
-    sine = math.sin(omega * t_i)
-    error = amplitude * sine - x_i
-    return OpenGap(
-        gain=gain,
-        beta=beta,
-        amplitude=amplitude,
-        omega=omega,
-        sine=sine,
-        cosine=math.cos(omega * t_i),
-        error=error,
-        drive=error,
-    )

@@ -10,14 +10,12 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ph_post.types import Array, Servo
-
-Damping = Literal["over", "critical", "under"]
 
 WELL_CONDITIONED: Final = 1e3
 """Condition number of the modes up to which the third-order loop is propagated by them (losing three digits
@@ -30,41 +28,6 @@ TINY: Final = 1e-300
 """Added to λt so that sin(λt)/λt is 1 at 0; it changes no float above 1e-284."""
 
 
-def loop_gain(k_p: float, k_a: float, k_t: float, travel_per_rad: float, gear_ratio: float) -> float:
-    """K = k_p k_a k_t r / N [N m per rad of motor and m of error], as in Eq. (13) of [1]_."""
-    return k_p * k_a * k_t * travel_per_rad / gear_ratio
-
-
-def total_inertia(motor: float, gear: float, axis: float, gear_ratio: float) -> float:
-    """J = J_m + J_g + J_a / N² as the motor feels it [kg m²]. Implements Eq. (12) of [1]_."""
-    return motor + gear + axis / gear_ratio**2
-
-
-def servo_from_constants(
-    *, inertia: float, damping: float, gain: float, ki_over_kp: float = 0.0, kd_over_kp: float = 0.0
-) -> Servo:
-    """Return the loop of an axis given by its physical constants.
-
-    Implements Eq. (9) of [1]_: b = J/K, c = B/K.
-
-    Parameters
-    ----------
-    inertia, damping : float
-        J [kg m²] and B [kg m²/s], everything the motor shaft feels.
-    gain : float
-        K of :func:`loop_gain`.
-    ki_over_kp, kd_over_kp : float
-        k_i/k_p [1/s] and k_d/k_p [s].
-
-    Examples
-    --------
-    >>> servo = servo_from_constants(inertia=1e-3, damping=1e-2, gain=loop_gain(50, 1, 1, 1, 25))
-    >>> servo.b, servo.c
-    (0.0005, 0.005)
-    """
-    return Servo(b=inertia / gain, c=damping / gain, ki_over_kp=ki_over_kp, kd_over_kp=kd_over_kp)
-
-
 def effective_damping(servo: Servo) -> float:
     """Return c + k_d/k_p [s], the factor of ẋ (of ẍ in Eq. (7) differentiated) in the loop's equation."""
     return servo.c + servo.kd_over_kp
@@ -73,14 +36,6 @@ def effective_damping(servo: Servo) -> float:
 def discriminant(servo: Servo) -> float:
     """Δ = c² - 4b [s²] (section 4 of [1]_), rounded once: its sign is exact. k_d/k_p counts to c."""
     return float(Fraction(effective_damping(servo)) ** 2 - 4 * Fraction(servo.b))
-
-
-def damping_case(servo: Servo) -> Damping:
-    """Whether Δ > 0, Δ = 0 (missing in section 4 of [1]_) or Δ < 0."""
-    delta = discriminant(servo)
-    if delta == 0.0:
-        return "critical"
-    return "over" if delta > 0.0 else "under"
 
 
 class Rates(NamedTuple):

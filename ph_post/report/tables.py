@@ -8,8 +8,8 @@ from typing import Any, TextIO
 
 import msgspec
 
+from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
-from ph_post.analysis.turning_points import Certificate
 from ph_post.compensate.plan import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.report.views import crossings_at, radius, strategy_at, windows_by_point

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
-from ph_post.analysis.turning_points import Certificate
 from ph_post.compensate.motion import place_and_feed
 from ph_post.compensate.plan import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_traits

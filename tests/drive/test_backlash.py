@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, axis
+from support.paper_equations import motor_motion, open_gap
 
-from ph_post.drive.backlash import gap_constant, modulated_interval, motor_motion
-from ph_post.drive.harmonic import open_gap
+from ph_post.drive.backlash import gap_constant, modulated_interval
 from ph_post.types import Gap, Servo
 
 Motion = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, axis, gap_of
+from support.paper_equations import motor_motion, open_gap
 
-from ph_post.drive.backlash import gap_constant, motor_gain, motor_gap, motor_motion
-from ph_post.drive.harmonic import open_gap
+from ph_post.drive.backlash import gap_constant, motor_gain, motor_gap
 from ph_post.drive.intervals import backlash_interval, play_interval
 from ph_post.drive.steady_state import find_orbit, first_reversal
 from ph_post.errors import InputError, SolveError

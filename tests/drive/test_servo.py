@@ -7,8 +7,9 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
+from support.paper_equations import damping_case
 
-from ph_post.drive.servo import damping_case, free_response, is_stable, propagate, rates, ringing
+from ph_post.drive.servo import free_response, is_stable, propagate, rates, ringing
 from ph_post.types import Servo
 
 EPS = 2.0**-52

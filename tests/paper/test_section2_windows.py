@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ph_post.analysis.certification import certify
 from ph_post.analysis.osculating import deviation, find_windows
-from ph_post.analysis.turning_points import certify, find_turning_points
+from ph_post.analysis.turning_points import find_turning_points
 from ph_post.files.path import read_path
 from ph_post.geometry.track import Track
 from ph_post.types import TurningPoint

@@ -10,25 +10,21 @@ import numpy as np
 import pytest
 import sympy as sp
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, Printed, axis
-
-from ph_post.drive.backlash import (
+from support.paper_equations import (
     freewheel,
-    gap_constant,
-    motor_gap,
+    loop_gain,
     motor_motion,
+    open_gap,
+    servo_from_constants,
     table_decay_rate,
+    total_inertia,
     transmission,
 )
+
+from ph_post.drive.backlash import gap_constant, motor_gap
 from ph_post.drive.free_motor import ANGLE, SPEED, free_motor_response
-from ph_post.drive.harmonic import motion_after_pickup, open_gap
-from ph_post.drive.servo import (
-    discriminant,
-    harmonic_response,
-    loop_gain,
-    rates,
-    servo_from_constants,
-    total_inertia,
-)
+from ph_post.drive.harmonic import motion_after_pickup
+from ph_post.drive.servo import discriminant, harmonic_response, rates
 from ph_post.types import Servo
 
 EPS = 2.0**-52

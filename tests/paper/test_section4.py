@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import sympy as sp
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP, PAPER_SERVO, PERIOD, Printed, axis, run_drive
+from support.paper_equations import damping_case, open_gap
 
 from ph_post.drive.backlash import gap_constant, motor_gap
-from ph_post.drive.harmonic import motion_after_pickup, open_gap, phase_constants, steady_motion
+from ph_post.drive.harmonic import motion_after_pickup, phase_constants, steady_motion
 from ph_post.drive.intervals import backlash_interval
-from ph_post.drive.servo import damping_case
 from ph_post.drive.steady_state import first_reversal, steady_interval
 from ph_post.types import Servo
 

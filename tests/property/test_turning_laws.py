@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.amount import examples
 
+from ph_post.analysis.certification import certify
 from ph_post.analysis.osculating import find_windows
-from ph_post.analysis.turning_points import certify, find_turning_points
+from ph_post.analysis.turning_points import find_turning_points
 from ph_post.geometry.curves import Bezier
 from ph_post.geometry.track import Track
 from ph_post.types import Array, TurningPoint
