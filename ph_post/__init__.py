@@ -19,14 +19,17 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from ph_post.api.checks import diff, rehearse, verify
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
+    from ph_post.api.measurements import calibrate, diagnose, identify, sweep
     from ph_post.diff.records import Comparison
     from ph_post.errors import InputError, PhPostError
     from ph_post.gcode.program import PartProgram
     from ph_post.types import Log, Machine, Path
+    from ph_post.types.diagnosis import Diagnosis
     from ph_post.verify.verdict import Verdict
 
 __all__ = [
     "Comparison",
+    "Diagnosis",
     "InputError",
     "Log",
     "Machine",
@@ -34,22 +37,28 @@ __all__ = [
     "Path",
     "PhPostError",
     "Verdict",
+    "calibrate",
+    "diagnose",
     "diff",
+    "identify",
     "read_log",
     "read_machine",
     "read_path",
     "read_program",
     "rehearse",
+    "sweep",
     "verify",
 ]
 
 _HOMES: Final = {
     "api.checks": ("diff", "rehearse", "verify"),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
+    "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
     "diff.records": ("Comparison",),
     "errors": ("InputError", "PhPostError"),
     "gcode.program": ("PartProgram",),
     "types": ("Log", "Machine", "Path"),
+    "types.diagnosis": ("Diagnosis",),
     "verify.verdict": ("Verdict",),
 }
 """Public names by the module that holds them."""

@@ -38,6 +38,13 @@ class InputError(PhPostError):
         self.excerpt = excerpt
 
 
+class OptionsError(InputError):
+    """Options that do not go together, in the words of the command line."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__("", what)
+
+
 class SolveError(PhPostError):
     """An equation could not be solved; the message carries the residual."""
 

@@ -104,15 +104,16 @@ def command(
       folder, plan  where the programs are, and the file name of the plan
       programs      a list of {name, file, why, record}
     """
-    from ph_post.drive.machinefile import read_machine
+    import ph_post as ph
+    from ph_post.api.inputs import any_machine
     from ph_post.files.storage import make_folder, write_atomically
     from ph_post.report.tables import print_json
-    from ph_post.testprograms.kit import calibration_kit, program_file, recording_plan
+    from ph_post.testprograms.kit import program_file, recording_plan
 
     if output in ("", "-"):
         raise click.UsageError(f"-o takes a folder; got {output!r}")
-    drives = read_machine(machine)
-    kit = calibration_kit(
+    drives, _ = any_machine(machine)
+    kit = ph.calibrate(
         drives,
         axes=() if axes is None else [word.strip().upper() for word in axes.split(",")],
         centre=_scaled(centre, MM),

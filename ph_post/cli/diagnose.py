@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.cli.log_options import log_options
+from ph_post.cli.log_options import check_places, log_options
 
 if TYPE_CHECKING:
-    from ph_post.files.storage import Content, SourceText
-    from ph_post.types import Log
-    from ph_post.types.diagnosis import Diagnosis
+    from ph_post.api.measurements import LogDiagnosis
+    from ph_post.files.storage import Content
 
 
 @click.command()
@@ -69,10 +68,9 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
       quality          what the record can show
       notes, warnings  lists of sentences
     """
-    from ph_post.cli.log_options import check_places, read_log_with_options
+    import ph_post as ph
+    from ph_post.api.inputs import any_machine
     from ph_post.cli.progress import ProgressPrinter
-    from ph_post.diagnose.diagnose import diagnose
-    from ph_post.drive.machinefile import machine_of, machine_source
     from ph_post.files.storage import write_atomically
     from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view, effort_units
     from ph_post.report.tables import print_json
@@ -81,12 +79,11 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
     check_places({"LOG": source, "-m": machine, "--program": how["program"]}, places, json=as_json)
     with ProgressPrinter() as progress:
         progress("reading")
-        text = machine_source(machine)
-        drives = machine_of(text)
-        log = read_log_with_options(source, how, drives)
-        found = diagnose(log, drives, progress)
+        drives, _ = any_machine(machine)
+        log = ph.read_log(source, columns=how["columns"], sides=how["sides"], program=how["program"], machine=drives)
+        found = ph.diagnose(log, drives, progress=progress)
         progress("writing")
-        products = _products(found, log, text, how)
+        products = _products(found, how)
         write_atomically(products)
     if as_json:
         print_json({**diagnosis_view(found, effort_units(log)), "warnings": list(log.warnings)})
@@ -94,25 +91,24 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
         given = [option for option, place in places.items() if place is not None]
         for line in diagnosis_lines(found, effort_units(log), given):
             click.echo(line, err="-" in products)
-    for line in _messages(found, log, text, how, products):
+    for line in _messages(found, how, products):
         click.echo(line, err=True)
     return 0
 
 
-def _products(found: Diagnosis, log: Log, text: SourceText, how: dict[str, Any]) -> dict[str, Content]:
+def _products(found: LogDiagnosis, how: dict[str, Any]) -> dict[str, Content]:
     """Return what was asked for, by the name of its file."""
-    from ph_post.identify.machinefile import diagnosed_machine
     from ph_post.report.diagnoses import effort_units
     from ph_post.report.diagnosis_figures import draw_diagnosis
     from ph_post.report.diagnosis_page import diagnosis_page
     from ph_post.report.figures import picture_format, render
 
-    efforts = effort_units(log)
+    efforts = effort_units(found.log)
     products: dict[str, Content] = {}
     if how["output"] is not None:
-        products[how["output"]] = diagnosed_machine(text, found, log)
+        products[how["output"]] = found.machine_file()
     if how["html"] is not None:
-        products[how["html"]] = diagnosis_page(found, log.name, efforts)
+        products[how["html"]] = diagnosis_page(found, found.log.name, efforts)
     if how["plot"] is not None:
         products[how["plot"]] = render(draw_diagnosis(found, efforts), picture_format(how["plot"]))
     if how["following"] is not None and found.next_experiment is not None:
@@ -120,16 +116,14 @@ def _products(found: Diagnosis, log: Log, text: SourceText, how: dict[str, Any])
     return products
 
 
-def _messages(
-    found: Diagnosis, log: Log, text: SourceText, how: dict[str, Any], products: dict[str, Content]
-) -> Iterator[str]:
+def _messages(found: LogDiagnosis, how: dict[str, Any], products: dict[str, Content]) -> Iterator[str]:
     """Say what the reader had to do, and what was written where."""
-    yield from (f"warning: {warning}" for warning in log.warnings)
+    yield from (f"warning: {warning}" for warning in found.log.warnings)
     if how["following"] is not None and found.next_experiment is None:
         yield f"no other run is proposed: {how['following']} is not written"
     for name, content in products.items():
         place = "standard output" if name == "-" else name
-        if name == how["output"] and content == text.text:
+        if name == how["output"] and found.source is not None and content == found.source.text:
             yield f"nothing was added: {place} is the machine file as it was"
         elif name != "-":
             yield f"wrote {name}"

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import click
 
 from ph_post.cli import options
-from ph_post.cli.log_options import log_options
-
-if TYPE_CHECKING:
-    from ph_post.identify.identify import Transmission
-    from ph_post.types import Feedback, Machine
+from ph_post.cli.log_options import check_places, log_options
 
 
 def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -96,35 +92,38 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
       identifiability  what the record separates, by axis
       notes, warnings  lists of sentences
     """
-    from ph_post.cli.log_options import check_places, read_log_with_options
+    import ph_post as ph
+    from ph_post.api.inputs import any_machine
     from ph_post.cli.progress import ProgressPrinter
-    from ph_post.drive.machinefile import machine_of, machine_source
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.identify.identify import identify
-    from ph_post.identify.machinefile import identified_machine
     from ph_post.report.diagnoses import fit_view, identification_lines, identification_view
     from ph_post.report.figures import picture_format, render
     from ph_post.report.tables import print_json
+    from ph_post.units import MM
 
     inputs = {"LOG": source, "-m": machine, "--program": how["program"]}
     check_places(inputs, {"-o": output, "--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         progress("reading")
-        text = None if machine is None else machine_source(machine)
-        drives = None if text is None else machine_of(text)
-        transmission = _transmission(drives, how["gear_ratio"], how["screw_lead"])
-        log = read_log_with_options(source, how, drives)
-        loops = {name: cast("Feedback", kind) for name, kind in how["feedback"].items() if name in log.axes}
-        found = identify(log, drives, loops, transmission, progress)
+        drives = None if machine is None else any_machine(machine)[0]
+        log = ph.read_log(source, columns=how["columns"], sides=how["sides"], program=how["program"], machine=drives)
+        found = ph.identify(
+            log,
+            drives,
+            feedback=how["feedback"],
+            gear_ratio=how["gear_ratio"],
+            screw_lead=None if how["screw_lead"] is None else how["screw_lead"] * MM,
+            progress=progress,
+        )
         products: dict[str, Content] = {}
         if output is not None:
             progress("writing")
-            products[output] = identified_machine(text, found, log)
+            products[output] = found.machine_file()
         if plot is not None:
             from ph_post.report.diagnosis_figures import draw_identification
 
             progress("drawing")
-            products[plot] = render(draw_identification(found, log), picture_format(plot))
+            products[plot] = render(draw_identification(found), picture_format(plot))
         write_atomically(products)
     if as_json:
         view = identification_view(found.axes, found.sentences)
@@ -134,19 +133,3 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
             click.echo(line, err="-" in products)
     options.report_written(log.warnings, products)
     return 0
-
-
-def _transmission(drives: Machine | None, ratio: float | None, lead: float | None) -> dict[str, Transmission] | None:
-    """Return N and r of all axes by the options; None where there are none."""
-    from ph_post.identify.identify import Transmission
-    from ph_post.types import MACHINE_AXES
-    from ph_post.units import LEAD
-
-    if ratio is None and lead is None:
-        return None
-    if drives is not None:
-        given = "--gear-ratio" if lead is None else "--screw-lead"
-        raise click.UsageError(f"with -m the machine file gives gear ratio and lead; got {given}")
-    if ratio is None or lead is None:
-        raise click.UsageError("--gear-ratio and --screw-lead go together; got one of them")
-    return dict.fromkeys(MACHINE_AXES, Transmission(ratio, lead * LEAD))

@@ -1,16 +1,11 @@
-"""Options of the commands that take a log, and reading log, machine and program together."""
+"""Options of the commands that take a log."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import click
-
-if TYPE_CHECKING:
-    from ph_post.files.storage import SourceBytes
-    from ph_post.types import Log, Machine
-
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -93,18 +88,3 @@ def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | 
         for other, read in inputs.items():
             if name == read != STDIN and other != "-m":
                 raise click.UsageError(f"{option} would write over {other} ({name})")
-
-
-def read_log_with_options(log: str | SourceBytes, how: Mapping[str, Any], machine: Machine | None) -> Log:
-    """Read a log by the options of :func:`log_options`.
-
-    Raises
-    ------
-    InputError
-        Where it cannot be read, or does not belong to the machine or the program.
-    """
-    from ph_post.edit.inputs import read_program_file
-    from ph_post.identify.logprogram import read_log
-
-    program = None if how["program"] is None else read_program_file(how["program"], machine=machine)
-    return read_log(log, columns=how["columns"], sides=how["sides"], program=program, machine=machine)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
+
+from ph_post.errors import OptionsError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -108,8 +111,16 @@ dialect = click.option(
 
 
 def common(function: F) -> F:
-    """Add the options that every command has."""
-    return json_output(debug(function))
+    """Add the options that every command has; options that do not go together are a usage error."""
+
+    @functools.wraps(function)
+    def command(*arguments: Any, **named: Any) -> Any:
+        try:
+            return function(*arguments, **named)
+        except OptionsError as error:
+            raise click.UsageError(str(error)) from error
+
+    return json_output(debug(cast("F", command)))
 
 
 def _coefficients(_ctx: click.Context, _parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:

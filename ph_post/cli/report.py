@@ -149,14 +149,13 @@ def _of_two(a: str, b: str, machine: str | None, progress: Progress) -> ReportPr
 
 
 def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
-    from ph_post.cli.log_options import read_log_with_options
-    from ph_post.diagnose.diagnose import diagnose
-    from ph_post.drive.machinefile import read_machine
+    import ph_post as ph
+    from ph_post.api.inputs import any_machine
     from ph_post.report.product import diagnosis_product
 
-    drives = read_machine(machine)
-    log = read_log_with_options(raw, how, drives)
-    return diagnosis_product(diagnose(log, drives, progress), log)
+    drives, _ = any_machine(machine)
+    log = ph.read_log(raw, columns=how["columns"], sides=how["sides"], program=how["program"], machine=drives)
+    return diagnosis_product(ph.diagnose(log, drives, progress=progress))
 
 
 def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import click
 
 from ph_post.cli import options
 from ph_post.units import MM, MM_PER_MIN
 
-if TYPE_CHECKING:
-    from ph_post.drive.intervals import IntervalTable
-    from ph_post.types import Array, Machine
-
 MOST = 2_000_000
-"""Intervals worked out in one run at most: a file of some 100 MB."""
-
-DEFAULT_PATH = "circle"
-"""The shipped path whose circle is taken where none is named: that of the paper's example."""
+"""Numbers of a grid at most: more than a table may have."""
 
 
 def _grid(_ctx: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
@@ -131,116 +123,31 @@ def command(
       machine, axes   what it was worked out for
       format, version  of the file
     """
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.drive.intervalfile import interval_content, interval_view
-    from ph_post.drive.machinefile import read_machine
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_intervals, picture_format, render
     from ph_post.report.tables import print_json
 
     with ProgressPrinter() as progress:
-        progress("reading")
-        drives = read_machine(machine)
-        chosen = _chosen_axes(drives, axes, machine)
-        radii, feeds = _circles(source, machine, chosen, radius, feed)
-        _check_size(len(chosen), len(radii), len(feeds), len(beta), len(gain))
-        progress("solving for the backlash intervals")
-        table = _tabulate(drives, chosen, radii, feeds, beta, gain)
+        table = ph.sweep(
+            machine,
+            beta,
+            gain,
+            job=source,
+            radius=None if radius is None else [one * MM for one in radius],
+            feed=None if feed is None else [one * MM_PER_MIN for one in feed],
+            axes=axes,
+            progress=progress,
+        )
         products: dict[str, Content] = {}
         if output is not None or not as_json:
             products[output or "-"] = interval_content(table, output or "-")
         if plot is not None:
             products[plot] = render(draw_intervals(table), picture_format(plot))
         write_atomically(products)
-    options.report_written((), () if plot is None else (plot,))
+    options.report_written(table.warnings, () if plot is None else (plot,))
     if as_json:
         print_json(interval_view(table))
     return 0
-
-
-def _tabulate(
-    drives: Machine,
-    axes: list[str],
-    radii: Array,
-    feeds: Array,
-    beta: tuple[float, ...],
-    gain: tuple[float, ...],
-) -> IntervalTable:
-    import numpy as np
-
-    from ph_post.drive.intervals import tabulate
-
-    return tabulate(drives, axes, radii, feeds, np.array(beta), np.array(gain))
-
-
-def _chosen_axes(drives: Machine, wanted: tuple[str, ...], machine: str) -> list[str]:
-    """Return the axes asked for, or all whose interval depends on β and C."""
-    from ph_post.errors import InputError
-
-    closed = [name for name, axis in drives.axes.items() if axis.loop.encloses_backlash]
-    for name in wanted:
-        if name not in drives.axes:
-            raise InputError(machine, f"no axis {name}", expected=" or ".join(drives.axes), got=name)
-        if name not in closed:
-            raise InputError(
-                f"{machine}: axes.{name}",
-                "the interval of this axis depends on neither β nor C",
-                expected='feedback "load"',
-                got=f'"{drives.axes[name].feedback}"',
-            )
-    if not closed:
-        raise InputError(
-            machine, "no interval of this machine depends on β or C", expected='an axis with feedback "load"'
-        )
-    return list(dict.fromkeys(wanted)) or closed
-
-
-def _circles(
-    source: str | None,
-    machine: str,
-    axes: list[str],
-    radius: tuple[float, ...] | None,
-    feed: tuple[float, ...] | None,
-) -> tuple[Array, Array]:
-    """Radii [m] and feeds [m/s] of the circles asked for."""
-    import numpy as np
-
-    if radius is not None:
-        if source is not None or feed is None:
-            raise click.UsageError("--radius needs --feed, and no path beside it")
-        return np.array(radius) * MM, np.array(feed) * MM_PER_MIN
-    if feed is not None and (source is None or len(feed) > 1):
-        raise click.UsageError("--feed needs --radius, or a path and then one feed")
-    return _circles_of_path(source, machine, axes, None if feed is None else feed[0])
-
-
-def _circles_of_path(source: str | None, machine: str, axes: list[str], feed: float | None) -> tuple[Array, Array]:
-    """Swings at the turning points of a path."""
-    from ph_post.analysis.path_analysis import swings
-    from ph_post.analysis.turning_points import find_turning_points
-    from ph_post.cli.job import load
-    from ph_post.errors import InputError
-    from ph_post.files.storage import shipped
-    from ph_post.geometry.track import Track
-
-    path, _ = load(str(shipped("paths", DEFAULT_PATH)) if source is None else source, machine, feed)
-    found = swings(path, [p for p in find_turning_points(Track(path)) if p.axis in axes])
-    if not found:
-        raise InputError(path.name, f"no axis of {', '.join(axes)} reverses smoothly on this path")
-    return _distinct([a for a, _ in found]), _distinct([a * omega for a, omega in found])
-
-
-def _distinct(values: list[float]) -> Array:
-    """Values ascending, each once but for rounding."""
-    import numpy as np
-
-    ascending = np.sort(values)
-    distinct: Array = ascending[np.append(True, np.diff(ascending) > 1e-9 * ascending[1:])]
-    return distinct
-
-
-def _check_size(*counts: int) -> None:
-    """Refuse a table that nobody would wait for."""
-    size = math.prod(counts)
-    if size > MOST:
-        raise click.UsageError(f"expected at most {MOST} intervals; got {' x '.join(map(str, counts))} = {size}")

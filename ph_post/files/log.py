@@ -54,7 +54,7 @@ def read_log_file(
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw))
     found, ignored = columns_of(sheet, parse_columns(columns))
     names = _axes_of(found, sheet)
-    _require_axes(names, machine, sheet.header)
+    require_axes(names, machine, sheet.header)
     if sheet.rows < FEWEST:
         raise InputError(sheet.name, "too few samples", expected=f"at least {FEWEST}", got=str(sheet.rows))
     values = _values(found, sheet)
@@ -79,8 +79,13 @@ def read_log_file(
     return LogFile(log=log, sheet=sheet, samples=samples)
 
 
-def _require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:
-    """Refuse axes that the machine does not have."""
+def require_axes(names: Sequence[str], machine: Machine | None, where: str) -> None:
+    """Refuse axes that the machine does not have.
+
+    Raises
+    ------
+    InputError
+    """
     other = [] if machine is None else [name for name in names if name not in machine.axes]
     if machine is not None and other:
         raise InputError(

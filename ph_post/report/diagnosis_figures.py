@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from ph_post.diagnose.fit import base_model, residuals_of
-from ph_post.identify.free_run import problem_of
-from ph_post.identify.log_quality import examine
+from ph_post.api.measurements import LogIdentification
 from ph_post.report.diagnosis_page import channel_noise, envelope, residual_scale, stretches
 from ph_post.report.effect_words import gap_words, label_words, number_words, verdict_sentences
 from ph_post.report.figures import AFTER, MARK, WINDOW, legend_above, new_figure
-from ph_post.types import Array, Log
+from ph_post.types import Array
 from ph_post.types.diagnosis import Diagnosis, Identification, ResidualTrace
 from ph_post.units import MICROMETRE, MM
 
@@ -113,9 +111,9 @@ def finish_trail(axes: Axes, trail: ResidualTrace, noise: float, unit: tuple[str
         axes.set_xlim(float(trail.t[0]), float(trail.t[-1]))
 
 
-def draw_identification(found: Identification, log: Log) -> Figure:
+def draw_identification(found: LogIdentification) -> Figure:
     """Draw record less model for every reading of a position, with the noise and the command."""
-    trails = list(_trails(found, log))
+    trails = list(found.residuals())
     figure = new_figure(10.0, 1.2 + 2.2 * max(len(trails), 1))
     panels = figure.subplots(max(len(trails), 1), 1, squeeze=False, sharex=True)[:, 0]
     for axes, (trail, noise) in zip(panels, trails, strict=False):
@@ -131,30 +129,6 @@ def _words(found: Identification) -> Iterator[str]:
         known = ((name, *number_words(one), one.unit) for name, one in parameters.items())
         told = [f"{name} {value}{'' if error is None else f' ± {error}'} {unit}" for name, value, error, unit in known]
         yield f"{axis}: {', '.join(told)}"
-
-
-def _trails(found: Identification, log: Log) -> Iterator[tuple[ResidualTrace, float]]:
-    """Run the machine that was found on the recorded command, and return what it leaves, with the noise."""
-    quality = examine(log, found.machine)
-    for name in found.drives:
-        problem = problem_of(log, name, found.machine.axes[name], quality)
-        if problem is None:
-            continue
-        left = residuals_of(problem, base_model(problem))
-        for one in problem.observed:
-            if one.channel != "force":
-                counted = problem.counted & one.ok
-                trail = ResidualTrace(
-                    axis=name,
-                    channel=one.channel,
-                    t=problem.t,
-                    command=problem.command,
-                    before=left[one.channel],
-                    after=left[one.channel],
-                    counted=counted,
-                    held_out=np.zeros_like(counted),
-                )
-                yield trail, one.noise
 
 
 def _draw_remainder(axes: Axes, trail: ResidualTrace, noise: float) -> None:

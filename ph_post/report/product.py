@@ -13,9 +13,8 @@ from ph_post.report.traces import Picture
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ph_post.api.measurements import LogDiagnosis
     from ph_post.diff.records import Comparison
-    from ph_post.types import Log
-    from ph_post.types.diagnosis import Diagnosis
 
 
 class ReportProduct(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -85,12 +84,12 @@ def diff_product(found: Comparison) -> ReportProduct:
     )
 
 
-def diagnosis_product(found: Diagnosis, log: Log) -> ReportProduct:
+def diagnosis_product(found: LogDiagnosis) -> ReportProduct:
     """Make a diagnosis to be looked at."""
     from ph_post.report.diagnoses import diagnosis_view, effort_units
     from ph_post.report.diagnosis_page import diagnosis_page
 
-    efforts = effort_units(log)
+    efforts = effort_units(found.log)
 
     def figure() -> Figure:
         from ph_post.report.diagnosis_figures import draw_diagnosis
@@ -98,8 +97,8 @@ def diagnosis_product(found: Diagnosis, log: Log) -> ReportProduct:
         return draw_diagnosis(found, efforts)
 
     return ReportProduct(
-        page=lambda: diagnosis_page(found, log.name, efforts),
+        page=lambda: diagnosis_page(found, found.log.name, efforts),
         figure=figure,
         view=lambda: {"kind": "diagnosis", **diagnosis_view(found, efforts)},
-        warnings=log.warnings,
+        warnings=found.log.warnings,
     )

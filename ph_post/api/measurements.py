@@ -1,0 +1,415 @@
+"""Measure a machine: identify its drives, diagnose missing effects, tabulate intervals, write test programs."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from ph_post.analysis.path_analysis import swings
+from ph_post.analysis.turning_points import find_turning_points
+from ph_post.api.inputs import Job, Source, any_machine, machine_text, path_of_job, raw_job, read_log
+from ph_post.diagnose import diagnose as diagnosing
+from ph_post.diagnose.fit import base_model, residuals_of
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.axes import check_axes
+from ph_post.drive.intervalfile import interval_content
+from ph_post.drive.intervals import IntervalTable, tabulate
+from ph_post.errors import InputError, OptionsError
+from ph_post.files.log import require_axes
+from ph_post.files.storage import SourceText, read_raw, shipped, write_atomically
+from ph_post.geometry.track import Track
+from ph_post.identify import identify as identifying
+from ph_post.identify.free_run import problem_of
+from ph_post.identify.identify import Transmission
+from ph_post.identify.log_quality import examine
+from ph_post.identify.machinefile import diagnosed_machine, identified_machine
+from ph_post.progress import Progress, no_progress
+from ph_post.testprograms.kit import WARM_UP, calibration_kit
+from ph_post.types import MACHINE_AXES, Array, Feedback, Log, Machine
+from ph_post.types.diagnosis import Diagnosis, Experiment, Identification, ResidualTrace
+from ph_post.units import LEAD, MM
+
+MOST: Final = 2_000_000
+"""Intervals worked out in one run at most: a file of some 100 MB."""
+
+DEFAULT_PATH: Final = "circle"
+"""The shipped path whose circle is taken where none is named: the one of the paper's example."""
+
+
+class LogIdentification(Identification, frozen=True, kw_only=True):
+    """An identification with its `log`, and the machine file that it began with, None where there was none."""
+
+    log: Log
+    source: SourceText | None = None
+
+    def machine_file(self) -> str:
+        """Return the machine file with the identified numbers; without a file to begin with, a new one.
+
+        Raises
+        ------
+        InputError
+            Where a new file would need a number that neither the log nor the caller gave.
+        """
+        return identified_machine(self.source, self, self.log)
+
+    def write(self, target: Source) -> None:
+        """Write :meth:`machine_file`; ``-`` is standard output."""
+        write_atomically({os.fspath(target): self.machine_file()})
+
+    def residuals(self) -> Iterator[tuple[ResidualTrace, float]]:
+        """Run the identified machine on the logged command, and yield each residual with its noise [m].
+
+        Positions alone; `before` and `after` of a trace are the same.
+        """
+        quality = examine(self.log, self.machine)
+        for name in self.drives:
+            problem = problem_of(self.log, name, self.machine.axes[name], quality)
+            if problem is None:
+                continue
+            left = residuals_of(problem, base_model(problem))
+            for one in problem.observed:
+                if one.channel != "force":
+                    counted = problem.counted & one.ok
+                    trace = ResidualTrace(
+                        axis=name,
+                        channel=one.channel,
+                        t=problem.t,
+                        command=problem.command,
+                        before=left[one.channel],
+                        after=left[one.channel],
+                        counted=counted,
+                        held_out=np.zeros_like(counted),
+                    )
+                    yield trace, one.noise
+
+
+class LogDiagnosis(Diagnosis, frozen=True, kw_only=True, eq=False):
+    """A diagnosis with its `log`, and the machine file that it began with, None where it was made by hand."""
+
+    log: Log
+    source: SourceText | None = None
+
+    def machine_file(self) -> str:
+        """Return the machine file with what was found added to it.
+
+        Raises
+        ------
+        InputError
+            Where the machine was not read from a file.
+        """
+        if self.source is None:
+            what = "was not read from a file, to which what was found could be added"
+            raise InputError(f"machine {self.machine.name}", what, expected="a machine of read_machine")
+        return diagnosed_machine(self.source, self, self.log)
+
+    def write(self, target: Source) -> None:
+        """Write :meth:`machine_file`; ``-`` is standard output."""
+        write_atomically({os.fspath(target): self.machine_file()})
+
+
+class SweptIntervals(IntervalTable, frozen=True, kw_only=True, eq=False):
+    """Backlash intervals over grids of β and C, as :func:`sweep` returns them.
+
+    `warnings` say what of a part program is not in the path whose circles were taken.
+    """
+
+    warnings: tuple[str, ...] = ()
+
+    def write(self, target: Source) -> None:
+        """Write a table that compensate's `interval_table` takes, .json or .csv; ``-`` is CSV on standard output.
+
+        Raises
+        ------
+        InputError
+            Where the ending is another.
+        """
+        write_atomically({os.fspath(target): interval_content(self, os.fspath(target))})
+
+
+def identify(
+    log: Log | Source,
+    machine: Machine | Source | None = None,
+    *,
+    feedback: Feedback | Mapping[str, Feedback] | None = None,
+    gear_ratio: float | None = None,
+    screw_lead: float | None = None,
+    progress: Progress = no_progress,
+) -> LogIdentification:
+    r"""Identify b, c and the backlash of every axis of a log, with standard errors.
+
+    Parameters
+    ----------
+    log : Log, str or path
+    machine : Machine, str or path, optional
+        Gives limits, controller, effects, and what the log does not show.
+    feedback : {"load", "motor", "none"} or mapping by axis, optional
+        Where the loop closes, without a machine; by default it is assumed from which sides were read.
+    gear_ratio : float, optional
+        Turns of the motor a turn of the screw, N, of all axes; goes with `screw_lead`, without a machine.
+    screw_lead : float, optional
+        Lead of the screw [m], of all axes.
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    LogIdentification
+        `axes` are the parameters by axis, `machine` the machine that they make.
+
+    Raises
+    ------
+    InputError
+        Where the log shows no parameter at all, or contradicts what was given.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import ph_post as ph
+    >>> run = ph.simulate("circle", "router")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "run.csv")
+    ...     run.write_log(file)
+    ...     log = ph.read_log(file)
+    >>> found = ph.identify(log, "router")
+    >>> round(found.axes["X"]["lost_motion"].value, 3), found.axes["X"]["lost_motion"].unit
+    (0.12, 'mm')
+    """
+    drives, source = (None, None) if machine is None else _measured_machine(machine)
+    transmission = _transmission(drives, gear_ratio, screw_lead)
+    record = _log_of(log, drives)
+    loops = dict.fromkeys(record.axes, feedback) if isinstance(feedback, str) else dict(feedback or {})
+    loops = {name: kind for name, kind in loops.items() if name in record.axes}
+    found = identifying.identify(record, drives, loops, transmission, progress)
+    return LogIdentification(
+        **{name: getattr(found, name) for name in found.__struct_fields__}, log=record, source=source
+    )
+
+
+def _transmission(drives: Machine | None, ratio: float | None, lead: float | None) -> dict[str, Transmission] | None:
+    """Return N and r of all axes; None where neither is given."""
+    if ratio is None and lead is None:
+        return None
+    if drives is not None:
+        given = "--gear-ratio" if lead is None else "--screw-lead"
+        raise OptionsError(f"with -m the machine file gives gear ratio and lead; got {given}")
+    if ratio is None or lead is None:
+        raise OptionsError("--gear-ratio and --screw-lead go together; got one of them")
+    return dict.fromkeys(MACHINE_AXES, Transmission(ratio, lead / MM * LEAD))
+
+
+def diagnose(log: Log | Source, machine: Machine | Source, *, progress: Progress = no_progress) -> LogDiagnosis:
+    r"""Find where a log parts from the simulation, and which physical effect the machine file lacks.
+
+    Parameters
+    ----------
+    log : Log, str or path
+    machine : Machine, str or path
+        With a drive for every axis of the log.
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    LogDiagnosis
+        `verdict` is "named", "nothing-missing", "ambiguous", "unknown" or "not-identifiable".
+
+    Raises
+    ------
+    InputError
+        Where an input is bad, or the log belongs to another machine.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import ph_post as ph
+    >>> rows = "".join(f"{k / 1000},0.0,0.0,0.0,0.0\n" for k in range(400))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "run.csv")
+    ...     _ = file.write_text("t,X_cmd,X_motor,Y_cmd,Y_motor\n" + rows)
+    ...     ph.diagnose(file, "router").verdict
+    'not-identifiable'
+    """
+    drives, source = _measured_machine(machine)
+    record = _log_of(log, drives)
+    found = diagnosing.diagnose(record, drives, progress)
+    return LogDiagnosis(**{name: getattr(found, name) for name in found.__struct_fields__}, log=record, source=source)
+
+
+def _measured_machine(machine: Machine | Source) -> tuple[Machine, SourceText | None]:
+    """Return a machine and the text of its file."""
+    drives, _ = any_machine(machine)
+    return drives, machine_text(drives)
+
+
+def _log_of(log: Log | Source, machine: Machine | None) -> Log:
+    """Return a log, read where it is only named, which has no axis that the machine lacks."""
+    if not isinstance(log, Log):
+        return read_log(log, machine=machine)
+    require_axes(tuple(log.axes), machine, log.name)
+    return log
+
+
+def sweep(
+    machine: Machine | Source,
+    beta: Sequence[float],
+    gain: Sequence[float],
+    *,
+    job: Job | None = None,
+    radius: Sequence[float] | None = None,
+    feed: Sequence[float] | None = None,
+    axes: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> SweptIntervals:
+    """Work out how long backlash holds an axis, over grids of β and C.
+
+    Implements the off-line tables of section 5.3 of [1]_. The circles are those of the turning points of a
+    path, every radius at every feed that occurs; or those of `radius` and `feed`; or else the circle of the
+    paper's example.
+
+    Parameters
+    ----------
+    machine : Machine, str or path
+    beta : sequence of float, shape (n,)
+        β, the motor's own decay rate [1/s], ascending.
+    gain : sequence of float, shape (m,)
+        C = N/(η r b), the motor's acceleration in the gap by metre of error [rad/(m s²)], ascending.
+    job : Path, PartProgram, str or path, optional
+        Path whose circles are taken.
+    radius : sequence of float, optional
+        Radii of the circles [m], ascending; needs `feed`.
+    feed : sequence of float, optional
+        Feeds along the circles [m/s], ascending; with a job one feed, in place of the path's.
+    axes : sequence of str, optional
+        Axes to tabulate; by default all whose interval depends on β and C.
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    SweptIntervals
+
+    Raises
+    ------
+    InputError
+        Where an input is bad, no axis depends on β and C, or the table would have more than
+        :data:`MOST` intervals.
+
+    References
+    ----------
+    .. [1] Real-time compensation of backlash positional errors in CNC machines by localized feedrate
+       modulation, Int. J. Adv. Manuf. Technol. 119 (2022), doi:10.1007/s00170-021-08515-z.
+
+    Examples
+    --------
+    >>> import ph_post as ph
+    >>> table = ph.sweep("paper", [1.0], [1e5, 2e5])
+    >>> table.axes[0].duration.shape
+    (1, 1, 1, 2)
+    """
+    progress("reading")
+    drives, name = any_machine(machine)
+    chosen = _tabulated_axes(drives, axes, name)
+    warnings: tuple[str, ...] = ()
+    if radius is not None:
+        if job is not None or feed is None:
+            raise OptionsError("--radius needs --feed, and no path beside it")
+        radii, feeds = np.array(radius), np.array(feed)
+    else:
+        if feed is not None and (job is None or len(feed) > 1):
+            raise OptionsError("--feed needs --radius, or a path and then one feed")
+        find_dialect(drives.dialect, f"{name}: controller.dialect")
+        raw = read_raw(shipped("paths", DEFAULT_PATH)) if job is None else raw_job(job)
+        path, warnings = path_of_job(raw, drives, feed=None if feed is None else feed[0])
+        check_axes(path.axes, "path", drives, name)
+        found = swings(path, [point for point in find_turning_points(Track(path)) if point.axis in chosen])
+        if not found:
+            raise InputError(path.name, f"no axis of {', '.join(chosen)} reverses smoothly on this path")
+        radii, feeds = _distinct([a for a, _ in found]), _distinct([a * omega for a, omega in found])
+    counts = (len(chosen), len(radii), len(feeds), len(beta), len(gain))
+    if math.prod(counts) > MOST:
+        size = f"{' x '.join(map(str, counts))} = {math.prod(counts)}"
+        raise OptionsError(f"expected at most {MOST} intervals; got {size}")
+    progress("solving for the backlash intervals")
+    table = tabulate(drives, chosen, radii, feeds, np.array(beta), np.array(gain))
+    return SweptIntervals(**{key: getattr(table, key) for key in table.__struct_fields__}, warnings=warnings)
+
+
+def _tabulated_axes(drives: Machine, wanted: Sequence[str], machine: str) -> list[str]:
+    """Return the axes asked for, or all whose interval depends on β and C."""
+    closed = [name for name, axis in drives.axes.items() if axis.feedback == "load"]
+    for name in wanted:
+        if name not in drives.axes:
+            raise InputError(machine, f"no axis {name}", expected=" or ".join(drives.axes), got=name)
+        if name not in closed:
+            raise InputError(
+                f"{machine}: axes.{name}",
+                "the interval of this axis depends on neither β nor C",
+                expected='feedback "load"',
+                got=f'"{drives.axes[name].feedback}"',
+            )
+    if not closed:
+        raise InputError(
+            machine, "no interval of this machine depends on β or C", expected='an axis with feedback "load"'
+        )
+    return list(dict.fromkeys(wanted)) or closed
+
+
+def _distinct(values: list[float]) -> Array:
+    """Return values ascending, each once but for rounding."""
+    ascending = np.sort(values)
+    distinct: Array = ascending[np.append(True, np.diff(ascending) > 1e-9 * ascending[1:])]
+    return distinct
+
+
+def calibrate(
+    machine: Machine | Source,
+    *,
+    axes: Sequence[str] = (),
+    centre: Sequence[float] = (),
+    travel: Sequence[float] = (),
+    radius: float | None = None,
+    feeds: Sequence[float] = (),
+    warm_up: float = WARM_UP,
+) -> tuple[Experiment, ...]:
+    """Write test programs that show what a machine file should know.
+
+    Parameters
+    ----------
+    machine : Machine, str or path
+        Its dialect and limits are those of the programs.
+    axes : sequence of str, optional
+        Axes to move; by default all but Z.
+    centre : sequence of float, optional
+        Middle of the room in work coordinates, a number an axis [m]; 0 by default.
+    travel : sequence of float, optional
+        Room around it from end to end [m]: one number, or one an axis; 0.1 by default.
+    radius : float, optional
+        Radius of the circles [m]; 0.3 of the smallest travel by default.
+    feeds : sequence of float, optional
+        Feeds of the circles [m/s]; three by default, up to 0.8 of the machine's highest.
+    warm_up : float, optional
+        Duration of the run that warms the screws [s].
+
+    Returns
+    -------
+    tuple of Experiment
+        The `program` of each, what to `record` with it, and `why`.
+
+    Raises
+    ------
+    InputError
+        Where the machine file is bad, or the room, radius or feeds cannot be had.
+
+    Examples
+    --------
+    >>> import ph_post as ph
+    >>> kit = ph.calibrate("mill", centre=(0.15, 0.08), travel=[0.12])
+    >>> kit[0].name, kit[0].why
+    ('mix', 'a little of everything in one log: steps, sweeps, speeds, circles and diagonals')
+    """
+    drives, _ = any_machine(machine)
+    return calibration_kit(drives, axes=axes, centre=centre, travel=travel, feeds=feeds, radius=radius, warm_up=warm_up)
