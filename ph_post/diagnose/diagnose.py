@@ -58,7 +58,7 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     -------
     Diagnosis
     """
-    progress("looking at the record")
+    progress("checking the log")
     quality = examine(log, machine)
     problems = [
         problem for name in log.axes if (problem := problem_of(log, name, machine.axes[name], quality)) is not None
@@ -74,7 +74,7 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
 def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagnosis:
     """Tell that a record can show nothing."""
     if not quality.faults:
-        quality = replace(quality, faults=("no axis that has a reading moves in this record",))
+        quality = replace(quality, faults=("no axis with a reading moves in this log",))
     floor = _pooled([one.noise for one in quality.channels if one.channel != "force"])
     return Diagnosis(
         verdict="not-identifiable",

@@ -155,7 +155,7 @@ def diagnosis_notes(
     shifted = [words for one in outcomes for words in _shifted(one)]
     if shifted:
         listed = ", ".join(shifted)
-        said.append(f"readings whose origin is not that of the command, which was left free: {listed}")
+        said.append(f"readings with another origin than the command, which was left free: {listed}")
     return (*said, *_could_not_show(outcomes))
 
 
@@ -170,7 +170,7 @@ def _moved(outcome: AxisDiagnosis) -> Iterator[str]:
             far = f"within the {file}" if abs(off) <= 1.0 else f"{abs(off):.2g} times the {file}"
             said.append(f"{name} is {100.0 * prior.error * abs(off):.2g} % {word}, {far}")
     if said:
-        yield f"base values of {outcome.choice.problem.axis.name} as the record has them: {'; '.join(said)}"
+        yield f"base values of {outcome.choice.problem.axis.name} by the log: {'; '.join(said)}"
 
 
 def _shifted(outcome: AxisDiagnosis) -> Iterator[str]:
@@ -233,7 +233,7 @@ def _could_not_show(outcomes: Sequence[AxisDiagnosis]) -> Iterator[str]:
             reasons.setdefault(why, []).append(name)
     if reasons:
         listed = "; ".join(f"{', '.join(names).replace('_', ' ')} ({why})" for why, names in reasons.items())
-        yield f"this record could not have shown: {listed}"
+        yield f"this log could not have shown: {listed}"
 
 
 def propose_experiment(

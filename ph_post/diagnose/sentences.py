@@ -31,7 +31,7 @@ RULES: Final = {
     "acceleration": "everywhere in proportion to the acceleration of {axis}",
     "position": "everywhere in proportion to the position of {axis}",
     "period": "all along {axis}, again and again every {period:.3g} mm",
-    "time": "slowly, all along the record",
+    "time": "slowly, throughout the log",
 }
 """Phrases of the rules that a place may stand for."""
 
@@ -47,7 +47,7 @@ USUAL: Final = {
     "engagement_impact": "after reversals of {axis}",
     "cyclic_error": "all along {axis}, again and again",
     "scale_error": "everywhere in proportion to the position of {axis}",
-    "thermal_growth": "slowly, all along the record",
+    "thermal_growth": "slowly, throughout the log",
     "squareness": "everywhere in proportion to the position of the other axis",
     "servo_mismatch": "wherever {axis} moves",
     "transport_delay": "wherever {axis} moves",
@@ -232,7 +232,7 @@ def stretch(window: ExcessWindow, word: str, unit: Callable[[float], str]) -> st
 
 def periodic(found: Periodic, ways: list[float], drive: Axis | None) -> str:
     """Say that a residual comes again with the position, and whether the screw does too."""
-    said = [f"comes again every {place(found.period)} of travel, amplitude {length(found.amplitude)}"]
+    said = [f"repeats every {place(found.period)} of travel, amplitude {length(found.amplitude)}"]
     said += list(_turns(found.period, drive))
     if all(math.isfinite(way) for way in ways):
         said.append(_both_ways(ways[0], ways[1], "in both directions"))

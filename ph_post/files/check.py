@@ -345,3 +345,14 @@ def one_line(text: str, name: str, keys: Keys) -> str:
         return text
     got = f"character U+{ord(wrong):04X}"
     raise InputError(place(name, keys), "text cannot be written on one line", expected="printable text", got=got)
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """Count things in words; of most several have an s more.
+
+    Examples
+    --------
+    >>> counted(1, "stop"), counted(2, "stop"), counted(3, "stop on the way", "stops on the way")
+    ('1 stop', '2 stops', '3 stops on the way')
+    """
+    return f"{number} {one if number == 1 else many or one + 's'}"

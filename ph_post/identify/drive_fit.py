@@ -268,13 +268,13 @@ def why_backlash_hidden(problem: AxisProblem, record: AxisLog) -> str:
     speed = problem.speed[problem.counted]
     directions = np.sign(speed[np.abs(speed) > RESTS * np.max(np.abs(speed), initial=0.0)])
     if not np.any(np.diff(directions)):
-        return "the gap does not show: no reversal"
+        return "the log shows no backlash: the axis does not reverse"
     if problem.plant.loop.encloses_backlash:
         return ""
     if record.table is None:
-        return "the gap does not show: behind the motor's loop only a reading of the table shows it"
+        return "the log shows no backlash: behind the motor's loop only a reading of the table shows it"
     if record.side == "unknown":
-        return "the gap does not show: the reading may be the motor's, and friction looks like play there"
+        return "the log shows no backlash: the reading may be the motor's, where friction looks like backlash"
     return ""
 
 
@@ -290,14 +290,14 @@ def decide_backlash(problem: AxisProblem, base: DriveFit) -> BacklashVerdict:
     ahead = held_out_gain(problem, rival, gapped if shows else base)
     if ahead > EARNS:
         words = (
-            f"{size} explains the record better than play; the gap is not identified, and b and c are those "
-            "of a drive without friction: ph-post diagnose names it"
+            f"{size} explains the log better than backlash; the backlash is not identified, and b and c are"
+            " those of a drive without friction: run ph-post diagnose to name the effect"
         )
         return BacklashVerdict(None, None, (words,))
     if shows and ahead > -EARNS:
         words = (
-            f"{size} explains the record as well as the lost motion: they are not told apart; the motor's "
-            "side or its force would do it"
+            f"{size} explains the log as well as the lost motion; a log of the motor's side or of its force"
+            " would separate them"
         )
         return BacklashVerdict(gapped, None, (words,))
     return plain

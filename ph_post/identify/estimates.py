@@ -17,6 +17,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.drive.plant import Plant
+from ph_post.files.check import counted
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, left_by, position_rms, rows_of
 from ph_post.identify.free_run import AxisProblem, weights_of
@@ -216,7 +217,7 @@ def estimate_drive(settled: AxisFit) -> IdentifiedDrive:
 
 def _kept(settled: AxisFit) -> str:
     """Say what stands in place of what does not show."""
-    return "that of the machine file is kept" if settled.from_file else "it is not identified"
+    return "the machine file's value is kept" if settled.from_file else "its value is assumed"
 
 
 def _base(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
@@ -224,15 +225,15 @@ def _base(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     plant, errors = settled.plant, settled.settling.errors()
     parameters, notes = {}, []
     if plant.b == 0.0:
-        return {}, ["no lag shows: an ideal stepper, b and c are 0"]
+        return {}, ["the log shows no lag: an ideal stepper, b and c are 0"]
     if "b" in errors:
         parameters["b"] = Estimate(value=plant.b, stderr=plant.b * errors["b"], unit="s²")
     else:
-        notes.append(f"b does not show: accelerations too small; {_kept(settled)}")
+        notes.append(f"b cannot be identified: the accelerations in the log are too small; {_kept(settled)}")
     if "c" in errors:
         parameters["c"] = Estimate(value=plant.c, stderr=plant.c * errors["c"], unit="s")
     else:
-        notes.append(f"c does not show: speeds too small; {_kept(settled)}")
+        notes.append(f"c cannot be identified: the speeds in the log are too small; {_kept(settled)}")
     return parameters, notes
 
 
@@ -248,13 +249,13 @@ def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     product = plant.eta * width
     told = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
     words = (
-        "from positions on one side only Δθ_m/C shows on a load loop: η times the lost motion is "
-        f"{product:.4g} ± {told.stderr:.2g} mm; the lost motion is that with η = {plant.eta:.4g} of "
+        "positions on one side of a load loop show only Δθ_m/C: η times the lost motion is "
+        f"{product:.4g} ± {told.stderr:.2g} mm; the lost motion is given for η = {plant.eta:.4g}, "
     )
     if settled.from_file:
-        notes.append(words + "the machine file, and as uncertain as the file says of C")
+        notes.append(words + "the machine file's, with the file's uncertainty of C")
     else:
-        notes.append(words + "no measurement")
+        notes.append(words + "which is assumed")
     gap = Estimate(value=width, stderr=width * relative if settled.from_file else None, unit="mm")
     return {"lost_motion": gap, PRODUCT: told}, notes
 
@@ -263,13 +264,13 @@ def _no_gap(settled: AxisFit, notes: list[str]) -> tuple[dict[str, Estimate], li
     """Tell how large a gap could be that does not show."""
     bound, said = settled.verdict.bound, settled.problem.axis.gap.lost_motion
     if bound is None:
-        words = "that of the machine file is kept" if said > 0.0 else "none is taken"
+        words = "the machine file's value is kept" if said > 0.0 else "none is taken"
         if not notes:
-            notes.append("the gap does not show: no width of it would be seen")
+            notes.append("the log cannot show backlash of any size")
         return {}, [*notes, f"lost motion: {words}"]
-    note = f"no gap above {bound / MICROMETRE:.2g} µm shows"
+    note = f"the log shows no backlash above {bound / MICROMETRE:.2g} µm"
     if 0.0 < said <= bound:
-        return {}, [*notes, f"{note}; that of the machine file is smaller and is kept"]
+        return {}, [*notes, f"{note}; the machine file's smaller value is kept"]
     return {"lost_motion": Estimate(value=0.0, stderr=bound / MM / 3.0, unit="mm")}, [*notes, note]
 
 
@@ -285,8 +286,8 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
         rate, error = pooled_rate(free)
         relative = error / rate
         notes.append(
-            f"β is that of {len(free)} coast-down{'s' * (len(free) > 1)} of what the motor's encoder was "
-            "fixed to: that was the motor alone if it was uncoupled"
+            f"β is from {counted(len(free), 'coast-down')} of what the motor's encoder was fixed to: the motor"
+            " alone if it was uncoupled"
         )
     if relative is not None:
         tau = 1.0 / plant.beta
@@ -295,18 +296,18 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     if coupled:
         rate, error = pooled_rate(coupled)
         notes.append(
-            f"the axis coasts down with {rate:.4g} ± {error:.2g} 1/s: motor and table together, the part of "
-            "c/b that is no controller's; β of the motor alone it does not show"
+            f"the axis coasts down at {rate:.4g} ± {error:.2g} 1/s, motor and table together: the mechanical"
+            " part of c/b, not β of the motor alone"
         )
     acts = plant.loop.encloses_backlash and settled.verdict.fit is not None
     if acts and relative is None:
-        notes.append(f"β does not show while the gap is crossed; {_held(settled, 'β')}")
+        notes.append(f"the log does not show β while the backlash is crossed; {_held(settled, 'β')}")
     return parameters, notes
 
 
 def _held(settled: AxisFit, name: str) -> str:
     if settled.from_file:
-        return "that of the machine file is kept"
+        return "the machine file's value is kept"
     return f"{name} = {settled.plant.beta:.4g} 1/s is assumed"
 
 
@@ -329,8 +330,8 @@ def _left(settled: AxisFit, noise: list[float]) -> list[str]:
         return []
     return [
         f"the free run misses the readings by {settled.rms / MICROMETRE:.3g} µm rms, their noise is "
-        f"{floor / MICROMETRE:.2g} µm: the base model is not all there is; ph-post diagnose tells what is"
-        " missing"
+        f"{floor / MICROMETRE:.2g} µm: the base model is incomplete; run ph-post diagnose to find the"
+        " missing effect"
     ]
 
 

@@ -209,13 +209,13 @@ def identify(
     Raises
     ------
     InputError
-        Where the record shows no parameter at all, or contradicts what was given.
+        Where the log shows no parameter at all, or contradicts what was given.
     """
-    progress("looking at the record")
+    progress("checking the log")
     draft = starting_machine(log, machine, feedback or {}, transmission or {})
     quality = examine(log, _nearer(log, draft.machine))
     if quality.faults:
-        raise InputError(log.name, f"the record shows no parameter: {quality.faults[0]}")
+        raise InputError(log.name, f"the log shows no parameter: {quality.faults[0]}")
     drives: dict[str, IdentifiedDrive] = {}
     axes = dict(draft.machine.axes)
     for name, record in log.axes.items():
@@ -225,7 +225,7 @@ def identify(
         progress(f"identifying {name}")
         drives[name], axes[name] = _identify_axis(problem, record, quality, draft, machine is not None)
     if not any(drive.parameters for drive in drives.values()):
-        raise InputError(log.name, "the record shows no parameter", expected="an axis that moves and is read")
+        raise InputError(log.name, "the log shows no parameter", expected="an axis that moves and is read")
     notes = [f"{name}: nothing was identified, no reading of it moves" for name in axes if name not in drives]
     return Identification(drives=drives, machine=replace(draft.machine, axes=axes), notes=(*quality.notes, *notes))
 
@@ -288,7 +288,7 @@ def _without(problem: AxisProblem, coasts: list[CoastDown]) -> AxisProblem:
     if not np.any(driven & problem.counted):
         raise InputError(
             problem.axis.name,
-            "the record holds a coast-down and nothing else",
+            "the log holds nothing but a coast-down",
             expected="a motion under control beside it",
         )
     return replace(problem, fit=problem.fit & driven, held=problem.held & driven)

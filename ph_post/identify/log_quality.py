@@ -267,9 +267,9 @@ def _faults(
 ) -> Iterator[str]:
     """Yield why the record can show nothing at all."""
     if not any(np.ptp(axis.command) > 0.0 for axis in log.axes.values()):
-        yield "no axis is commanded to move: what moves nothing shows nothing"
+        yield "no axis is commanded to move"
     if not readings:
-        yield "the record holds commands only and no reading of any axis"
+        yield "the log holds commands but no reading of any axis"
         return
     if all(np.isnan(r.values).all() or np.nanmax(r.values) == np.nanmin(r.values) for r in readings):
         yield "no reading changes from the first sample to the last: nothing was measured"
@@ -292,7 +292,7 @@ def _too_short(log: Log, machine: Machine) -> Iterator[str]:
         needed, memory = settling_time(machine.axes[name]), servo_memory(machine.axes[name].servo)
         if log.t.size * log.period <= needed:
             yield (
-                f"the record lasts {log.t.size * log.period:.3g} s; the servo of {name} needs {needed:.3g} s "
+                f"the log lasts {log.t.size * log.period:.3g} s; the servo of {name} needs {needed:.3g} s "
                 "to forget how it started"
             )
         if 0.0 < memory < log.period / SAMPLES_A_MEMORY:

@@ -169,7 +169,7 @@ def _require_program(log: Log, program: PartProgram, machine: Machine, where: Wh
     if apart[worst] > OFF_PATH:
         raise InputError(
             where(worst),
-            f"the commands leave the path of {program.name}: does the log belong to it?",
+            f"the commands leave the path of {program.name}: is it a log of this program?",
             expected=f"within {OFF_PATH / MM:g} mm, in the program's coordinates",
             got=f"{apart[worst] / MM:.6g} mm",
         )
@@ -199,14 +199,14 @@ def _fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machi
     if misfit > OFF_PATH + gaps:
         raise InputError(
             file,
-            f"the record does not follow {program.name}: does it belong to it, and ran as modelled?",
+            f"the log does not follow {program.name}: is it a log of this program, and of this machine?",
             expected=f"within {(OFF_PATH + gaps) / MM:g} mm (root mean square)",
             got=f"{misfit / MM:.6g} mm",
         )
     axes = {name: replace(axis, command=made.get(name, axis.command)) for name, axis in log.axes.items()}
     words = (
         f"{', '.join(f'{name}_cmd' for name in lacking)}: from {program.name}, which begins {start:.6g} s "
-        f"after the record by the best fit ({misfit / MM:.3g} mm rms)"
+        f"after the log by the best fit ({misfit / MM:.3g} mm rms)"
     )
     if len(lacking) == len(log.axes):
         words += "; a delay of the readings cannot be seen"

@@ -10,9 +10,10 @@ import msgspec
 
 from ph_post.diff.blocks import lines_of
 from ph_post.diff.records import BlockChange, CommandChange, Comparison, Deviation, FeedChange, Span, Timing
+from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.report.simulations import error_view
-from ph_post.report.tables import NOTHING, counted, format_table
+from ph_post.report.tables import NOTHING, format_table
 from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError
 from ph_post.units import MM, MM_PER_MIN

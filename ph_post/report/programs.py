@@ -13,10 +13,10 @@ from ph_post.api.programs import CompensatedProgram, Performance, ProgramOutcome
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
 from ph_post.edit.windows import WindowPlan
+from ph_post.files.check import counted
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, Motions, PartProgram
 from ph_post.report.simulations import error_view
-from ph_post.report.tables import counted
 from ph_post.report.views import (
     PASSED,
     View,

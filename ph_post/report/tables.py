@@ -12,6 +12,7 @@ from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN
+from ph_post.files.check import counted
 from ph_post.report.views import crossings_at, radius, strategy_at, windows_by_point
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
@@ -38,17 +39,6 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     widths = [max(len(row[column]) for row in table) for column in range(len(header))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
     return "\n".join(line.rstrip() for line in lines)
-
-
-def counted(number: int, one: str, many: str = "") -> str:
-    """Count things in words; of most several have an s more.
-
-    Examples
-    --------
-    >>> counted(1, "stop"), counted(2, "stop"), counted(3, "stop on the way", "stops on the way")
-    ('1 stop', '2 stops', '3 stops on the way')
-    """
-    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:

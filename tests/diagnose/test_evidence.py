@@ -254,7 +254,7 @@ def test_a_gap_by_position() -> None:
     sizes = told(
         "position_dependent_backlash",
         one,
-        "the gap that X_act shows is # µm at # mm, # µm at # mm, # µm at # mm",
+        "the backlash that X_act shows is # µm at # mm, # µm at # mm, # µm at # mm",
     )
     for size, place in zip(sizes[::2], sizes[1::2], strict=True):
         assert size == pytest.approx(20.0 + 0.5 * place, abs=0.3)

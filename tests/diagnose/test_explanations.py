@@ -102,13 +102,13 @@ def test_notes_tell_base_values_origins_and_what_could_not_show() -> None:
     log, _, _, outcome = told()
     base, origin, barred = diagnosis_notes(log, (outcome,), (), "named")
     (by,) = re.fullmatch(
-        r"base values of X as the record has them: c is ([\d.]+) % larger, within the 2 % of the file", base
+        r"base values of X by the log: c is ([\d.]+) % larger, within the 2 % of the file", base
     ).groups()  # type: ignore[union-attr]
     assert float(by) == pytest.approx(1.5, abs=0.05)
-    listed = "readings whose origin is not that of the command, which was left free: X_act by "
+    listed = "readings with another origin than the command, which was left free: X_act by "
     assert origin.startswith(listed)
     assert float(origin.removeprefix(listed).removesuffix(" µm")) == pytest.approx(50.0, abs=0.1)
-    assert barred.startswith("this record could not have shown: load offset (needs a force or current channel)")
+    assert barred.startswith("this log could not have shown: load offset (needs a force or current channel)")
 
 
 def test_nothing_is_said_of_a_model_that_is_unknown() -> None:
@@ -187,7 +187,7 @@ PHRASES = {
         1e-4,
         "is in proportion to the position of Y: 0.741 µm per mm",
     ),
-    "all along X, again and again every 5 mm": ("period", 5.0 * MM, "comes again every 5 mm of travel"),
+    "all along X, again and again every 5 mm": ("period", 5.0 * MM, "repeats every 5 mm of travel"),
     "everywhere, by the same amount": ("offset", 1e-6, "is an offset of 1 µm, always there"),
 }
 

@@ -77,7 +77,7 @@ CASES = {
         "period",
         5.0 * MM,
         lambda m: 2.0 * UM * np.sin(2.0 * np.pi * m.x / (5.0 * MM) + 1.0),
-        ("comes again every ", "equal in both directions"),
+        ("repeats every ", "equal in both directions"),
         rel=0.001,
     ),
     "by position, linear": Case("position", 2e-4, lambda m: 2e-4 * (m.x - 0.02), ("of X: 0.2 µm per mm",)),

@@ -104,8 +104,8 @@ def test_positions_on_one_side_show_the_product_of_a_load_loop_only() -> None:
     hidden = next(one for one in drive.sensitivity.weak if "gap" in one)
     assert set(hidden) == {"gap", "eta"}
     assert hidden["gap"] == pytest.approx(-hidden["eta"], rel=1e-2)
-    assert any("only Δθ_m/C shows on a load loop" in note for note in found.sentences)
-    assert any("β does not show" in note for note in found.sentences)
+    assert any("positions on one side of a load loop show only Δθ_m/C" in note for note in found.sentences)
+    assert any("the log does not show β" in note for note in found.sentences)
 
 
 def test_no_gap_is_invented_and_its_bound_is_told() -> None:
@@ -115,7 +115,7 @@ def test_no_gap_is_invented_and_its_bound_is_told() -> None:
     assert gap.value == 0.0
     assert gap.stderr is not None
     assert 0.0 < gap.stderr < 1e-3
-    assert any("no gap above" in note for note in found.sentences)
+    assert any("the log shows no backlash above" in note for note in found.sentences)
 
 
 def test_friction_is_not_taken_for_play() -> None:
@@ -123,32 +123,32 @@ def test_friction_is_not_taken_for_play() -> None:
     found = identify(record(plant, "act", "motor"), None, {"X": "load"})
     assert "lost_motion" not in found.drives["X"].parameters
     assert found.machine.axes["X"].gap.lost_motion == 0.0
-    assert any("friction of" in note and "better than play" in note for note in found.sentences)
+    assert any("friction of" in note and "better than backlash" in note for note in found.sentences)
 
 
 def test_friction_and_play_that_noise_makes_alike_are_said_to_be() -> None:
     found = identify(record(FINE, "act", noise=2e-5, track=LADDER), None, {"X": "motor"})
     assert "lost_motion" in found.drives["X"].parameters
-    assert any("they are not told apart" in note for note in found.sentences)
+    assert any("would separate them" in note for note in found.sentences)
 
 
 def test_without_a_reversal_no_gap_shows() -> None:
     found = identify(record(LOAD, "act", "motor", track=one_way()), None, {"X": "load"})
     assert "lost_motion" not in found.drives["X"].parameters
-    assert "X: the gap does not show: no reversal" in found.sentences
+    assert "X: the log shows no backlash: the axis does not reverse" in found.sentences
 
 
 @pytest.mark.parametrize(
     ("channels", "side", "words"),
     [
         (("motor",), "table", "behind the motor's loop only a reading of the table shows it"),
-        (("act",), "unknown", "the reading may be the motor's, and friction looks like play there"),
+        (("act",), "unknown", "the reading may be the motor's, where friction looks like backlash"),
     ],
 )
 def test_a_side_that_shows_no_gap_says_so(channels, side, words) -> None:
     found = identify(record(MOTOR, *channels, side=side), None, {"X": "motor"})
     assert "lost_motion" not in found.drives["X"].parameters
-    assert f"X: the gap does not show: {words}" in found.sentences
+    assert f"X: the log shows no backlash: {words}" in found.sentences
 
 
 def test_slow_motion_does_not_show_b() -> None:
@@ -161,7 +161,9 @@ def test_slow_motion_does_not_show_b() -> None:
     assert "b" not in drive.parameters
     assert drive.origins["b"] == "assumed"
     assert abs(off(drive.parameters["c"], plant.c)) < 3.0
-    assert "X: b does not show: accelerations too small; it is not identified" in found.sentences
+    assert (
+        "X: b cannot be identified: the accelerations in the log are too small; its value is assumed" in found.sentences
+    )
 
 
 @pytest.mark.parametrize("table_too", [False, True])
@@ -177,7 +179,7 @@ def test_a_coast_down_gives_beta_of_what_moves(table_too: bool) -> None:
     if table_too:
         assert tau.stderr is not None
         assert tau.stderr > 1e-3  # that of the crossing
-        assert any("coasts down with 3" in note and "together" in note for note in found.sentences)
+        assert any("coasts down at 3" in note and "together" in note for note in found.sentences)
     else:
         assert tau.value == pytest.approx(1.0 / plant.beta, rel=1e-4)
         assert abs(off(tau, 1.0 / plant.beta)) < 3.0
@@ -232,5 +234,5 @@ def test_the_measured_drive() -> None:
     assert b.value == pytest.approx(95.1 / 1.3707e6, rel=0.15)
     assert c.value == pytest.approx(6.4e-3, rel=0.05)
     assert abs(off(K, 1370.7)) < 3.0
-    assert any("the base model is not all there is" in note for note in drive.notes)
+    assert any("the base model is incomplete" in note for note in drive.notes)
     assert "lost_motion" not in drive.parameters

@@ -293,15 +293,13 @@ def faults(log: Log, gap: float = 0.0) -> tuple[str, ...]:
 
 def test_records_that_can_show_nothing_say_why() -> None:
     command, still = sweeps(10.0), np.zeros(10_000)
-    assert faults(record(still, white(10_000, UM))) == (
-        "no axis is commanded to move: what moves nothing shows nothing",
-    )
-    assert faults(record(command, None)) == ("the record holds commands only and no reading of any axis",)
+    assert faults(record(still, white(10_000, UM))) == ("no axis is commanded to move",)
+    assert faults(record(command, None)) == ("the log holds commands but no reading of any axis",)
     constant = ("no reading changes from the first sample to the last: nothing was measured",)
     assert faults(record(command, still)) == constant
     assert faults(record(command, np.full(10_000, np.nan))) == constant
     assert faults(record(command[:200], servo(command)[:200])) == (
-        "the record lasts 0.2 s; the servo of X needs 0.219 s to forget how it started",
+        "the log lasts 0.2 s; the servo of X needs 0.219 s to forget how it started",
     )
 
 

@@ -43,12 +43,12 @@ def backlash(exhibit: Evidence) -> Iterator[str]:
     if levels:
         words = ", ".join(f"{length(-2.0 * one.half)} at {velocity(one.speed)}" for one in levels)
         yield compared(
-            "a gap is the same at every speed",
+            "backlash is the same at every speed",
             f"{exhibit.reading} differs between the directions by {words}{_beside(exhibit)}",
             similar_sizes(levels[0].half, levels[-1].half),
         )
     if not exhibit.has("motor"):
-        yield "the motor's side was not recorded: that the table alone lags rests on the shape of its lag"
+        yield "the motor's side was not recorded: only the shape of the lag says that the table alone lags"
 
 
 def by_place(exhibit: Evidence) -> Iterator[str]:
@@ -60,13 +60,13 @@ def by_place(exhibit: Evidence) -> Iterator[str]:
         what = (
             f"the error behind reversals of {exhibit.axis} is"
             if exhibit.problem.plant.loop.encloses_backlash
-            else f"the gap that {exhibit.reading} shows is"
+            else f"the backlash that {exhibit.reading} shows is"
         )
         yield compared(
-            "such a gap depends on the position", f"{what} {words}", not similar_sizes(min(sizes), max(sizes))
+            "this backlash depends on the position", f"{what} {words}", not similar_sizes(min(sizes), max(sizes))
         )
     else:
-        yield "the axis passes too few places in both directions to tell the gap of each"
+        yield "the axis passes too few places in both directions to give the backlash of each"
 
 
 def servo(exhibit: Evidence) -> Iterator[str]:
@@ -103,17 +103,17 @@ def windup(exhibit: Evidence) -> Iterator[str]:
         return
     slope = -slopes(_before(exhibit), exhibit.use(), motion.acceleration, motion.velocity)[0]
     yield compared(physics, f"{exhibit.reading} lags by {slope / UM:.3g} µm per m/s²")
-    yield f"only {exhibit.reading} was recorded: motor and table cannot be laid side by side"
+    yield f"only {exhibit.reading} was recorded: motor and table cannot be compared"
 
 
 def impact(exhibit: Evidence) -> Iterator[str]:
-    """Yield what shows that the table jumps ahead once the gap is crossed."""
+    """Yield what shows that the table jumps ahead once the backlash is crossed."""
     motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
     near = use & (motion.since < AFTER)
     inside, outside = rms(residual, near), rms(residual, use & ~near)
     if inside is not None and outside is not None:
         yield compared(
-            "a pick-up with momentum shows behind reversals only, once the gap is crossed",
+            "a pick-up with momentum shows behind reversals only, once the backlash is crossed",
             f"{length(inside)} rms within {AFTER / MS:g} ms after reversals of {exhibit.axis}, "
             f"{length(outside)} elsewhere",
             inside > 1.5 * outside,
@@ -169,7 +169,7 @@ def _between_sides(exhibit: Evidence) -> Iterator[str]:
     gap = between_ways(exhibit, apart, exhibit.use("motor", "act"))
     if gap is not None:
         yield compared(
-            "a gap lies between motor and table",
+            "backlash lies between motor and table",
             f"{exhibit.column('motor')} less {exhibit.column('act')} differs by {length(gap)} between the directions",
             gap > 0.0,
         )
@@ -197,7 +197,7 @@ def _crossing(exhibit: Evidence) -> Iterator[str]:
         ends = ((scaling.feeds[k], scaling.sizes[k]) for k in (0, -1))
         numbers += "; " + ", ".join(f"{length(size)} at {velocity(feed)}" for feed, size in ends)
     yield compared(
-        "a loop over the table takes a gap back: it shows while it is crossed",
+        "a loop over the table takes backlash back: it shows while it is crossed",
         numbers,
         inside > 1.5 * outside,
     )

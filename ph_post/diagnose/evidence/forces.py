@@ -71,7 +71,7 @@ def turns(exhibit: Evidence) -> str:
     """Lay a period beside the travel of a turn of screw and motor, where the file tells them."""
     gap = exhibit.problem.axis.gap
     if gap.travel_per_rad is None:
-        return "the file tells no screw lead"
+        return "the file states no screw lead"
     lead = 2.0 * math.pi * gap.travel_per_rad
     words = f"the screw's lead is {lead / MM:.4g} mm"
     if gap.gear_ratio is not None and gap.gear_ratio != 1.0:
@@ -134,7 +134,7 @@ def stribeck(exhibit: Evidence) -> Iterator[str]:
         agrees = abs(shown[0].half) > abs(shown[-1].half)
         yield compared("Stribeck friction is larger at slow speeds", _where(exhibit, shown), agrees)
     elif levels:
-        yield (f"Stribeck friction is larger at slow speeds; the record has one speed only, {_where(exhibit, levels)}")
+        yield (f"Stribeck friction is larger at slow speeds; the log has one speed only, {_where(exhibit, levels)}")
     yield from _step_of_effort(exhibit)
 
 
@@ -177,7 +177,7 @@ def load(exhibit: Evidence) -> Iterator[str]:
     """Yield what a constant force shows: the mean of both directions, at standstill too."""
     parts = effort_parts(exhibit)
     if parts is None:
-        yield "no force was recorded in both directions: a load cannot be told apart from a shifted origin"
+        yield "no force was recorded in both directions: a load cannot be distinguished from a shifted origin"
     else:
         numbers = f"the mean {exhibit.effort_name} of both directions is {exhibit.effort(parts[1])}"
         still = _standing(exhibit)
@@ -191,7 +191,7 @@ def load(exhibit: Evidence) -> Iterator[str]:
 
 def cogging(exhibit: Evidence) -> Iterator[str]:
     """Yield what shows a force over and over along the travel."""
-    yield from wave_words(exhibit, "cogging comes again with the motor's magnets and changes with the feed")
+    yield from wave_words(exhibit, "cogging repeats with the motor's magnets and changes with the feed")
     if exhibit.has("force"):
         motion, use = exhibit.motion, exhibit.use("force") & (exhibit.motion.direction != 0)
         angle = 2.0 * np.pi * motion.position / exhibit.values["period"]
@@ -249,13 +249,13 @@ def _both_sides(exhibit: Evidence) -> Iterator[str]:
         table = between_ways(exhibit, exhibit.before["act"], exhibit.use("act"))
         if motor is not None and table is not None:
             yield compared(
-                "friction holds the motor's side back like the table's, a gap the table's only",
+                "friction holds the motor's side back like the table's, backlash the table's only",
                 f"the directions differ by {length(abs(motor))} on the motor's side, "
                 f"{length(abs(table))} on the table's",
                 similar_sizes(motor, table),
             )
     elif exhibit.problem.side == "unknown":
-        yield "the record does not say on which side the position was read: a gap would look much the same"
+        yield "the log does not say on which side the position was read: backlash would look much the same"
     elif not exhibit.has("force"):
         yield "neither a second position nor a force was recorded that could confirm it"
 

@@ -19,7 +19,7 @@ SPAN = 100.0 * MM
 
 def cyclic(exhibit: Evidence) -> Iterator[str]:
     """Yield what an error of the screw shows: its period, whatever the feed."""
-    yield from wave_words(exhibit, "a cyclic error comes again with the screw, the same at every feed", True)
+    yield from wave_words(exhibit, "a cyclic error repeats with the screw, the same at every feed", True)
     if exhibit.has("motor") and exhibit.has("act"):
         period, x = exhibit.values["period"], exhibit.motion.position
         sides = (amplitude(exhibit.before[one], x, period, exhibit.use(one)) for one in ("motor", "act"))
@@ -66,8 +66,8 @@ def thermal(exhibit: Evidence) -> Iterator[str]:
     constant = exhibit.values["time_constant"]
     if constant > lasts:
         yield (
-            f"the record of {lasts:.3g} s is shorter than the time constant of {constant:.3g} s: growth and "
-            "time constant hang together, what it shows is their course"
+            f"the log of {lasts:.3g} s is shorter than the time constant of {constant:.3g} s: it does not separate"
+            " growth and time constant, and shows only their course"
         )
 
 

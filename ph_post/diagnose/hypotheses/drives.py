@@ -195,7 +195,7 @@ def _no_impact(problem: AxisProblem) -> str:
         return "outside of the loop nothing is picked up"
     if plant.pickup != "standstill":
         return "the file keeps momentum already"
-    return "" if plant.gap > 0.0 else "there is no gap to cross"
+    return "" if plant.gap > 0.0 else "there is no backlash to cross"
 
 
 IMPACT = Hypothesis(

@@ -80,7 +80,7 @@ def _squareness(other: str) -> Hypothesis:
         return find_effect("squareness").apply(plant, {"angle": numbers[0], "other": choice})
 
     def bars(problem: AxisProblem) -> str:
-        return _needs_table(problem) if other in problem.others else f"{other} is not in the record"
+        return _needs_table(problem) if other in problem.others else f"{other} is not in the log"
 
     return Hypothesis(
         name="squareness",

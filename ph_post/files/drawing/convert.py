@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.files.check import quoted
+from ph_post.files.check import counted, quoted
 from ph_post.files.drawing import chains
 from ph_post.files.drawing.chains import SAME, Contour, JoinedContours, path_text
 from ph_post.files.drawing.shapes import MAX_BYTES, UNITS, Drawing, DrawnShape, Subpath, transformed
@@ -272,11 +272,11 @@ def _join_notes(joining: JoinedContours, wish: ImportOptions, mm: float) -> list
     if joining.gaps:
         bridged = f", {joining.bridges} of them by a line" if joining.bridges else ""
         told.append(
-            f"{_counted(joining.gaps, 'gap')} up to {joining.largest_gap * mm:.3g} mm closed"
+            f"{counted(joining.gaps, 'gap')} up to {joining.largest_gap * mm:.3g} mm closed"
             f" (--join {wish.join:g} mm){bridged}; no point moved by more than {joining.moved * mm:.3g} mm"
         )
     if joining.forks:
-        places = _counted(joining.forks, "place")
+        places = counted(joining.forks, "place")
         told.append(f"at {places} more than two ends meet; the straightest way was taken")
     return told
 
@@ -289,7 +289,7 @@ def _cut_warnings(contours: Sequence[Contour], wish: ImportOptions, mm: float) -
         curves = "1 curve lies on another and is" if again == 1 else f"{again} curves lie on others and are"
         told.append(f"{curves} cut once more")
     if len(contours) > 1 and wish.axes == "XY":
-        rapids = _counted(len(contours) - 1, "rapid")
+        rapids = counted(len(contours) - 1, "rapid")
         told.append(f"{rapids} between the contours: give convert --safe-z and --depth, or the tool stays down there")
     return told
 
@@ -305,10 +305,6 @@ def _place(shape: DrawnShape, grid: float) -> tuple[str, tuple[float, ...]]:
         return "arc", tuple(np.round(np.vstack([ends, points[2:]]) / grid).ravel().tolist())
     rows = np.round(points / grid)
     return shape.kind, min(tuple(rows.ravel().tolist()), tuple(rows[::-1].ravel().tolist()))
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 Kind = Literal["DXF", "SVG"]
