@@ -373,25 +373,6 @@ def test_every_command_has_help_with_examples_or_a_sentence(capsys):
         assert len(out) > 300
 
 
-def test_every_command_stands_in_the_readme():
-    readme = (ROOT / "README.md").read_text()
-    assert all(f"ph-post {name}" in readme for name in COMMANDS)
-
-
-def test_every_strategy_stands_in_the_readme():
-    from ph_post.compensate.strategies.registry import strategy_names
-
-    readme = (ROOT / "README.md").read_text()
-    section = readme.split("## Which strategy?")[1].split("\n## ")[0]
-    assert all(f"| `{name}` |" in section for name in strategy_names())
-
-
-def test_readme_and_ci_share_the_test_command():
-    commands = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("python3 -m venv")]
-    assert len(commands) == 2
-    assert commands[1] in (ROOT / ".ci" / "run").read_text().splitlines()
-
-
 def test_help_page_imports_nothing_slow():
     # The page has 0.2 s; numpy alone would take half of it, and sympy or matplotlib all.
     code = (

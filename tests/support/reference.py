@@ -1,6 +1,6 @@
-"""The reference in the README, made of the commands' own help.
+"""The command reference, docs/cli.md, made of the commands' own help.
 
-``python -m tests.support.reference`` writes it anew between its two markers; a test compares.
+``python -m tests.support.reference`` writes it anew; a test compares.
 """
 
 from __future__ import annotations
@@ -16,9 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from support.helppages import Page, pages
 
-README = Path(__file__).resolve().parents[2] / "README.md"
-BEGIN = "<!-- reference: made by `python -m tests.support.reference`, not by hand -->"
-END = "<!-- end of the reference -->"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "cli.md"
 HOW = ".venv/bin/python -m tests.support.reference"
 
 WIDTH = 120
@@ -31,35 +29,28 @@ Shared = dict[tuple[str, str], tuple[click.Option, bool]]
 EVERYWHERE = ("--json", "--debug")
 
 HEAD = """\
-## Reference
+<!-- made by `python -m tests.support.reference`, not by hand -->
 
-What `ph-post COMMAND --help` says of every command. All of them take `-h`, `--help`, `--json` (one JSON
+# Commands
+
+The help page of every command. All of them take `-h`, `--help`, `--json` (one JSON
 object on standard output and nothing else there; what does not exist is `null`) and `--debug` (a traceback
 where something goes wrong). Lengths are in mm, feeds in mm/min, times in s; `-` is standard input or output.
 Exit status, where a command says nothing else: 0 done, or no difference; 1 a difference found, a check failed
-or a target missed; 2 bad usage or bad input, told in one line on standard error; 130 interrupted.
+or a target missed; 2 bad usage or bad input, reported in one line on standard error; 130 interrupted.
 """
 
 
 def reference() -> str:
-    """Return the section, markers included."""
+    """Return the whole document."""
     every = pages()
     shared = _shared(every)
     index = " · ".join(f"[{page.words[8:]}](#{page.words.replace(' ', '-')})" for page in every)
-    parts = [BEGIN, "", HEAD, *_filled(index), "", "### Options that several commands share", ""]
+    parts = [HEAD, *_filled(index), "", "## Options that several commands share", ""]
     parts += _table([_row(one, _default(one) if same else "") for one, same in shared.values()])
     for page in every:
         parts += ["", *_section(page, shared)]
-    return "\n".join([*parts, "", END])
-
-
-def replaced(readme: str) -> str:
-    """Return the README with the section as it is now, at its end where it has none."""
-    before, begun, rest = readme.partition(BEGIN)
-    if not begun:
-        return f"{readme.rstrip()}\n\n{reference()}\n"
-    _, _, after = rest.partition(END)
-    return before + reference() + after
+    return "\n".join([*parts, ""])
 
 
 def _options(command: click.Command) -> list[click.Option]:
@@ -84,7 +75,7 @@ def _shared(every: list[Page]) -> Shared:
 
 
 def _section(page: Page, shared: Shared) -> Iterator[str]:
-    yield f"### {page.words}"
+    yield f"## {page.words}"
     yield ""
     yield f"    {_synopsis(page)}"
     for paragraph in page.paragraphs:
@@ -175,4 +166,4 @@ def _filled(text: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    README.write_text(replaced(README.read_text(encoding="utf-8")), encoding="utf-8")
+    DOCUMENT.write_text(reference(), encoding="utf-8")

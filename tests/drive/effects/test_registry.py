@@ -21,7 +21,7 @@ from ph_post.drive.plant import GapProfile, Plant, TableReading, base_plant
 from ph_post.errors import InputError
 from ph_post.types import Axis, EffectSetting, Gap, Limits, Scenario, Servo
 
-README = Path(__file__).parents[3] / "README.md"
+ROOT = Path(__file__).parents[3]
 THIS_STEP = {
     "coulomb_friction",
     "stribeck_friction",
@@ -435,23 +435,11 @@ def test_a_real_entry_point_of_a_built_in_name_does_not_replace_it(monkeypatch):
 
 def test_every_effect_of_the_package_is_built_in():
 
-    folder = README.parent / "ph_post" / "drive" / "effects"
+    folder = ROOT / "ph_post" / "drive" / "effects"
     assert {file.stem for file in folder.glob("*.py") if "\nEFFECT = " in file.read_text(encoding="utf-8")} == set(
         BUILT_IN
     )
     assert set(BUILT_IN) == THIS_STEP
-
-
-def test_the_readme_lists_every_effect_with_every_parameter():
-    section = README.read_text(encoding="utf-8").split("### Describe the machine")[1].split("\n### ")[0]
-    rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", section, re.MULTILINE))
-    assert {name for name in rows if name in CATALOGUE} == THIS_STEP
-    for name in THIS_STEP:
-        effect = find_effect(name)
-        words = set(re.findall(r'`"?(\w+)"?`', rows[name]))
-        told = {one.name for one in effect.parameters} | {w for one in effect.parameters for w in one.choices}
-        assert told <= words
-        assert words <= told | {"c", "standstill", "load", "motor"}
 
 
 def test_the_old_mill():
