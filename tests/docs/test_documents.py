@@ -68,9 +68,9 @@ def test_every_effect_is_described_with_every_parameter() -> None:
     rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", text_of("effects.md"), re.MULTILINE))
     assert set(rows) == set(effect_names())
     assert set(rows) <= set(CATALOGUE)
-    for name in rows:
+    for name, row in rows.items():
         effect = find_effect(name)
-        words = set(re.findall(r'`"?(\w+)"?`', rows[name]))
+        words = set(re.findall(r'`"?(\w+)"?`', row))
         wanted = {one.name for one in effect.parameters} | {w for one in effect.parameters for w in one.choices}
         assert wanted <= words
         assert words <= wanted | {"c", "standstill", "load", "motor"}
