@@ -89,9 +89,9 @@ def compare_feeds(
 def _beside(side: PathSamples, other: CurveTable) -> IntArray:
     """Motions of one path, and those of the other beside which they run for longer than they are apart."""
     piece, mine = side.samples.piece, side.motion()
-    advance = np.diff(side.foot_ways)
+    advance = np.diff(side.closest_ways)
     along = np.flatnonzero((piece[1:] == piece[:-1]) & (advance > 0.0))
-    middle = side.foot_ways[along] + 0.5 * advance[along]
+    middle = side.closest_ways[along] + 0.5 * advance[along]
     there = np.clip(np.searchsorted(other.s, middle, side="right") - 1, 0, len(other.table) - 1)
     pairs, number = np.unique(np.stack([mine[along], other.motion[there]], axis=1), axis=0, return_inverse=True)
     together = np.bincount(number, advance[along], minlength=len(pairs))

@@ -8,7 +8,8 @@ import msgspec
 import numpy as np
 
 from ph_post.diff.alignment import align, align_samples, gaps_of, hash_columns
-from ph_post.diff.curves import ANGLE, FIRST, ORDER, CurveTable, closest_points, places
+from ph_post.diff.curves import ANGLE, FIRST, ORDER, CurveTable
+from ph_post.geometry.closest import closest_in_order, points_at
 from ph_post.types import Array, IntArray
 
 GRID: Final = 1e-9
@@ -47,14 +48,14 @@ class Samples(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class PathSamples(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One path where it is not the other one's.
 
-    `closest_points` (n, 3) [m] are the places of the other path that the samples belong to, `foot_ways` (n,) [m] how
+    `closest_points` (n, 3) [m] are the places of the other path that the samples belong to, `closest_ways` (n,) [m] how
     far along it they are, `deviation` (n,) [m] what is between. `other` (n, 4): first and last sample of the
     other path that each and its neighbours belong to, and those of the whole stretch.
     """
 
     samples: Samples
-    feet: Array
-    foot_ways: Array
+    closest_points: Array
+    closest_ways: Array
     deviation: Array
     other: IntArray
 
@@ -177,7 +178,7 @@ def _sample(outline: CurveTable, gaps: IntArray, step: float) -> Samples:
     u = (np.arange(begins[-1]) - begins[which]) / parts[which]
     bounds = begins[starts]
     piece, u = _with_neighbours(own[which], u, bounds, rows, len(outline.table) - 1)
-    points = places(outline.table, outline.control, piece, u)
+    points = points_at(outline.pieces, outline.control, piece, u)
     stretch = bounds + 2 * np.arange(bounds.size)
     return Samples(outline=outline, piece=piece, u=u, points=points, ways=_way(outline, piece, u), stretch=stretch)
 
@@ -201,16 +202,16 @@ def _with_neighbours(piece: IntArray, u: Array, bounds: IntArray, rows: IntArray
 def _measure(mine: Samples, theirs: Samples, pairs: IntArray) -> PathSamples:
     """Measure how far the samples of one path are from the other."""
     reach = _reach(pairs, mine.stretch, theirs.stretch)
-    found, ways = _feet(mine.points, reach, theirs)
+    found, ways = _closest_places(mine.points, reach, theirs)
     deviation = np.linalg.norm(mine.points - found, axis=1)
-    return PathSamples(samples=mine, feet=found, foot_ways=ways, deviation=deviation, other=reach)
+    return PathSamples(samples=mine, closest_points=found, closest_ways=ways, deviation=deviation, other=reach)
 
 
-def _feet(points: Array, reach: IntArray, path: Samples) -> tuple[Array, Array]:
+def _closest_places(points: Array, reach: IntArray, path: Samples) -> tuple[Array, Array]:
     """Places of a path that points belong to [m], and how far along it they are [m]."""
     outline = path.outline
-    found, piece, u = closest_points(
-        points, reach, outline.table, outline.control, path.piece, path.u, path.points, path.ways
+    found, piece, u = closest_in_order(
+        points, reach, outline.pieces, outline.control, path.piece, path.u, path.points, path.ways
     )
     return found, _way(outline, piece, u)
 
@@ -255,8 +256,8 @@ def refine_deviations(travel: ComparedPaths, number: int, rows: IntArray) -> tup
     low, high = (_beside(mine, rows, step) for step in (-1, 1))
     u = (low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, FINER + 1)).ravel()
     piece = np.repeat(mine.piece[rows], FINER + 1)
-    points = places(mine.outline.table, mine.outline.control, piece, u)
-    found, _ = _feet(points, np.repeat(side.other[rows], FINER + 1, axis=0), there)
+    points = points_at(mine.outline.pieces, mine.outline.control, piece, u)
+    found, _ = _closest_places(points, np.repeat(side.other[rows], FINER + 1, axis=0), there)
     apart = np.linalg.norm(points - found, axis=1).reshape(rows.size, -1)
     index, best = np.arange(rows.size), np.argmax(apart, axis=1)
     farther = apart[index, best] > side.deviation[rows]

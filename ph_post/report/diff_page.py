@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ph_post.diff.curves import ANGLE, ORDER, CurveTable, places
+from ph_post.diff.curves import ANGLE, ORDER, CurveTable
 from ph_post.diff.records import Comparison
 from ph_post.diff.travel import ComparedPaths, PathSamples
 from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.geometry.closest import points_at
 from ph_post.report.diffs import Programs, diff_summary, page_view
 from ph_post.report.figures import TWO, draw_moves, legend_above, magnification, new_figure, steps_of
 from ph_post.report.page import evenly, lowest_and_highest, make_page, numbers
@@ -52,7 +53,7 @@ def path_points(outline: CurveTable, program: PartProgram) -> dict[str, Any]:
     u = (np.arange(piece.size) - first[piece] + 1) / parts[piece]
     piece, u = np.append(0, piece), np.append(0.0, u)
     kept = evenly(piece.size, POINTS)
-    points = places(table, outline.control, piece[kept], u[kept])
+    points = points_at(outline.pieces, outline.control, piece[kept], u[kept])
     motion = outline.motion[piece[kept]]
     # Of splines the way is that of an even run through the parameter.
     ways = outline.s[piece[kept]] + u[kept] * np.diff(outline.s)[piece[kept]]
@@ -74,12 +75,12 @@ def places_off(travel: ComparedPaths, programs: Programs, k: int) -> dict[str, A
     side: PathSamples = travel.sides[k]
     kept = evenly(side.deviation.size, POINTS)
     stretch = np.repeat(np.arange(side.samples.stretch.size - 1), np.diff(side.samples.stretch))
-    away = (side.samples.points - side.feet)[kept]
+    away = (side.samples.points - side.closest_points)[kept]
     motions, motion = programs[k].motions, side.motion(kept)
     return {
-        **_columns(side.feet[kept]),
+        **_columns(side.closest_points[kept]),
         **_columns(away, ("dx", "dy", "dz"), 7),
-        "s": numbers((side.samples.ways if k == 0 else side.foot_ways)[kept] / MM, 4),
+        "s": numbers((side.samples.ways if k == 0 else side.closest_ways)[kept] / MM, 4),
         "line": (motions.block[motion] + 1).tolist(),
         "rapid": (motions.kind[motion] == RAPID).astype(int).tolist(),
         "stretch": stretch[kept].tolist(),

@@ -274,8 +274,8 @@ def _program_trace(
 ) -> DrawnMotion:
     command = run_program(program, machine)
     found = program_error(command, machine, original)
-    _, feet = path.feet(found.run, found.place)
-    foot = path.points(feet, found.run.axes)
+    _, place = path.closest_points(found.run, found.place)
+    foot = path.points(place, found.run.axes)
     rows = found.counted
     return DrawnMotion(
         name=name,

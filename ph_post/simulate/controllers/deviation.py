@@ -17,10 +17,23 @@ import numpy as np
 from msgspec.structs import replace
 from scipy.ndimage import maximum_filter1d
 
-from ph_post.compiling import compiled, inner
 from ph_post.drive.axes import gaps_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, PartProgram
+from ph_post.geometry.closest import (
+    EXTENT,
+    FIRST,
+    NO_CONTROL,
+    ORIGIN,
+    RADIUS,
+    RISE,
+    SECOND,
+    SWEEP,
+    closest_within,
+    follow_path,
+    make_pieces,
+    points_at,
+)
 from ph_post.simulate.assess import resting_axes, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.legs import Legs
@@ -28,183 +41,14 @@ from ph_post.simulate.controllers.run import limit_table, programmed
 from ph_post.simulate.machine import simulate
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
 
-PREFERENCE = 1e-3
-"""What a place that is off the way travelled by one metre is worth, in metres of distance."""
 
-# Columns of a table of shapes: the origin stands first.
-FIRST, SECOND, RISE, RADIUS, SWEEP, LENGTH, SHAPE = 3, 6, 9, 12, 13, 14, 15
-
-NEWTON = 3
-"""Steps of Newton's method towards the nearest place of a helix, of an arc in a plane none is needed."""
-
-
-def shapes_of(legs: Legs) -> Array:
-    """Put the shapes of lines and arcs into one table, shape (n, SHAPE)."""
-    vectors = (legs.origin, legs.first, legs.second, legs.rise)
-    return np.column_stack([*vectors, legs.radius, legs.sweep, legs.length])
-
-
-@inner
-def _point(shapes: Array, row: int, s: float, out: Array) -> None:
-    """Put the point of a leg at s from its beginning into `out`."""
-    if shapes[row, RADIUS] == 0.0:
-        for k in range(3):
-            out[k] = shapes[row, k] + s * shapes[row, FIRST + k]
-        return
-    part = s / shapes[row, LENGTH]
-    angle = shapes[row, SWEEP] * part
-    c, d = math.cos(angle), math.sin(angle)
-    for k in range(3):
-        out[k] = shapes[row, k] + part * shapes[row, RISE + k]
-        out[k] += shapes[row, RADIUS] * (c * shapes[row, FIRST + k] + d * shapes[row, SECOND + k])
-
-
-@inner
-def _closest(shapes: Array, row: int, x: Array, near: float, work: Array) -> float:
-    """Where on a leg a point is nearest [m from its beginning]; of an arc's turns that next to `near`."""
-    length = shapes[row, LENGTH]
-    if shapes[row, RADIUS] == 0.0:
-        s = 0.0
-        for k in range(3):
-            s += (x[k] - shapes[row, k]) * shapes[row, FIRST + k]
-        foot: float = min(max(s, 0.0), length)
-        return foot
-    along, across = 0.0, 0.0
-    for k in range(3):
-        along += (x[k] - shapes[row, k]) * shapes[row, FIRST + k]
-        across += (x[k] - shapes[row, k]) * shapes[row, SECOND + k]
-    sweep = shapes[row, SWEEP]
-    angle = math.atan2(across, along)
-    turn = 2.0 * math.pi
-    angle += turn * round((sweep * min(max(near, 0.0), length) / length - angle) / turn)
-    s = angle / sweep * length
-    if s < 0.0 or s > length:
-        _point(shapes, row, 0.0, work)
-        to_begin = _square(x, work)
-        _point(shapes, row, length, work)
-        s = 0.0 if to_begin < _square(x, work) else length
-    found: float = s
-    return found
-
-
-@inner
-def _square(x: Array, y: Array) -> float:
-    total = 0.0
-    for k in range(3):
-        total += (x[k] - y[k]) ** 2
-    return total
-
-
-@inner
-def _best(
-    shapes: Array, starts: Array, x: Array, at: int, s: float, expected: float, reach: float, work: Array
-) -> tuple[float, int, float]:
-    """Squared distance, leg and place of the best place between s - reach and expected + reach."""
-    last = shapes.shape[0] - 1
-    least, best, best_leg, best_s = math.inf, math.inf, at, s
-    k = at
-    while k > 0 and starts[k] > s - reach:
-        k -= 1
-    while k <= last and starts[k] <= expected + reach:
-        local = _closest(shapes, k, x, expected - starts[k], work)
-        _point(shapes, k, local, work)
-        off = PREFERENCE * (starts[k] + local - expected)
-        square = _square(x, work)
-        if square + off * off < best:
-            least, best, best_leg, best_s = square, square + off * off, k, starts[k] + local
-        k += 1
-    return least, best_leg, best_s
-
-
-@compiled
-def follow(shapes: Array, starts: Array, position: Array, reach: float, wide: float) -> tuple[IntArray, Array]:
-    """Follow a command along a program: the leg of every row, and how far along it [m].
-
-    Parameters
-    ----------
-    shapes : Array, shape (n, SHAPE)
-        Of :func:`shapes_of`, without a gap between them.
-    starts : Array, shape (n + 1,)
-        Length of what lies before each leg [m].
-    position : Array, shape (m, 3)
-        The command [m].
-    reach, wide : float
-        How far off the way travelled a place is looked for [m], and how far where none is found within
-        `reach` of the command.
-    """
-    count = position.shape[0]
-    leg, place = np.zeros(count, dtype=np.int64), np.zeros(count)
-    work = np.empty(3)
-    at, s = 0, 0.0
-    for row in range(count):
-        way = math.sqrt(_square(position[row], position[row - 1])) if row > 0 else 0.0
-        off, k, new = _best(shapes, starts, position[row], at, s, s + way, reach, work)
-        if off > reach * reach:
-            off, k, new = _best(shapes, starts, position[row], at, s, s + way, wide, work)
-        at, s = k, new
-        leg[row], place[row] = at, s
-    return leg, place
-
-
-@compiled
-def closest_points(shapes: Array, starts: Array, position: Array, place: Array, reach: Array) -> tuple[Array, Array]:
-    """Find what lies within `reach` (m,) of the `place` (m,) of positions (m, 3), and is nearest to them [m].
-
-    Returns
-    -------
-    distance, foot : Array, shape (m,)
-        How far it is, and where along the program [m].
-    """
-    count, last = position.shape[0], shapes.shape[0] - 1
-    distance, foot = np.empty(count), np.empty(count)
-    work = np.empty(3)
-    for row in range(count):
-        first = min(max(int(np.searchsorted(starts, place[row], side="right")) - 1, 0), last)
-        best, at = math.inf, place[row]
-        k = first
-        while k >= 0 and starts[k + 1] >= place[row] - reach[row]:
-            square, s = _distance_to(shapes, k, position[row], place[row] - starts[k], work)
-            if square < best:
-                best, at = square, starts[k] + s
-            k -= 1
-        k = first + 1
-        while k <= last and starts[k] <= place[row] + reach[row]:
-            square, s = _distance_to(shapes, k, position[row], place[row] - starts[k], work)
-            if square < best:
-                best, at = square, starts[k] + s
-            k += 1
-        distance[row], foot[row] = math.sqrt(best), at
-    return distance, foot
-
-
-@inner
-def _distance_to(shapes: Array, row: int, x: Array, near: float, work: Array) -> tuple[float, float]:
-    """Squared distance from a leg, and where on it that is [m from its beginning]."""
-    s = _closest(shapes, row, x, near, work)
-    rise = abs(shapes[row, RISE + 0]) + abs(shapes[row, RISE + 1]) + abs(shapes[row, RISE + 2])
-    for _ in range(NEWTON if rise > 0.0 else 0):
-        s = _improved(shapes, row, x, s, work)
-    _point(shapes, row, s, work)
-    return _square(x, work), s
-
-
-@inner
-def _improved(shapes: Array, row: int, x: Array, s: float, work: Array) -> float:
-    """One step of Newton's method towards the nearest place of a helix."""
-    _point(shapes, row, s, work)
-    rate = shapes[row, SWEEP] / shapes[row, LENGTH]
-    c, d = math.cos(rate * s), math.sin(rate * s)
-    slope, bend = 0.0, 0.0
-    for k in range(3):
-        turned = c * shapes[row, SECOND + k] - d * shapes[row, FIRST + k]
-        inward = c * shapes[row, FIRST + k] + d * shapes[row, SECOND + k]
-        first = shapes[row, RADIUS] * rate * turned + shapes[row, RISE + k] / shapes[row, LENGTH]
-        slope += (work[k] - x[k]) * first
-        bend += first * first - (work[k] - x[k]) * shapes[row, RADIUS] * rate * rate * inward
-    if bend <= 0.0:
-        return s
-    better: float = min(max(s - slope / bend, 0.0), shapes[row, LENGTH])
-    return better
+def pieces_of(legs: Legs) -> Array:
+    """Return the lines and arcs of legs as a table of pieces."""
+    pieces = make_pieces(legs.length.size)
+    for column, vectors in ((ORIGIN, legs.origin), (FIRST, legs.first), (SECOND, legs.second), (RISE, legs.rise)):
+        pieces[:, column : column + 3] = vectors
+    pieces[:, RADIUS], pieces[:, SWEEP], pieces[:, EXTENT] = legs.radius, legs.sweep, legs.length
+    return pieces
 
 
 SLACK: Final = 1e-4
@@ -260,7 +104,7 @@ class CutPath:
             raise InputError(program.name, "the program moves nothing that is understood")
         self.legs = Legs(*(np.ascontiguousarray(column[kept]) for column in legs))
         self.starts = np.concatenate([[0.0], np.cumsum(self.legs.length)])
-        self._shapes = shapes_of(self.legs)
+        self._pieces = pieces_of(self.legs)
         self._machine = machine
 
     def follow(self, command: Command) -> tuple[IntArray, Array]:
@@ -269,33 +113,27 @@ class CutPath:
         drives = [self._machine.axes[name] for name in command.axes]
         pairs = zip(drives, command.position.T, strict=True)
         gaps = [float(gaps_of(axis, column).max()) for axis, column in pairs]
-        return follow(self._shapes, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
+        return follow_path(self._pieces, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
 
     def command_distance(self, command: Command, place: Array) -> Array:
         """How far a command itself is from the path in every row [m]."""
         position = self._in_space(command.axes, command.position)
-        return closest_points(self._shapes, self.starts, position, place, np.full(len(position), SLACK))[0]
+        return closest_within(self._pieces, self.starts, position, place, np.full(len(position), SLACK))[0]
 
     def distance(self, run: Run, place: Array) -> Array:
         """How far the table is from the path in every row of a run [m]."""
-        return self.feet(run, place)[0]
+        return self.closest_points(run, place)[0]
 
-    def feet(self, run: Run, place: Array) -> tuple[Array, Array]:
+    def closest_points(self, run: Run, place: Array) -> tuple[Array, Array]:
         """How far the table is from the path in every row of a run [m], and from where along it [m]."""
         executed = self._in_space(run.axes, run.executed)
-        return closest_points(self._shapes, self.starts, executed, place, SLACK + self._lag(run))
+        return closest_within(self._pieces, self.starts, executed, place, SLACK + self._lag(run))
 
     def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
         """Points at places (n,) along the program [m], shape (n, axes) [m]."""
-        legs = self.legs
-        leg = np.clip(np.searchsorted(self.starts, place, side="right") - 1, 0, legs.length.size - 1)
-        way = np.clip(place - self.starts[leg], 0.0, legs.length[leg])
-        share = way / legs.length[leg]
-        angle = (legs.sweep[leg] * share)[:, None]
-        turned = np.cos(angle) * legs.first[leg] + np.sin(angle) * legs.second[leg]
-        radius = legs.radius[leg][:, None]
-        arc = radius * turned + legs.rise[leg] * share[:, None]
-        found = legs.origin[leg] + np.where(radius > 0.0, arc, legs.first[leg] * way[:, None])
+        leg = np.clip(np.searchsorted(self.starts, place, side="right") - 1, 0, self.legs.length.size - 1)
+        way = np.clip(place - self.starts[leg], 0.0, self.legs.length[leg])
+        found = points_at(self._pieces, NO_CONTROL, leg, way)
         return np.asarray(found[:, [AXES.index(name) for name in axes]])
 
     def place_of(self, motion: IntArray, share: Array) -> Array:

@@ -12,7 +12,8 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
-from ph_post.simulate.controllers.deviation import CutPath, closest_points, program_error, shapes_of
+from ph_post.geometry.closest import closest_within
+from ph_post.simulate.controllers.deviation import CutPath, pieces_of, program_error
 from ph_post.simulate.controllers.run import (
     DRAINED,
     DWELL,
@@ -153,7 +154,7 @@ def test_distances_from_a_helix_are_those_of_a_fine_sampling() -> None:
     points = fine[rows] + random.normal(0.0, 5e-5, (50, 3))
     expected = [float(np.linalg.norm(fine - point, axis=1).min()) for point in points]
     place = path.starts[1] + rows / 200_000 * path.legs.length[1]
-    found = closest_points(shapes_of(path.legs), path.starts, points, place, np.full(50, 1e-3))[0]
+    found = closest_within(pieces_of(path.legs), path.starts, points, place, np.full(50, 1e-3))[0]
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
