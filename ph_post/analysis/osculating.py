@@ -24,7 +24,7 @@ from ph_post.geometry.first_crossings import first_crossings
 from ph_post.geometry.joints import SHARP_CORNER_RAD, joint_angles
 from ph_post.geometry.reversals import STILL
 from ph_post.geometry.track import Track
-from ph_post.types import Array, BoolArray, IntArray, TurningPoint, Window, WindowLimit
+from ph_post.types import Array, BoolArray, IntArray, TurningPoint, Window, WindowLimit, take
 
 
 class Circles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -33,10 +33,6 @@ class Circles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     point: Array
     tangent: Array
     bend: Array
-
-    def take(self, which: IntArray) -> Circles:
-        """Choose some of them."""
-        return Circles(point=self.point[which], tangent=self.tangent[which], bend=self.bend[which])
 
     def at(self, s: Array) -> Array:
         """Points at arc lengths `s` [m], shape (n, k), from where they touch; shape (n, k, dim) [m]."""
@@ -68,12 +64,12 @@ def touching_circles(track: Track, s: Array, xi: Array) -> Circles:
     u = np.clip((xi - track.xi0[piece]) / (track.xi1[piece] - track.xi0[piece]), 0.0, 1.0)
     u[joint] = 0.0
     after, regular = _circles(track, piece, u)
-    both = after.take(np.tile(np.arange(s.size), 2))
+    both = take(after, np.tile(np.arange(s.size), 2))
     if joint.size:
         before, fine = _circles(track, (piece[joint] - 1) % count, np.ones(joint.size))
-        _assign(both, joint[fine], before.take(np.flatnonzero(fine)))
+        _assign(both, joint[fine], take(before, fine))
         lost = np.flatnonzero(~regular[joint])
-        _assign(both, s.size + joint[lost], before.take(lost))
+        _assign(both, s.size + joint[lost], take(before, lost))
     return both
 
 
@@ -109,7 +105,7 @@ class CircleSides(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             s = s % self.track.length
         piece, u = self.track.locate(s.ravel())
         gap = self.track.derivatives(piece, u)[0].reshape(*s.shape, -1)
-        gap -= self.circles.take(side).at(offset)
+        gap -= take(self.circles, side).at(offset)
         deviation: Array = np.sqrt(np.einsum("nkd,nkd->nk", gap, gap))
         return deviation
 
@@ -122,7 +118,7 @@ class CircleSides(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         turn, piece = np.divmod(piece, len(track.pieces))
         offset = track.arc_length(piece, u) + turn * track.length - self.s[number]
         side = number + np.where(offset > 0.0, self.s.size // 2, 0)
-        gap = track.derivatives(piece, u)[0] - self.circles.take(side).at(offset[:, None])[:, 0]
+        gap = track.derivatives(piece, u)[0] - take(self.circles, side).at(offset[:, None])[:, 0]
         return offset, np.sqrt(np.einsum("nd,nd->n", gap, gap))
 
 
@@ -200,7 +196,7 @@ def circles_at(track: Track, points: Sequence[TurningPoint]) -> tuple[Circles, C
     centers = _centers(points)
     both = touching_circles(track, centers.s, centers.xi)
     before, after = np.arange(2 * len(points)).reshape(2, -1)
-    return both.take(before), both.take(after)
+    return take(both, before), take(both, after)
 
 
 def deviation(track: Track, point: TurningPoint, s: Array) -> Array:

@@ -22,7 +22,7 @@ from ph_post.geometry.reversals import (
     find_stationary_points,
 )
 from ph_post.geometry.track import Track
-from ph_post.types import Array, BoolArray, IntArray, TurningPoint
+from ph_post.types import Array, BoolArray, IntArray, TurningPoint, take
 
 CANCELS: Final = 1e-11
 """A derivative of the curvature this small beside the terms it is the difference of is zero: an extremum."""
@@ -88,7 +88,7 @@ def _shapes(track: Track, found: Reversals, corner: BoolArray) -> _Shape:
     shape = _shape(track.derivatives(*_side(track, found, earlier), 4))
     other = np.flatnonzero((found.u == 0.0) & ~corner & ~shape.regular)
     if other.size:
-        second = _shape(track.derivatives(*_side(track, found.take(other), ~earlier[other]), 4))
+        second = _shape(track.derivatives(*_side(track, take(found, other), ~earlier[other]), 4))
         for name in _Shape.__struct_fields__:
             getattr(shape, name)[other] = getattr(second, name)
     shape.regular[corner] = False

@@ -14,13 +14,14 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.dialects.registry import built_in_dialects, find_dialect
 from ph_post.errors import InputError
 from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import read_program, shortened
-from ph_post.gcode.words import excerpt, find_lines, refuse
-from ph_post.types import sealed
+from ph_post.gcode.words import excerpt, fault_error, find_lines
+from ph_post.types import sealed, take
 
 NOT_UNDERSTOOD: Final = "M98"
 """A line after which neither the position nor a mode is known."""
@@ -51,7 +52,7 @@ def lines_of(data: bytes, name: str) -> PlaceArray:
         raise InputError(name, "the file is empty")
     lines, fault = find_lines(data)
     if fault is not None:
-        raise refuse(name, data, lines, fault)
+        raise fault_error(name, data, lines, fault)
     return lines
 
 
@@ -60,7 +61,7 @@ def text_of(data: bytes, lines: PlaceArray, number: int) -> bytes:
     return data[lines[number] : lines[number + 1]].rstrip(b"\r\n")
 
 
-def refuse_line(
+def line_error(
     data: bytes, lines: PlaceArray, name: str, number: int, what: str, expected: str, got: str
 ) -> InputError:
     """Make the error of a line, with the line shown."""
@@ -101,7 +102,7 @@ def read_translated(
         found = read_program(b"\n".join([*texts, b""]), name)
     except InputError as error:
         raise _retold_error(error, data, lines) from None
-    return msgspec.structs.replace(
+    return replace(
         found,
         data=data,
         digest=hashlib.sha256(data).hexdigest(),
@@ -139,9 +140,9 @@ def _placed(found: PartProgram, data: bytes, lines: PlaceArray, texts: Sequence[
     same = np.array([in_place and len(text) == len(text_of(data, lines, number)) for number, text in enumerate(texts)])
     kept = np.flatnonzero(same[words.block]) if words.block.size else np.zeros(0, np.int64)
     shift = (lines[:-1] - found.lines[:-1])[words.block[kept]]
-    columns = {column: getattr(words, column)[kept] for column in WordTable.__struct_fields__}
-    columns |= {column: columns[column] + shift for column in ("start", "end")}
-    return WordTable(**{column: sealed(values) for column, values in columns.items()})
+    own = take(words, kept)
+    own = replace(own, start=own.start + shift, end=own.end + shift)
+    return WordTable(**{column: sealed(getattr(own, column)) for column in WordTable.__struct_fields__})
 
 
 def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
@@ -151,7 +152,7 @@ def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remar
     for number in sorted(line for line in remarks if line <= end):
         remark = remarks[number]
         if own and own[-1].last == number - 1 and own[-1].what == remark.what:
-            own[-1] = msgspec.structs.replace(own[-1], last=number)
+            own[-1] = replace(own[-1], last=number)
         else:
             own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
     others = [piece for note in told for piece in _without(note, remarks)]
@@ -164,7 +165,7 @@ def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
     what, _, word = note.what.partition(": ")
     if not word or word.upper() in line.upper():
         return note
-    return msgspec.structs.replace(note, column=1, what=f"{what}: {shortened(line.strip())}")
+    return replace(note, column=1, what=f"{what}: {shortened(line.strip())}")
 
 
 def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
@@ -175,7 +176,7 @@ def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
         if free and first is None:
             first = number
         elif not free and first is not None:
-            pieces.append(msgspec.structs.replace(note, first=first, last=number - 1))
+            pieces.append(replace(note, first=first, last=number - 1))
             first = None
     return pieces
 

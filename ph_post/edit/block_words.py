@@ -12,7 +12,7 @@ import numpy as np
 from ph_post.edit.edits import MotionPart
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import place, split_cubic
-from ph_post.gcode.program import ARC, AXES, CUBIC, PLANE_AXES, Modal, PartProgram
+from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.types import Array, IntArray
 
 MOTION_WORDS: Final = {
@@ -191,7 +191,7 @@ class FeedWords:
         return text.translate(None, b" \t").decode("latin-1")
 
 
-_CENTERS: Final = "IJK"
+_CENTERS: Final = tuple(CENTERS.values())
 _FULL: Final = 1e-9
 _MOST_DECIMALS: Final = 9
 

@@ -15,7 +15,7 @@ from ph_post.geometry.piecewise import MEETS, Piece, PiecewiseCurve
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, Curve, IntArray, Path, Segment, sealed
 
-SAME_FEED: Final = 1e-2
+FEED_ROUGH: Final = 1e-2
 """Straight moves in a row whose feeds differ by no more than this part all count with the first one's feed:
 controllers follow a feed no better, and a curve would fall apart where every line has its own F."""
 
@@ -215,7 +215,7 @@ def _grouped(feed: Array, is_line: BoolArray) -> Array:
     """Give straight moves of nearly one feed the first one's."""
     found, held = feed.tolist(), -1.0
     for row, (own, line) in enumerate(zip(found, is_line.tolist(), strict=True)):
-        if line and held > 0.0 and abs(own - held) <= SAME_FEED * held:
+        if line and held > 0.0 and abs(own - held) <= FEED_ROUGH * held:
             found[row] = held
         else:
             held = own if line else -1.0

@@ -101,8 +101,8 @@ SNAP = 1e-9
 class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The pieces of a track, grouped for the writer.
 
-    `kind` and `rapid` per piece. `marks` [m]: where a block has to end while the speed is constant, because
-    the kind changes there; `walls` [m]: where a block has to end in any case (sharp corners, beginnings and
+    `kind` and `rapid` per piece. `kind_changes` [m]: where a block has to end while the speed is constant, because
+    the kind changes there; `stops` [m]: where a block has to end in any case (sharp corners, beginnings and
     ends of rapid segments). `center` (m, 2) [m], `radius` (m,) [m] and `turn` (m,) of arcs: +1 from the first
     axis towards the second, -1 the other way, 0 where the piece is no arc.
     """
@@ -110,27 +110,27 @@ class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     track: Track
     kind: IntArray
     rapid: IntArray
-    marks: Array
-    walls: Array
+    kind_changes: Array
+    stops: Array
     center: Array
     radius: Array
     turn: IntArray
 
-    def wrapped(self, s: Array) -> Array:
+    def wrap(self, s: Array) -> Array:
         """Bring places along the motion onto the track: another round on a closed path, else its end."""
         length = self.track.length
         if not self.track.closed:
             return np.clip(s, 0.0, length)
         return np.where((s < 0.0) | (s > length), np.mod(s, length), s)
 
-    def snapped(self, s: Array) -> Array:
+    def snap(self, s: Array) -> Array:
         """Move places that are as good as at a joint, or an end, onto it: sums of a motion's phases are off.
 
         Of a block that is a polynomial the end lay beside its own piece else.
         """
         length = self.track.length
         base = np.floor(s / length) * length if self.track.closed else np.zeros(s.size)
-        joints = np.concatenate([[0.0], self.marks, [length]])
+        joints = np.concatenate([[0.0], self.kind_changes, [length]])
         place = s - base
         after = np.clip(np.searchsorted(joints, place), 1, joints.size - 1)
         nearer = place - joints[after - 1] < joints[after] - place
@@ -139,18 +139,18 @@ class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def piece_at(self, s: Array) -> IntArray:
         """Return the number of the piece at each place."""
-        number = np.searchsorted(self.track.starts, self.wrapped(s), side="right") - 1
+        number = np.searchsorted(self.track.starts, self.wrap(s), side="right") - 1
         return np.asarray(np.clip(number, 0, self.kind.size - 1), dtype=np.int64)
 
     def positions(self, s: Array) -> Array:
         """Return points of the path [m], shape (n, dimension)."""
-        piece, u = self.track.locate(self.wrapped(s))
+        piece, u = self.track.locate(self.wrap(s))
         return np.asarray(self.track.derivatives(piece, u, 0)[0])
 
-    def local(self, piece: IntArray, s: Array) -> Array:
+    def parameter_on(self, piece: IntArray, s: Array) -> Array:
         """Parameter u of places on those pieces, their ends included."""
         starts = self.track.starts
-        wrapped = self.wrapped(s)
+        wrapped = self.wrap(s)
         found, u = self.track.locate(np.clip(wrapped, starts[piece], starts[piece + 1]))
         return np.where(found == piece, u, (found > piece).astype(np.float64))
 
@@ -169,14 +169,14 @@ def read_shape(track: Track, *, arcs: bool, splines: bool, degree: int = 1) -> T
     before, after = kind[:-1], kind[1:]
     changes = track.starts[1:-1][(before != after) | (before != CURVE)]
     switches = track.starts[1:-1][np.diff(rapid) != 0]
-    walls = np.unique(np.concatenate([sharp, switches]))
+    stops = np.unique(np.concatenate([sharp, switches]))
     center, radius, turn = _circles(track)
     return TrackShape(
         track=track,
         kind=kind,
         rapid=rapid,
-        marks=np.unique(np.concatenate([changes, walls])),
-        walls=walls,
+        kind_changes=np.unique(np.concatenate([changes, stops])),
+        stops=stops,
         center=center,
         radius=radius,
         turn=turn,

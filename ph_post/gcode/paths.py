@@ -11,7 +11,7 @@ import numpy as np
 
 from ph_post.errors import InputError
 from ph_post.gcode.assembly import assemble
-from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, PartProgram
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, PLANE_AXES, RAPID, Motions, PartProgram
 from ph_post.geometry.piecewise import MEETS, PiecewiseCurve
 from ph_post.types import Array, IntArray, Path
 from ph_post.units import MM
@@ -192,7 +192,7 @@ def _columns(motions: Motions, rows: IntArray) -> tuple[int, ...]:
         if (motions.kind[rows] == kind).any():
             found |= set(axes)
     for plane in set(motions.plane[rows[motions.kind[rows] == ARC]].tolist()):
-        found |= {17: {0, 1}, 18: {0, 2}, 19: {1, 2}}[plane]
+        found |= {*PLANE_AXES[plane][:2]}
     for axis in (0, 1, 2):
         if len(found) < 2:
             found.add(axis)

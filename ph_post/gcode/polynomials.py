@@ -16,7 +16,7 @@ import numpy as np
 from ph_post.gcode.blocks import POLYNOMIAL, Blocks, TrackShape
 from ph_post.gcode.numbers import to_counts
 from ph_post.geometry.bernstein import elevate, subdivide, to_power
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import Array, BoolArray, IntArray, join_rows, take
 from ph_post.units import MM
 
 DENOMINATOR_DECIMALS: Final = 14
@@ -50,7 +50,7 @@ def polynomial_words(
     """
     rows = np.flatnonzero(blocks.kind == POLYNOMIAL)
     of = piece[rows]
-    u0, u1 = shape.local(of, blocks.s0[rows]), shape.local(of, blocks.s1[rows])
+    u0, u1 = shape.parameter_on(of, blocks.s0[rows]), shape.parameter_on(of, blocks.s1[rows])
     found: dict[int, IntArray] = {}
     for row, number, low, high in zip(rows.tolist(), of.tolist(), u0.tolist(), u1.tolist(), strict=True):
         one = shape.track.pieces[number]
@@ -130,7 +130,7 @@ def cut_cubics(
         How far the controller's rendering may leave the curve [m].
     """
     run = np.arange(piece.size)
-    u0, u1 = shape.local(piece, s0), shape.local(piece, s1)
+    u0, u1 = shape.parameter_on(piece, s0), shape.parameter_on(piece, s1)
     parts = CubicParts(run=run, u0=u0, u1=u1, s0=s0, s1=s1, smooth=np.zeros(run.size, dtype=bool))
     done = []
     for halvings in range(_HALVINGS + 1):
@@ -140,13 +140,9 @@ def cut_cubics(
         smooth[smooth] = deviation(control) <= tolerance
         parts = msgspec.structs.replace(parts, smooth=smooth)
         halve = ~smooth & (length >= 2.0 * least[parts.run]) & (halvings < _HALVINGS)
-        done.append(_rows(parts, np.flatnonzero(~halve)))
-        parts = _halves(shape, piece, _rows(parts, np.flatnonzero(halve)))
+        done.append(take(parts, ~halve))
+        parts = _halves(shape, piece, take(parts, halve))
     return _in_order(done)
-
-
-def _rows(parts: CubicParts, rows: IntArray) -> CubicParts:
-    return CubicParts(**{name: getattr(parts, name)[rows] for name in CubicParts.__struct_fields__})
 
 
 def _halves(shape: TrackShape, piece: IntArray, parts: CubicParts) -> CubicParts:
@@ -164,13 +160,12 @@ def _halves(shape: TrackShape, piece: IntArray, parts: CubicParts) -> CubicParts
 
 def _in_order(groups: list[CubicParts]) -> CubicParts:
     """Put parts in the order of travel, and join neighbours that cannot be G5."""
-    names = CubicParts.__struct_fields__
-    parts = CubicParts(**{name: np.concatenate([getattr(one, name) for one in groups]) for name in names})
-    parts = _rows(parts, np.lexsort((np.where(parts.s1 >= parts.s0, parts.s0, -parts.s0), parts.run)))
+    parts = join_rows(groups)
+    parts = take(parts, np.lexsort((np.where(parts.s1 >= parts.s0, parts.s0, -parts.s0), parts.run)))
     run, smooth = parts.run, parts.smooth
     first = np.append(True, smooth[1:] | smooth[:-1] | (run[1:] != run[:-1]))
     last = np.append(first[1:], True)
-    head, tail = _rows(parts, np.flatnonzero(first)), _rows(parts, np.flatnonzero(last))
+    head, tail = take(parts, first), take(parts, last)
     return msgspec.structs.replace(head, u1=tail.u1, s1=tail.s1)
 
 

@@ -131,6 +131,9 @@ def plane_of(axes: Sequence[str]) -> tuple[str, int]:
     return f"G{number}", 1 if pair == PLANE_AXES[number][:2] else -1
 
 
+NurbsData = tuple[int, Array, Array]
+"""Order, control points (k, 3) [m] and weights (k,) of a NURBS."""
+
 BreakKind = Literal[
     "beginning", "end", "tool change", "probe", "home", "machine coordinates", "frame", "not understood"
 ]
@@ -164,10 +167,10 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     and Z in the coordinates of the active work system, NaN where not known. `plane` 17, 18 or 19. Of arcs:
     `center` (m, 2) [m] of the plane's first and second axis, `angle` [rad] swept, positive from the first
     axis to the second, whole turns included; zeros for others.
-    `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` (order, control (k, 3),
-    weights (k,)) of NURBS. `feed` [m/s], 0 of rapids, NaN where the program does not tell it (G95, no F);
-    `duration` [s] of motions under G93, 0 of others. `exact` 1 where the controller stops at the end (G61,
-    G61.1), 0 under G64 and where no path mode was given.
+    `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` the NURBS. `feed` [m/s], 0 of
+    rapids, NaN where the program does not tell it (G95, no F); `duration` [s] of motions under G93, 0 of
+    others. `exact` 1 where the controller stops at the end (G61, G61.1), 0 under G64 and where no path mode
+    was given.
     """
 
     block: PlaceArray
@@ -182,7 +185,7 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     duration: Array
     exact: CodeArray
     control: Mapping[int, Array]
-    nurbs: Mapping[int, tuple[int, Array, Array]]
+    nurbs: Mapping[int, NurbsData]
 
 
 class Break(msgspec.Struct, frozen=True, kw_only=True):

@@ -24,21 +24,14 @@ from ph_post.gcode.program import (
     Language,
     Motions,
     Note,
+    NurbsData,
     PartProgram,
     PlaceArray,
     make_modal,
     number_text,
     span_of,
 )
-from ph_post.gcode.words import (
-    NOT_UNDERSTOOD,
-    Lexed,
-    ProgramFault,
-    find_lines,
-    find_stretches,
-    read_words,
-    refuse,
-)
+from ph_post.gcode.words import NOT_UNDERSTOOD, Lexed, ProgramFault, fault_error, find_lines, find_stretches, read_words
 from ph_post.types import Array, sealed
 from ph_post.units import INCH, MM
 
@@ -222,7 +215,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         raise InputError(name, "the file is too long", expected="less than 2 GiB", got=f"{len(data)} bytes")
     lines, fault = find_lines(data)
     if fault is not None:
-        raise refuse(name, data, lines, fault)
+        raise fault_error(name, data, lines, fault)
     plain = language.hidden(data)
     lexed = read_words(plain, lines)
     blocks = _resolve(lexed, plain, language.start())
@@ -233,7 +226,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     if strict and notes and (first is None or notes[0].first < first.block):
         raise _refuse_note(name, data, lexed, notes[0], int(blocks.whys[notes[0].first]))
     if first is not None:
-        raise refuse(name, data, lines, first, _word_end(lexed, first))
+        raise fault_error(name, data, lines, first, _word_end(lexed, first))
     breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
     if breaks[-1].block == lines.size - 1 and not notes and _OPENED.match(data):
         # What is passed through may hold the end; without an opening % many programs have none.
@@ -322,7 +315,7 @@ def _word_end(lexed: Lexed, fault: ProgramFault) -> int | None:
 def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> InputError:
     start, end = find_place(lexed, data, note.first, why)
     fault = ProgramFault(block=note.first, place=start, code=NOT_UNDERSTOOD, got=note.what)
-    return refuse(name, data, lexed.lines, fault, end)
+    return fault_error(name, data, lexed.lines, fault, end)
 
 
 def refuse_notes(program: PartProgram) -> None:
@@ -339,7 +332,7 @@ def refuse_notes(program: PartProgram) -> None:
         place = int(program.lines[note.first]) + len(text.decode("utf-8", "replace")[: note.column - 1].encode())
         end = int(program.lines[note.first]) + len(text.rstrip())
         fault = ProgramFault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
-        raise refuse(program.name, program.data, program.lines, fault, max(end, place + 1))
+        raise fault_error(program.name, program.data, program.lines, fault, max(end, place + 1))
 
 
 def _make_motions(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, ProgramFault | None]:
@@ -396,14 +389,14 @@ def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, .
     return columns, curves, int(count)
 
 
-Splines = tuple[dict[int, Array], dict[int, splinewords.Nurbs]]
+Splines = tuple[dict[int, Array], dict[int, NurbsData]]
 
 
 def _splines(lexed: Lexed, blocks: _Blocks, columns: list[Any]) -> Splines | None:
     """Control points of splines by motion; None where one is not whole: its block then is passed through."""
     block, kind, start, end = columns[:4]
     control: dict[int, Array] = {}
-    nurbs: dict[int, splinewords.Nurbs] = {}
+    nurbs: dict[int, NurbsData] = {}
     view = splinewords.SplineBlocks(tasks=blocks.tasks, table=blocks.table, states=blocks.states)
     for row in np.flatnonzero(kind == CUBIC).tolist():
         task = int(blocks.tasks[block[row]]) & (codes.FORGET_FIRST - 1)

@@ -9,11 +9,9 @@ import msgspec
 import numpy as np
 
 from ph_post.gcode import codes
-from ph_post.gcode.program import ByteArray, PlaceArray, span_of
+from ph_post.gcode.program import ByteArray, NurbsData, PlaceArray, span_of
 from ph_post.gcode.words import Lexed
 from ph_post.types import Array, frozen
-
-Nurbs = tuple[int, Array, Array]
 
 
 class SplineBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -54,7 +52,7 @@ def quadratic(words: dict[str, float], units: float, start: Array, end: Array) -
     return frozen([start, (start + 2.0 * middle) / 3.0, (end + 2.0 * middle) / 3.0, end])
 
 
-def nurbs(lexed: Lexed, blocks: SplineBlocks, last: int, start: Array) -> Nurbs | None:
+def nurbs(lexed: Lexed, blocks: SplineBlocks, last: int, start: Array) -> NurbsData | None:
     """Order, control points (k, 3) and weights of the NURBS that G5.3 on line `last` ends; None if not whole.
 
     The first control point is where it begins; its weight is the P of a first block without X and Y.

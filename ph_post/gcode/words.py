@@ -61,7 +61,7 @@ class ProgramFault(msgspec.Struct, frozen=True, kw_only=True):
     got: str = ""
 
 
-def refuse(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, end: int | None = None) -> InputError:
+def fault_error(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, end: int | None = None) -> InputError:
     """Make the error of a fault, with its line and a caret under the `end` - `place` bytes it is about.
 
     Parameters

@@ -21,7 +21,7 @@ from ph_post.geometry.ph import HODOGRAPHS, PH
 from ph_post.geometry.piecewise import ExactPiece, Group
 from ph_post.geometry.root_isolation import EPS, find_roots
 from ph_post.geometry.track import Track
-from ph_post.types import Array, BoolArray, IntArray
+from ph_post.types import Array, BoolArray, IntArray, join_rows, take
 from ph_post.units import MM
 
 if TYPE_CHECKING:
@@ -230,23 +230,17 @@ class Reversals(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     position: Array
     s: Array
 
-    def take(self, which: IntArray) -> Reversals:
-        """Choose some of them."""
-        return Reversals(**{name: getattr(self, name)[which] for name in self.__struct_fields__})
-
 
 def find_reversals(track: Track, turns: StationaryPoints) -> Reversals:
     """Find the reversals of all coordinates, given where they turn inside the pieces."""
     ends = _end_values(track)
     inner = track.derivatives(turns.piece, turns.u)[0]
     parts = [_of_axis(track, turns, axis, inner, ends) for axis in range(track.dimension)]
-    joined = Reversals(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in Reversals.__struct_fields__}
-    )
-    joined = joined.take(np.argsort(joined.s, kind="stable"))
+    joined = join_rows(parts)
+    joined = take(joined, np.argsort(joined.s, kind="stable"))
     # Where several coordinates reverse at one place, rounding shall not decide their order.
     place = np.cumsum(np.diff(joined.s, prepend=0.0) > SAME_PLACE * track.length)
-    return joined.take(np.lexsort((joined.axis, place)))
+    return take(joined, np.lexsort((joined.axis, place)))
 
 
 def _end_values(track: Track) -> tuple[Array, Array]:

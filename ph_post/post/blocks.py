@@ -29,7 +29,7 @@ from ph_post.geometry.track import Track
 from ph_post.post.feeds import cut_stretches, feed_blocks
 from ph_post.post.options import ProgramOptions
 from ph_post.post.timeline import BlockRuns, MotionStretch, find_runs, find_stretches
-from ph_post.types import Array, BoolArray, IntArray, Plan
+from ph_post.types import Array, BoolArray, IntArray, Plan, join_rows, take
 
 _SAMPLES = 33
 """Places a piece at which the curvature is looked at, to begin with; the deviation is checked afterwards."""
@@ -119,7 +119,7 @@ def join_short_blocks(blocks: Blocks, shape: TrackShape, period: float, block_ti
     They come from stretches that are hardly any, and from pieces of a path that are passed in less than a
     period. LinuxCNC spends a period on each, and nearly stops where rounding has turned its direction.
 
-    A neighbour takes `block_time` of them at most, nothing across a wall or a reversal, and only what lies on
+    A neighbour takes `block_time` of them at most, nothing across a stop or a reversal, and only what lies on
     its own piece unless it is a chord: those are checked and cut afterwards.
     """
     merger = _BlockJoiner(blocks, shape, block_time)
@@ -169,9 +169,8 @@ class _BlockJoiner:
         """Return the blocks that are left, with what they have taken."""
         left = np.flatnonzero(self.owner == np.arange(self.owner.size))
         first, last = self.first[left], self.last[left]
-        rows = {name: getattr(self.blocks, name)[left] for name in Blocks.__struct_fields__}
         return msgspec.structs.replace(
-            Blocks(**rows),
+            take(self.blocks, left),
             start=self.blocks.start[first],
             end=self.blocks.end[last],
             s0=self.blocks.s0[first],
@@ -180,10 +179,10 @@ class _BlockJoiner:
 
 
 def _open_boundaries(blocks: Blocks, shape: TrackShape) -> BoolArray:
-    """Tell where a block and the next may be one: no wall, reversal, dwell or end of rapids between them."""
+    """Tell where a block and the next may be one: no stop, reversal, dwell or end of rapids between them."""
     way = np.sign(blocks.s1 - blocks.s0)
-    place = shape.wrapped(blocks.s1[:-1])
-    near = np.searchsorted(shape.walls, [place - SNAP, place + SNAP])
+    place = shape.wrap(blocks.s1[:-1])
+    near = np.searchsorted(shape.stops, [place - SNAP, place + SNAP])
     dwells = blocks.kind == DWELL
     alike = (way[:-1] == way[1:]) & (blocks.rapid[:-1] == blocks.rapid[1:])
     return np.asarray(alike & (near[0] == near[1]) & ~dwells[:-1] & ~dwells[1:])
@@ -220,7 +219,8 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     runs = _with_splines(
         find_runs(stretches, shape), stretches, shape, abilities.cubic, period, options.chord_tolerance
     )
-    blocks = _in_order(_by_geometry(runs, stretches, shape, options.chord_tolerance), timed)
+    blocks = join_rows([_by_geometry(runs, stretches, shape, options.chord_tolerance), timed])
+    blocks = take(blocks, np.argsort(blocks.stretch, kind="stable"))
     blocks = _with_curves(_with_places(blocks, motion, shape), shape, dialect)
     blocks = join_short_blocks(blocks, shape, period, options.block_time)
     return _within_tolerance(blocks, motion, shape, options.chord_tolerance), shape
@@ -333,20 +333,13 @@ def _shared(parts: IntArray) -> tuple[IntArray, Array, Array]:
     return row, number / parts[row], (number + 1) / parts[row]
 
 
-def _in_order(*groups: Blocks) -> Blocks:
-    names = Blocks.__struct_fields__
-    joined = {name: np.concatenate([getattr(group, name) for group in groups]) for name in names}
-    order = np.argsort(joined["stretch"], kind="stable")
-    return Blocks(**{name: values[order] for name, values in joined.items()})
-
-
 def _with_places(blocks: Blocks, motion: MotionLaw, shape: TrackShape) -> Blocks:
     """Find the ends of the blocks in ramps from the times there; elsewhere they are given. Joints are met."""
     timed = np.flatnonzero(blocks.timed)
     s0, s1 = blocks.s0.copy(), blocks.s1.copy()
     s0[timed] = motion.place_and_feed(blocks.start[timed])[0]
     s1[timed] = motion.place_and_feed(blocks.end[timed])[0]
-    return msgspec.structs.replace(blocks, s0=shape.snapped(s0), s1=shape.snapped(s1))
+    return msgspec.structs.replace(blocks, s0=shape.snap(s0), s1=shape.snap(s1))
 
 
 def _with_curves(blocks: Blocks, shape: TrackShape, dialect: Dialect) -> Blocks:
@@ -383,8 +376,12 @@ def _within_tolerance(blocks: Blocks, motion: MotionLaw, shape: TrackShape, tole
 def _split(blocks: Blocks, parts: IntArray) -> Blocks:
     """Cut each block into so many parts, equal in time and, where the geometry decides, in length."""
     row, low, high = _shared(parts)
-    cut = {name: getattr(blocks, name)[row] for name in Blocks.__struct_fields__}
-    for first, last in (("start", "end"), ("s0", "s1")):
-        begin, extent = cut[first], cut[last] - cut[first]
-        cut[first], cut[last] = begin + low * extent, begin + high * extent
-    return Blocks(**cut)
+    cut = take(blocks, row)
+    time, way = cut.end - cut.start, cut.s1 - cut.s0
+    return msgspec.structs.replace(
+        cut,
+        start=cut.start + low * time,
+        end=cut.start + high * time,
+        s0=cut.s0 + low * way,
+        s1=cut.s0 + high * way,
+    )

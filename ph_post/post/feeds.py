@@ -190,7 +190,7 @@ def cut_stretches(
     Returns
     -------
     list of FeedCut
-        Ramps that follow one another without a rest or a wall are one; steady motion between them is part of
+        Ramps that follow one another without a rest or a stop are one; steady motion between them is part of
         it where it is too short, or where the end of a ramp has been moved into it.
     """
     found: list[FeedCut] = []
@@ -229,7 +229,7 @@ def feed_blocks(cuts: Sequence[FeedCut]) -> Blocks:
 
 
 def _groups(stretches: Sequence[MotionStretch], shape: TrackShape, motion: MotionLaw) -> Iterator[list[MotionStretch]]:
-    """Stretches that follow one another without a rest or a wall between them."""
+    """Stretches that follow one another without a rest or a stop between them."""
     group: list[MotionStretch] = []
     for one in stretches:
         if group and not _joined(group[-1], one, shape, motion):
@@ -243,8 +243,8 @@ def _groups(stretches: Sequence[MotionStretch], shape: TrackShape, motion: Motio
 def _joined(before: MotionStretch, after: MotionStretch, shape: TrackShape, motion: MotionLaw) -> bool:
     if before.rapid or after.rapid or "dwell" in (before.span.kind, after.span.kind):
         return False
-    place = float(shape.wrapped(np.array([after.s0]))[0])
-    near = np.searchsorted(shape.walls, [place - SNAP, place + SNAP])
+    place = float(shape.wrap(np.array([after.s0]))[0])
+    near = np.searchsorted(shape.stops, [place - SNAP, place + SNAP])
     speed = abs(float(motion.place_and_feed(np.array([after.start]))[1][0]))
     moves = speed > AT_REST * max(abs(before.span.speed), abs(after.span.speed))
     return bool(near[0] == near[1]) and moves and (before.s1 > before.s0) == (after.s1 > after.s0)
@@ -272,9 +272,9 @@ def _cut_group(
 
 def _joints(one: MotionStretch, shape: TrackShape, motion: MotionLaw) -> list[float]:
     """Instants in a stretch at which the kind of the path's pieces changes, its beginning included."""
-    places = between(shape, shape.marks, one.s0, one.s1).tolist()
+    places = between(shape, shape.kind_changes, one.s0, one.s1).tolist()
     times = (time_at(motion, one.span, place) for place in places)
-    begins = between(shape, shape.marks, one.s0 - 2.0 * SNAP, one.s0 + 2.0 * SNAP).size
+    begins = between(shape, shape.kind_changes, one.s0 - 2.0 * SNAP, one.s0 + 2.0 * SNAP).size
     return [*([one.start] if begins else []), *(t for t in times if one.start < t < one.end)]
 
 

@@ -19,7 +19,7 @@ from ph_post.gcode.blocks import ARC, DWELL, JOG, POLYNOMIAL, SPLINE, Blocks, Mo
 from ph_post.gcode.numbers import to_counts
 from ph_post.gcode.polynomials import cubic_control, polynomial_words
 from ph_post.post.feeds import FeedSchedule, schedule_feeds
-from ph_post.types import Array, IntArray, Jog, Phase, Plan
+from ph_post.types import Array, IntArray, Jog, Phase, Plan, take
 from ph_post.units import MM
 
 FINEST = 20
@@ -104,9 +104,8 @@ def with_jogs(blocks: Blocks, found: Jogs, axes: Sequence[str]) -> tuple[Blocks,
         rows += [(number, a, b, jog) for (a, b), jog in zip(pairwise(edges), jogs, strict=True)]
     source = np.array([row[0] for row in rows])
     which = np.array([row[3] for row in rows])
-    names = Blocks.__struct_fields__
     cut = msgspec.structs.replace(
-        Blocks(**{name: getattr(blocks, name)[source] for name in names}),
+        take(blocks, source),
         start=np.array([row[1] for row in rows]),
         end=np.array([row[2] for row in rows]),
         kind=np.where(which >= 0, JOG, blocks.kind[source]),
@@ -135,7 +134,7 @@ _NOTHING = 1e-12
 """Offsets [m] smaller than this are rounding."""
 
 
-_SAME_FEED = 1e-4
+_FEED_ROUNDING = 1e-4
 """A feed that differs from the planned one by no more than this part is written as that: a tenth of what the
 time may err."""
 
@@ -155,8 +154,7 @@ def round_blocks(
     moving = (np.diff(points, axis=0) != 0).any(axis=1) | (blocks.kind == DWELL)
     duration = _inherited(blocks.end - blocks.start, moving)
     kept = np.flatnonzero(moving)
-    names = Blocks.__struct_fields__
-    blocks = msgspec.structs.replace(blocks, **{name: getattr(blocks, name)[kept] for name in names})
+    blocks = take(blocks, kept)
     points, offset = points[np.append(0, kept + 1)], carried.offset[kept + 1]
     piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
     center = to_counts(shape.center[piece] + offset[:, :2], decimals)
@@ -201,7 +199,7 @@ def _inner_points(blocks: Blocks, shape: TrackShape, piece: IntArray, offset: Ar
     inner = np.zeros((piece.size, 2, 2), dtype=np.int64)
     spline = np.flatnonzero(blocks.kind == SPLINE)
     of = piece[spline]
-    u0, u1 = shape.local(of, blocks.s0[spline]), shape.local(of, blocks.s1[spline])
+    u0, u1 = shape.parameter_on(of, blocks.s0[spline]), shape.parameter_on(of, blocks.s1[spline])
     control = cubic_control(shape, of, u0, u1)[:, 1:3]
     inner[spline] = to_counts(control + offset[spline, np.newaxis, :2], decimals)
     return inner
@@ -235,5 +233,5 @@ def _feeds(blocks: Blocks, length: Array, duration: Array) -> Array:
     time = np.bincount(of, duration[held])
     written = np.bincount(of, length[held]) / time
     planned = np.bincount(of, np.abs(blocks.s1 - blocks.s0)[held]) / time
-    feed[held] = np.where(np.abs(written - planned) <= _SAME_FEED * planned, planned, written)[of]
+    feed[held] = np.where(np.abs(written - planned) <= _FEED_ROUNDING * planned, planned, written)[of]
     return np.asarray(feed)

@@ -79,18 +79,6 @@ class Program(msgspec.Struct, frozen=True, kw_only=True):
     time: float
 
 
-def write_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None) -> str:
-    """Return the text of :func:`make_program`."""
-    return make_program(plan, track, dialect, options).text
-
-
-def program_warnings(
-    plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None
-) -> tuple[str, ...]:
-    """Return the warnings of :func:`make_program`."""
-    return make_program(plan, track, dialect, options).warnings
-
-
 def make_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None) -> Program:
     """Write a plan as a part program.
 

@@ -44,13 +44,11 @@ def _origin(plan: Plan) -> list[str]:
     path, machine = plan.path, plan.machine
     return [
         f"ph-post {package_version()}, strategy {plan.strategy}",
-        f"path {path.name}{_hash(path.digest)}",
-        f"machine {machine.name}{_hash(machine.digest)}",
+        *(
+            f"{kind} {one.name}" + (f", sha256 {one.digest[:_DIGEST]}" if one.digest else "")
+            for kind, one in (("path", path), ("machine", machine))
+        ),
     ]
-
-
-def _hash(digest: str) -> str:
-    return f", sha256 {digest[:_DIGEST]}" if digest else ""
 
 
 def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:

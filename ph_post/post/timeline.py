@@ -1,4 +1,4 @@
-"""The plan as a function of time: spans of steady speed, ramps and dwells, cut at walls of the path."""
+"""The plan as a function of time: spans of steady speed, ramps and dwells, cut at stops of the path."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _bisect(speed: Array, low: float, high: float) -> float:
 
 
 class MotionStretch(msgspec.Struct, frozen=True, kw_only=True):
-    """A part of a span between two walls, or of the path that is run through at rapid speed."""
+    """A part of a span between two stops, or of the path that is run through at rapid speed."""
 
     span: Span
     start: float
@@ -182,11 +182,11 @@ class BlockRuns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def find_stretches(phases: Sequence[Phase], shape: TrackShape) -> list[MotionStretch]:
-    """Cut the spans at the walls inside them, and join those that neighbour in rapid segments."""
+    """Cut the spans at the stops inside them, and join those that neighbour in rapid segments."""
     found: list[MotionStretch] = []
     motion = MotionLaw.from_phases(phases)
     for span in find_spans(phases):
-        for stretch in _between_walls(motion, shape, span):
+        for stretch in _between_stops(motion, shape, span):
             if found and stretch.rapid and found[-1].rapid:
                 found[-1] = msgspec.structs.replace(found[-1], end=stretch.end, s1=stretch.s1)
             else:
@@ -194,8 +194,8 @@ def find_stretches(phases: Sequence[Phase], shape: TrackShape) -> list[MotionStr
     return found
 
 
-def _between_walls(motion: MotionLaw, shape: TrackShape, span: Span) -> list[MotionStretch]:
-    inner = between(shape, shape.walls, span.s0, span.s1).tolist()
+def _between_stops(motion: MotionLaw, shape: TrackShape, span: Span) -> list[MotionStretch]:
+    inner = between(shape, shape.stops, span.s0, span.s1).tolist()
     s = [span.s0, *inner, span.s1]
     t = [span.start, *(time_at(motion, span, place) for place in inner), span.end]
     rapid = shape.rapid[shape.piece_at(np.array([0.5 * (a + b) for a, b in pairwise(s)]))].tolist()
@@ -211,7 +211,7 @@ def find_runs(stretches: list[MotionStretch], shape: TrackShape) -> BlockRuns:
     rows: list[tuple[int, float, float]] = []
     for number, stretch in enumerate(stretches):
         if stretch.by_geometry:
-            marks = between(shape, shape.marks, stretch.s0, stretch.s1).tolist()
+            marks = between(shape, shape.kind_changes, stretch.s0, stretch.s1).tolist()
             rows += [(number, a, b) for a, b in pairwise([stretch.s0, *marks, stretch.s1])]
     s0, s1 = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 2).T
     middle, length = 0.5 * (s0 + s1), shape.track.length

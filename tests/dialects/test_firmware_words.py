@@ -22,7 +22,7 @@ def _dialect(folder: Path) -> str:
     return words[words.index("--dialect") + 1] if "--dialect" in words else ""
 
 
-FOLDERS = {folder: _dialect(folder) for folder in sorted(GOLDEN.iterdir()) if folder.is_dir()}
+FOLDERS = {folder: _dialect(folder) for folder in sorted(file.parent for file in GOLDEN.glob("*/arguments.txt"))}
 CASES = [(folder, dialect) for folder, dialect in FOLDERS.items() if dialect in LINES]
 
 

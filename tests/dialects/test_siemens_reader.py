@@ -23,7 +23,7 @@ from ph_post.gcode.program import ARC, LINE, NURBS, PartProgram
 from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
-from ph_post.post.program import write_program
+from ph_post.post.program import make_program
 
 BEGIN = "G0 X0 Y0 Z0\nG1 F600\n"
 
@@ -246,7 +246,7 @@ def test_own_programs_are_read_back(curve) -> None:
     """Motions against an independent reading of the same text in exact numbers: places, and times."""
     track = Track(make_path([curve]))
     plan = make_plan(track, dips=[(0.5 * track.length, 0.1, 0.05)], machine=make_machine())
-    text = write_program(plan, track, DIALECT)
+    text = make_program(plan, track, DIALECT).text
     program = read_as("siemens", text.encode(), "part.mpf")
     assert not program.notes
     motions = program.motions

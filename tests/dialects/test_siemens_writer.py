@@ -18,7 +18,7 @@ from ph_post.dialects.siemens.dialect import DIALECT
 from ph_post.geometry.curves import Arc, Line
 from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
-from ph_post.post.program import write_program
+from ph_post.post.program import make_program
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINE = ROOT / "tests" / "golden" / "machine.toml"
@@ -133,7 +133,7 @@ def test_feeds_follow_the_profile(curve: str, low: float) -> None:
     track = Track(path)
     middle, cruise, t_star = 0.5 * track.length, 0.02, 0.06
     plan = make_plan(track, speed=cruise, dips=[(middle, low, t_star)], machine=make_machine())
-    blocks = _cuts(write_program(plan, track, DIALECT))
+    blocks = _cuts(make_program(plan, track, DIALECT).text)
     at = _dip(cruise, low, t_star)
     s, worst, changing, nearest = mpmath.mpf(-1000 * middle), mpmath.mpf(0), 0, mpmath.inf
     for block in blocks:
@@ -157,7 +157,7 @@ def test_a_rest_is_left_to_the_controller() -> None:
     """No cubic of the way leaves a rest: the blocks beside it, 4 ms at most, keep the feed of the next."""
     track = Track(make_path(CURVES["quintic"]))
     plan = make_plan(track, stops=[0.5 * track.length], machine=make_machine())
-    blocks = _cuts(write_program(plan, track, DIALECT))
+    blocks = _cuts(make_program(plan, track, DIALECT).text)
     flat = [k for k, block in enumerate(blocks) if block.feed is not None and len(block.feed) == 1]
     held = [k for k in flat if blocks[k].feed == [1200]]
     beside = [k for k in flat if k not in held]

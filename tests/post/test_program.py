@@ -19,7 +19,7 @@ from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.ph import PH
 from ph_post.geometry.track import Track
 from ph_post.post.options import ProgramOptions
-from ph_post.post.program import Program, make_program, program_warnings, write_program
+from ph_post.post.program import Program, make_program
 from ph_post.types import Plan
 from ph_post.units import MM
 
@@ -328,8 +328,8 @@ def test_a_closed_path_may_be_run_over_its_seam() -> None:
 def test_the_same_bytes_twice_and_short_lines(dialect: str) -> None:
     for name in ("circle", "bezier", "space"):
         track, plan = plan_of(name)
-        first = write_program(plan, track, find_dialect(dialect))
-        assert first == write_program(plan, track, find_dialect(dialect))
+        first = make_program(plan, track, find_dialect(dialect)).text
+        assert first == make_program(plan, track, find_dialect(dialect)).text
         assert first.isascii()
         assert "\r" not in first
         assert first.endswith("M2\n")
@@ -372,21 +372,21 @@ def test_the_header_tells_what_was_done() -> None:
 
 def test_warnings() -> None:
     track, plan = plan_of("moving")
-    told = program_warnings(plan, track, find_dialect("linuxcnc"))
+    told = make_program(plan, track, find_dialect("linuxcnc")).warnings
     assert [words.split(",")[0] for words in told] == [
         "no Z word is written",
         "the plan begins or ends at speed",
     ]
     options = ProgramOptions(safe_z=5 * MM, depth=-MM)
     track, plan = plan_of("circle")
-    assert program_warnings(plan, track, find_dialect("linuxcnc"), options) == ()
+    assert make_program(plan, track, find_dialect("linuxcnc"), options).warnings == ()
     slow = msgspec.structs.replace(options, feed_mode="inverse-time")
-    assert "no G2 and G3" in program_warnings(plan, track, find_dialect("grbl"), slow)[0]
+    assert "no G2 and G3" in make_program(plan, track, find_dialect("grbl"), slow).warnings[0]
     dense = msgspec.structs.replace(options, chord_tolerance=1e-9)
-    assert "bytes a second" in program_warnings(*reversed(plan_of("quintic")), find_dialect("grbl"), dense)[-1]
+    assert "bytes a second" in make_program(*reversed(plan_of("quintic")), find_dialect("grbl"), dense).warnings[-1]
     track, plan = plan_of("quintic")
     late = make_plan(track, speed=0.03, machine=make_machine(period=4e-3))
-    told = program_warnings(late, track, find_dialect("linuxcnc"), msgspec.structs.replace(dense, block_time=5e-3))
+    told = make_program(late, track, find_dialect("linuxcnc"), msgspec.structs.replace(dense, block_time=5e-3)).warnings
     assert "shorter than the servo period of 4 ms" in told[0]
 
 

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark, refuse_line
+from ph_post.dialects.reading import NOT_UNDERSTOOD, Remark, line_error
 from ph_post.gcode.program import PlaceArray
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
@@ -228,7 +228,7 @@ def jumps_and_loops(
         for label in _JUMP.findall(text):
             target = _target(label, bare)
             if target is None:
-                raise refuse_line(
+                raise line_error(
                     data,
                     lines,
                     name,

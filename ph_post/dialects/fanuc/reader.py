@@ -26,10 +26,10 @@ from ph_post.dialects.reading import (
     read_translated,
     text_of,
 )
-from ph_post.gcode.program import AXES, NURBS, PartProgram, PlaceArray
+from ph_post.gcode.program import AXES, NURBS, NurbsData, PartProgram, PlaceArray
 from ph_post.geometry.exact_polynomials import floats
 from ph_post.geometry.nurbs import bezier_spans
-from ph_post.types import Array, frozen, sealed
+from ph_post.types import frozen, sealed
 from ph_post.units import INCH, MM
 
 _MODE: Final = re.compile(rb"G(20|21|90|91)(?![\d.])")
@@ -48,7 +48,7 @@ class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     first: int
     last: int
     lines: tuple[int, ...] = ()
-    curves: tuple[tuple[int, Array, Array], ...] = ()
+    curves: tuple[NurbsData, ...] = ()
     feed: bytes = b""
     units: float = MM
     why: str = ""

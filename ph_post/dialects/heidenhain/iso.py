@@ -23,7 +23,7 @@ from ph_post.dialects.heidenhain.tnc import (
     joined,
     number_of,
 )
-from ph_post.gcode.program import AXES, PartProgram
+from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
 _HEAD: Final = re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$")
 _WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
@@ -34,8 +34,7 @@ _CALLS: Final = {
     JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
 }
 _CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
-_CENTRES: Final = {"I": "X", "J": "Y", "K": "Z"}
-_PLANES: Final = {17: "Z", 18: "Y", 19: "X"}
+_CENTRES: Final = {letter: axis for axis, letter in CENTERS.items()}
 _SIDES: Final = {40: False, 41: True, 42: True}
 _CORNERS: Final = frozenset((24, 25, 26, 27))
 _SHIFTS: Final = frozenset((53, 54, 247))
@@ -222,5 +221,5 @@ class _IsoFollower:
         )
 
     def _tool(self, block: _Block) -> str:
-        axis = next((_PLANES[code] for code in block.codes if code in _PLANES), None)
+        axis = next((AXES[PLANE_AXES[code][2]] for code in block.codes if code in PLANE_AXES), None)
         return self.tnc.tool(axis, block.value("T"), block.speed())

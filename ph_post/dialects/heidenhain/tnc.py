@@ -10,26 +10,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Final
 
-from ph_post.dialects.reading import (
-    FORGOTTEN,
-    NOT_UNDERSTOOD,
-    Remark,
-    lines_of,
-    read_translated,
-    refuse_line,
-    text_of,
-)
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, lines_of, read_translated, text_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, PartProgram
+from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
 NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 """A number, with a point or a comma."""
 
-PLANES: Final[Mapping[str, tuple[str, str]]] = {"Z": ("X", "Y"), "Y": ("Z", "X"), "X": ("Y", "Z")}
+PLANES: Final[Mapping[str, tuple[str, str]]] = {AXES[c]: (AXES[a], AXES[b]) for a, b, c in PLANE_AXES.values()}
 """Axes of the working plane, by the tool's axis."""
 
-_PLANE_WORDS: Final[Mapping[str, str]] = {"Z": "G17", "Y": "G18", "X": "G19"}
-_CENTRES: Final[Mapping[str, str]] = {"X": "I", "Y": "J", "Z": "K"}
+_PLANE_WORDS: Final[Mapping[str, str]] = {AXES[c]: f"G{number}" for number, (_, _, c) in PLANE_AXES.items()}
 _FUNCTIONS: Final[Mapping[int, str]] = {
     0: "M0",
     1: "M1",
@@ -157,7 +148,7 @@ class Tnc:
             pole = {axis: self._pole[axis] for axis in plane}
             if None in pole.values():
                 raise NotFollowed("arc about a centre that is not known")
-            ends += [_CENTRES[axis] + str(value) for axis, value in pole.items()]
+            ends += [CENTERS[axis] + str(value) for axis, value in pole.items()]
         self._moved = len(self.texts)
         return joined("G3" if left else "G2", *ends, feed, *self._functions(functions))
 
@@ -327,4 +318,4 @@ class TncSource:
                 yield min(place, number), max(place, number), what
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:
-        return refuse_line(self._data, self._lines, self._name, number, what, expected, got)
+        return line_error(self._data, self._lines, self._name, number, what, expected, got)

@@ -17,7 +17,7 @@ from ph_post.gcode.blocks import Feed
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.motion_parts import place
 from ph_post.gcode.polynomials import restricted
-from ph_post.gcode.program import ARC, AXES, NURBS, PLANE_AXES, Motions, PartProgram
+from ph_post.gcode.program import ARC, AXES, NURBS, PLANE_AXES, Motions, NurbsData, PartProgram
 from ph_post.geometry.bernstein import from_power
 from ph_post.types import Array, IntArray, sealed
 from ph_post.units import MINUTE, MS
@@ -31,8 +31,6 @@ _LONGEST_PART: Final = 5.0 * MS
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _FLAT: Final = 1e-9
 """A third coordinate that is off the plane by no more than this [m] is in it."""
-
-Nurbs = tuple[int, Array, Array]
 
 
 def with_extras(program: PartProgram, extras: Extras) -> PartProgram:
@@ -73,7 +71,7 @@ def _refused(program: PartProgram, line: int, what: str, expected: str) -> Input
     return InputError(f"{program.name}:{line + 1}", what, expected=expected, got=got)
 
 
-def _bezier(motions: Motions, row: int, given: PolynomialWords, units: float) -> Nurbs | None:
+def _bezier(motions: Motions, row: int, given: PolynomialWords, units: float) -> NurbsData | None:
     """Control points and weights of a POLY block; None where it begins nobody knows where."""
     start, end = motions.start[row], motions.end[row]
     if any(np.isnan(start[AXES.index(name)]) for name in given.axes):
@@ -202,7 +200,7 @@ def _expanded(motions: Motions, divided: Mapping[int, _Parts], first: IntArray) 
     return Motions(**{name: sealed(column) for name, column in columns.items()}, control=control, nurbs=nurbs)
 
 
-def _pieces(motions: Motions, row: int, edges: Array) -> list[Nurbs]:
+def _pieces(motions: Motions, row: int, edges: Array) -> list[NurbsData]:
     """Cut a polynomial or rational curve at shares of its length."""
     order, control, weights = motions.nurbs[row]
     (curve,) = curves_of(motions, row, (0, 1, 2))

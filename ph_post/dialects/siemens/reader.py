@@ -11,15 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from ph_post.dialects.reading import (
-    FORGOTTEN,
-    NOT_UNDERSTOOD,
-    Remark,
-    lines_of,
-    read_translated,
-    refuse_line,
-    text_of,
-)
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, lines_of, read_translated, text_of
 from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.motions import with_extras
 from ph_post.dialects.siemens.words import (
@@ -32,7 +24,7 @@ from ph_post.dialects.siemens.words import (
     without_comment,
 )
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, PartProgram, PlaceArray
+from ph_post.gcode.program import AXES, CENTERS, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
 
 _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\w+[ \t]*:(?!=)[ \t]*)?", re.IGNORECASE)
@@ -40,7 +32,7 @@ _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\
 
 _PARAMETER: Final = re.compile(r"R\d+|R\[.*\]")
 _QUIET: Final = re.compile(r"[NTDSHM]\d*|ACC\[.*\]")
-_CENTERS: Final = "IJK"
+_CENTERS: Final = tuple(CENTERS.values())
 _SHAPES: Final = frozenset((*AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", "TURN"))
 """Names that shape a motion; the empty one is a denominator."""
 
@@ -345,7 +337,7 @@ def _translated(data: bytes, lines: PlaceArray, name: str, translator: Translato
         jump = _JUMP.search(bare)
         if jump is not None:
             wanted = "a program that runs line by line"
-            raise refuse_line(data, lines, name, number, "jump or call", wanted, jump[0])
+            raise line_error(data, lines, name, number, "jump or call", wanted, jump[0])
         found = _OPENS.match(bare)
         opened = found[1].upper() if found and not depth else opened
         depth += found is not None
