@@ -331,14 +331,14 @@ def _brackets(problem: OrbitProblem, beta: Array, size: Array) -> tuple[Array, A
 def _close(problem: OrbitProblem, beta: Array, size: Array, low: Array, high: Array) -> Array:
     """Close the brackets; what closes on a jump, and no root, is left to the scalar code."""
 
-    def excess(standstill: Array) -> Array:
+    def excess(standstill: Array, beta: Array, size: Array) -> Array:
         return _turned(steady_reversals(problem, standstill), beta, standstill) - size
 
-    standstill = close_brackets(excess, low, high)
+    standstill = close_brackets(excess, low, high, beta, size)
     reversals = steady_reversals(problem, standstill)
     answer = np.stack([reversals.phase, standstill, reversals.place])
     answer[:, ~_cross_once(reversals, beta, size, standstill)] = np.nan
-    jumps = ~(np.abs(excess(standstill)) <= SLACK * size)
+    jumps = ~(np.abs(excess(standstill, beta, size)) <= SLACK * size)
     answer[1, jumps] = np.inf
     return answer
 

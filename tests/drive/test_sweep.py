@@ -94,11 +94,12 @@ def test_no_gap_takes_no_time_and_a_useless_loop_has_no_orbit() -> None:
 
 def test_brackets_close_to_rounding_or_are_refused(monkeypatch) -> None:
     wanted = np.array([1e-9, 0.3, 1.0, 7.0])
-    roots = close_brackets(lambda x: x**4 - wanted**4, np.zeros(4), np.full(4, 10.0))
+    roots = close_brackets(lambda x, root: x**4 - root**4, np.zeros(4), np.full(4, 10.0), wanted)
     assert roots == pytest.approx(wanted, rel=8 * EPS)
     monkeypatch.setattr(closing, "STEPS", 3)
+    low, high = np.array([0.0, 0.0, 0.0, 7.0]), np.full(4, 10.0)
     with pytest.raises(SolveError, match="3 of 4 roots did not close in 3 steps"):
-        close_brackets(lambda x: np.sinh(x) - np.sinh(wanted), np.array([0.0, 0.0, 0.0, 7.0]), np.full(4, 10.0))
+        close_brackets(lambda x, root: np.sinh(x) - np.sinh(root), low, high, wanted)
 
 
 def table_of(gap: Gap = PAPER_GAP, radius=(0.2, 0.25, 0.3), feed=(0.12, 0.13, 0.14)):
