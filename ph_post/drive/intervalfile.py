@@ -126,7 +126,7 @@ def interval_content(table: IntervalTable, target: str) -> str:
     """
     ending = ".csv" if target == STDIO else pathlib.PurePath(target).suffix.lower()
     if ending not in FORMATS:
-        raise InputError(target, "interval tables come in other formats", expected=one_of(FORMATS), got=repr(ending))
+        raise InputError(target, "unknown kind of interval table", expected=one_of(FORMATS), got=repr(ending))
     return _csv(table) if ending == ".csv" else _json(table)
 
 

@@ -77,7 +77,7 @@ def _check(effect: Effect, parameters: dict[str, Any], axis: Axis, file: str, ke
     if axis.feedback not in effect.feedbacks:
         expected = " or ".join(f'feedback "{loop}"' for loop in sorted(effect.feedbacks))
         raise InputError(
-            place(file, (*keys, "name")), "not felt on this loop", expected=expected, got=f'"{axis.feedback}"'
+            place(file, (*keys, "name")), "does not act on this loop", expected=expected, got=f'"{axis.feedback}"'
         )
     checked(parameters, _record(effect), file, keys)
     effect_values(effect, axis, parameters, place(file, keys))
@@ -298,7 +298,7 @@ def _servo(given: _Given, b: float, c: float, stiffness: float | None) -> Servo:
     for key, value in (("b", b), ("c", c)):
         if value == 0 and not ideal:
             both = "" if record.loop.has_controller else ", or b and c both 0"
-            raise given.refuse(key, "no servo loop is without inertia or damping", f"> 0{both}", "0")
+            raise given.refuse(key, "a servo loop has inertia and damping", f"> 0{both}", "0")
     if record.control is None:
         return Servo(b=b, c=c, stiffness=stiffness)
     ki, kd = record.control.ki_over_kp_per_s, record.control.kd_over_kp_s
@@ -319,7 +319,7 @@ def _gap(given: _Given, ratio: float | None, travel: float | None) -> Gap:
     in_metres = None if record.lost_motion_mm is None else record.lost_motion_mm * MM
     lost = given.agreed(("backlash_motor_rad", at_axis), ("lost_motion_mm", in_metres))
     if lost is None:
-        raise given.missing("lost_motion_mm", "lost_motion_mm or backlash_motor_rad (0 where there is no gap)")
+        raise given.missing("lost_motion_mm", "lost_motion_mm or backlash_motor_rad (0 if there is no backlash)")
     if angle is None and travel is not None and ratio is not None:
         angle = lost * ratio / travel
     tau = record.motor_time_constant_s

@@ -90,7 +90,7 @@ def require_axes(names: Sequence[str], machine: Machine | None, where: str) -> N
     if machine is not None and other:
         raise InputError(
             where,
-            f"the machine has no axis {', '.join(other)}; is the log of another one?",
+            f"the machine has no axis {', '.join(other)}; is it a log of another machine?",
             expected=", ".join(machine.axes),
             got=", ".join(names),
         )
@@ -180,7 +180,7 @@ def _timed(found: Mapping[str, Column], values: Mapping[str, Array], sheet: Shee
     if sheet.lost is not None:
         raise InputError(
             sheet.where(sheet.lost),
-            "samples were lost before this line, and nobody knows how many",
+            "samples were lost before this line, and their number is unknown",
             expected="no overrun, or numbered samples (halsampler -t)",
         )
     return _Timed(
@@ -199,7 +199,7 @@ def _period(sheet: Sheet, machine: Machine | None) -> tuple[float, str]:
             period = math.nan
         if not 1e-7 <= period <= 1e3:
             raise InputError(f"{sheet.name}: # period", "no period", expected="seconds", got=quoted(remark))
-        return period, "told by the log"
+        return period, "from the log"
     if machine is not None and not sheet.named:
         return machine.servo_period, "the machine's servo period"
     raise InputError(
@@ -227,7 +227,7 @@ def _sides(sheet: Sheet, names: Sequence[str], found: Mapping[str, Column], aske
     """Find where each axis was read."""
     for axis in asked:
         if f"{axis}_act" not in found:
-            raise InputError(sheet.header, f"no column {axis}_act whose side could be told", got=sheet.listed)
+            raise InputError(sheet.header, f"no column {axis}_act whose side could be given", got=sheet.listed)
     sides = {}
     for axis in names:
         side = asked.get(axis, sheet.remarks.get(f"{axis}_act.side", "table"))
@@ -235,7 +235,7 @@ def _sides(sheet: Sheet, names: Sequence[str], found: Mapping[str, Column], aske
             where = f"{sheet.name}: # {axis}_act.side"
             raise InputError(where, "no side of an axis", expected=one_of(SIDES, side), got=quoted(side))
         if side == "motor" and f"{axis}_motor" in found:
-            what = f"{axis}_act was read at the motor, and there is {axis}_motor too"
+            what = f"{axis}_act was read at the motor, and the log has {axis}_motor too"
             raise InputError(sheet.header, what, expected="one of them")
         sides[axis] = side
     return sides
@@ -258,4 +258,4 @@ def _axis(name: str, values: Mapping[str, Array], samples: _Samples, side: str) 
         effort_unit="A" if laid["force"] is None and laid["current"] is not None else "N",
         side="unknown" if side == "unknown" else "table",
     )
-    return axis, ([f"{name}_current is left aside: there is {name}_force"] if both else [])
+    return axis, ([f"{name}_current is ignored because the log has {name}_force"] if both else [])

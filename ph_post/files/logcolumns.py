@@ -97,18 +97,18 @@ def columns_of(sheet: Sheet, mapped: Mapping[str, Column]) -> tuple[dict[str, Co
         if sheet.names.count(source) > 1:
             raise InputError(sheet.header, f"column {quoted(source)} is there twice", expected="each name once")
     aside = [name for name in dict.fromkeys(sheet.names) if name not in used] if sheet.named else []
-    return found, ((f"columns left aside: {', '.join(aside)}",) if aside else ())
+    return found, ((f"columns ignored: {', '.join(aside)}",) if aside else ())
 
 
 def _parse(text: str) -> Column:
     match = _MAPPING.fullmatch(text)
     if match is None:
-        raise InputError(_option(text), "no mapping of a column", expected=_LIKE)
+        raise InputError(_option(text), "not a mapping of a column", expected=_LIKE)
     name, source, factor, unit = match.groups()
     kind = _kind(name, _option(text))
     if kind is None:
         known = [TIME, *(f"{axis}_{kind}" for axis in MACHINE_AXES for kind in KINDS)]
-        raise InputError(_option(text), "no name of a column", expected=one_of(known, name), got=quoted(name))
+        raise InputError(_option(text), "not the name of a column", expected=one_of(known, name), got=quoted(name))
     units = _UNITS[kind]
     if unit is not None and unit not in units:
         volts = kind == "force" and unit == "V"

@@ -214,7 +214,7 @@ def _sheet(raw: SourceBytes, variables: Mapping[str, Any]) -> Sheet:
     rows = _common_length(vectors)
     columns = {name: vector for name, vector in vectors.items() if vector.size == rows}
     other += [name for name in vectors if name not in columns]
-    aside = (f"variables left aside, no columns of {rows} rows: {', '.join(other)}",) if other else ()
+    aside = (f"variables ignored, not columns of {rows} rows: {', '.join(other)}",) if other else ()
     return Sheet(
         name=raw.name,
         stem=raw.stem,

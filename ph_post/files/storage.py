@@ -104,7 +104,7 @@ def reading_errors(file: pathlib.Path) -> Iterator[None]:
     except OSError as error:
         raise InputError(os.fspath(file), "cannot be read", got=error.strerror or str(error)) from None
     except ValueError as error:  # a NUL in the name
-        raise InputError(repr(os.fspath(file)), "is no file name", got=str(error)) from None
+        raise InputError(repr(os.fspath(file)), "is not a file name", got=str(error)) from None
 
 
 def _decode(data: bytes, name: str) -> str:
@@ -200,7 +200,7 @@ def _refuse_same_place(files: list[_Product]) -> None:
     names: dict[pathlib.Path, str] = {}
     for product in files:
         if product.place in names:
-            raise InputError(product.name, "would be written twice", got=f"the same file as {names[product.place]}")
+            raise InputError(product.name, "two outputs have the same file", got=names[product.place])
         names[product.place] = product.name
 
 
@@ -212,7 +212,7 @@ def _writing_errors(name: str) -> Iterator[None]:
     except OSError as error:
         raise InputError(name, "cannot be written", got=error.strerror or str(error)) from None
     except ValueError as error:  # a NUL in the name
-        raise InputError(repr(name), "is no file name", got=str(error)) from None
+        raise InputError(repr(name), "is not a file name", got=str(error)) from None
 
 
 def _stage(product: _Product) -> None:

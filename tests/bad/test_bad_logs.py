@@ -30,8 +30,8 @@ def test_every_bad_log_has_its_line():
 @pytest.mark.parametrize(
     ("mapping", "words"),
     [
-        ("X_act", "no mapping of a column; expected NAME=SOURCE[*FACTOR]:UNIT, such as X_act=qm:m"),
-        ("X_akt=pos:mm", 'no name of a column; expected X_act; got "X_akt"'),
+        ("X_act", "not a mapping of a column; expected NAME=SOURCE[*FACTOR]:UNIT, such as X_act=qm:m"),
+        ("X_akt=pos:mm", 'not the name of a column; expected X_act; got "X_akt"'),
         (
             "A_act=pos:mm",
             "axis A cannot be taken: drives are known of straight axes only; expected X, Y or Z; got A_act",
@@ -67,5 +67,5 @@ def test_a_name_is_mapped_once():
 
 
 def test_the_side_of_a_column_that_is_not_there_cannot_be_told():
-    with pytest.raises(InputError, match="no column Y_act whose side could be told"):
+    with pytest.raises(InputError, match="no column Y_act whose side could be given"):
         read_log(HERE / "far.csv", sides={"Y": "unknown"})

@@ -134,7 +134,7 @@ def test_what_is_drawn_twice_and_rapids_are_warned_of(capsys, tmp_path):
     circle = entity("CIRCLE", point((25, 0)), (40, 5))
     file.write_text(dxf(lwpolyline(there, closed=False), lwpolyline(back, closed=False), circle, circle))
     _, _, err = run(capsys, str(file), "-o", str(tmp_path / "a.json"))
-    assert "warning: 2 curves lie on others and are cut once more\n" in err
+    assert "warning: 2 curves coincide with others and are cut twice\n" in err
     assert "between the contours: give convert --safe-z and --depth" in err
     file.write_text(dxf(lwpolyline(round_, closed=True)))
     _, _, err = run(capsys, str(file), "-o", str(tmp_path / "a.json"))
@@ -154,7 +154,7 @@ def test_a_layer_that_is_not_there_and_strictness_are_told(capsys):
     status, _, err = run(capsys, PLATE, "--layer", "CUT")
     assert (status, err) == (
         2,
-        f"ph-post: {PLATE}: there is nothing on layer 'CUT'; expected one of GROOVE, HOLES, NOTES, OUTLINE, POCKET\n",
+        f"ph-post: {PLATE}: nothing is drawn on layer 'CUT'; expected one of GROOVE, HOLES, NOTES, OUTLINE, POCKET\n",
     )
     status, _, err = run(capsys, PLATE, "--strict")
     assert status == 2

@@ -169,7 +169,7 @@ def test_files_hold_the_table_to_the_last_digit(tmp_path: Path) -> None:
     assert rows[2].startswith("axis,radius_mm,feed_mm_min,beta_per_s,C_rad_per_m_s2,duration_s")
     assert len(rows) == 3 + table.axes[0].duration.size
     assert float(rows[3].split(",")[5]) == table.axes[0].duration.flat[0]
-    with pytest.raises(InputError, match="interval tables come in other formats"):
+    with pytest.raises(InputError, match="unknown kind of interval table"):
         interval_content(table, "table.xls")
 
 
@@ -232,7 +232,7 @@ def test_loops_closed_elsewhere_need_no_table(capsys, tmp_path: Path) -> None:
         (("--beta", "1", "--gain", "1", "--axis", "Q"), "paper: no axis Q; expected X or Y; got Q"),
         (("--beta", "1", "--gain", "1", "--radius", "5"), "--radius needs --feed"),
         (("--beta", "1", "--gain", "1", "--feed", "5"), "--feed needs --radius"),
-        (("--beta", "1", "--gain", "1", "-o", "x.xls"), "interval tables come in other formats"),
+        (("--beta", "1", "--gain", "1", "-o", "x.xls"), "unknown kind of interval table"),
         (("--beta", "1"), "Missing option '--gain'"),
     ],
 )

@@ -53,7 +53,7 @@ def test_a_link_stays_and_its_target_changes(tmp_path):
         (".", r"\.: is a directory; expected a file to write"),
         ("a/b", r"a/b: cannot be written; expected an existing folder; got .*a"),
         ("x" * 300, r"x+: cannot be written; got File name too long"),
-        ("nul\0", r"'nul\\x00': is no file name; got embedded null"),
+        ("nul\0", r"'nul\\x00': is not a file name; got embedded null"),
     ],
 )
 def test_a_bad_place_leaves_everything_untouched(tmp_path, monkeypatch, bad, what):
@@ -78,7 +78,7 @@ def test_two_products_in_one_place_are_refused(tmp_path):
     a = str(tmp_path / "a")
     (tmp_path / "link").symlink_to(a)
     for other in (f"{tmp_path}/./a", str(tmp_path / "link")):
-        with pytest.raises(InputError, match="would be written twice"):
+        with pytest.raises(InputError, match="two outputs have the same file"):
             write_atomically({a: "1", other: "2"})
     assert names(tmp_path) == ["link"]
 

@@ -61,7 +61,7 @@ def test_byte_order_mark_blank_lines_quotes_and_remarks(tmp_path):
 def test_other_columns_may_hold_text_and_are_named(tmp_path):
     rows = tuple((*row, '"a, b"', "") for row in ROWS)
     log = recorded(read_log(put(tmp_path, text(rows, (*NAMES, "state", "")))))
-    assert log.warnings == ("columns left aside: state",)
+    assert log.warnings == ("columns ignored: state",)
 
 
 def test_names_units_and_scales_are_mapped(tmp_path):
@@ -79,7 +79,7 @@ def test_current_is_kept_in_ampere_and_force_goes_before_it(tmp_path):
     assert (log.axes["X"].effort[0], log.axes["X"].effort_unit) == (1.5, "A")
     both = read_log(put(tmp_path, text(rows, (*NAMES, "i"))), columns=["X_current=i:mA", "X_force=i:N"])
     assert (both.axes["X"].effort[0], both.axes["X"].effort_unit) == (1500.0, "N")
-    assert both.warnings == ("X_current is left aside: there is X_force",)
+    assert both.warnings == ("X_current is ignored because the log has X_force",)
 
 
 def test_the_side_of_a_reading_comes_from_the_log_or_from_who_asks(tmp_path):
@@ -139,7 +139,7 @@ def test_what_a_linuxcnc_recorded_is_read():
 def test_halsampler_without_numbers_takes_its_period_from_a_remark(tmp_path):
     file = put(tmp_path, "".join(["# period: 0.002\n", *halsampler(tag=False)]))
     log = recorded(read_log(file, columns=["X_cmd=1", "X_act=2"]))
-    assert log.warnings == ("no column t; the period of 0.002 s is told by the log",)
+    assert log.warnings == ("no column t; the period of 0.002 s is from the log",)
 
 
 def test_rows_without_names_and_time_need_a_machine(tmp_path):
@@ -169,7 +169,7 @@ def stored(tmp_path, ending):
 @pytest.mark.parametrize("ending", [".mat", ".npz", ".parquet"])
 def test_stored_arrays_are_columns_and_single_values_remarks(tmp_path, ending):
     log = recorded(read_log(stored(tmp_path, ending)))
-    assert log.warnings == ("variables left aside, no columns of 300 rows: other",)
+    assert log.warnings == ("variables ignored, not columns of 300 rows: other",)
     if ending != ".parquet":
         assert log.remarks == {"gain": "160.18", "note": "by hand"}
 
@@ -293,7 +293,7 @@ def test_axes_that_the_machine_does_not_have_are_refused(tmp_path, ran):
     file = put(tmp_path, part(ran, ran[0]))
     with pytest.raises(InputError) as refusal:
         read_log(file, machine=read_machine("paper"))
-    words = "the machine has no axis Z; is the log of another one?; expected X, Y; got X, Y, Z"
+    words = "the machine has no axis Z; is it a log of another machine?; expected X, Y; got X, Y, Z"
     assert str(refusal.value) == f"{file}:1: {words}"
 
 

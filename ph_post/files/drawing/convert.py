@@ -139,7 +139,7 @@ def import_drawing(drawing: Drawing, file: str, stem: str, wish: ImportOptions) 
     contours = _moved(contours, wish, mm)
     feed = wish.feed if wish.feed is not None else DEFAULT_FEED
     if wish.feed is None:
-        notes.append(f"the feed is {DEFAULT_FEED} mm/min, as a drawing has none; --feed sets another")
+        notes.append(f"the feed is {DEFAULT_FEED} mm/min, as a drawing has none; set it with --feed")
     notes.extend(_join_notes(joining, wish, mm))
     notes.extend(_cut_warnings(contours, wish, mm))
     text = path_text(contours, unit, feed / UNITS[unit], wish.axes, (stem, pathlib.Path(file).name))
@@ -159,13 +159,13 @@ def _require_known(drawing: Drawing, file: str, wish: ImportOptions) -> None:
     missing = [layer for layer in wish.layers if layer not in drawing.found]
     if missing:
         known = ", ".join(sorted(drawing.found)) or "none"
-        raise InputError(file, f"there is nothing on layer {missing[0]!r}", expected=f"one of {known}")
+        raise InputError(file, f"nothing is drawn on layer {missing[0]!r}", expected=f"one of {known}")
 
 
 def _require_something(drawing: Drawing, runs: Sequence[Subpath], file: str, wish: ImportOptions) -> None:
     names = ", ".join(f"{count} {what}" for what, count in drawing.left_out.items())
     if not runs:
-        what = "there is nothing to cut in the drawing"
+        what = "the drawing holds nothing to cut"
         raise InputError(file, what, expected="lines, arcs or curves", got=names or "an empty drawing")
     if wish.strict and names:
         raise InputError(file, "some of the drawing cannot be taken, and --strict is given", got=names)
@@ -195,7 +195,7 @@ def _unit(drawing: Drawing, file: str, wish: ImportOptions, notes: list[str]) ->
     if unit is None:
         raise InputError(
             file,
-            "the drawing does not tell its unit",
+            "the drawing states no unit",
             expected="--units mm, or another of " + ", ".join(UNITS),
         )
     if wish.unit and drawing.unit and wish.unit != drawing.unit:
@@ -277,7 +277,7 @@ def _join_notes(joining: JoinedContours, wish: ImportOptions, mm: float) -> list
         )
     if joining.forks:
         places = counted(joining.forks, "place")
-        told.append(f"at {places} more than two ends meet; the straightest way was taken")
+        told.append(f"at {places} more than two ends meet; the straightest continuation was taken")
     return told
 
 
@@ -286,8 +286,8 @@ def _cut_warnings(contours: Sequence[Contour], wish: ImportOptions, mm: float) -
     places = Counter(_place(shape, wish.join / mm) for contour in contours for shape in contour.shapes)
     again, told = places.total() - len(places), []
     if again:
-        curves = "1 curve lies on another and is" if again == 1 else f"{again} curves lie on others and are"
-        told.append(f"{curves} cut once more")
+        one, many = "curve coincides with another and is", "curves coincide with others and are"
+        told.append(f"{counted(again, one, many)} cut twice")
     if len(contours) > 1 and wish.axes == "XY":
         rapids = counted(len(contours) - 1, "rapid")
         told.append(f"{rapids} between the contours: give convert --safe-z and --depth, or the tool stays down there")
@@ -368,7 +368,7 @@ def drawing_kind(raw: SourceBytes) -> Kind:
     if ending in {".dxf", ".svg"} and ending != f".{kind.lower()}":
         raise InputError(
             raw.name,
-            "the name is not what the file holds",
+            "the file does not hold what its name says",
             expected=f"{ending[1:].upper()} by its name",
             got=kind,
         )

@@ -78,7 +78,7 @@ def read_dxf(data: bytes, file: str, layers: Sequence[str] = ()) -> Drawing:
     for message in told.messages[:MOST_TOLD]:
         found.note(f"ezdxf: {message}")
     if len(told.messages) > MOST_TOLD:
-        found.note(f"ezdxf: {len(told.messages) - MOST_TOLD} more of the kind")
+        found.note(f"ezdxf: {len(told.messages) - MOST_TOLD} more such warnings")
     for layout in document.layouts:
         if layout.name != "Model" and len(layout):
             found.leave_out("in paper space", sum(1 for entity in layout if entity.dxftype() != "VIEWPORT"))
@@ -144,7 +144,7 @@ class _DxfWalk:
             return
         name = str(insert.dxf.name)
         if name in where.blocks or len(where.blocks) >= MAX_DEPTH:
-            raise InputError(f"{found.file}: INSERT {insert.dxf.handle}", f"block {name} holds itself")
+            raise InputError(f"{found.file}: INSERT {insert.dxf.handle}", f"block {name} contains itself")
         frozen = self._hidden.get(layer.casefold(), (False,))[0]
         inside = _Where(
             matrix=where.matrix,

@@ -210,7 +210,7 @@ class _SvgWalk:
         target = node.attributes.get("href", node.attributes.get(f"{_XLINK}href", ""))
         used = self._by_id.get(target[1:]) if target.startswith("#") and len(target) > 1 else None
         if used is None:
-            found.leave_out("use of what is not in the file")
+            found.leave_out("use of an element that is not in the file")
             return
         if target in context.used or context.depth > MAX_DEPTH:
             raise InputError(f"{found.file}:{node.line}", f"{target[:40]} uses itself")

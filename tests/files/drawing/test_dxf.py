@@ -332,7 +332,7 @@ def test_the_drawings_unit_is_kept(code, unit, factor):
 @pytest.mark.parametrize("code", [None, 0, 20])
 def test_a_drawing_without_a_unit_is_refused_until_one_is_named(code):
     text = dxf(entity("LINE", point((0, 0)), point((1, 0), 11)), units=code)
-    with pytest.raises(InputError, match=r"^a.dxf: the drawing does not tell its unit; expected --units mm"):
+    with pytest.raises(InputError, match=r"^a.dxf: the drawing states no unit; expected --units mm"):
         path_of(text)
     assert sampled(path_of(text, unit="cm"))[0][-1] == pytest.approx((10, 0))
 
@@ -341,7 +341,7 @@ def test_blocks_that_hold_themselves_or_too_much_end(monkeypatch):
     # The limit is what counts, not its size: a hundred thousand take half a minute.
     monkeypatch.setattr(shapes, "MAX_ENTITIES", 2000)
     a, b = block("A", insert("B", (0, 0))), block("B", insert("A", (0, 0)))
-    with pytest.raises(InputError, match=r"block [AB] holds itself"):
+    with pytest.raises(InputError, match=r"block [AB] contains itself"):
         read_dxf(dxf(insert("A", (0, 0)), blocks=[a, b]).encode(), "a.dxf")
     levels = [block(f"B{k}", *[insert(f"B{k + 1}", (0, 0))] * 10) for k in range(9)]
     leaf = block("B9", entity("LINE", point((0, 0)), point((1, 0), 11)))

@@ -202,7 +202,7 @@ def test_px_are_said_and_no_size_is_refused():
     assert sampled(made.path)[0][-1] == pytest.approx((25.4, 158.75))
     assert any("1/96 inch" in note for note in made.notes)
     for size in ('viewBox="0 0 10 10"', 'width="100%" height="100%" viewBox="0 0 10 10"', ""):
-        with pytest.raises(InputError, match="does not tell its unit; expected --units mm"):
+        with pytest.raises(InputError, match="states no unit; expected --units mm"):
             import_of(svg('<path d="M0 0h9"/>', size))
     made = import_of(svg('<path d="M0 0h9"/>', 'viewBox="0 0 10 10"'), unit="inch")
     assert (made.unit, sampled(made.path)[0][-1].tolist()) == ("inch", pytest.approx([228.6, 254.0]))
@@ -254,7 +254,7 @@ def test_what_is_not_understood_is_named_with_its_count():
         "rect without length": 1,
         "hidden (display or visibility)": 1,
         "path with a CSS transform": 1,
-        "use of what is not in the file": 1,
+        "use of an element that is not in the file": 1,
         "foo": 1,
         "mask (the shape is taken whole)": 1,
         "path without length": 1,
