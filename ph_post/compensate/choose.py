@@ -31,11 +31,11 @@ KEPT: Final = 6
 """Turning points whose designs are remembered for the next one."""
 
 AS_GOOD: Final = 1.1
-"""How much worse a remembered design may be here before a new search is made; where nothing was found, how
-much the error of the plain motion may differ."""
+"""Ratio by which a remembered design may be worse here before a new search is made; where nothing was found, the
+ratio by which the error of the plain motion may differ."""
 
 ROOMIER: Final = 1.01
-"""How much more room there may be where nothing was found, and nothing is searched."""
+"""Ratio of the room up to which nothing is searched where nothing was found before."""
 
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
@@ -96,7 +96,7 @@ class ReversalDesigns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     found: Sequence[TriedDesign]
 
     def likens(self, place: Surroundings, drives: Drives) -> bool:
-        """Whether another turning point is alike: in feed, in room, and in the drives that reverse."""
+        """Return whether another turning point is alike: in feed, in room, and in the drives that reverse."""
         same_feed = abs(np.log(place.cruise / self.place.cruise)) < ALIKE
         enough = place.room >= min(self.place.room, max((one.side for one in self.found), default=0.0))
         kinds = [[(axis.feedback, axis.servo, axis.gap) for axis, _ in own] for own in (drives, self.drives)]
@@ -233,12 +233,12 @@ class _Chooser:
         return found
 
     def _may_rest(self, drives: Drives) -> bool:
-        """Whether a rest in the plain motion would do: nothing inside a loop is to be crossed there."""
+        """Return whether a rest in the plain motion will do: no backlash inside a loop is crossed there."""
         return self.offsets and not any(axis.loop.encloses_backlash for axis, _ in drives)
 
     @staticmethod
     def _serves(search: DesignSearch, known: ReversalDesigns) -> bool:
-        """Whether what was found elsewhere is as good here; or nothing, where there is no more room here."""
+        """Return whether designs found elsewhere are as good here; or none, where there is no more room here."""
         if not known.found:
             errors = [np.log(one + FLOOR) for one in (search.plain.error, known.plain)]
             same = bool(np.abs(errors[0] - errors[1]).max() <= np.log(AS_GOOD))

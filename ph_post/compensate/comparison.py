@@ -40,7 +40,7 @@ POINTS: Final = 33
 
 
 class MotionCost(msgspec.Struct, frozen=True, kw_only=True):
-    """How a motion runs along its path.
+    """The cost of a motion along its path.
 
     `min_feed` [m/s] is the lowest feed while cutting, negative while the tool moves back, None where nothing
     is cut. Rapid segments do not count, nor do standstills and the ramps from and to them, which pass every
@@ -223,7 +223,7 @@ def before_and_after(analysis: Analysis, *plans: Plan) -> tuple[Assessment, ...]
 
 
 def describe_violation(broken: Violation) -> str:
-    """Say which limit a command breaks, and where."""
+    """Describe the limit that a command breaks, and where."""
     words = {"velocity": "mm/s", "acceleration": "mm/s²", "jerk": "mm/s³", "motor acceleration": "rad/s²"}
     scale = 1.0 if broken.quantity == "motor acceleration" else MM
     return (

@@ -320,7 +320,7 @@ def make_jog_stop(x: Array, case: ReversalCase) -> Design:
 
 
 def jogs_last(reversing: Sequence[tuple[Axis, int]]) -> float:
-    """How long axes behind their loops take to jog by their gaps one after the other, dwells included [s]."""
+    """Time that axes behind their loops take to jog by their backlash one after the other, dwells included [s]."""
     return _sequence(reversing, 0.0, 0.0)[1]
 
 
@@ -341,7 +341,7 @@ def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) 
 
 
 def _time_to_cross(axis: Axis, error: float) -> float:
-    """How long a motor without losses takes through its gap under a position error [m], in seconds."""
+    """Time that a motor without losses takes through its backlash under a position error [m], in seconds."""
     inertia = (axis.gap.inertia_fraction or 0.0) * axis.servo.b
     return math.sqrt(2.0 * inertia * axis.gap.lost_motion / error)
 

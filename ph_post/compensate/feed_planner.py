@@ -51,7 +51,7 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Where it begins and ends along the path [m]; over the seam of a closed one it counts on."""
+        """Its beginning and end along the path [m]; over the seam of a closed one it counts on."""
         turn = self.request.turn
         return self.s - 2.0 * turn * self.half, self.s + 2.0 * (1.0 - turn) * self.half
 
@@ -337,7 +337,7 @@ class FeedPlanner:
         return site_spans(number, site, soften(site.shape, 1.0 - depth), self.track.length)
 
     def _guilty(self, candidate: _Candidate, broken: ViolationSpans, depth: Array) -> tuple[IntArray, BoolArray]:
-        """Tell whose fault it is.
+        """Find the profiles that cause the violations.
 
         Returns
         -------

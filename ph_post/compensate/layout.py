@@ -95,7 +95,7 @@ def lay_out(job: Job) -> Layout:
 
 
 def is_open(job: Job, name: str) -> bool:
-    """Whether the loop of an axis is not closed over the table."""
+    """Return whether the loop of an axis is not closed over the table."""
     return not job.machine.axes[name].loop.encloses_backlash
 
 
@@ -141,7 +141,7 @@ def middle_of(motion: MotionLaw, window: int) -> float | None:
 
 
 def at_an_end(job: Job, point: TurningPoint) -> bool:
-    """Whether the path begins or ends at a turning point."""
+    """Return whether the path begins or ends at a turning point."""
     return point.s <= SAME_PLACE or point.s >= job.length - SAME_PLACE
 
 
@@ -293,7 +293,7 @@ def without_axes(result: StrategyResult, axes: Sequence[str], why: str = NO_OFFS
 
 
 def lacks_stops(task: PlanningTask, result: StrategyResult) -> bool:
-    """Whether a jog of a result has no stop: neither one of its own nor one of the path."""
+    """Return whether a jog of a result has no stop: neither one of its own nor one of the path."""
     pairs = zip(task.windows, result.requests, strict=True)
     return any(
         request.shape is None and request.crossings and not request.stop and task.feed.at(window.s) > 0.0
@@ -322,7 +322,7 @@ def _jogs_at_windows(job: Job, motion: MotionLaw) -> tuple[list[Jog], set[int]]:
 
 
 def _stands_still(motion: MotionLaw, jog: Jog) -> bool:
-    """Whether the path rests during a jog and the least dwells around it."""
+    """Return whether the path rests during a jog and the least dwells around it."""
     around = np.array([jog.start - NEARLY * DWELL, jog.end + NEARLY * DWELL])
     s, feed = motion.place_and_feed(around)
     return bool(np.all(feed == 0.0) and abs(s[1] - s[0]) <= SAME_PLACE)

@@ -380,7 +380,7 @@ def _joint_room(track: Track, limits: AxisLimits, piece: IntArray, feed: Array) 
 
 
 def _passed(joints: Joints) -> BoolArray:
-    """Which joints are run through: not corners, not the seam, not infinite curvature."""
+    """Return which joints are run through: not corners, not the seam, not infinite curvature."""
     smooth = (joints.angle <= SHARP_CORNER_RAD) & np.all(np.isfinite(joints.curvature_jump), axis=1)
     passed: BoolArray = smooth & (joints.after != 0)
     return passed

@@ -80,12 +80,12 @@ class MotionLaw:
 
     @property
     def ends_at_rest(self) -> bool:
-        """Whether the speed is zero at the end."""
+        """Return whether the speed is zero at the end."""
         return float(self.speeds[self.group[-1]][self.row[-1], -1]) == 0.0
 
     @property
     def begins_at_rest(self) -> bool:
-        """Whether the speed is zero at the beginning."""
+        """Return whether the speed is zero at the beginning."""
         return float(self.speeds[self.group[0]][self.row[0], 0]) == 0.0
 
     def phase_at(self, t: Array) -> IntArray:
@@ -187,7 +187,7 @@ class FeedAlong:
         return min(ends, float(inside.min())) if inside.size else ends
 
     def steady_sides(self, s: float, reach: float, least: float) -> tuple[float, float]:
-        """How far before and behind `s`, up to `reach`, the feed is at least `least` [m]."""
+        """Distances before and behind `s`, up to `reach`, on which the feed is at least `least` [m]."""
         i, centre, j = np.searchsorted(self.s, [s - reach, s, s + reach])
         before = np.flatnonzero(self.feed[i:centre] < least)
         after = np.flatnonzero(self.feed[centre:j] < least)

@@ -106,12 +106,12 @@ def corner_pause(axis: Axis) -> float:
 
 
 def may_shift(axis: Axis) -> bool:
-    """Whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
+    """Return whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
     return not axis.loop.encloses_backlash and axis.gap.lost_motion >= LEAST
 
 
 def approach_distance(gap: Gap) -> float:
-    """How far before the start of a cut an axis is approached from [m]."""
+    """Distance before the start of a cut from which an axis approaches it [m]."""
     return max(LOST_MOTIONS * gap.lost_motion, LEAST_APPROACH)
 
 
@@ -164,7 +164,7 @@ LEAST_FADE = 16
 
 
 class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What to add to a path.
+    """Offsets that are added to a path.
 
     `bias` [m] is the lasting offset at the beginning by axis; `lead` adds inverse dynamics, with `fade` only
     where the command keeps the limits.
@@ -351,7 +351,7 @@ def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> 
 
 
 def _broken(command: Command, machine: Machine, offset: Array) -> BoolArray:
-    """Which samples take part in a difference that breaks a limit."""
+    """Return which samples take part in a difference that breaks a limit."""
     position = command.position + offset
     before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
     padded = at_rest_before_and_after(position, before, after)

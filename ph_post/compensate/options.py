@@ -7,11 +7,11 @@ from typing import Literal
 import msgspec
 
 PlanOutput = Literal["table", "program"]
-"""What a plan can be written as."""
+"""The outputs that a plan can be written as."""
 
 
 class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """How to plan the feed.
+    """Options of a plan of the feed.
 
     Parameters
     ----------
@@ -59,5 +59,5 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def chosen_by_user(self) -> bool:
-        """Whether the depth of the profiles is the user's own."""
+        """True where the depth of the profiles is the user's own."""
         return self.ratio is not None or self.coefficients is not None

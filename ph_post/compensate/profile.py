@@ -182,7 +182,7 @@ def ramp_duration(change: float, acceleration: float, jerk: float, order: int) -
 
 
 def traversal_factor(factor: float, degree: int) -> float:
-    """How many times as long as constant feed the profile takes: (n + 1) / (n + f), section 5.1 of [1]_."""
+    """Ratio of the profile's time to that of constant feed: (n + 1) / (n + f), section 5.1 of [1]_."""
     return (degree + 1) / (degree + factor)
 
 

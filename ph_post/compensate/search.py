@@ -31,13 +31,13 @@ WEIGHT: Final = 2.0
 """Weight of the machine as the file has it against the worst case."""
 
 FINE: Final = 50.0
-"""How steeply the score of what is not allowed rises, so that the search finds back."""
+"""Slope of the score of designs that are not allowed, so that the search finds back."""
 
 WORST: Final = 0.2
 """Part of the error in the worst case that counts to a design's merit."""
 
 BETTER: Final = 0.97
-"""How much better a design must be than a quicker one to be a candidate beside it."""
+"""Ratio by which a design must be better than a quicker one to be a candidate beside it."""
 
 REST_PART: Final = 0.5
 """Part of the limits along the path with which a rest in the plain motion is reckoned."""
@@ -70,7 +70,7 @@ class TriedDesign(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class DesignBounds(msgspec.Struct, frozen=True, kw_only=True):
-    """What a design may do: the slowest speed [m/s], and whether the tool may move back."""
+    """The bounds of a design: the slowest speed [m/s], and whether the tool may move back."""
 
     slowest: float
     retrograde: bool = False

@@ -19,38 +19,8 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ph_post.geometry.bernstein import evaluate, integrate, subdivide
+from ph_post.geometry.bernstein import evaluate, integrate, lowest_value, subdivide, value_rounding
 from ph_post.types import Array, IntArray, ProfilePiece, ProfileShape, frozen
-
-_HALVINGS = 64
-"""More than enough: the distance between control polygon and graph falls fourfold each time."""
-
-
-def lowest_value(coefficients: Array) -> float:
-    """Smallest value on [0, 1], to rounding.
-
-    The control polygon bounds the graph; pieces that cannot hold the minimum are dropped, the others halved.
-
-    Examples
-    --------
-    >>> lowest_value(np.array([1.0, -1.0, 1.0]))
-    0.0
-    """
-    pieces = np.atleast_2d(np.asarray(coefficients, dtype=np.float64))
-    slack = value_rounding(coefficients)
-    best = float(pieces[:, [0, -1]].min())
-    for _ in range(_HALVINGS):
-        pieces = pieces[pieces.min(axis=-1) < best - slack]
-        if not pieces.size:
-            break
-        pieces = np.concatenate(subdivide(pieces))
-        best = min(best, float(pieces[:, [0, -1]].min()))
-    return best
-
-
-def value_rounding(coefficients: Array) -> float:
-    """How far rounding may move a value: n + 1 products of no more than the largest coefficient."""
-    return float(np.finfo(np.float64).eps * coefficients.size * np.abs(coefficients).max())
 
 
 def single(coefficients: ArrayLike) -> ProfileShape:
@@ -138,7 +108,7 @@ def middle_ratio(shape: ProfileShape) -> float:
 
 
 def reported_ratio(shape: ProfileShape) -> float:
-    """Say how deep a shape is: V(½) / V_c of one piece, the lowest V / V_c of several."""
+    """Depth of a shape: V(½) / V_c of one piece, the lowest V / V_c of several."""
     return middle_ratio(shape) if len(shape.pieces) == 1 else lowest(shape)
 
 
@@ -244,7 +214,7 @@ def extremes(shape: ProfileShape) -> tuple[float, float]:
 
 
 def is_non_negative(shape: ProfileShape) -> bool:
-    """Whether V >= 0 on the whole profile, but for rounding in the last digits.
+    """Return whether V >= 0 on the whole profile, but for rounding in the last digits.
 
     A look at the coefficients alone would be too strict: V_{n/2} may be far below 0 while V is not.
     """
@@ -252,5 +222,5 @@ def is_non_negative(shape: ProfileShape) -> bool:
 
 
 def rounding(shape: ProfileShape) -> float:
-    """How far rounding may move a value of V / V_c."""
+    """Bound of the rounding error of a value of V / V_c."""
     return max(value_rounding(piece.coefficients) for piece in shape.pieces)

@@ -58,7 +58,7 @@ def _scaled(limits: Limits, part: float) -> Limits:
 
 
 def _can_lead(machine: Machine, name: str, feed: float, part: float) -> bool:
-    """Whether a polynomial ramp over the time of the S-curve keeps an axis' limits with its lead."""
+    """Return whether a polynomial ramp over the time of the S-curve keeps an axis' limits with its lead."""
     axis = machine.axes[name]
     whole, limits = axis.limits, _scaled(axis.limits, part)
     if feed * limits.jerk <= limits.acceleration**2:
@@ -118,7 +118,7 @@ def _with_ramps(phases: Sequence[Phase], ramps: Sequence[tuple[int, int]]) -> tu
 
 
 def _holds(phases: Sequence[Phase], ramp: tuple[int, int], instants: Sequence[float]) -> bool:
-    """Whether one of the instants lies in a ramp, or within its length beside it."""
+    """Return whether one of the instants lies in a ramp, or within its length beside it."""
     start, last = phases[ramp[0]].start, phases[ramp[1] - 1]
     end = last.start + last.duration
     near = end - start
@@ -147,7 +147,7 @@ def _changes(phase: Phase) -> bool:
 
 
 def _is_symmetric(ramp: Sequence[Phase]) -> bool:
-    """Whether the mean speed is the mean of the ends, as that of the polynomial is."""
+    """Return whether the mean speed is the mean of the ends, as that of the polynomial is."""
     time = math.fsum(phase.duration for phase in ramp)
     way = math.fsum(phase.duration * float(phase.speed.mean()) for phase in ramp)
     mean = 0.5 * float(ramp[0].speed[0] + ramp[-1].speed[-1])

@@ -44,7 +44,7 @@ STEADY = 0.95
 """Part of the feed at the turning point that counts as the same feed."""
 
 REACH = 5.0
-"""How far one looks on either side, in seconds at the feed of the place."""
+"""Time on either side that is looked at, at the feed of the place [s]."""
 
 SAME_PLACE = 1e-9
 """Places along the path less than this [m] apart are one."""
@@ -154,7 +154,7 @@ CONSTANT: Final = shapes.single([1.0])
 
 
 class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What may be done at a turning point: a profile, and crossings counted from its middle [s].
+    """A change of the motion at a turning point: a profile, and crossings counted from its middle [s].
 
     `shape` None is the plain motion. `turn` is the share of the profile's way before the turning point. With
     `stop` the plain motion itself is to rest there.
@@ -169,7 +169,7 @@ class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What a design does: `error` (scenarios,) is the largest contour error [m], `rms` likewise.
+    """The result of a design: `error` (scenarios,) is the largest contour error [m], `rms` likewise.
 
     `use` is the largest part of a limit that the command takes, `longer` the time it adds [s], and `slowest`
     the least speed [m/s].

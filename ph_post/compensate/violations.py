@@ -39,7 +39,7 @@ class Violation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def rounding(extent: float, length: float, duration: float, speed: float) -> float:
-    """How far rounding may move one sampled position [m].
+    """Bound of the rounding error of a sampled position [m].
 
     A position of size `extent` [m] is a sum of some products, right to about four units in its last place; so
     is the arc length, up to `length` [m]; and time is counted up to `duration` [s], where half a unit in its

@@ -31,7 +31,7 @@ PICKUPS: Final[tuple[Pickup, ...]] = ("standstill", "momentum", "contact")
 
 
 class Assessment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What a command does on a machine, and on the others that its file leaves possible.
+    """The errors of a command on a machine, and on the others that its file leaves possible.
 
     `errors` holds one entry a scenario; None, there as elsewhere, where the motion is over before it counts.
     `error` is the largest at the file's values: the worse initial flank, and where the file leaves the
@@ -79,7 +79,7 @@ def assess(
     tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
     first = first_counted(command, machine)
     errors = contour_errors(command, machine, nominal, tried)
-    decides = _largest(errors, [k for k, one in enumerate(tried) if _is_nominal(one)] or range(1))
+    decides = _largest(errors, [k for k, one in enumerate(tried) if is_nominal(one)] or range(1))
     worst = _largest(errors, range(len(tried)))
     run, nearest = _measured(command, machine, nominal, tried[decides])
     without = _measured(command, machine, nominal, replace(tried[decides], gap=0.0))
@@ -124,7 +124,12 @@ def for_each_scenario(
     def measure(scenario: Scenario) -> T:
         return take(_measured(command, machine, nominal, scenario)[1].error[first:])
 
-    # The first alone, so that the engine is compiled once, and that is said once.
+    return run_scenarios(measure, tried)
+
+
+def run_scenarios(measure: Callable[[Scenario], T], tried: Iterable[Scenario]) -> tuple[T, ...]:
+    """Measure every scenario, side by side, in the order of `tried`."""
+    # The first alone, so that the engine is compiled once, and that is printed once.
     first_of_all, *others = tried
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         return (measure(first_of_all), *pool.map(measure, others))
@@ -198,7 +203,8 @@ def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
     return plant, first_flank(axis, scenario) if rests and (plant.gap or plant.widening) else 0
 
 
-def _is_nominal(scenario: Scenario) -> bool:
+def is_nominal(scenario: Scenario) -> bool:
+    """Return whether a scenario has the values of the machine file."""
     return scenario.gap == scenario.beta == scenario.gain == 1.0
 
 

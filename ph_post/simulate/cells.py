@@ -224,7 +224,7 @@ def _windows(cells: CellSpans, bend: Array, reach: Array) -> tuple[IntArray, Arr
 
 
 def _extend(joined: BoolArray, bend: Array, reach: Array) -> tuple[Array, Array, Array]:
-    """How many cells ahead belong to each cell's window; their largest bend, and their reach in all."""
+    """Count the cells ahead in each cell's window; return their largest bend and total reach too."""
     count, widest, total = np.zeros(bend.size), bend.copy(), reach.copy()
     for ahead in range(1, NEIGHBOURS + 1):
         rows = np.flatnonzero(joined[ahead - 1 :] & (count[:-ahead] == ahead - 1))

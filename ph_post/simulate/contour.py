@@ -17,7 +17,7 @@ from ph_post.simulate.nearest import find_nearest
 from ph_post.types import Array, Command, IntArray, Machine, TurningPoint
 
 TOLERANCE: Final = 1e-11
-"""How near the search's cubics are to the path [m]: a thousandth of what the simulation is held to."""
+"""Largest distance of the search's cubics from the path [m]: a thousandth of the simulation's tolerance."""
 
 SETTLING: Final = 5.0
 """Servo time constants after which a run counts: what the start left has fallen to exp(-5)."""

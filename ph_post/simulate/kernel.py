@@ -46,7 +46,7 @@ _ALL: Final = 15
 """Behind state and inputs, F and its rate: the part of g that is given from outside."""
 
 TABLE, PLAY, SPRING = 0, 1, 2
-"""What holds motor and table a gap apart while they touch: the table moves, the motor does, or either."""
+"""The body that holds motor and table a gap apart while they touch: the table, the motor, or either."""
 
 
 @inner
@@ -232,7 +232,7 @@ def _may_dip(
     length: float,
     plain: bool,
 ) -> bool:
-    """Whether a guard breaks at an end or between both, going by the cubic through them."""
+    """Return whether a guard breaks at an end or between both, going by the cubic through them."""
     for number in range(count):
         before, last = _value(guards, mode, number, y, plain), _value(guards, mode, number, after, plain)
         falls = length * _value(slopes, mode, number, y, plain)
@@ -248,7 +248,7 @@ def _may_dip(
 
 @inner
 def _is_forced(modes: ModeTables) -> bool:
-    """Whether a force of the state acts that is not linear in it."""
+    """Return whether a force of the state acts that is not linear in it."""
     return modes.static != 0.0 or modes.waves.shape[0] > 0
 
 

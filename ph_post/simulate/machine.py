@@ -77,7 +77,7 @@ AT_REST: Final = 1e-12
 NO_FORCE: Final = np.zeros(0)
 
 NOMINAL_SCENARIO: Final = Scenario()
-"""What the machine file says, and standstill and the flank "+" where it leaves that open."""
+"""The machine file's own values, with standstill and the side "+" where it leaves them open."""
 
 _FORWARD: Final = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / 12.0
 """First derivative at the first of five equidistant samples, of fourth order."""
@@ -132,7 +132,7 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = NOMINAL_SC
 
 
 class AxisCommand(NamedTuple):
-    """What one axis is commanded.
+    """The command of one axis.
 
     `position` (n,) [m], place and speed of the path at the beginning, and when that is [s]; `force` (n,) is
     what else resists the body that feels friction, linear between samples, F/K [m].

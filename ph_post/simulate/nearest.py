@@ -212,7 +212,7 @@ def _prefers(
     best_w: float,
     least: float,
 ) -> bool:
-    """Whether another place is nearer, or as near and nearer to the hint.
+    """Return whether another place is nearer, or as near and nearer to the hint.
 
     Within one minimum only the distance counts: about it, places √(2 d tie) apart are equally near.
     """
@@ -251,7 +251,7 @@ def _slope(x: float, y: float, z: float, w: float, cell: int, table: Array) -> t
 
 @inner
 def _foot(x: float, y: float, z: float, cell: int, w: float, table: Array) -> tuple[float, float]:
-    """Where a cell is nearest, w and distance, beginning at `w`."""
+    """Return the closest point of a cell, w and distance, beginning at `w`."""
     first, second, square = _slope(x, y, z, w, cell, table)
     # On a cell the distance grows by `reach` at most. Below half the radius of curvature it is convex.
     if not (math.sqrt(square) + table[cell, REACH]) * table[cell, BEND] < CONVEX:
@@ -268,7 +268,7 @@ def _foot(x: float, y: float, z: float, cell: int, w: float, table: Array) -> tu
 
 @inner
 def _foot_in_parts(x: float, y: float, z: float, cell: int, table: Array) -> tuple[float, float]:
-    """Where a cell is nearest, of all the minima that its parts hold."""
+    """Return the closest point of a cell, of all the minima that its parts hold."""
     slope, _, least = _slope(x, y, z, 0.0, cell, table)
     best = 0.0
     for part in range(1, PARTS + 1):
@@ -306,7 +306,7 @@ def _bracketed(x: float, y: float, z: float, low: float, high: float, cell: int,
 
 @inner
 def _is_left(x: float, y: float, cell: int, w: float, table: Array, loop: float) -> bool:
-    """Whether (x, y) is to the left of the direction of travel, or straight ahead or behind.
+    """Return whether (x, y) is to the left of the direction of travel, or straight ahead or behind.
 
     Where two cells meet the direction is the bisector: right of it is right of both, around a corner too.
     """

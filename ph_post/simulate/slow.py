@@ -70,14 +70,14 @@ def _wave(amplitude: float, period: float, phase: float) -> tuple[float, float, 
 
 
 def _holds(plant: Plant) -> int:
-    """Say what keeps motor and table a gap apart while they touch."""
+    """Name the body that keeps motor and table a gap apart while they touch."""
     if plant.windup_frequency:
         return kernel.SPRING
     return kernel.TABLE if plant.loop.encloses_backlash else kernel.PLAY
 
 
 NEGLIGIBLE: Final = 1e-9
-"""What the force of a part may be wrong by, F/K [m]; the table is off by no more than that."""
+"""Largest error of the force of a part, F/K [m]; the table is off by no more."""
 
 DEEPEST: Final = 10
 """Halvings of a sample after which a part is taken as it is: where a force jumps none is short enough."""
@@ -153,7 +153,7 @@ class SlowAxis:
         return end._replace(changes=half.changes + end.changes)
 
     def _agree(self, one: Reached, other: Reached, level: int) -> bool:
-        """Whether the forces that make the difference are negligible."""
+        """Return whether the forces that make the difference are negligible."""
         moving = self.modes[level].moving
         gained = abs(one.z[moving] - other.z[moving])
         return one.mode == other.mode and self.plant.b * gained <= NEGLIGIBLE * self.period / 2.0**level

@@ -69,7 +69,7 @@ class PlanningTask(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def windows(self) -> tuple[Window, ...]:
-        """Where the osculating circle stands for the path."""
+        """The windows in which the osculating circle stands for the path."""
         return self.analysis.windows
 
     @property
@@ -158,7 +158,7 @@ class Strategy(Protocol):
 
     @property
     def name(self) -> str:
-        """What the user types."""
+        """The name that the user types."""
 
     @property
     def summary(self) -> str:

@@ -27,7 +27,7 @@ BUILT_IN = {
     "suppress": "ph_post.compensate.strategies.suppress:STRATEGY",
     "takeup": "ph_post.compensate.strategies.takeup:STRATEGY",
 }
-"""What a source tree without installed metadata offers."""
+"""The strategies of a source tree without installed metadata."""
 
 
 def strategy_names() -> tuple[str, ...]:

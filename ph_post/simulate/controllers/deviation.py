@@ -7,9 +7,7 @@ from row to row, and the distance is taken to the stretch of path a little befor
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import msgspec
@@ -34,7 +32,7 @@ from ph_post.geometry.closest import (
     make_pieces,
     points_at,
 )
-from ph_post.simulate.assess import resting_axes, scenarios
+from ph_post.simulate.assess import is_nominal, resting_axes, run_scenarios, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.run import limit_table, programmed
@@ -52,17 +50,17 @@ def pieces_of(legs: Legs) -> Array:
 
 
 SLACK: Final = 1e-4
-"""What lies so far [m] before and behind the place that is meant always belongs to it."""
+"""Distance [m] before and behind a place that always belongs to it."""
 
 GAPS: Final = 2.0
 """So many times the largest gap may a command be off the path, and its place off the way travelled."""
 
 WIDE: Final = 0.02
-"""How far from the way travelled the place is looked for [m] where a corner is cut."""
+"""Distance from the way travelled within which a place is sought where a corner is cut [m]."""
 
 
 class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """How far a command leaves the path of a program while the tool cuts, as `assess` tells it of a path.
+    """Deviation of a command from the path of a program while the tool cuts, as `assess` measures it on a path.
 
     `errors` one a scenario, None where nothing is cut. `error` the largest at the file's values, with its
     `run` and, a row each, the `distance` of the table from the path [m] and whether it is `counted`: rapids
@@ -116,16 +114,16 @@ class CutPath:
         return follow_path(self._pieces, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
 
     def command_distance(self, command: Command, place: Array) -> Array:
-        """How far a command itself is from the path in every row [m]."""
+        """Return the distance of a command itself from the path in every row [m]."""
         position = self._in_space(command.axes, command.position)
         return closest_within(self._pieces, self.starts, position, place, np.full(len(position), SLACK))[0]
 
     def distance(self, run: Run, place: Array) -> Array:
-        """How far the table is from the path in every row of a run [m]."""
+        """Return the distance of the table from the path in every row of a run [m]."""
         return self.closest_points(run, place)[0]
 
     def closest_points(self, run: Run, place: Array) -> tuple[Array, Array]:
-        """How far the table is from the path in every row of a run [m], and from where along it [m]."""
+        """Return the distance of the table from the path in every row of a run [m], and the places along it [m]."""
         executed = self._in_space(run.axes, run.executed)
         return closest_within(self._pieces, self.starts, executed, place, SLACK + self._lag(run))
 
@@ -144,7 +142,7 @@ class CutPath:
         return np.asarray(np.interp(motion + share, known, places))
 
     def _lag(self, run: Run) -> Array:
-        """How far the table may be behind the command in every row [m]."""
+        """Return the distance that the table may be behind the command in every row [m]."""
         late = 2.0 * max(self._machine.axes[name].servo.c for name in run.axes)
         rows = 1 + math.ceil((late + settling_time(self._machine, run.axes)) / run.period)
         steps = np.sqrt((np.diff(run.commanded, axis=0, prepend=run.commanded[:1]) ** 2).sum(axis=1))
@@ -187,11 +185,9 @@ def program_error(
         distance = path.distance(run, place)
         return contour_error(distance[counted]), run, distance
 
-    first, *others = tried
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        errors = (measure(first)[0], *pool.map(lambda one: measure(one)[0], others))
+    errors = run_scenarios(lambda one: measure(one)[0], tried)
     sizes = [-1.0 if error is None else error.max for error in errors]
-    nominal = [k for k, one in enumerate(tried) if one.gap == one.beta == one.gain == 1.0] or [0]
+    nominal = [k for k, one in enumerate(tried) if is_nominal(one)] or [0]
     decides, worst = max(nominal, key=lambda k: sizes[k]), int(np.argmax(sizes))
     _, run, distance = measure(tried[decides])
     return ProgramError(

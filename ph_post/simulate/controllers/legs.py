@@ -15,7 +15,7 @@ from ph_post.gcode.program import CUBIC, NURBS, Motions, PartProgram
 from ph_post.types import Array
 
 STOP, TANGENT, BLEND, EXACT = range(4)
-"""How a leg ends: at rest; at speed, in the direction of the next; slowing down while the next one starts; at
+"""Ends of a leg: at rest; at speed, in the direction of the next; slowing down while the next one starts; at
 rest but where the next one goes on in its direction."""
 
 
@@ -145,7 +145,7 @@ def _directions(point: Array, tangent: Array) -> Array:
 
 
 def _joint(p: Array, q: Array, t: Array, u: Array) -> tuple[Array, Array]:
-    """Where the two arcs of a pair meet, and how they run there: both reach equally far to their corners."""
+    """Return the point where the two arcs of a pair meet, and their direction there; both reach equally far."""
     way = p - q
     c = float(way @ way)
     b = 2.0 * float(way @ (t + u))

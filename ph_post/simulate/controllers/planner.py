@@ -47,7 +47,7 @@ ALONG = 0.5
 """Share of the acceleration that is kept for the direction of travel in an arc."""
 
 ACROSS = math.sqrt(0.75)
-"""What is left towards the centre then."""
+"""Part of the acceleration that is left towards the centre then."""
 
 REVERSAL = (2.0 * math.pi / 180.0) ** 2
 """Squared length of the sum of two unit tangents below which a corner is a reversal, with a stop."""
@@ -71,7 +71,7 @@ LEAST_LENGTH = 1e-15
 """[m]: what is left at the end of a leg counts as nothing."""
 
 OFF_TANGENT = 1e-6
-"""How far an arc may be from its tangent where a rounding ends [m]; roundings are reckoned with tangents."""
+"""Largest distance of an arc from its tangent where a rounding ends [m]; roundings are reckoned with tangents."""
 
 LEAST_SPEED = 1e-11
 LEAST_TIME = 1e-12
@@ -253,7 +253,7 @@ def _rounding(
 
 @inner
 def _turns_in_plane(legs: Array, row: int, one: Array, two: Array) -> bool:
-    """Whether a leg lies in the plane of two directions."""
+    """Return whether a leg lies in the plane of two directions."""
     if legs[row, RADIUS] == 0.0:
         return True
     normal, axis, across = np.empty(3), np.empty(3), np.empty(3)

@@ -67,7 +67,7 @@ def linked_ends(starts: Array, ends: Array, linking: Array, feed: Array, flat: I
 
 @inner
 def _is_near(start: Array, ends: Array, first: int, last: int, tolerance: float) -> bool:
-    """Whether the ends of moves are within a tolerance of the line from `start` to the end of the last."""
+    """Return whether the ends of moves are within a tolerance of the line from `start` to the end of the last."""
     square = 0.0
     for k in range(3):
         square += (ends[last, k] - start[k]) ** 2
@@ -150,7 +150,7 @@ def _written(program: PartProgram, limits: Array) -> Legs:
 
 
 def _ends(program: PartProgram) -> tuple[Array, Array]:
-    """Where motions begin and end [m]; what is not known at the beginning is the machine's origin."""
+    """Return starts and ends of motions [m]; unknown coordinates at the beginning are the machine's origin."""
     start, end = program.motions.start, program.motions.end
     return np.nan_to_num(start), np.nan_to_num(end)
 
@@ -244,7 +244,7 @@ def _put_feeds(legs: Legs, program: PartProgram) -> None:
 
 
 def tolerances(program: PartProgram) -> Array:
-    """How far the corner behind each motion may be rounded [m]: as :func:`tolerance_of` says."""
+    """Return the rounding allowed at the corner behind each motion [m], see :func:`tolerance_of`."""
     found = np.array([tolerance_of(state.path, state.units) for state in program.modal] or [0.0])
     if not program.motions.block.size:
         return np.zeros(0)
@@ -320,7 +320,7 @@ DWELL: Final = 2
 """Periods that a dwell takes beyond its time."""
 
 SMOOTHING: Final = np.array([1.0, 5.0, 5.0, 1.0]) / 12.0
-"""What LinuxCNC's joints make of the planner's positions, by period: cubic interpolation, half way on."""
+"""Weights of the cubic interpolation that LinuxCNC's joints apply to the planner's positions, half a period on."""
 
 ROOM: Final = 1 << 16
 """Rows that are filled at a time."""
@@ -384,7 +384,7 @@ def _smoothed(position: Array) -> Array:
 
 
 def _beginning(legs: Array, count: int) -> Array:
-    """Where the first leg begins."""
+    """Return the beginning of the first leg."""
     if count == 0:
         return np.zeros(3)
     first: Array = legs[0]
