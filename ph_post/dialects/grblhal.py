@@ -1,7 +1,7 @@
 """grblHAL: Grbl's successor on 32-bit controllers, with longer lines, cubic splines and a larger planner.
 
 Where the facts are from, in grblHAL's own repository "core": README.md lists the words (G5 and G5.1, G61,
-G91.1 and no G90.1; G64 is there in gcode.c, but only with ENABLE_PATH_BLENDING, which config.h tells not to
+G91.1 and no G90.1; G64 is there in gcode.c, but only with ENABLE_PATH_BLENDING, which config.h says not to
 enable yet); protocol.h has a line buffer of 256 characters; motion_control.c computes in single precision,
 breaks an arc into chords with F times their number under G93, as Grbl does, and a G5 into moves that each
 would take the whole time of a G93; config.h has the steps of that.

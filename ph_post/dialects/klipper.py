@@ -37,7 +37,7 @@ _STILL: Final = frozenset(
     b" SET_HEATER_TEMPERATURE SET_INPUT_SHAPER SET_LED SET_PIN SET_PRESSURE_ADVANCE SET_PRINT_STATS_INFO"
     b" SET_TEMPERATURE_FAN_TARGET SET_VELOCITY_LIMIT TEMPERATURE_WAIT SET_RETRACTION".split()
 )
-"""Extended commands of which docs/G-Codes.md tells no motion and no change of the coordinates. All others,
+"""Extended commands that docs/G-Codes.md describes without motion or change of the coordinates. All others,
 and every macro of a user's, may move and change modes."""
 
 

@@ -89,7 +89,7 @@ def read_translated(
     texts : sequence of bytes
         The translation of each line, without line ends.
     remarks : mapping
-        What is not understood, by line (from 0); told in place of the translation's own note.
+        What is not understood, by line (from 0); noted in place of the translation's own note.
     in_place : bool
         Whether translations that are as long as their lines have their words at the same places.
 
@@ -145,7 +145,7 @@ def _placed(found: PartProgram, data: bytes, lines: PlaceArray, texts: Sequence[
     return WordTable(**{column: sealed(getattr(own, column)) for column in WordTable.__struct_fields__})
 
 
-def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
+def _notes(found: PartProgram, shown: Sequence[Note], remarks: Mapping[int, Remark]) -> tuple[Note, ...]:
     """Put in order the translation's notes on other lines, and a note for each stretch of one remark."""
     end = found.breaks[-1].block
     own: list[Note] = []
@@ -155,7 +155,7 @@ def _notes(found: PartProgram, told: Sequence[Note], remarks: Mapping[int, Remar
             own[-1] = replace(own[-1], last=number)
         else:
             own.append(Note(first=number, last=number, column=remark.column, what=remark.what))
-    others = [piece for note in told for piece in _without(note, remarks)]
+    others = [piece for note in shown for piece in _without(note, remarks)]
     return tuple(sorted([*own, *others], key=lambda note: note.first))
 
 
@@ -169,7 +169,7 @@ def _shown(note: Note, data: bytes, lines: PlaceArray) -> Note:
 
 
 def _without(note: Note, remarks: Mapping[int, Remark]) -> list[Note]:
-    """Stretches of a note between lines that are told otherwise."""
+    """Stretches of a note between lines that have remarks of their own."""
     pieces, first = [], None
     for number in range(note.first, note.last + 2):
         free = number <= note.last and number not in remarks

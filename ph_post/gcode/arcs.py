@@ -67,7 +67,7 @@ def _sweep(a0: float, a1: float, b0: float, b1: float, turns: int) -> Any:
 def solve_arcs(starts: Any, ends: Any, plane: Any, turns: Any, inches: Any, center: Any, angle: Any) -> Any:
     """Turn the words of arcs into centres and angles, in place: motion that is refused, why, both radii.
 
-    `turns` 0 are no arcs; `angle` has the R word [m] or NaN and `center` the centre [m] that I, J and K tell;
+    `turns` 0 are no arcs; `angle` has the R word [m] or NaN and `center` the centre [m] by I, J and K;
     `inches` whether G20 was in force.
     """
     for row in range(turns.size):

@@ -149,7 +149,7 @@ class _Assembly:
         self._mark(fit)
 
     def _mark(self, fit: PolylineFit) -> None:
-        """Tell on which piece of the track every straight move begins."""
+        """Note on which piece of the track every straight move begins."""
         first, last, number = np.array(self.piece_starts, dtype=np.int64).reshape(-1, 3).T
         shift = np.zeros(fit.kind.size, dtype=np.int64)
         on = np.concatenate([np.arange(a, b) for a, b in zip(first, last, strict=True)] or [first])

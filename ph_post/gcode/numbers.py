@@ -41,7 +41,7 @@ class Comments(msgspec.Struct, frozen=True, kw_only=True):
     allowed: frozenset[str] = ALLOWED
     upper: bool = False
 
-    def text(self, words: str) -> str:
+    def text(self, text: str) -> str:
         """Replace everything a controller could stumble over by an underscore.
 
         Examples
@@ -49,8 +49,8 @@ class Comments(msgspec.Struct, frozen=True, kw_only=True):
         >>> Comments().text("plate (2nd) – 50%!")
         'plate _2nd_ _ 50__'
         """
-        told = words.upper() if self.upper else words
-        return "".join(letter if letter in self.allowed else "_" for letter in told)
+        text = text.upper() if self.upper else text
+        return "".join(letter if letter in self.allowed else "_" for letter in text)
 
     def line(self, words: str) -> str:
         """Put words that may stand in a comment into one."""

@@ -121,7 +121,7 @@ def cut_cubics(
     ----------
     shape : TrackShape
     deviation : callable
-        How far the controller's rendering leaves cubics, see :class:`ph_post.dialects.base.Dialect`.
+        How far the controller's rendering leaves cubics, see :class:`ph_post.dialects.base.CubicAbility`.
     piece, s0, s1 : arrays, shape (m,)
         The runs: their pieces and their ends on the track [m], in the order of travel.
     least : Array, shape (m,)

@@ -34,7 +34,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     fixed : mapping of int to float
         Modes that no line changes, by column of a state (:mod:`ph_post.gcode.codes`).
     feed_known : bool
-        Whether a cut needs an F before it; if not, it is one whose feed the program does not tell.
+        Whether a cut needs an F before it; if not, it is one whose feed is not known.
     bound : callable or None
         ``bound(line)``: why the motion of a line cannot be divided, in words; empty where it can.
     read : callable or None
@@ -71,7 +71,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         return state
 
     def dwells(self, letter: NDArray[np.uint8], value: Array) -> tuple[IntArray, Array]:
-        """Rows of words that tell the time of a G4, where one stands beside them, and the times [s]."""
+        """Rows of words with the time of a G4, where one stands beside them, and the times [s]."""
         units = np.full(256, np.nan)
         for name, unit in self.dwell:
             units[ord(name)] = unit
@@ -168,7 +168,7 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `center` (m, 2) [m] of the plane's first and second axis, `angle` [rad] swept, positive from the first
     axis to the second, whole turns included; zeros for others.
     `control` the four control points (4, 3) [m] of cubics by motion, `nurbs` the NURBS. `feed` [m/s], 0 of
-    rapids, NaN where the program does not tell it (G95, no F); `duration` [s] of motions under G93, 0 of
+    rapids, NaN where the program does not have it (G95, no F); `duration` [s] of motions under G93, 0 of
     others. `exact` 1 where the controller stops at the end (G61, G61.1), 0 under G64 and where no path mode
     was given.
     """
@@ -275,11 +275,11 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.modal[self.state[block]] if block >= 0 else Modal()
 
     def dwells(self) -> tuple[PlaceArray, Array]:
-        """Lines of all G4, and the times that they tell [s], NaN where that is no plain number."""
+        """Lines of all G4, and their times [s], NaN where that is no plain number."""
         words = self.words
         seconds = np.full(self.blocks, np.nan)
-        told, times = self.language.dwells(words.letter, words.value)
-        seconds[words.block[told]] = times
+        rows, times = self.language.dwells(words.letter, words.value)
+        seconds[words.block[rows]] = times
         lines = words.block[(words.letter == ord("G")) & (words.value == 4.0)]
         return lines, seconds[lines]
 

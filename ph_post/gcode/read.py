@@ -71,7 +71,7 @@ _LETTERS: Final = {
     codes.UNSURE_MODE: "GXYZABCUVW",
     codes.DWELL_AXES: "XYZABCUVW",
 }
-"""Letters of the words that are meant where the letter tells."""
+"""Letters of the words that are meant where the letter decides."""
 _SHOWN: Final = 40
 """Characters of a word that a note shows."""
 _KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
@@ -348,8 +348,8 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, ProgramFault 
     row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
     fault = None
     if why:
-        told = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
-        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if told else ""
+        differ = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
+        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if differ else ""
         fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
     control, nurbs = drawn
     whole: dict[str, Any] = {

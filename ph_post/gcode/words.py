@@ -18,7 +18,7 @@ WIDTH = 100
 """Columns of a source line that are shown."""
 
 BINARY, LONG_LINE, NOT_UNDERSTOOD = 60, 61, 62
-"""Kinds of faults that are found in Python; the others are told by the compiled code."""
+"""Kinds of faults that are found in Python; the others come from the compiled code."""
 
 _TEXTS = {
     lexer.NO_NUMBER: ("letter without a number", "a number behind the letter"),
@@ -121,7 +121,7 @@ class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A program's text as words.
 
     `traits` (n,) has the bits of :mod:`lexer <ph_post.gcode.lexer>` for each line; `end` is the line
-    of the closing ``%``, the number of lines where there is none, or the line that `fault` tells of.
+    of the closing ``%``, the number of lines where there is none, or the line of `fault`.
     """
 
     lines: PlaceArray

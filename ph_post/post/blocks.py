@@ -179,7 +179,7 @@ class _BlockJoiner:
 
 
 def _open_boundaries(blocks: Blocks, shape: TrackShape) -> BoolArray:
-    """Tell where a block and the next may be one: no stop, reversal, dwell or end of rapids between them."""
+    """Find where a block and the next may be one: no stop, reversal, dwell or end of rapids between them."""
     way = np.sign(blocks.s1 - blocks.s0)
     place = shape.wrap(blocks.s1[:-1])
     near = np.searchsorted(shape.stops, [place - SNAP, place + SNAP])
@@ -343,7 +343,7 @@ def _with_places(blocks: Blocks, motion: MotionLaw, shape: TrackShape) -> Blocks
 
 
 def _with_curves(blocks: Blocks, shape: TrackShape, dialect: Dialect) -> Blocks:
-    """Make ramp blocks on one arc or polynomial that too, and lines of what decimals cannot tell from lines.
+    """Make ramp blocks on one arc or polynomial that too, and lines of what rounds to lines.
 
     In ramps chords would hold the tolerance as well, but LinuxCNC slows down where a chord meets an arc
     (measured: from 40 to 20 mm/s at the ends of a dip on R 20 mm), while arcs run into arcs at full speed.

@@ -128,7 +128,7 @@ def schedule_feeds(blocks: Blocks, motion: MotionLaw, feed: Array, digits: int) 
 
 
 def _changes(blocks: Blocks, motion: MotionLaw) -> BoolArray:
-    """Tell in which blocks the planned feed changes, steady ones that took a sliver of a ramp included."""
+    """Find in which blocks the planned feed changes, steady ones that took a sliver of a ramp included."""
     middle = 0.5 * (blocks.start + blocks.end)
     times = np.concatenate([blocks.start, middle, blocks.end])
     speed = motion.place_and_feed(times)[1].reshape(3, -1)
@@ -349,7 +349,7 @@ def _closest(marks: Sequence[float], loose: Set[float], least: float) -> int:
 def _spare(
     motion: MotionLaw, marks: Sequence[float], loose: Set[float], i: int, least: float
 ) -> tuple[int, list[float]]:
-    """Tell which of the marks `i` and `i` + 1 to take out, and where to put it instead."""
+    """Choose which of the marks `i` and `i` + 1 to take out, and where to put it instead."""
     if marks[i] in loose and marks[i + 1] in loose:
         without = [_error(motion, marks[k - 1], marks[k + 1]) for k in (i, i + 1)]
         return (i if without[0] <= without[1] else i + 1), []
@@ -408,6 +408,6 @@ def _travel(motion: MotionLaw, t0: float, t1: float) -> float:
 
 
 def _followed(motion: MotionLaw, times: Sequence[float]) -> bool:
-    """Tell whether cubics follow the feed between these instants, but for what is beside a rest."""
+    """Return whether cubics follow the feed between these instants, but for what is beside a rest."""
     fits = (fit_feed(motion, t0, t1) for t0, t1 in pairwise(times))
     return all(fit is None or fit.error <= AIM for fit in fits)

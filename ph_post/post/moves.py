@@ -91,7 +91,7 @@ def check_jogs(jogs: Sequence[Jog], dialect: Dialect) -> None:
 
 
 def with_jogs(blocks: Blocks, found: Jogs, axes: Sequence[str]) -> tuple[Blocks, CarriedOffset]:
-    """Cut dwells at the jogs in them, and tell the offset that is carried at every end of a block."""
+    """Cut dwells at the jogs in them, and find the offset that is carried at every end of a block."""
     begins = np.array([jog.start for jog in found.jogs])
     ends = np.array([jog.end for jog in found.jogs])
     rows: list[tuple[int, float, float, int]] = []

@@ -35,7 +35,7 @@ def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float) -> Arra
     ----------
     shape : TrackShape
     plan : Plan
-        Its turning points tell the first motion, its machine's lost motions how far; an axis the machine does
+        Its turning points give the first motion, its machine's lost motions how far; an axis the machine does
         not have counts as one without.
     s, end : float
         The cut, as places along the motion [m].
@@ -53,7 +53,7 @@ def first_directions(
     """Sign of each axis' first travel after `s`, 0 where there is none up to `end`.
 
     An axis rises up to a maximum and falls down to a minimum, however soon after the start that comes; where
-    it does not reverse, the ends tell.
+    it does not reverse, it follows from the ends.
     """
     origin, last = shape.positions(np.array([s, end]))
     senses: Array = np.where(np.abs(last - origin) > SNAP, np.sign(last - origin), 0.0)
@@ -88,7 +88,7 @@ def make_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOpt
     track : Track
         Of the plan's path.
     dialect : Dialect
-        See :func:`ph_post.dialects.registry.find_dialect`.
+        From :func:`ph_post.dialects.registry.find_dialect`.
     options : ProgramOptions, optional
 
     Returns

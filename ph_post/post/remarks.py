@@ -17,7 +17,7 @@ from ph_post.types import Array, FeedProfile, IntArray, Plan, Window
 from ph_post.units import MM, MM_PER_MIN, MS
 
 _DIGEST = 16
-"""So many hexadecimal digits of an input's hash: enough to tell inputs apart."""
+"""So many hexadecimal digits of an input's hash: enough to distinguish inputs."""
 
 
 def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:

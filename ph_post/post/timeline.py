@@ -108,7 +108,7 @@ def time_at(motion: MotionLaw, span: Span, s: float) -> float:
 
 
 def span_kind(speed: Array) -> SpanKind:
-    """Tell whether a speed in Bernstein form is constant, zero, or neither.
+    """Say whether a speed in Bernstein form is constant, zero, or neither.
 
     Examples
     --------

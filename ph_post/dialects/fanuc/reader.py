@@ -42,7 +42,7 @@ _DEFAULT_ORDER: Final = 4
 class NurbsBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A NURBS and its lines: `lines[j]` is that of span j, `curves` (order, control (k, 3) [m], weights).
 
-    `why` tells why it is not understood. `feed` is its F word, `first` and `last` are all its lines.
+    `why` is the reason why it is not understood. `feed` is its F word, `first` and `last` are all its lines.
     """
 
     first: int

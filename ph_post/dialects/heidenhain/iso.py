@@ -3,7 +3,7 @@
 Followed are G00 to G03 with X, Y, Z under G90 and G91, the circle's centre I, J, K, which lasts and is
 absolute, R, F, G29, G40 to G42, tools, M functions that are the same on every machine, G04 (dwell) and G62
 (tolerance). Datum shifts and turned frames are noticed (G53, G54, G28, G72, G73, G80, G247). Everything else
-is named and passed through, as in :mod:`ph_post.gcode.fronts.klartext`.
+is named and passed through, as in :mod:`ph_post.dialects.heidenhain.klartext`.
 """
 
 from __future__ import annotations

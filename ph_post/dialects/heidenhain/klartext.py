@@ -5,7 +5,7 @@ functions that are the same on every machine, cycles 9 (dwell) and 32 (tolerance
 frames are noticed (cycles 7, 8, 10, 11, 19, 26, 247, PLANE). Everything else is named and passed through:
 tangential arcs, polar coordinates, free contours, roundings and chamfers (with the move before them, whose
 end they cut off), Q parameters, calls of cycles and labels, and what a jump or a repeat may run twice. What
-the words mean is told in :mod:`ph_post.gcode.dialects.heidenhain`.
+the words mean stands in :mod:`ph_post.dialects.heidenhain.dialect`.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class _KlartextFollower:
         if cycle is not None:
             return self._cycle(int(cycle[1]), cycle[2], cycle[3], source)
         if re.match(r"Q[LRS]?\d+\s*=", source):
-            # parameters of a cycle stand on lines of their own; the cycle is told already
+            # parameters of a cycle stand on lines of their own; the cycle has its note already
             raise NotFollowed(self._remark or "Q parameter", source)
         if not source or source.startswith(("*", *_QUIET)) or re.match(r"LBL\b", source):
             return ""
@@ -137,8 +137,8 @@ class _KlartextFollower:
             return self.tnc.turned("PLANE", "RESET" not in source)
         if word == "STOP" or re.fullmatch(r"(?:M\s*\d+\s*)+", source):
             functions = [int(number) for number in _FUNCTION.findall(source)]
-            told = self.tnc.straight({}, rapid=False, feed="", functions=functions)
-            return joined("M0" if word == "STOP" else "", told)
+            text = self.tnc.straight({}, rapid=False, feed="", functions=functions)
+            return joined("M0" if word == "STOP" else "", text)
         what = "path function" if word in _OTHERS else "block delete" if word[0] == "/" else "unknown word"
         raise NotFollowed(what, source)
 

@@ -97,7 +97,7 @@ class Tnc:
         self.corrected = False
 
     def line(self, source: str, follow: Callable[[], str]) -> None:
-        """Follow a line; what is not understood is told, and the position forgotten."""
+        """Follow a line; what is not understood gets a note, and the position is forgotten."""
         try:
             text = follow()
         except NotFollowed as puzzle:
@@ -194,13 +194,13 @@ class Tnc:
         return joined(*call, rest)
 
     def shifted(self) -> str:
-        """Tell that the datum is another from here on."""
+        """Note that the datum is another from here on."""
         self.forget(AXES)
         self._pole = dict.fromkeys(AXES)
         return "G52"
 
     def turned(self, way: str, on: bool) -> str:
-        """Tell that the frame is turned, mirrored, scaled or tilted from here on, or no longer."""
+        """Note that the frame is turned, mirrored, scaled or tilted from here on, or no longer."""
         self.forget(AXES)
         (self._turned.add if on else self._turned.discard)(way)
         return "G68" if self._turned else "G69"
@@ -209,12 +209,12 @@ class Tnc:
         """Return the lines, each with the modes of RS274 wherever they are others, or may be lost."""
         texts, before = [], ""
         for text, state in zip(self.texts, self._states, strict=True):
-            told = text
+            line = text
             if text == NOT_UNDERSTOOD:
                 before = ""
             elif text and text != FORGOTTEN and state != before:
-                told, before = f"{state} {text}", state
-            texts.append(told)
+                line, before = f"{state} {text}", state
+            texts.append(line)
         return texts
 
     def corner(self, text: str) -> None:

@@ -43,7 +43,7 @@ G_WORDS: Final[Mapping[str, str]] = {
     "G461": "",
     "G462": "",
 }
-"""What G words are in RS274; those of measures (G90, G91), dwells and frames are told apart."""
+"""What G words are in RS274; those of measures (G90, G91), dwells and frames are read by themselves."""
 
 MOTIONS: Final = frozenset(("G0", "G1", "G2", "G3"))
 OTHER_MOTIONS: Final = frozenset(("ASPLINE", "BSPLINE", "CSPLINE", "CT", "INVCW", "INVCCW"))
@@ -287,8 +287,8 @@ def _computed(line: str, place: int) -> tuple[Word, int] | None:
     if found is None:
         return None
     end = _past(line, found.end(), until=" \t")
-    told = line[place:end]
-    word = Word(kind="computed", name=found[1].upper(), values=(), text=told, column=place + 1)
+    text = line[place:end]
+    word = Word(kind="computed", name=found[1].upper(), values=(), text=text, column=place + 1)
     return word, end
 
 
@@ -311,8 +311,8 @@ def _listed(found: re.Match[str], name: str, function: str, inside: str) -> tupl
     values = [part.strip() for part in inside.split(",")]
     if not all(_PLAIN.match(value) or not value for value in values):
         return _made(found, "computed", name, ())
-    told = tuple(plain_number(value) if value else "0" for value in values)
-    return _made(found, "number", name, told, function)
+    numbers = tuple(plain_number(value) if value else "0" for value in values)
+    return _made(found, "number", name, numbers, function)
 
 
 def _made(found: re.Match[str], kind: Kind, name: str, values: tuple[str, ...], function: str = "") -> tuple[Word, int]:

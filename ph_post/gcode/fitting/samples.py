@@ -90,7 +90,7 @@ def _stretches(points: Array, sharp: BoolArray) -> IntArray:
 
 @inner
 def _corners(node: IntArray, length: Array, turn: Array, sharp: BoolArray, tolerance: float) -> BoolArray:
-    """Tell which nodes are corners; the ends are."""
+    """Find which nodes are corners; the ends are."""
     m = len(length)
     corner = np.zeros(m + 1, dtype=np.bool_)
     corner[0] = corner[m] = True
@@ -136,7 +136,7 @@ def _leaves(
 
 @inner
 def _lines(points: Array, node: IntArray, length: Array, corner: BoolArray, tolerance: float) -> BoolArray:
-    """Tell which stretches are straight lines."""
+    """Find which stretches are straight lines."""
     m = len(length)
     line = np.zeros(m, dtype=np.bool_)
     for k in range(m):
@@ -203,7 +203,7 @@ def _mark(points: Array, tolerance: float, sharp: BoolArray) -> tuple[BoolArray,
 
 
 def mark_corners(points: Array, tolerance: float, sharp: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Tell corners from samples of a curve, and straight lines from its chords.
+    """Distinguish corners from samples of a curve, and straight lines from its chords.
 
     Parameters
     ----------
