@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ph_post.api.checks import diff, rehearse, verify
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
-    from ph_post.diff.records import Comparison
+    from ph_post.diff.compare import Comparison
     from ph_post.errors import InputError, PhPostError
     from ph_post.gcode.program import PartProgram
     from ph_post.types import Log, Machine, Path
@@ -54,7 +54,7 @@ _HOMES: Final = {
     "api.checks": ("diff", "rehearse", "verify"),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
-    "diff.records": ("Comparison",),
+    "diff.compare": ("Comparison",),
     "errors": ("InputError", "PhPostError"),
     "gcode.program": ("PartProgram",),
     "types": ("Log", "Machine", "Path"),

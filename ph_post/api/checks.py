@@ -7,7 +7,7 @@ from typing import Final
 from ph_post.api.inputs import TOLERANCE, Source, any_machine
 from ph_post.dialects.registry import find_dialect
 from ph_post.diff import compare
-from ph_post.diff.records import Comparison
+from ph_post.diff.compare import Comparison
 from ph_post.drive.axes import check_axes
 from ph_post.edit.inputs import read_program_file, read_program_pair
 from ph_post.edit.undo import original_of

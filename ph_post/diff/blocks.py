@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
 
 from ph_post.diff.alignment import align, gaps_of, hash_columns
-from ph_post.diff.records import BlockChange, BlockKind, CommandChange
-from ph_post.diff.travel import ComparedPaths
+from ph_post.diff.travel import ComparedPaths, Span
 from ph_post.gcode.program import Modal, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 
@@ -22,6 +21,28 @@ _WRITING: Final = re.compile(rb"\([^)]*\)|;.*|[ \t\r\n]+|^N\d+", re.IGNORECASE |
 
 _ODD: Final = re.compile(rb"[/#\[\]%<>]|^[ \t]*(?:N\d+)?[ \t]*O", re.IGNORECASE | re.MULTILINE)
 """Blocks with these are compared as text: block delete, parameters, expressions, control flow, `%`."""
+
+
+BlockKind = Literal["changed", "added", "removed", "writing"]
+
+
+class BlockChange(msgspec.Struct, frozen=True, kw_only=True):
+    """Neighbouring blocks that differ; `writing` where only comments, blanks, N words or spelling do."""
+
+    kind: BlockKind
+    a: Span
+    b: Span
+
+
+class CommandChange(msgspec.Struct, frozen=True, kw_only=True):
+    """A command other than a motion that only one program has, or both at different places.
+
+    `what` in words; `a` and `b` the block in either program, None where it is not there.
+    """
+
+    what: str
+    a: int | None
+    b: int | None
 
 
 def compare_blocks(a: PartProgram, b: PartProgram) -> tuple[BlockChange, ...]:

@@ -7,11 +7,18 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.diff.blocks import compare_blocks, compare_commands
+from ph_post.diff.blocks import BlockChange, CommandChange, compare_blocks, compare_commands
 from ph_post.diff.curves import curve_table
-from ph_post.diff.feeds import PathTiming, compare_feeds, compare_times, programmed_timing
-from ph_post.diff.records import Comparison, Deviation, Span, Timing
-from ph_post.diff.travel import ComparedPaths, compare_paths, largest_deviation, refine_deviations
+from ph_post.diff.feeds import (
+    FeedChange,
+    PathTiming,
+    TimeChange,
+    Timing,
+    compare_feeds,
+    compare_times,
+    programmed_timing,
+)
+from ph_post.diff.travel import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
 from ph_post.edit.header import Declaration, read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
@@ -22,6 +29,56 @@ from ph_post.simulate.controllers.deviation import moving_axes, program_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, Command, IntArray, Machine
 from ph_post.units import MINUTE, MM
+
+
+class Deviation(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch on which the tool paths are apart: blocks, way travelled, how far [m], where [m].
+
+    `worst` says on which of the paths the place `where` is, 0 or 1, and `block` the block there.
+    """
+
+    a: Span
+    b: Span
+    s_a: tuple[float, float]
+    s_b: tuple[float, float]
+    amount: float
+    worst: int
+    block: int
+    where: tuple[float, float, float]
+
+
+class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Two programs compared, `programs`.
+
+    `identical` byte for byte; `travel` the paths, `deviations`, `feeds`, `times`, `orders` what differs along
+    them, `retimed` whether feeds and dwells ask for other times. `max_deviation` [m] is None where one of the
+    programs has no motion. `declared` says what the programs say of their own compensation; `undone` [m] how
+    far they are apart without it, None where none is declared. `errors` are the predicted contour errors,
+    None where they were not asked for or not found.
+    """
+
+    programs: tuple[PartProgram, PartProgram]
+    identical: bool
+    tolerance: float
+    blocks: tuple[BlockChange, ...]
+    travel: ComparedPaths
+    max_deviation: float | None
+    deviations: tuple[Deviation, ...]
+    feeds: tuple[FeedChange, ...]
+    timing: tuple[Timing, Timing]
+    times: tuple[TimeChange, ...]
+    retimed: bool
+    orders: tuple[CommandChange, ...]
+    declared: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    undone: float | None = None
+    errors: tuple[ContourError | None, ContourError | None] | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def same(self) -> bool:
+        """True where a machine does the same with both: path, feed, time, and everything beside them."""
+        apart = self.max_deviation is None and len(self.travel.gaps) > 0
+        return not (apart or self.deviations or self.feeds or self.retimed or self.orders)
 
 
 class DeclaredProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
 
 from ph_post.diff.curves import CurveTable
-from ph_post.diff.records import FeedChange, Span, TimeChange, Timing
-from ph_post.diff.travel import ComparedPaths, PathSamples
+from ph_post.diff.travel import ComparedPaths, PathSamples, Span
 from ph_post.gcode.program import RAPID, PartProgram, runs
 from ph_post.types import Array, IntArray
 
@@ -24,6 +23,42 @@ SAME_TIME: Final = 1e-9
 
 SAME_PERIODS: Final = 0.01
 """The same as a controller runs it [s]: where it does not stop, a motion ends in one period or another."""
+
+
+class FeedChange(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch on which the feeds differ: lowest and highest of both [m/s], and of their ratio b to a.
+
+    None for rapid moves and without an F.
+    """
+
+    a: Span
+    b: Span
+    s_a: tuple[float, float]
+    feed_a: tuple[float, float] | None
+    feed_b: tuple[float, float] | None
+    ratio: tuple[float, float] | None
+
+
+class TimeChange(msgspec.Struct, frozen=True, kw_only=True):
+    """A stretch that takes another time [s]."""
+
+    a: Span
+    b: Span
+    time_a: float
+    time_b: float
+
+
+class Timing(msgspec.Struct, frozen=True, kw_only=True):
+    """The time that a program takes [s].
+
+    `model` says how that was found. `rapids` is None where their speed is not known and they do not count.
+    """
+
+    total: float
+    cutting: float
+    dwells: float
+    rapids: float | None
+    model: Literal["controller", "length over feed"]
 
 
 class PathTiming(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -30,6 +30,10 @@ FINER: Final = 32
 """Points that are tried around the sample that is farthest off."""
 
 
+Span = tuple[int, int]
+"""First and last block; the last is before the first where there is none: it would stand before the first."""
+
+
 class Samples(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Samples of a path in some stretches of it, n of them, in the order of travel.
 

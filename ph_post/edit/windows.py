@@ -176,7 +176,10 @@ def plan_windows(
     plans: list[WindowPlan] = []
     for part, chosen in zip(parts, _shared_out(options, parts), strict=True):
         where = _where(program, part.path)
-        made = _planned(part, chosen, tolerance, prefixed(progress, where))
+        report = prefixed(progress, where)
+        analysis = analyse(part.path.path, part.machine, tolerance)
+        report("planning")
+        made = WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, chosen, report))
         done = place_plan(program.motions, part.path, made.plan, block_time, partial(why_kept_whole, program))
         stops += done.stops
         dips += done.dips
@@ -251,7 +254,7 @@ def _where(program: PartProgram, path: ProgramPath) -> str:
 
 
 def shifts_axes(options: PlanOptions) -> bool:
-    """Whether axes behind their loop get a lasting offset."""
+    """Return true where axes whose backlash is outside the loop get an offset."""
     return find_traits(options.strategy).shifts_axes and not options.feed_only
 
 
@@ -267,12 +270,6 @@ def planned_machine(machine: Machine, path: Path, options: PlanOptions) -> Machi
         for name, axis in machine.axes.items()
     }
     return replace(machine, axes=axes)
-
-
-def _planned(part: _Part, options: PlanOptions, tolerance: float, progress: Progress) -> WindowPlan:
-    analysis = analyse(part.path.path, part.machine, tolerance)
-    progress("planning")
-    return WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, options, progress))
 
 
 def _reasons(program: PartProgram) -> dict[int, str]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from ph_post.diff.compare import Comparison
 from ph_post.diff.curves import ANGLE, ORDER, CurveTable
-from ph_post.diff.records import Comparison
 from ph_post.diff.travel import ComparedPaths, PathSamples
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.geometry.closest import points_at

@@ -8,8 +8,10 @@ from typing import Any, Final
 import click
 import msgspec
 
-from ph_post.diff.blocks import lines_of
-from ph_post.diff.records import BlockChange, CommandChange, Comparison, Deviation, FeedChange, Span, Timing
+from ph_post.diff.blocks import BlockChange, CommandChange, lines_of
+from ph_post.diff.compare import Comparison, Deviation
+from ph_post.diff.feeds import FeedChange, Timing
+from ph_post.diff.travel import Span
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.report.simulations import error_view

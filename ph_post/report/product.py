@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ph_post.api.measurements import LogDiagnosis
-    from ph_post.diff.records import Comparison
+    from ph_post.diff.compare import Comparison
 
 
 class ReportProduct(msgspec.Struct, frozen=True, kw_only=True, eq=False):
