@@ -18,7 +18,7 @@ from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.header import Declaration, declare, read_declaration
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.undo import original_of
-from ph_post.edit.windows import WindowPlan, plan_windows, shifts_axes
+from ph_post.edit.window_plans import WindowPlan, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from ph_post.diff.alignment import align, gaps_of, hash_columns
-from ph_post.diff.travel import ComparedPaths, Span
+from ph_post.diff.paths import ComparedPaths, Span
 from ph_post.gcode.program import Modal, PartProgram
 from ph_post.types import Array, BoolArray, IntArray
 

@@ -18,7 +18,7 @@ from ph_post.diff.feeds import (
     compare_times,
     programmed_timing,
 )
-from ph_post.diff.travel import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
+from ph_post.diff.paths import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
 from ph_post.edit.header import Declaration, read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from ph_post.diff.curves import CurveTable
-from ph_post.diff.travel import ComparedPaths, PathSamples, Span
+from ph_post.diff.paths import ComparedPaths, PathSamples, Span
 from ph_post.gcode.program import RAPID, PartProgram, runs
 from ph_post.types import Array, IntArray
 

@@ -11,17 +11,6 @@ from msgspec.structs import replace
 from ph_post.compensate.offsets import DWELL, PART, corner_pause, make_jog, may_shift
 from ph_post.compensate.plan_warnings import friction_warnings, round_up, varying_backlash_warnings
 from ph_post.dialects.base import Dialect
-from ph_post.edit.directions import (
-    CARRIED,
-    CHAIN,
-    MOTION,
-    PASSED,
-    SHARE,
-    SIGN,
-    chain_spans,
-    find_reversals,
-    motion_view,
-)
 from ph_post.edit.edits import EditOptions, Edits, OffsetShift, StopEdit, merge_edits
 from ph_post.edit.preconditions import (
     blocked_chains,
@@ -34,6 +23,7 @@ from ph_post.edit.preconditions import (
     why_indivisible,
     why_not_editable,
 )
+from ph_post.edit.reversals import CARRIED, CHAIN, MOTION, PASSED, SHARE, SIGN, chain_spans, find_reversals, motion_view
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.run import moved_axes

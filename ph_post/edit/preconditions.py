@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.dialects.base import Dialect
 from ph_post.edit.block_words import words_by_letter
-from ph_post.edit.directions import chain_spans
+from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import split_cubic
 from ph_post.gcode.paths import line_words

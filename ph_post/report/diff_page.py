@@ -9,7 +9,7 @@ import numpy as np
 
 from ph_post.diff.compare import Comparison
 from ph_post.diff.curves import ANGLE, ORDER, CurveTable
-from ph_post.diff.travel import ComparedPaths, PathSamples
+from ph_post.diff.paths import ComparedPaths, PathSamples
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.geometry.closest import points_at
 from ph_post.report.diffs import Programs, diff_summary, page_view

@@ -11,7 +11,7 @@ import msgspec
 from ph_post.diff.blocks import BlockChange, CommandChange, lines_of
 from ph_post.diff.compare import Comparison, Deviation
 from ph_post.diff.feeds import FeedChange, Timing
-from ph_post.diff.travel import Span
+from ph_post.diff.paths import Span
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.report.simulations import error_view

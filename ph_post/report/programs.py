@@ -12,7 +12,7 @@ from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.programs import CompensatedProgram, Performance, ProgramOutcome
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
-from ph_post.edit.windows import WindowPlan
+from ph_post.edit.window_plans import WindowPlan
 from ph_post.files.check import counted
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, Motions, PartProgram

@@ -5,7 +5,6 @@ from __future__ import annotations
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import MM
-from ph_post.verify.course import check_direction, check_path
 from ph_post.verify.declared import DeclaredChanges, VerifyCase, pair_lines, read_declared
 from ph_post.verify.offsets import (
     check_amounts,
@@ -17,6 +16,7 @@ from ph_post.verify.offsets import (
     check_stops,
 )
 from ph_post.verify.pairing import pair_motions
+from ph_post.verify.path import check_direction, check_path
 from ph_post.verify.states import check_breaks, check_commands, check_dwells, check_states
 from ph_post.verify.text import check_text
 from ph_post.verify.verdict import Findings, Verdict, quoted

@@ -11,7 +11,7 @@ from support.tape import Tape
 
 from ph_post.analysis.certification import certify
 from ph_post.analysis.turning_points import find_turning_points
-from ph_post.edit.windows import divide
+from ph_post.edit.window_plans import divide
 from ph_post.errors import InputError
 from ph_post.gcode.paths import ProgramPath, left_out, main_path, paths_of
 from ph_post.geometry.track import Track

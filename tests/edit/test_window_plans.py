@@ -14,7 +14,7 @@ from ph_post.compensate.offsets import DWELL, LEAST
 from ph_post.compensate.options import PlanOptions
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import DipEdit
-from ph_post.edit.windows import WindowEdits, plan_windows, planned_machine
+from ph_post.edit.window_plans import WindowEdits, plan_windows, planned_machine
 from ph_post.gcode.paths import paths_of
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program

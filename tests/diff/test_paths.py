@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from support.outlines import MM, Tool
 
 from ph_post.diff.curves import curve_table
-from ph_post.diff.travel import compare_paths, refine_deviations
+from ph_post.diff.paths import compare_paths, refine_deviations
 from ph_post.gcode.program import LINE, NURBS
 from ph_post.gcode.read import read_program
 

@@ -16,9 +16,9 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.drive.axes import has_backlash, with_gap
-from ph_post.edit.directions import chain_spans
 from ph_post.edit.edits import DipEdit, Edits, StopEdit
 from ph_post.edit.preconditions import blocked_chains, why_kept_whole, why_not_editable
+from ph_post.edit.reversals import chain_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
 from ph_post.gcode.paths import SAME_PLACE, ProgramPath, line_words
 from ph_post.gcode.program import PartProgram
