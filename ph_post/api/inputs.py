@@ -18,7 +18,7 @@ from ph_post.dialects.reading import read_again_as, read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive import machinefile
 from ph_post.drive.axes import check_axes
-from ph_post.drive.effects import ignored_effects, unmoved_axes
+from ph_post.drive.effects.active import ignored_effects, unmoved_axes
 from ph_post.drive.intervalfile import read_intervals
 from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
 from ph_post.edit.inputs import read_input, read_program_file

@@ -13,7 +13,7 @@ from ph_post.analysis.path_analysis import Analysis, IntervalSource, analyse
 from ph_post.compensate.options import PlanOptions, PlanOutput
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes
-from ph_post.drive.effects import ignored_effects, unmoved_axes
+from ph_post.drive.effects.active import ignored_effects, unmoved_axes
 from ph_post.drive.intervalfile import read_intervals
 from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
 from ph_post.drive.machinefile import read_machine

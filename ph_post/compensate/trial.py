@@ -21,7 +21,7 @@ from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import FeedAlong
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
 from ph_post.compensate.violations import asked_of_motor, usage
-from ph_post.drive.effects import plant_of
+from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import TRUE_READING, Plant, read_table
 from ph_post.geometry.track import Track
 from ph_post.simulate.contour import Nominal

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.drive.effects import active_effects, plant_of
-from ph_post.drive.plant import gap_at
+from ph_post.drive.effects.active import active_effects, plant_of
+from ph_post.drive.plant import base_plant, gap_at
 from ph_post.errors import InputError
-from ph_post.types import Array, Axis, EffectSetting, Machine, Scenario, TurningPoint
+from ph_post.types import Array, Axis, Machine, Scenario, TurningPoint
 
 
 def backlash_varies(axis: Axis) -> bool:
@@ -42,10 +42,9 @@ def with_gap(axis: Axis, lost_motion: float) -> Axis:
     gap = replace(axis.gap, lost_motion=lost_motion)
     if gap.motor_angle is not None and gap.gear_ratio is not None and gap.travel_per_rad is not None:
         gap = replace(gap, motor_angle=lost_motion * gap.gear_ratio / gap.travel_per_rad)
+    plain = base_plant(axis, Scenario())
     widening = {
-        one.effect.name
-        for one in active_effects(axis)
-        if plant_of(replace(axis, effects=_named(axis, one.effect.name)), Scenario()).widening is not None
+        one.effect.name for one in active_effects(axis) if one.effect.apply(plain, one.values).widening is not None
     }
     return replace(axis, gap=gap, effects=tuple(one for one in axis.effects if one.name not in widening))
 
@@ -63,10 +62,6 @@ def sized_machine(machine: Machine, points: Sequence[TurningPoint]) -> Machine:
             gap = float(np.mean(gaps_of(axis, places))) if places.size else axis.gap.lost_motion
             axes[name] = with_gap(axis, gap)
     return machine if axes == dict(machine.axes) else replace(machine, axes=axes)
-
-
-def _named(axis: Axis, name: str) -> tuple[EffectSetting, ...]:
-    return tuple(one for one in axis.effects if one.name == name)
 
 
 def check_axes(axes: Sequence[str], what: str, drives: Machine, machine: str) -> None:

@@ -27,7 +27,7 @@ from ph_post.geometry.piecewise import (
     require,
     require_length,
 )
-from ph_post.types import Array, frozen
+from ph_post.types import frozen
 from ph_post.units import MM
 
 ROUNDING: Final = 4.0 * float(np.finfo(np.float64).eps)
@@ -77,7 +77,8 @@ class Arc(PiecewiseCurve):
         self._require_plane()
         self.radius = self._mean_radius()
         self.full = bool(np.linalg.norm(self.end - self.start) <= MEETS)
-        self.first_angle = _angle(self.start - self.center)
+        ray = self.start - self.center
+        self.first_angle = math.atan2(ray[1], ray[0])
         self.sweep = self._sweep()
         self._exact = exact
         control = np.zeros((3, len(self.start)))
@@ -121,10 +122,6 @@ class Arc(PiecewiseCurve):
         a, b = (self.start - self.center)[:2], (self.end - self.center)[:2]
         between = sense * math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
         return sense * (between if between > 0.0 else between + math.tau)
-
-
-def _angle(ray: Array) -> float:
-    return math.atan2(ray[1], ray[0])
 
 
 class Composite(PiecewiseCurve):

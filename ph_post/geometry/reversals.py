@@ -11,22 +11,18 @@ where a rising and a falling stretch follow each other, with or without a stands
 from __future__ import annotations
 
 from itertools import groupby
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, cast
 
 import msgspec
 import numpy as np
 
 from ph_post.geometry import bernstein, exact_polynomials
 from ph_post.geometry.ph import HODOGRAPHS, PH
-from ph_post.geometry.piecewise import ExactPiece, Group
+from ph_post.geometry.piecewise import ExactPiece, Group, PiecewiseCurve
 from ph_post.geometry.root_isolation import EPS, find_roots
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, join_rows, take
 from ph_post.units import MM
-
-if TYPE_CHECKING:
-    from ph_post.geometry.piecewise import PiecewiseCurve
-
 
 STILL: Final = 1e-9 * MM
 """An axis that travels less than this on a piece stands still there [m]: a hundredth of an atom."""

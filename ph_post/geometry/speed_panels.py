@@ -282,17 +282,14 @@ def _settled(
         return done
     ends = family.end_speed(work.forms)
     # A cusp between an end and the next node shows nowhere else than at that end.
-    missed = np.abs(_ends(family.node_count) @ modes - ends).max(axis=0)
+    # The rows are Legendre polynomials at -1 and 1.
+    at_ends = np.stack([(-1.0) ** np.arange(family.node_count), np.ones(family.node_count)])
+    missed = np.abs(at_ends @ modes - ends).max(axis=0)
     done &= missed * family.nodes[0] * width <= allowed
     if own_tail > 0.0:
         lowest = np.minimum(speed.min(axis=0), ends.min(axis=0))
         done |= (tail <= own_tail * modes[0]) & (lowest > LOW * speed.max(axis=0))
     return done
-
-
-def _ends(count: int) -> Array:
-    """Legendre polynomials at -1 and 1, shape (2, count)."""
-    return np.stack([(-1.0) ** np.arange(count), np.ones(count)])
 
 
 def _cut(family: SpeedFamily, work: _UnresolvedPanels, speed: Array | None) -> _UnresolvedPanels:

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.drive.effects import plant_of
+from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import Plant, following_error, read_table
 from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
 from ph_post.types import Array, Axis, AxisLog, BoolArray, Log

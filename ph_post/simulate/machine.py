@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from ph_post.compiling import read_only
 from ph_post.drive.automaton import STATES, Key
-from ph_post.drive.effects import plant_of
+from ph_post.drive.effects.active import plant_of
 from ph_post.drive.hybrid import Automaton, build_automaton
 from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, table_behind
 from ph_post.simulate import kernel

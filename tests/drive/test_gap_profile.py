@@ -21,7 +21,7 @@ from support.engine_cases import (
     reference,
 )
 
-from ph_post.drive.effects import plant_of
+from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import GapProfile, Plant, gap_at, table_behind
 from ph_post.simulate.assess import scenarios
 from ph_post.simulate.machine import AxisCommand, run_plant, simulate

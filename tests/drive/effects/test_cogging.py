@@ -23,7 +23,7 @@ from support.engine_cases import (
     reference,
 )
 
-from ph_post.drive.effects import plant_of
+from ph_post.drive.effects.active import plant_of
 from ph_post.simulate import kernel
 from ph_post.simulate.machine import AxisCommand, run_plant, simulate
 from ph_post.simulate.slow import level_for, modes_of

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from ph_post.drive.effects import active_effects, ignored_effects, plant_of
+from ph_post.drive.effects.active import active_effects, ignored_effects, plant_of
 from ph_post.drive.effects.base import MILLIMETRE, Effect, EffectFault, Parameter
 from ph_post.drive.effects.registry import BUILT_IN, CATALOGUE, GROUP, effect_names, find_effect
 from ph_post.drive.machinefile import read_machine
