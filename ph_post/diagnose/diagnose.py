@@ -94,12 +94,6 @@ def _pooled(noise: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
 
 
-def _floor(outcomes: Sequence[AxisDiagnosis]) -> float:
-    """Noise of all position channels together."""
-    seen = [one for outcome in outcomes for one in outcome.choice.problem.observed]
-    return _pooled([one.noise for one in seen if one.channel != "force"])
-
-
 def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequence[AxisDiagnosis]) -> Diagnosis:
     findings: list[Finding] = []
     for outcome, told in zip(outcomes, explain(log, machine, quality, outcomes), strict=True):
@@ -107,7 +101,8 @@ def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequenc
     findings = [_unknown_side(log, one) for one in findings]
     before = [_file_residuals(outcome) for outcome in outcomes]
     steps = _steps(outcomes, before)
-    floor = _floor(outcomes)
+    seen = [one for outcome in outcomes for one in outcome.choice.problem.observed]
+    floor = _pooled([one.noise for one in seen if one.channel != "force"])
     verdict = _verdict(outcomes, findings, floor, steps)
     if verdict == "unknown":
         findings, steps = [], steps[:1]

@@ -20,7 +20,7 @@ from ph_post.diagnose.sentences import best_phrase, length
 from ph_post.identify.free_run import ObservedChannel, correlation_inflation, mean_square, residuals
 from ph_post.identify.linear_drive import AxisMotion, motion_of
 from ph_post.testprograms.experiments import next_experiment
-from ph_post.types import Array, BoolArray, Log, Machine
+from ph_post.types import Array, Log, Machine
 from ph_post.types.diagnosis import Channel, Experiment, Finding, LogQuality, ResidualPlace, Verdict
 
 MOVED: Final = 0.5
@@ -39,7 +39,7 @@ FIELDS: Final = {
 """Base values as a sentence names them."""
 
 OF_THE_RECORD: Final = ("needs ", "only a reading", "with one axis", "not beside")
-"""What the reasons say that lie with the record, and not with the machine."""
+"""Words of the reasons that lie with the log, and not with the machine."""
 
 
 class Explanation(NamedTuple):
@@ -185,15 +185,12 @@ def _shifted(outcome: AxisDiagnosis) -> Iterator[str]:
         use = problem.counted & one.ok
         shift = float(np.mean(held[one.channel][use]))
         left: dict[Channel, Array] = {one.channel: held[one.channel] - shift}
-        worth = np.count_nonzero(use) / _fewer(outcome, one, left, use)
+        worth = np.count_nonzero(use) / correlation_inflation(
+            replace(outcome.choice.problem, observed=(one,)), left, use
+        )
         error = float(np.sqrt(mean_square(left[one.channel], use) / worth))
         if abs(shift) > max(SURE * error, 0.5 * one.noise):
             yield f"{problem.axis.name}_{one.channel} by {length(shift)}"
-
-
-def _fewer(outcome: AxisDiagnosis, one: ObservedChannel, left: Mapping[Channel, Array], use: BoolArray) -> float:
-    """By how much fewer independent samples a channel has than samples."""
-    return correlation_inflation(replace(outcome.choice.problem, observed=(one,)), left, use)
 
 
 def _left(log: Log, outcome: AxisDiagnosis, remaining: Sequence[ResidualPlace]) -> Iterator[str]:
@@ -207,7 +204,7 @@ def _left(log: Log, outcome: AxisDiagnosis, remaining: Sequence[ResidualPlace]) 
     if size > 1.2 * one.noise > 0.0:
         first = next((place for place in remaining if place.axis == problem.axis.name), None)
         where = f": {first.sentence}" if first is not None else ""
-        yield f"what is left of {column}, {length(size)} rms, is {_times(size, one.noise)} its noise{where}"
+        yield f"what is left of {column}, {length(size)} rms, is {size / one.noise:.2g} times its noise{where}"
         return
     for other in problem.observed:
         size = float(np.sqrt(mean_square(outcome.fitted.left[other.channel], problem.counted & other.ok)))
@@ -215,16 +212,12 @@ def _left(log: Log, outcome: AxisDiagnosis, remaining: Sequence[ResidualPlace]) 
             unit = log.axes[problem.axis.name].effort_unit
             yield (
                 f"what is left of {problem.axis.name}_force, {size:.3g} {unit} rms, is "
-                f"{_times(size, other.noise)} its noise"
+                f"{size / other.noise:.2g} times its noise"
             )
 
 
-def _times(size: float, noise: float) -> str:
-    return f"{size / noise:.2g} times"
-
-
 def _could_not_show(outcomes: Sequence[AxisDiagnosis]) -> Iterator[str]:
-    """Name what the record could not have shown on any axis, by reason."""
+    """Name what the log could not have shown on any axis, by reason."""
     by_axis = [barred(outcome.choice.problem) for outcome in outcomes]
     reasons: dict[str, list[str]] = {}
     for name, why in (by_axis[0] if by_axis else {}).items():

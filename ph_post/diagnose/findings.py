@@ -18,7 +18,7 @@ from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.identify.estimates import LEAST_UNCERTAINTY
 from ph_post.identify.free_run import AxisProblem, predict
-from ph_post.types import Array, Axis, EffectSetting, Gap, Uncertainty
+from ph_post.types import Array, Axis, EffectSetting, Uncertainty
 from ph_post.types.diagnosis import Estimate, Finding
 from ph_post.units import MM
 
@@ -229,17 +229,9 @@ def _with_keys(axis: Axis, keys: Mapping[str, float]) -> Axis:
     servo, gap = axis.servo, axis.gap
     servo = replace(servo, b=keys.get("b", servo.b), c=keys.get("c", servo.c))
     if "lost_motion_mm" in keys:
-        gap = _wide(gap, keys["lost_motion_mm"] * MM)
+        gap = gap.with_lost_motion(keys["lost_motion_mm"] * MM)
     if "inertia_fraction" in keys:
         gap = replace(gap, inertia_fraction=keys["inertia_fraction"])
     if "motor_time_constant_s" in keys:
         gap = replace(gap, beta=1.0 / keys["motor_time_constant_s"])
     return replace(axis, servo=servo, gap=gap)
-
-
-def _wide(gap: Gap, lost_motion: float) -> Gap:
-    """Return a gap of another width, at the motor too where that is known."""
-    angle = gap.motor_angle
-    if gap.gear_ratio is not None and gap.travel_per_rad is not None:
-        angle = lost_motion * gap.gear_ratio / gap.travel_per_rad
-    return replace(gap, lost_motion=lost_motion, motor_angle=angle)

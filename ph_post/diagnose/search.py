@@ -154,7 +154,7 @@ BENT: Final = 2.0
 """Standard errors from which a base value is taken to be bent by what is missing."""
 
 AT_END: Final = 0.999
-"""ModelPart of its reach at which a base value has come to the end of it."""
+"""Share of its reach at which a base value has come to the end of it."""
 
 
 def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:

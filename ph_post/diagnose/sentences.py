@@ -231,7 +231,7 @@ def stretch(window: ExcessWindow, word: str, unit: Callable[[float], str]) -> st
 
 
 def periodic(found: Periodic, ways: list[float], drive: Axis | None) -> str:
-    """Say that a residual comes again with the position, and whether the screw does too."""
+    """Say that a residual repeats with the position, and whether the screw does too."""
     said = [f"repeats every {place(found.period)} of travel, amplitude {length(found.amplitude)}"]
     said += list(_turns(found.period, drive))
     if all(math.isfinite(way) for way in ways):

@@ -48,7 +48,7 @@ class FreeNumber(NamedTuple):
 def free_number(name: str, plant: Plant) -> FreeNumber:
     """Return the knob of `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres)."""
     if name == "gap":
-        return FreeNumber(name, lambda p: p.gap / MICROMETRE, _wide, 0.0, MOST / MICROMETRE, 1.0)
+        return FreeNumber(name, lambda p: p.gap / MICROMETRE, _with_gap, 0.0, MOST / MICROMETRE, 1.0)
     if name == "friction":
         return FreeNumber(name, lambda p: p.coulomb_plus / MICROMETRE, _dry, 0.0, MOST / MICROMETRE, 1.0)
     start = math.log(getattr(plant, name))
@@ -68,7 +68,7 @@ def _set(name: str, plant: Plant, value: float) -> Plant:
     return replace(plant, **{name: math.exp(value)})
 
 
-def _wide(plant: Plant, value: float) -> Plant:
+def _with_gap(plant: Plant, value: float) -> Plant:
     return replace(plant, gap=value * MICROMETRE)
 
 
@@ -252,7 +252,7 @@ RESTS: Final = 1e-3
 
 
 class BacklashVerdict(NamedTuple):
-    """What a record says of the gap.
+    """Verdict of a log on the backlash.
 
     `fit` has the gap where it earns its place; where it does not, `bound` [m] is the smallest that would have
     shown, None where any could hide. `notes` say what cannot be told.
@@ -264,7 +264,7 @@ class BacklashVerdict(NamedTuple):
 
 
 def why_backlash_hidden(problem: AxisProblem, record: AxisLog) -> str:
-    """Return why a record cannot show a gap, empty where it can."""
+    """Return why a log cannot show backlash, empty where it can."""
     speed = problem.speed[problem.counted]
     directions = np.sign(speed[np.abs(speed) > RESTS * np.max(np.abs(speed), initial=0.0)])
     if not np.any(np.diff(directions)):

@@ -21,7 +21,7 @@ from ph_post.files.check import counted
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
 from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, left_by, position_rms, rows_of
 from ph_post.identify.free_run import AxisProblem, weights_of
-from ph_post.types import Array, Axis, AxisLog, Gap, Uncertainty
+from ph_post.types import Array, Axis, AxisLog, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Estimate, IdentifiedDrive, Origin, Sensitivity
 from ph_post.units import MICROMETRE, MM
 
@@ -215,30 +215,26 @@ def estimate_drive(settled: AxisFit) -> IdentifiedDrive:
     )
 
 
-def _kept(settled: AxisFit) -> str:
-    """Say what stands in place of what does not show."""
-    return "the machine file's value is kept" if settled.from_file else "its value is assumed"
-
-
 def _base(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
-    """Tell b and c."""
+    """Return b and c."""
     plant, errors = settled.plant, settled.settling.errors()
     parameters, notes = {}, []
+    kept = "the machine file's value is kept" if settled.from_file else "its value is assumed"
     if plant.b == 0.0:
         return {}, ["the log shows no lag: an ideal stepper, b and c are 0"]
     if "b" in errors:
         parameters["b"] = Estimate(value=plant.b, stderr=plant.b * errors["b"], unit="s²")
     else:
-        notes.append(f"b cannot be identified: the accelerations in the log are too small; {_kept(settled)}")
+        notes.append(f"b cannot be identified: the accelerations in the log are too small; {kept}")
     if "c" in errors:
         parameters["c"] = Estimate(value=plant.c, stderr=plant.c * errors["c"], unit="s")
     else:
-        notes.append(f"c cannot be identified: the speeds in the log are too small; {_kept(settled)}")
+        notes.append(f"c cannot be identified: the speeds in the log are too small; {kept}")
     return parameters, notes
 
 
 def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
-    """Tell the lost motion; on a load loop, where η does not show, its product with η."""
+    """Return the lost motion; on a load loop that does not show η, its product with η."""
     plant, verdict, errors = settled.plant, settled.verdict, settled.settling.errors()
     notes = list(verdict.notes)
     if verdict.fit is None:
@@ -261,7 +257,7 @@ def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
 
 
 def _no_gap(settled: AxisFit, notes: list[str]) -> tuple[dict[str, Estimate], list[str]]:
-    """Tell how large a gap could be that does not show."""
+    """Return how large a backlash the log could hide."""
     bound, said = settled.verdict.bound, settled.problem.axis.gap.lost_motion
     if bound is None:
         words = "the machine file's value is kept" if said > 0.0 else "none is taken"
@@ -275,7 +271,7 @@ def _no_gap(settled: AxisFit, notes: list[str]) -> tuple[dict[str, Estimate], li
 
 
 def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
-    """Tell η and β, β from coast-downs too."""
+    """Return η and β, β from coast-downs too."""
     plant, errors, notes = settled.plant, settled.settling.errors(), []
     parameters: dict[str, Estimate] = {}
     if "eta" in errors:
@@ -301,18 +297,13 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
         )
     acts = plant.loop.encloses_backlash and settled.verdict.fit is not None
     if acts and relative is None:
-        notes.append(f"the log does not show β while the backlash is crossed; {_held(settled, 'β')}")
+        kept = "the machine file's value is kept" if settled.from_file else f"β = {plant.beta:.4g} 1/s is assumed"
+        notes.append(f"the log does not show β while the backlash is crossed; {kept}")
     return parameters, notes
 
 
-def _held(settled: AxisFit, name: str) -> str:
-    if settled.from_file:
-        return "the machine file's value is kept"
-    return f"{name} = {settled.plant.beta:.4g} 1/s is assumed"
-
-
 def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
-    """Tell K by the recorded effort, in its unit a millimetre of following error."""
+    """Return K by the recorded effort, in its unit a millimetre of following error."""
     plant, problem, record = settled.plant, settled.problem, settled.record
     if plant.ki or plant.kd or plant.command_delay:
         return {}
@@ -324,7 +315,7 @@ def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
 
 
 def _left(settled: AxisFit, noise: list[float]) -> list[str]:
-    """Say that the base model is not all there is."""
+    """Say that the base model is incomplete."""
     floor = math.sqrt(float(np.mean(np.square(noise))))
     if settled.rms <= 1.5 * floor:
         return []
@@ -336,7 +327,7 @@ def _left(settled: AxisFit, noise: list[float]) -> list[str]:
 
 
 def _origins(settled: AxisFit, parameters: dict[str, Estimate]) -> dict[str, Origin]:
-    """Say of every number of the drive where it comes from."""
+    """Return the origin of every number of the drive."""
     rest: Origin = "file" if settled.from_file else "assumed"
     names = ["b", "c", "lost_motion"]
     if settled.problem.plant.loop.encloses_backlash:
@@ -345,7 +336,7 @@ def _origins(settled: AxisFit, parameters: dict[str, Estimate]) -> dict[str, Ori
 
 
 def identified_axis(settled: AxisFit, drive: IdentifiedDrive) -> Axis:
-    """Return the axis with the numbers that the record shows, rounded as they are written."""
+    """Return the axis with the numbers that the log shows, rounded as they are written."""
     axis, plant = settled.problem.axis, settled.plant
     servo, gap = axis.servo, axis.gap
     shown = drive.parameters
@@ -357,7 +348,7 @@ def identified_axis(settled: AxisFit, drive: IdentifiedDrive) -> Axis:
     if stiffness is not None and stiffness.unit == "N/mm":
         servo = replace(servo, stiffness=_written(stiffness.value) / MM)
     if "lost_motion" in shown:
-        gap = _wide(gap, _written(shown["lost_motion"].value) * MM)
+        gap = gap.with_lost_motion(_written(shown["lost_motion"].value) * MM)
     if "inertia_fraction" in shown:
         gap = replace(gap, inertia_fraction=_written(plant.eta))
     if "motor_time_constant" in shown:
@@ -368,13 +359,6 @@ def identified_axis(settled: AxisFit, drive: IdentifiedDrive) -> Axis:
 
 def _written(value: float) -> float:
     return float(f"{value:.7g}")
-
-
-def _wide(gap: Gap, lost_motion: float) -> Gap:
-    angle = gap.motor_angle
-    if gap.gear_ratio is not None and gap.travel_per_rad is not None:
-        angle = lost_motion * gap.gear_ratio / gap.travel_per_rad
-    return replace(gap, lost_motion=lost_motion, motor_angle=angle)
 
 
 def _uncertainty(before: Uncertainty, shown: Mapping[str, Estimate]) -> Uncertainty:

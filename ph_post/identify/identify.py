@@ -121,7 +121,7 @@ def starting_lag(record: AxisLog, loop: Loop, period: float) -> FollowingLag | N
 def _starting_axis(
     log: Log, name: str, record: AxisLog, feedback: Feedback | None, transmission: Transmission | None
 ) -> tuple[Axis, tuple[str, ...]] | None:
-    """StartingMachine one axis; None where the record has no reading of its motion."""
+    """Draft one axis; None where the record has no reading of its motion."""
     if (record.table is None and record.motor is None) or np.ptp(record.command) == 0.0:
         return None
     notes = []
@@ -174,7 +174,7 @@ def _rate(values: Array, period: float) -> Array:
 
 
 GIVE_UP: Final = ("beta", "eta", "b", "c")
-"""What is held first where it does not show: the more is known of it from elsewhere, the earlier."""
+"""Order in which numbers that the log does not show are fixed: those known best from elsewhere first."""
 
 ASSUMED: Final = {"b": 1.0, "c": 1.0, "eta": 0.5, "beta": 1.5}
 """Standard errors of the logarithms of what is assumed because nobody said it."""

@@ -264,7 +264,7 @@ class ShiftFit(NamedTuple):
 
 
 def _least_squares(columns: Array, residual: Array, prior: Array) -> ShiftFit:
-    """ShiftFit columns whose coefficients are 0 with a weight; neighbouring residuals may go together."""
+    """Fit columns whose coefficients are 0 with a weight; neighbouring residuals may go together."""
     scale = np.sqrt(np.mean(columns**2, axis=0))
     scale[scale == 0.0] = 1.0
     q = columns / scale

@@ -128,7 +128,7 @@ class ChannelReading(NamedTuple):
 
 
 def examine(log: Log, machine: Machine) -> LogQuality:
-    """Find out what a record can show.
+    """Find out what a log can show.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def examine(log: Log, machine: Machine) -> LogQuality:
     Returns
     -------
     LogQuality
-        With `faults` where the record can show nothing.
+        With `faults` where the log can show nothing.
     """
     first = first_settled(log, machine, 0, log.t.size)
     readings = tuple(list_readings(log))
@@ -222,7 +222,7 @@ def _positions(log: Log) -> list[ChannelReading]:
 def _channel(
     log: Log, machine: Machine, reading: ChannelReading, repeats: tuple[Repeat, ...], first: int
 ) -> ChannelQuality:
-    """LogQuality of one channel."""
+    """Quality of one channel."""
     values = reading.values
     # What other axes do may move this one: still is where all of them are.
     steps = [np.abs(np.diff(axis.command, prepend=axis.command[:1])) for axis in log.axes.values()]
@@ -265,7 +265,7 @@ def _faults(
     channels: tuple[ChannelQuality, ...],
     first: int,
 ) -> Iterator[str]:
-    """Yield why the record can show nothing at all."""
+    """Yield why the log can show nothing at all."""
     if not any(np.ptp(axis.command) > 0.0 for axis in log.axes.values()):
         yield "no axis is commanded to move"
     if not readings:

@@ -48,6 +48,13 @@ class Gap(msgspec.Struct, frozen=True, kw_only=True):
     pickup: Pickup | None = None
     initial_flank: Flank = "unknown"
 
+    def with_lost_motion(self, lost_motion: float) -> Gap:
+        """Return a gap of another lost motion [m], at the motor too where its transmission is known."""
+        angle = self.motor_angle
+        if self.gear_ratio is not None and self.travel_per_rad is not None:
+            angle = lost_motion * self.gear_ratio / self.travel_per_rad
+        return msgspec.structs.replace(self, lost_motion=lost_motion, motor_angle=angle)
+
 
 class Limits(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of one axis [m/s, m/s², m/s³, rad/s²]; `motor_acceleration` is None where not given."""
