@@ -42,7 +42,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the rehearsal of a `program` on a `machine` shows.
+    """Result of rehearsing a `program` on a `machine`: LinuxCNC's run beside the plan's.
 
     `plan` is the model's run of the program, `real` LinuxCNC's; `before` LinuxCNC's run of the original and
     `backlash` that with LinuxCNC's own compensation of backlash, None where these were not asked for.
