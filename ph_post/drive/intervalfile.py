@@ -6,7 +6,7 @@ import math
 import os
 import pathlib
 from itertools import pairwise
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ph_post.drive.intervals import AxisTable, IntervalTable
 from ph_post.errors import InputError
 from ph_post.files.check import Keys, Refused, checked, loads, one_line, one_of, place
+from ph_post.files.machine import NotNegative, Positive
 from ph_post.files.storage import STDIO, read_source
 from ph_post.types import MACHINE_AXES, Array, AxisName, ByAxis, Servo, frozen
 from ph_post.units import MM, MM_PER_MIN
@@ -23,8 +24,6 @@ FORMATS: Final = (".json", ".csv")
 
 FORMAT: Final = "ph-post-interval-table"
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Matrix = list[list[float | None]]
 
 

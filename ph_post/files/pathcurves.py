@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.files.check import Keys, one_of, place
+from ph_post.files.check import Keys, one_of, place, shown
 from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
 from ph_post.geometry.nurbs import Nurbs
 from ph_post.geometry.ph import PH, ph_hermite
@@ -237,8 +237,8 @@ def _nurbs(segment: NurbsRecord, here: FilePlace) -> Nurbs:
     _count(knots, here.at("knots"), len(points) + degree + 1, len(points) + degree + 1, "knot")
     for number in range(1, len(knots)):
         if knots[number] < knots[number - 1]:
-            least = f">= {_number(knots[number - 1])}"
-            raise here.at("knots", number).refuse("the knots fall", least, _number(knots[number]))
+            least = f">= {shown(knots[number - 1])}"
+            raise here.at("knots", number).refuse("the knots fall", least, shown(knots[number]))
     weights = None if segment.weights is None else _weights(segment.weights, len(points), here.at("weights"))
     return Nurbs(
         degree,
@@ -253,7 +253,7 @@ def _weights(given: Sequence[Fraction], count: int, here: FilePlace) -> Numbers:
     _count(given, here, count, count, "weight")
     for number, weight in enumerate(given):
         if weight <= 0:
-            raise here.at(number).refuse("the weight is not positive", "> 0", _number(weight))
+            raise here.at(number).refuse("the weight is not positive", "> 0", shown(weight))
     return tuple(given)
 
 
@@ -314,12 +314,8 @@ def _scaled(row: Sequence[Fraction], unit: Fraction) -> list[float]:
     return [(value.numerator * up) / (value.denominator * down) for value in row]
 
 
-def _number(value: Fraction) -> str:
-    return f"{float(value):.12g}"
-
-
 def _shown(row: Sequence[Fraction]) -> str:
-    return f"[{', '.join(map(_number, row))}]"
+    return f"[{', '.join(map(shown, row))}]"
 
 
 def _length(metres: float, here: FilePlace) -> str:
