@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ph_post.api.checks import diff, rehearse, verify
+    from ph_post.api.compensation import Compensation, compensate, undo
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
     from ph_post.diff.compare import Comparison
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Comparison",
+    "Compensation",
     "Diagnosis",
     "InputError",
     "Log",
@@ -38,6 +40,7 @@ __all__ = [
     "PhPostError",
     "Verdict",
     "calibrate",
+    "compensate",
     "diagnose",
     "diff",
     "identify",
@@ -47,11 +50,13 @@ __all__ = [
     "read_program",
     "rehearse",
     "sweep",
+    "undo",
     "verify",
 ]
 
 _HOMES: Final = {
     "api.checks": ("diff", "rehearse", "verify"),
+    "api.compensation": ("Compensation", "compensate", "undo"),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
     "diff.compare": ("Comparison",),

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
-from typing import Final
 
 import msgspec
 
@@ -21,6 +20,7 @@ from ph_post.drive.axes import check_axes
 from ph_post.drive.effects.active import ignored_effects, unmoved_axes
 from ph_post.drive.intervalfile import read_intervals
 from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
+from ph_post.edit.edits import TOLERANCE
 from ph_post.edit.inputs import read_input, read_program_file
 from ph_post.files.path import path_of
 from ph_post.files.storage import SourceBytes, SourceText, decoded, or_shipped, read_raw
@@ -28,16 +28,12 @@ from ph_post.gcode.program import PartProgram
 from ph_post.identify import logprogram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Axis, BacklashInterval, Log, Machine, Path
-from ph_post.units import MM
 
 Source = str | os.PathLike[str]
 """The name of a file, of a shipped one, or ``-`` for standard input."""
 
 Job = Path | PartProgram | SourceBytes | Source
 """What is compensated: a path or a part program, read or by its name."""
-
-TOLERANCE: Final = 0.005 * MM
-"""ε of the windows [m] where nobody names another."""
 
 _texts: dict[str, SourceText] = {}
 """Texts of the machine files that were read in this process, by their hash."""

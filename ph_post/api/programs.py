@@ -26,9 +26,7 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
-from ph_post.simulate.contour import ContourError
-from ph_post.simulate.controllers.deviation import program_error
-from ph_post.simulate.controllers.run import moved_axes, run_program
+from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
@@ -74,6 +72,17 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     windows: tuple[WindowPlan, ...] = ()
     verdict: Verdict | None = None
     done: bool = False
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was left alone or has to be known, stretches that are passed through first."""
+        name, edits = self.before.name, () if self.edits is None else self.edits.warnings
+        notes = self.before.notes
+        lines = [f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "") for note in notes]
+        passed = (
+            f"{name}:{line}: {note.what}: passed through unchanged" for line, note in zip(lines, notes, strict=True)
+        )
+        return (*passed, *edits)
 
 
 def compensate_program(
@@ -206,43 +215,3 @@ def _refusal(name: str, verdict: Verdict) -> PhPostError:
     return PhPostError(
         f"{name}: the compensated program does not pass its own check, and is not written: {first}{more}"
     )
-
-
-class Performance(msgspec.Struct, frozen=True, kw_only=True):
-    """Run of a program on a model of its controller and of the machine.
-
-    `time` [s] from rest to rest. `error` [m] is the largest at the values of the machine file, `error_worst`
-    that on all machines which the file leaves possible; None where they were not asked for or nothing counts.
-    """
-
-    time: float
-    error: ContourError | None = None
-    error_worst: ContourError | None = None
-
-
-class ProgramOutcome(msgspec.Struct, frozen=True, kw_only=True):
-    """The original and the compensated program, both measured against the path of the original."""
-
-    before: Performance
-    after: Performance
-
-
-def assess_program(
-    delivery: CompensatedProgram, machine: Machine, *, errors: bool, progress: Progress = no_progress
-) -> ProgramOutcome:
-    """Run both programs of a delivery on the models, the drives only where `errors` are wanted."""
-    progress("running the original on a model of the controller")
-    before = _perform(delivery.before, machine, delivery.before, errors)
-    if delivery.after.data == delivery.before.data:
-        return ProgramOutcome(before=before, after=before)
-    progress("running the compensated program on a model of the controller")
-    return ProgramOutcome(before=before, after=_perform(delivery.after, machine, delivery.before, errors))
-
-
-def _perform(program: PartProgram, machine: Machine, original: PartProgram, errors: bool) -> Performance:
-    command = run_program(program, machine)
-    time = float(command.t[-1]) if command.t.size else 0.0
-    if not errors or not command.t.size:
-        return Performance(time=time)
-    found = program_error(command, machine, original)
-    return Performance(time=time, error=found.error, error_worst=found.error_worst)

@@ -5,84 +5,234 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator, Mapping
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-import msgspec
 
 from ph_post.cli import options
 from ph_post.cli.outputs import Target, choose_target, products_of
-from ph_post.files.storage import STDIO, SourceBytes
 from ph_post.progress import Progress
-from ph_post.units import MM, MS
 
 if TYPE_CHECKING:
-    from ph_post.api.programs import CompensatedProgram, ProgramRequest
-    from ph_post.edit.edits import EditOptions
-    from ph_post.types import Machine
+    from ph_post.api.compensation import Compensation, PathCompensation, ProgramCompensation
+    from ph_post.api.options import CompensateOptions
+    from ph_post.api.programs import CompensatedProgram
+    from ph_post.compensate.options import PlanOutput
+    from ph_post.files.storage import Content, SourceBytes
+    from ph_post.types import Machine, Plan
+
+_PATH_ONLY: Final = ("feed", "safe_z", "depth", "interval_table", "feed_mode")
+"""Options that part programs leave out where a line with the options of path files serves both."""
 
 
-PATH_ONLY: Final = {
-    "feed": "--feed",
-    "safe_z": "--safe-z",
-    "depth": "--depth",
-    "interval_table": "--interval-table",
-}
-"""Options that a program, which has its own feeds and heights, has no use for."""
+def converted(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False) -> Compensation:
+    """Compensate a path file or a part program, which leaves out the options that are for path files alone.
+
+    Parameters
+    ----------
+    raw : SourceBytes
+    how : mapping
+        Options of ``convert`` by name; those that a command does not have may be missing.
+    progress : callable
+    noted : bool, optional
+        Whether the program itself holds the warnings, in comments at its head.
+
+    Raises
+    ------
+    InputError
+        Where the input or the machine file is bad.
+    click.UsageError
+        Where an option does not fit a part program.
+    """
+    from ph_post.api.compensation import compensated
+    from ph_post.edit.inputs import is_program
+
+    if is_program(raw):
+        kept = {name: value for name, value in how.items() if name not in _PATH_ONLY}
+        return converted_program(raw, kept, progress, noted=noted)
+    return compensated(raw, how["machine"], _options(how, noted), "program", progress)
 
 
-def convert_program(source: str, data: bytes, how: dict[str, Any], *, as_json: bool) -> int:
+def converted_program(
+    raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False
+) -> ProgramCompensation:
+    """Compensate a part program, whatever its name ends with; as :func:`converted`."""
+    from ph_post.api.compensation import ProgramCompensation
+
+    return ProgramCompensation(raw, how["machine"], options_for_program(how, noted), "program", progress)
+
+
+def options_for_program(how: Mapping[str, Any], noted: bool = False) -> CompensateOptions:
+    """Return the options of a compensation, and refuse those that a part program has no use for.
+
+    Raises
+    ------
+    click.UsageError
+    """
+    from ph_post.errors import InputError
+
+    found = _options(how, noted)
+    try:
+        found.check_for_program()
+    except InputError as error:
+        raise click.UsageError(str(error)) from None
+    return found
+
+
+def _options(how: Mapping[str, Any], noted: bool = False) -> CompensateOptions:
+    from ph_post.api.options import CompensateOptions
+
+    return CompensateOptions(**options.in_si(how), notes_in_header=noted)
+
+
+def conversion_lines(result: Compensation) -> tuple[str, ...]:
+    """Say what was done in one line, and what was left alone or has to be known in one line each."""
+    from ph_post.api.compensation import PathCompensation, ProgramCompensation
+    from ph_post.report.programs import program_summary
+    from ph_post.report.tables import plan_summary
+
+    if isinstance(result, PathCompensation):
+        plan = result.plans["program"]
+        return plan_summary(plan), *(f"warning: {word}" for word in plan.warnings)
+    assert isinstance(result, ProgramCompensation)
+    return program_summary(result, timed=False), *(f"warning: {word}" for word in result.warnings)
+
+
+def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> int:
+    """Compensate a path file, or a part program as a path, and write what the options ask for."""
+    from ph_post.api.compensation import PathCompensation, ProgramCompensation, compensated
+    from ph_post.cli.progress import ProgressPrinter
+    from ph_post.files.storage import write_atomically
+    from ph_post.files.table import table_content
+    from ph_post.report.figures import draw_plan, picture_format, render
+    from ph_post.report.tables import print_json, print_plans
+
+    machine = options.require_machine(how["machine"])
+    table, program = how["table"], how["output"]
+    _check_outputs(program, table, as_json)
+    program = program or (None if table is not None or as_json else "-")
+    asked: list[PlanOutput] = ["table"] if table is not None or program is None else []
+    asked += ["program"] if program is not None else []
+    with ProgressPrinter() as progress:
+        result = compensated(raw, machine, _options(how), asked[0], progress)
+        path = result.longest if isinstance(result, ProgramCompensation) else result
+        assert isinstance(path, PathCompensation)
+        products: dict[str, Content] = {}
+        if table is not None:
+            products[table] = table_content(path.table(), table)
+        if program is not None:
+            products[program] = path.program()
+        if how["plot"] is not None:
+            progress("drawing")
+            products[how["plot"]] = render(draw_plan(path.analysis, path.plan(asked[0])), picture_format(how["plot"]))
+        plans = {output: path.plans[output] for output in asked}
+        view, plans = _view(path, plans, not how["no_simulation"], progress) if as_json else (None, plans)
+        write_atomically(products)
+    if view is not None:
+        print_json(view)
+    for note in path.notes:
+        click.echo(f"warning: {note}", err=True)
+    print_plans({str(output): plan for output, plan in plans.items()}, products)
+    return 0
+
+
+def _view(
+    path: PathCompensation, plans: dict[PlanOutput, Plan], simulated: bool, progress: Progress
+) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
+    """Return the JSON object, and the plans with what the simulation has to say about them."""
+    from ph_post.api.compensation import with_warnings
+    from ph_post.report.simulations import error_view, table_would_reach
+    from ph_post.report.views import plan_view
+
+    errors: dict[str, Any] = {}
+    reached = None
+    if simulated:
+        progress("simulating")
+        motions = {output: path.motion(output) for output in plans}
+        errors = {
+            output: {"before": error_view(path.before.error), "after": error_view(motion.error)}
+            for output, motion in motions.items()
+        }
+        if list(plans) == ["program"]:
+            table = path.motion("table").error
+            reached = error_view(table)
+            plans = {"program": with_warnings(plans["program"], *table_would_reach(path.after.error, table))}
+    views = {
+        output: plan_view(path.analysis, plan, path.motion(output).command, errors.get(output))
+        for output, plan in plans.items()
+    }
+    first = next(iter(views))
+    beside = {"program": views["program"] if len(views) > 1 else None, "table_error": reached}
+    return {**views[first], "carrier": first, **beside}, plans
+
+
+def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None:
+    """Refuse two products for one place."""
+    streams = [name for name, value in (("-o", output), ("--table", table)) if value == "-"]
+    streams += ["--json"] if as_json else []
+    if len(streams) > 1:
+        raise click.UsageError(f"standard output can take one product; got {' and '.join(streams)}")
+    if output not in (None, "-") and table is not None and FilePath(str(output)).resolve() == FilePath(table).resolve():
+        raise click.UsageError(f"-o and --table name the same file; got {output}")
+
+
+def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> int:
     """Compensate a part program, or take its compensation back, and write it where the options say.
 
     Parameters
     ----------
     source : str
         File name, - for standard input.
-    data : bytes
+    raw : SourceBytes
         What it holds.
-    how : dict
+    how : mapping
         The command's options by name.
     as_json : bool
     """
-    refuse_path_options(how)
+    from ph_post.api.compensation import ProgramCompensation
+    from ph_post.cli.progress import ProgressPrinter
+    from ph_post.files.storage import write_atomically
+    from ph_post.report.figures import picture_format, render
+    from ph_post.report.motion_figures import draw_picture
+    from ph_post.report.programs import program_summary, program_view
+    from ph_post.report.tables import print_json
+    from ph_post.report.traces import program_picture
+
+    found = options_for_program(how)
     target = choose_target(source, how) or (None if as_json else Target(program="-"))
     if as_json and target is not None and target.program == "-":
         raise click.UsageError("standard output can take one product; got -o and --json")
-    name = "stdin" if source == STDIO else source
     if how["undo"]:
-        if how["plot"] is not None:
-            raise click.UsageError("--undo draws nothing; leave out --plot")
-        return _undo(name, data, target, as_json)
+        return _undo(raw, how, target, as_json)
     options.require_machine(how["machine"])
-    return _compensate(name, data, how, target, as_json)
+    with ProgressPrinter() as progress:
+        result = ProgramCompensation(raw, how["machine"], found, "program", progress)
+        products = {} if target is None else products_of(target, result.program(), raw.data)
+        summary = program_summary(result, timed=not how["no_simulation"])
+        if how["plot"] is not None:
+            picture = program_picture(result.edited, result.machine, found.tolerance, how["strategy"], progress)
+            products = {**products, how["plot"]: render(draw_picture(picture), picture_format(how["plot"]))}
+        view = program_view(result, not how["no_simulation"]) if as_json else None
+        write_atomically(products)
+    if view is not None:
+        print_json(view)
+    click.echo(summary, err=True)
+    options.report_written(result.warnings, products)
+    return 0
 
 
-def refuse_path_options(how: Mapping[str, Any]) -> None:
-    """Refuse what a part program has of its own; options that a command does not have may be missing.
-
-    Raises
-    ------
-    click.UsageError
-        Where an option is given that is for path files.
-    """
-    given = [option for name, option in PATH_ONLY.items() if how.get(name) is not None]
-    given += ["--feed-mode"] if how.get("feed_mode", options.PER_MINUTE) != options.PER_MINUTE else []
-    given += ["--start moving"] if how["start"] != "rest" else []
-    given += ["--strategy retrograde"] if how["strategy"] == "retrograde" else []
-    given += ["--allow-retrograde"] if how["allow_retrograde"] else []
-    if given:
-        raise click.UsageError(f"{given[0]} is for path files; a part program keeps its own")
-
-
-def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
+def _undo(raw: SourceBytes, how: Mapping[str, Any], target: Target | None, as_json: bool) -> int:
     """Write the original of a compensated program."""
-    from ph_post.edit.undo import undo
+    from ph_post.api.compensation import undo
     from ph_post.files.storage import write_atomically
     from ph_post.report.programs import undone_view
     from ph_post.report.tables import print_json
 
-    original = undo(data, name)
-    products = {} if target is None else products_of(target, original, data)
+    if how["plot"] is not None:
+        raise click.UsageError("--undo draws nothing; leave out --plot")
+    original = undo(raw)
+    products = {} if target is None else products_of(target, original, raw.data)
     write_atomically(products)
     if as_json:
         print_json(undone_view())
@@ -90,220 +240,32 @@ def _undo(name: str, data: bytes, target: Target | None, as_json: bool) -> int:
     return 0
 
 
-def _compensate(name: str, data: bytes, how: dict[str, Any], target: Target | None, as_json: bool) -> int:
-    from ph_post.api.programs import assess_program
-    from ph_post.cli.progress import ProgressPrinter
-    from ph_post.files.storage import write_atomically
-    from ph_post.report.programs import program_lines, program_view
-    from ph_post.report.tables import print_json
-
-    with ProgressPrinter() as progress:
-        found, machine, request = deliver_program(name, data, how, progress)
-        products = {} if target is None else products_of(target, found.after.data, data)
-        outcome = None if how["no_simulation"] else assess_program(found, machine, errors=as_json, progress=progress)
-        if how["plot"] is not None:
-            products = {**products, how["plot"]: _drawn(found, machine, how, progress)}
-        write_atomically(products)
-    if as_json:
-        print_json(program_view(found, machine, request.edit.tolerance, outcome))
-    for line in program_lines(found, outcome, products):
-        click.echo(line, err=True)
-    return 0
-
-
-def deliver_program(
-    name: str, data: bytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False
-) -> tuple[CompensatedProgram, Machine, ProgramRequest]:
-    """Read a part program and the machine file, and compensate the one for the other.
-
-    Parameters
-    ----------
-    name : str
-        The program's, in messages.
-    data : bytes
-    how : mapping
-        The command's options by name.
-    progress : Progress
-        Called with what is being done.
-    noted : bool, optional
-        Whether the head of the program is to tell the warnings too.
-
-    Raises
-    ------
-    InputError
-        Where program or machine file are bad, and as :func:`ph_post.api.programs.compensate_program`.
-    """
-    from ph_post.api.programs import ProgramRequest, compensate_program
-    from ph_post.cli.job import default_strategy, plan_options, read_drives
-    from ph_post.dialects.reading import read_as
-
-    progress("reading")
-    machine = read_drives(how["machine"], how["dialect"])
-    program = read_as(machine.dialect, data, name, strict=how["strict"])
-    plan = plan_options({**how, "strategy": how["strategy"] or default_strategy(how)}, "program")
-    request = ProgramRequest(plan=plan, edit=_splice_options(how), force=how["force"], noted=noted)
-    return compensate_program(program, machine, request, progress), machine, request
-
-
-def _drawn(found: CompensatedProgram, machine: Machine, how: dict[str, Any], progress: Progress) -> bytes:
-    """Draw a program as it was and as compensated."""
-    from ph_post.report.figures import picture_format, render
-    from ph_post.report.motion_figures import draw_picture
-    from ph_post.report.traces import program_picture
-
-    picture = program_picture(found, machine, how["tolerance"] * MM, how["strategy"], progress)
-    return render(draw_picture(picture), picture_format(how["plot"]))
-
-
-def compensated(raw: SourceBytes, machine: Machine, how: dict[str, Any], progress: Progress) -> CompensatedProgram:
+def compensated_or_original(
+    raw: SourceBytes, machine: Machine, how: Mapping[str, Any], progress: Progress
+) -> CompensatedProgram:
     """Compensate a part program as `convert` would; of one that is compensated already, recover the original.
 
     Parameters
     ----------
     raw : SourceBytes
     machine : Machine
-    how : dict
+    how : mapping
         The options of planning by name.
-    progress : Progress
-        Called with what is being done.
+    progress : callable
     """
-    from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
-    from ph_post.cli.job import plan_options
-    from ph_post.dialects.reading import read_as
+    from ph_post.api.inputs import program_in
+    from ph_post.api.programs import CompensatedProgram
     from ph_post.drive.axes import check_axes
-    from ph_post.edit.edits import EditOptions
     from ph_post.edit.undo import original_of
     from ph_post.simulate.controllers.run import moved_axes
 
-    refuse_path_options(how)
-    program = read_as(machine.dialect, raw.data, raw.name)
+    options_for_program(how)
+    program = program_in(raw, machine.dialect)
     check_axes(moved_axes(program), "program", machine, f"machine {machine.name}")
     original = original_of(program)
     if original is not None:
         return CompensatedProgram(before=original, after=program, done=True)
-    splicing = EditOptions(tolerance=how["tolerance"] * MM, max_slowdown=how["max_slowdown"])
-    return compensate_program(
-        program, machine, ProgramRequest(plan=plan_options(how, "program"), edit=splicing), progress
-    )
-
-
-def _splice_options(how: Mapping[str, Any]) -> EditOptions:
-    from ph_post.edit.edits import EditOptions
-
-    scale = {"chord_tolerance": MM, "block_time": MS, "tolerance": MM, "max_slowdown": 1.0}
-    return EditOptions(**{name: how[name] * unit for name, unit in scale.items() if how[name] is not None})
-
-
-DEFAULTS: Final[Mapping[str, Any]] = {"interval_table": None, "feed_mode": options.PER_MINUTE}
-"""Options of ``convert`` that the commands for other programs do not have."""
-
-_LEFT_OUT: Final[Mapping[str, Any]] = {**dict.fromkeys(PATH_ONLY), "feed_mode": options.PER_MINUTE}
-"""What part programs leave out: one line with the options of path files serves both."""
-
-
-class Converted(msgspec.Struct, frozen=True, kw_only=True):
-    """A program to be written, and what there is to say about it.
-
-    `said` is one line about what was done, `warnings` what was left alone or has to be known. `original` are
-    the bytes that it was made of, where it is a part program; `done` says that the input was this very
-    compensation already.
-    """
-
-    data: bytes
-    said: str
-    warnings: tuple[str, ...] = ()
-    original: bytes | None = None
-    done: bool = False
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """All of it, a line each."""
-        return (self.said, *(f"warning: {word}" for word in self.warnings))
-
-
-def convert_input(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False) -> Converted:
-    """Convert a path file or a part program into a compensated program.
-
-    Parameters
-    ----------
-    raw : SourceBytes
-    how : mapping
-        Options of ``convert`` by name; those of :data:`DEFAULTS` may be missing.
-    progress : Progress
-        Called with what is being done.
-    noted : bool, optional
-        Whether the program itself is to tell the warnings, in comments at its head.
-
-    Raises
-    ------
-    InputError
-        Where the input or the machine file are bad.
-    click.UsageError
-        Where an option does not fit a part program.
-    """
-    from ph_post.edit.inputs import is_program
-
-    if is_program(raw):
-        return convert_part(raw, {**how, **_LEFT_OUT}, progress, noted=noted)
-    return _convert_path(raw, {**DEFAULTS, **how}, progress, noted=noted)
-
-
-def convert_part(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False) -> Converted:
-    """Convert a part program, whatever its name ends with; as :func:`convert_input`."""
-    from ph_post.report.programs import program_summary, warnings_of
-
-    refuse_path_options(how)
-    found, _, _ = deliver_program(raw.name, raw.data, how, progress, noted=noted)
-    return Converted(
-        data=found.after.data,
-        said=program_summary(found, None),
-        warnings=warnings_of(found),
-        original=found.before.data,
-        done=found.done,
-    )
-
-
-def _convert_path(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool) -> Converted:
-    from ph_post.cli.job import (
-        default_strategy,
-        effect_warnings,
-        load_and_analyse,
-        plan_options,
-        program_of,
-        program_options,
-        with_warnings,
-    )
-    from ph_post.compensate.plan import make_plan
-    from ph_post.report.tables import plan_summary
-
-    how = {**how, "strategy": how["strategy"] or default_strategy(how)}
-    analysis = load_and_analyse(
-        raw,
-        how["machine"],
-        how["tolerance"],
-        progress,
-        feed=how["feed"],
-        dialect=how["dialect"],
-        intervals=how["interval_table"],
-    )
-    assert analysis.machine is not None
-    progress("planning the program")
-    plan = make_plan(analysis, plan_options(how, "program"), progress)
-    plan = with_warnings(plan, *effect_warnings(analysis.machine, analysis.path.axes))
-    progress("writing the program")
-    text, plan = program_of(analysis, plan, program_options(how))
-    if noted:
-        text = _noted(text, plan.warnings, plan.machine.dialect)
-    return Converted(data=text.encode(), said=plan_summary(plan), warnings=plan.warnings)
-
-
-def _noted(program: str, warnings: tuple[str, ...], dialect: str) -> str:
-    """Put warnings at the head of a program."""
-    from ph_post.dialects.registry import find_dialect
-
-    remark = find_dialect(dialect).comment
-    notes = [line for word in warnings for line in remark(f"warning: {word}")]
-    return "".join(f"{line}\n" for line in notes) + program
+    return converted_program(raw, {**how, "machine": machine}, progress).edited
 
 
 @contextlib.contextmanager

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from ph_post.cli import options
-from ph_post.progress import Progress
-
-if TYPE_CHECKING:
-    from ph_post.analysis.path_analysis import Analysis
-    from ph_post.compensate.options import PlanOutput
-    from ph_post.types import Plan
 
 
 @click.command()
@@ -125,46 +118,18 @@ def command(
       verified       of a part program: whether the judge, of --undo the hash of the original, has passed it
       unchanged      of a part program: whether nothing had to change
     """
-    from ph_post.cli.conversion import convert_program
-    from ph_post.cli.job import default_strategy, load_and_analyse
-    from ph_post.cli.progress import ProgressPrinter
+    from ph_post.cli.conversion import convert_path, convert_program
     from ph_post.edit.inputs import is_program
-    from ph_post.files.storage import or_shipped, read_raw, write_atomically
-    from ph_post.report.tables import print_json, print_plans
+    from ph_post.files.storage import or_shipped, read_raw
 
-    everything = {**how, "machine": machine, "output": output, "table": table}
+    how = {**how, "machine": machine, "output": output, "table": table}
     if source is None or how["watch"] is not None:
-        return _watch(source, everything, as_json)
+        return _watch(source, how, as_json)
     raw = read_raw(or_shipped("paths", source))
     if is_program(raw) and table is None:
-        return convert_program(source, raw.data, everything, as_json=as_json)
+        return convert_program(source, raw, how, as_json=as_json)
     _refuse_program_options(how, output if is_program(raw) else None)
-    machine = options.require_machine(machine)
-    _check_outputs(output, table, as_json)
-    how["strategy"] = how["strategy"] or default_strategy(how)
-    program = output or (None if table is not None or as_json else "-")
-    view = None
-    with ProgressPrinter() as progress:
-        analysis = load_and_analyse(
-            raw,
-            machine,
-            how["tolerance"],
-            progress,
-            feed=how["feed"],
-            dialect=how["dialect"],
-            intervals=how["interval_table"],
-        )
-        plans = _plans(analysis, how, table is not None or program is None, program is not None, progress)
-        products, plans = _products(analysis, plans, {"table": table, "program": program}, how, progress)
-        if how["plot"] is not None:
-            products[how["plot"]] = _picture(analysis, next(iter(plans.values())), how["plot"], progress)
-        if as_json:
-            view, plans = _view(analysis, plans, how, progress)
-        write_atomically(products)
-    if view is not None:
-        print_json(view)
-    print_plans({str(carrier): plan for carrier, plan in plans.items()}, products)
-    return 0
+    return convert_path(raw, how, as_json=as_json)
 
 
 def _watch(source: str | None, how: dict[str, Any], as_json: bool) -> int:
@@ -188,145 +153,3 @@ def _refuse_program_options(how: dict[str, Any], program: str | None) -> None:
     given = [f"--{name.replace('_', '-')}" for name in names if how[name]]
     if given:
         raise click.UsageError(f"{given[0]} is for a part program that is written as one")
-
-
-def _picture(analysis: Analysis, plan: Plan, target: str, progress: Progress) -> bytes:
-    """Draw a plan."""
-    from ph_post.report.figures import draw_plan, picture_format, render
-
-    progress("drawing")
-    return render(draw_plan(analysis, plan), picture_format(target))
-
-
-def _plans(
-    analysis: Analysis, how: dict[str, Any], table: bool, program: bool, progress: Progress
-) -> dict[PlanOutput, Plan]:
-    """Plan what is asked for, each for what it is written as; where nothing is added they are the same."""
-    from ph_post.cli.job import effect_warnings, plan_options, with_warnings
-    from ph_post.compensate.plan import make_plan
-
-    assert analysis.machine is not None
-    asked: list[PlanOutput] = [*(("table",) if table else ()), *(("program",) if program else ())]
-    found: dict[PlanOutput, Plan] = {}
-    for carrier in asked:
-        if found and how["feed_only"]:
-            found[carrier] = found[asked[0]]
-            continue
-        progress(f"planning the {carrier}")
-        found[carrier] = make_plan(analysis, plan_options(how, carrier), progress)
-        if carrier == "program" and how["strategy"] == "auto":
-            found[carrier] = _writable(analysis, found[carrier], how, progress)
-    said = effect_warnings(analysis.machine, analysis.path.axes)
-    return {**found, asked[0]: with_warnings(found[asked[0]], *said)}
-
-
-def _writable(analysis: Analysis, plan: Plan, how: dict[str, Any], progress: Progress) -> Plan:
-    """Return the plan, or one of feeds alone where the dialect cannot write what it adds to the path."""
-    from ph_post.cli.job import plan_options, with_warnings
-    from ph_post.compensate.plan import make_plan
-    from ph_post.dialects.registry import find_dialect
-    from ph_post.errors import InputError
-    from ph_post.post.moves import check_jogs, read_jogs
-
-    try:
-        check_jogs(read_jogs(plan).jogs, find_dialect(plan.machine.dialect))
-    except InputError as error:
-        progress("planning the program once more, by feeds alone")
-        feeds = make_plan(analysis, plan_options({**how, "feed_only": True}, "program"), progress)
-        reason = str(error).removeprefix("--dialect: ")
-        return with_warnings(feeds, f"nothing is added to the path: {reason}")
-    return plan
-
-
-def _products(
-    analysis: Analysis,
-    plans: dict[PlanOutput, Plan],
-    targets: dict[PlanOutput, str | None],
-    how: dict[str, Any],
-    progress: Progress,
-) -> tuple[dict[str, str | bytes], dict[PlanOutput, Plan]]:
-    """Write plans as what they are for, in memory, and add the writers' warnings to them."""
-    from ph_post.cli.job import program_of, program_options, with_warnings
-    from ph_post.compensate.offsets import command_of
-    from ph_post.files.table import table_content
-
-    products: dict[str, str | bytes] = {}
-    if (table := targets["table"]) is not None:
-        progress("sampling the interpolator table")
-        plan = plans["table"]
-        rows = command_of(plan, analysis.track, plan.machine.servo_period)
-        products[table] = table_content(rows, table)
-    if (program := targets["program"]) is not None:
-        progress("writing the program")
-        products[program], plan = program_of(analysis, plans["program"], program_options(how))
-        plans = {**plans, "program": with_warnings(plan, *_caveats(plan, plans.get("table")))}
-    return products, plans
-
-
-def _caveats(program: Plan, table: Plan | None) -> list[str]:
-    """Say what the table beside a program holds that the program cannot."""
-    if table is None:
-        return []
-    held = ["inverse dynamics"] if table.inverse_dynamics else []
-    held += ["crossings of the gap"] if table.crossings and not program.crossings else []
-    if not held:
-        return []
-    return [f"the program cannot carry the {' and '.join(held)} of the table"]
-
-
-def _view(
-    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], progress: Progress
-) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
-    """Return the JSON object, and the plans with what the simulation has to say about them."""
-    from ph_post.compensate.offsets import command_of
-    from ph_post.report.views import plan_view
-
-    errors: dict[str, Any] = {}
-    if not how["no_simulation"]:
-        errors, plans = _simulated(analysis, plans, how, progress)
-    views = {
-        carrier: plan_view(
-            analysis, plan, command_of(plan, analysis.track, plan.machine.servo_period), errors.get(carrier)
-        )
-        for carrier, plan in plans.items()
-    }
-    first = next(iter(views))
-    beside = {"program": views["program"] if len(views) > 1 else None, "table_error": errors.get("reached")}
-    return {**views[first], "carrier": first, **beside}, plans
-
-
-def _simulated(
-    analysis: Analysis, plans: dict[PlanOutput, Plan], how: dict[str, Any], progress: Progress
-) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
-    """Return contour errors by carrier [mm], before and after, and `reached` by a table not asked for."""
-    from ph_post.cli.job import plan_options, with_warnings
-    from ph_post.compensate.comparison import before_and_after
-    from ph_post.compensate.plan import make_plan
-    from ph_post.report.simulations import error_view, table_would_reach
-
-    judged = list(plans.values())
-    alone = list(plans) == ["program"]
-    if alone:
-        progress("planning the table, to compare")
-        judged.append(make_plan(analysis, plan_options(how, "table"), progress))
-    progress("simulating")
-    before, *after = before_and_after(analysis, *judged)
-    errors: dict[str, Any] = {
-        carrier: {"before": error_view(before.error), "after": error_view(found.error)}
-        for carrier, found in zip(plans, after, strict=False)
-    }
-    if alone:
-        errors["reached"] = error_view(after[1].error)
-        said = table_would_reach(after[0].error, after[1].error)
-        plans = {"program": with_warnings(plans["program"], *said)}
-    return errors, plans
-
-
-def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None:
-    """Refuse two products for one place."""
-    streams = [name for name, value in (("-o", output), ("--table", table)) if value == "-"]
-    streams += ["--json"] if as_json else []
-    if len(streams) > 1:
-        raise click.UsageError(f"standard output can take one product; got {' and '.join(streams)}")
-    if output not in (None, "-") and table is not None and FilePath(str(output)).resolve() == FilePath(table).resolve():
-        raise click.UsageError(f"-o and --table name the same file; got {output}")

@@ -35,41 +35,31 @@ def command(out: str, as_json: bool) -> int:
       carrier  table
       program  the same object of the program
     """
-    from msgspec.structs import replace
-
-    from ph_post.cli.job import load_and_analyse, program_of
+    from ph_post.api.compensation import PathCompensation, compensate
     from ph_post.cli.progress import ProgressPrinter
-    from ph_post.compensate.offsets import command_of
-    from ph_post.compensate.options import PlanOptions
-    from ph_post.compensate.plan import make_plan
-    from ph_post.files.storage import make_folder, shipped, write_atomically
+    from ph_post.files.storage import make_folder, write_atomically
     from ph_post.files.table import table_content
     from ph_post.report.figures import draw_plan, render
     from ph_post.report.tables import dip_table, print_json, print_plans
     from ph_post.report.views import plan_view
 
     with ProgressPrinter() as progress:
-        analysis = load_and_analyse(str(shipped("paths", PATH)), MACHINE, options.DEFAULT_TOLERANCE_MM, progress)
-        progress("planning the table")
-        quick = PlanOptions(strategy="auto", inverse_dynamics=True, effort=EFFORT)
-        plan = make_plan(analysis, quick, progress)
-        progress("planning the program")
-        for_program = replace(quick, inverse_dynamics=False, carrier="program")
-        program, its_plan = program_of(analysis, make_plan(analysis, for_program, progress))
-        progress("sampling and drawing")
+        result = compensate(PATH, MACHINE, output="table", strategy="auto", effort=EFFORT, progress=progress)
+        assert isinstance(result, PathCompensation)
+        analysis, rows = result.analysis, result.table()
+        program = result.program()
+        progress("drawing")
         folder = make_folder(out)
-        rows = command_of(plan, analysis.track, plan.machine.servo_period)
         products: dict[str, str | bytes] = {
             str(folder / f"{PATH}.ngc"): program,
             str(folder / f"{PATH}.csv"): table_content(rows, f"{PATH}.csv"),
-            str(folder / f"{PATH}.png"): render(draw_plan(analysis, plan), "png"),
+            str(folder / f"{PATH}.png"): render(draw_plan(analysis, result.plans["table"]), "png"),
         }
         write_atomically(products)
     if as_json:
-        rows_of_program = command_of(its_plan, analysis.track, plan.machine.servo_period)
-        beside = plan_view(analysis, its_plan, rows_of_program)
-        print_json({**plan_view(analysis, plan, rows), "carrier": "table", "program": beside})
+        beside = plan_view(analysis, result.plans["program"], result.motion("program").command)
+        print_json({**plan_view(analysis, result.plans["table"], rows), "carrier": "table", "program": beside})
     else:
-        click.echo(dip_table(analysis, plan))
-    print_plans({"table": plan, "program": its_plan}, products)
+        click.echo(dip_table(analysis, result.plans["table"]))
+    print_plans({str(output): plan for output, plan in result.plans.items()}, products)
     return 0

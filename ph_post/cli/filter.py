@@ -57,7 +57,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
       ph-post filter -m mill.toml part.ngc > filtered.ngc
       PH_POST_MACHINE=mill.toml ph-post-filter part.json
     """
-    from ph_post.cli.conversion import convert_input, silenced
+    from ph_post.cli.conversion import conversion_lines, converted, silenced
     from ph_post.cli.progress import FilterProgress
     from ph_post.files.storage import STDIO, read_raw, write_atomically
 
@@ -69,10 +69,11 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
     progress = FilterProgress(None if quiet else sys.stderr)
     raw = read_raw(source)
     with silenced():
-        found = convert_input(raw, how, progress, noted=True)
-    write_atomically({STDIO: found.data})
+        result = converted(raw, how, progress, noted=True)
+        program, lines = result.program(), conversion_lines(result)
+    write_atomically({STDIO: program})
     progress("done")
-    for line in () if quiet else found.lines:
+    for line in () if quiet else lines:
         click.echo(line, err=True)
     return 0
 

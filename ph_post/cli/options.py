@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 import click
 
 from ph_post.errors import OptionsError
+from ph_post.units import MM, MM_PER_MIN, MS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -80,6 +81,26 @@ def require_two_sources(a: str | None, b: str | None) -> None:
     """
     if a == b == "-":
         raise click.UsageError("standard input can give one program; got - for both")
+
+
+_UNITS = {
+    "tolerance": MM,
+    "feed": MM_PER_MIN,
+    "min_feed": MM_PER_MIN,
+    "chord_tolerance": MM,
+    "block_time": MS,
+    "safe_z": MM,
+    "depth": MM,
+}
+"""SI values of the units in which options are given, by keyword."""
+
+
+def in_si(how: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a command's options are as keywords of :func:`ph_post.compensate`; those not given are left out."""
+    from ph_post.api.options import CompensateOptions
+
+    given = {name: how[name] for name in CompensateOptions.__struct_fields__ if how.get(name) is not None}
+    return {name: value * _UNITS[name] if name in _UNITS else value for name, value in given.items()}
 
 
 positive = click.FloatRange(min=0.0, min_open=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ class Target(msgspec.Struct, frozen=True, kw_only=True):
     backup: str | None = None
 
 
-def choose_target(source: str, how: dict[str, Any]) -> Target | None:
+def choose_target(source: str, how: Mapping[str, Any]) -> Target | None:
     """Choose by -o, --suffix and --in-place; None where none of them is given.
 
     Raises

@@ -171,12 +171,12 @@ def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Prog
 
 
 def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
-    from ph_post.cli.conversion import compensated
+    from ph_post.cli.conversion import compensated_or_original
     from ph_post.cli.job import read_drives
     from ph_post.report.product import motion_product
     from ph_post.report.traces import program_picture
     from ph_post.units import MM
 
     drives = read_drives(machine, how["dialect"])
-    found = compensated(raw, drives, how, progress)
+    found = compensated_or_original(raw, drives, how, progress)
     return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], progress))

@@ -53,7 +53,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
       ph-post slicer -m stepper part.gcode
       ph-post-slicer -m router.toml --backup --max-slowdown 0.25 part.gcode
     """
-    from ph_post.cli.conversion import convert_part, silenced
+    from ph_post.cli.conversion import conversion_lines, converted_program, silenced
     from ph_post.files.storage import Content, SourceBytes, read_raw, write_atomically
 
     ctx.ensure_object(dict)["one_line"] = True
@@ -62,14 +62,16 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
     name = os.environ.get(_NAME) or source
     data = _program(source, name, read_raw(source).data)
     with silenced():
-        found = convert_part(SourceBytes(name=name, stem="", data=data), {**how, "machine": machine}, no_progress)
+        raw = SourceBytes(name=name, stem="", data=data)
+        result = converted_program(raw, {**how, "machine": machine}, no_progress)
+    program = result.program()
     products: dict[str, Content] = {}
-    if found.data != data:
+    if program != data:
         if backup:
             products[_free(_final(source, name), data)] = data
-        products[source] = found.data
+        products[source] = program
         write_atomically(products)
-    for line in found.lines:
+    for line in conversion_lines(result):
         click.echo(line, err=True)
     options.report_written((), products)
     return 0

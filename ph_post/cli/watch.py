@@ -14,9 +14,10 @@ from typing import Any, Final, NamedTuple
 
 import click
 
+from ph_post.api.compensation import ProgramCompensation
+from ph_post.api.inputs import read_machine
 from ph_post.cli import options
-from ph_post.cli.conversion import Converted, convert_input, silenced
-from ph_post.cli.job import read_drives
+from ph_post.cli.conversion import conversion_lines, converted, silenced
 from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.inputs import PROGRAM_ENDINGS
@@ -219,7 +220,7 @@ class Watcher:
 
     def __init__(self, folder: str, how: Mapping[str, Any]) -> None:
         self._how = how
-        self._ending = find_dialect(read_drives(how["machine"], how["dialect"]).dialect).ending
+        self._ending = find_dialect(read_machine(how["machine"], dialect=how["dialect"]).dialect).ending
         self._suffix: str | None = how["suffix"]
         self._folder = WatchedFolder(folder, self._wanted, how["settle"])
         self._folder.require()
@@ -272,18 +273,19 @@ class Watcher:
         raw = read_raw(os.path.join(self._folder.name, name))  # noqa: PTH118
         target = self._target(name)
         if self._is_there(target, raw):
-            found, lines = None, [f"{raw.name}: {target} is there already"]
+            program, lines = None, [f"{raw.name}: {target} is there already"]
         else:
             self._require_own(target, name)
             with silenced():
-                found = convert_input(raw, self._how, no_progress)
-            self._require_free(target, raw, found)
-            said = found.said if found.said.startswith(raw.name) else f"{raw.name}: {found.said}"
-            lines = [f"{said}; wrote {target}", *found.lines[1:]]
+                result = converted(raw, self._how, no_progress)
+                program, (said, *warnings) = result.program(), conversion_lines(result)
+            self._require_free(target, raw, program)
+            said = said if said.startswith(raw.name) else f"{raw.name}: {said}"
+            lines = [f"{said}; wrote {target}", *warnings]
         if self._folder.look(name) != look:
             return
-        if found is not None:
-            write_atomically({str(target): found.data})
+        if program is not None:
+            write_atomically({str(target): program})
             self.converted += 1
         self._written[target] = name
         self._folder.take(name, look)
@@ -303,8 +305,9 @@ class Watcher:
         if not _is_ours(there):
             return False
         with contextlib.suppress(PhPostError), silenced():
-            found = convert_input(SourceBytes(name=target.name, stem="", data=there), self._how, no_progress)
-            return found.done and found.original == raw.data
+            result = converted(SourceBytes(name=target.name, stem="", data=there), self._how, no_progress)
+            if isinstance(result, ProgramCompensation):
+                return result.already_compensated and result.original.data == raw.data
         return False
 
     def _require_own(self, target: pathlib.Path, name: str) -> None:
@@ -329,7 +332,7 @@ class Watcher:
                 got=str(target),
             )
 
-    def _require_free(self, target: pathlib.Path, raw: SourceBytes, found: Converted) -> None:
+    def _require_free(self, target: pathlib.Path, raw: SourceBytes, program: bytes) -> None:
         """See that nothing is lost that was not made here.
 
         Raises
@@ -338,7 +341,7 @@ class Watcher:
             Where something is in its place that somebody else wrote.
         """
         there = _bytes(target)
-        known = target in self._written or there in (b"", raw.data, found.data) or _is_ours(there)
+        known = target in self._written or there in (b"", raw.data, program) or _is_ours(there)
         if not (known or self._how["force"]):
             raise InputError(
                 str(target),

@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.compensate.motion import MotionLaw
+from ph_post.compensate.motion import MotionLaw, place_and_feed
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import cycle_time, make_plan
-from ph_post.compensate.strategies.registry import PLAIN, find_traits, strategy_names
+from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_traits, strategy_names
 from ph_post.compensate.violations import (
     Violation,
     at_rest_before_and_after,
@@ -29,7 +29,7 @@ from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.simulate.assess import Assessment, assess, contour_errors
 from ph_post.simulate.contour import ContourError, Nominal
-from ph_post.types import Array, BoolArray, Command, Phase, Plan, Scenario
+from ph_post.types import Array, BoolArray, Command, Crossing, Jog, Phase, Plan, Scenario, TurningPoint
 from ph_post.units import MM
 
 STILL: Final = 1e-9
@@ -230,3 +230,51 @@ def describe_violation(broken: Violation) -> str:
         f"breaks the {broken.quantity} limit of {broken.axis} at {broken.t:.3f} s: "
         f"{broken.value / scale:.6g} {words[broken.quantity]} where {broken.limit / scale:.6g} is allowed"
     )
+
+
+PASSED = 1e-6
+"""Places along the path less than this [m] apart are one."""
+
+
+def window_number(plan: Plan, point: TurningPoint) -> int | None:
+    """Return the number of a turning point's window, None where it has none."""
+    rows = enumerate(plan.windows)
+    return next((number for number, window in rows if point.index in window.members), None)
+
+
+def crossings_at(plan: Plan, point: TurningPoint) -> tuple[Crossing | Jog, ...]:
+    """Return the crossings of the gap at a turning point: of its window, and those made as it is passed.
+
+    The latter belong to no window: there is none in a corner, and the motion may rest for them.
+    """
+    number = window_number(plan, point)
+    own = [one for one in plan.crossings if one.axis == point.axis]
+    middles = np.array([one.start + 0.5 * one.duration for one in own])
+    places = place_and_feed(plan.phases, middles)[0] if own else middles
+    return tuple(
+        one
+        for one, s in zip(own, places.tolist(), strict=True)
+        if one.window == number or (one.window < 0 and s > PASSED and abs(s - point.s) < PASSED)
+    )
+
+
+def strategy_at(plan: Plan, point: TurningPoint) -> str:
+    """Name what a plan does at a turning point: the plan's strategy, or what that chose there.
+
+    Where only the gap is crossed and the feed is left alone that is `takeup`, of a strategy that chooses.
+    """
+    number = window_number(plan, point)
+    profile = None if number is None else plan.profiles[number]
+    if profile is not None:
+        return profile.strategy or plan.strategy
+    if not crossings_at(plan, point):
+        return PLAIN
+    return TAKE_UP if find_traits(plan.strategy).chooses else plan.strategy
+
+
+def chosen_at(plan: Plan) -> dict[str, list[int]]:
+    """Sort turning points by what a plan does there; those left alone are last, under "none"."""
+    found: dict[str, list[int]] = {}
+    for point in plan.turning_points:
+        found.setdefault(strategy_at(plan, point), []).append(point.index)
+    return dict(sorted(found.items(), key=lambda item: (item[0] == PLAIN, item[0])))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from ph_post.compensate.comparison import Contender
+from ph_post.compensate.comparison import Contender, chosen_at
 from ph_post.compensate.strategies.registry import find_traits
-from ph_post.report.tables import NOTHING, chosen_at, chosen_words, format_table
+from ph_post.report.tables import NOTHING, chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment
 from ph_post.simulate.contour import ContourError, TurningError

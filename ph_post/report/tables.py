@@ -10,10 +10,11 @@ import msgspec
 
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
+from ph_post.compensate.comparison import chosen_at, crossings_at, strategy_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
-from ph_post.report.views import crossings_at, radius, strategy_at, windows_by_point
+from ph_post.report.views import radius, windows_by_point
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -154,14 +155,6 @@ def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: Text
         last = number == len(plans)
         shown = msgspec.structs.replace(plan, warnings=new)
         print_plan(shown, products if last else (), what if len(plans) > 1 else "", stream)
-
-
-def chosen_at(plan: Plan) -> dict[str, list[int]]:
-    """Sort turning points by what a plan does there; those left alone are last, under "none"."""
-    found: dict[str, list[int]] = {}
-    for point in plan.turning_points:
-        found.setdefault(strategy_at(plan, point), []).append(point.index)
-    return dict(sorted(found.items(), key=lambda item: (item[0] == PLAIN, item[0])))
 
 
 def chosen_words(plan: Plan) -> str:

@@ -12,13 +12,14 @@ from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.programs import CompensatedProgram
-from ph_post.compensate.comparison import plain
+from ph_post.api.reversals import ProgramReversal, program_reversals
+from ph_post.compensate.comparison import plain, strategy_at, window_number
 from ph_post.compensate.offsets import command_of
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
-from ph_post.report.programs import TurningPlace, turning_places, warnings_of
-from ph_post.report.views import View, strategy_at, turning_point_views, window_number, windows_by_point
+from ph_post.report.programs import window_views
+from ph_post.report.views import View, turning_point_views, windows_by_point
 from ph_post.simulate.assess import assess
 from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
 from ph_post.simulate.controllers.deviation import CutPath, program_error
@@ -210,7 +211,7 @@ def program_picture(
     original = delivery.before
     path = CutPath(original, machine)
     progress("locating turning points, windows and backlash intervals")
-    turns = turning_places(delivery, machine, tolerance)
+    turns = program_reversals(delivery, machine, tolerance)
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
     both = [("as it is", original)]
@@ -221,7 +222,10 @@ def program_picture(
         traces.append(_program_trace(name, program, original, machine, path, points))
     axes = traces[0].run.axes
     at = path.points(np.array([point.s for point in points]), axes).tolist()
-    marks = tuple(_program_mark(*one, delivery.done) for one in zip(turns, places, map(tuple, at), strict=True))
+    marks = tuple(
+        _program_mark(*one, delivery.done)
+        for one in zip(turns, window_views(turns), places, map(tuple, at), strict=True)
+    )
     rapid = np.flatnonzero(path.legs.rapid == 1.0)
     return Picture(
         name=PurePath(original.name).name,
@@ -235,12 +239,12 @@ def program_picture(
         traces=tuple(traces),
         machine=machine,
         strategy=strategy,
-        warnings=warnings_of(delivery),
+        warnings=delivery.warnings,
         rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
     )
 
 
-def _places_of(turn: TurningPlace, path: CutPath) -> tuple[float, float, float]:
+def _places_of(turn: ProgramReversal, path: CutPath) -> tuple[float, float, float]:
     """Place a turning point on the program, and the ends of its window, if it has one [m]."""
     window = turn.window
     reach = 0.0 if window is None else window.half_length
@@ -250,12 +254,14 @@ def _places_of(turn: TurningPlace, path: CutPath) -> tuple[float, float, float]:
     return s, low, high
 
 
-def _program_mark(turn: TurningPlace, places: tuple[float, float, float], point: tuple[float, ...], done: bool) -> Mark:
+def _program_mark(
+    turn: ProgramReversal, view: View, places: tuple[float, float, float], point: tuple[float, ...], done: bool
+) -> Mark:
     """Tell of a turning point; of a program compensated before nobody knows what was done where."""
     s, low, high = places
-    profile = turn.view["profile"]
+    profile = view["profile"]
     told = {
-        **turn.view,
+        **view,
         "s": s / MM,
         "ratio": None if profile is None else profile["ratio"],
         "notes": () if profile is None else profile["notes"],

@@ -13,9 +13,8 @@ import numpy as np
 
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
-from ph_post.compensate.motion import place_and_feed
+from ph_post.compensate.comparison import crossings_at, strategy_at, window_number
 from ph_post.compensate.plan import cycle_time
-from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_traits
 from ph_post.types import (
     Axis,
     Command,
@@ -112,9 +111,6 @@ def _short(value: float) -> float:
 
 View = dict[str, Any]
 
-PASSED = 1e-6
-"""Places along the path less than this [m] apart are one."""
-
 
 def window_view(window: Window | None) -> View | None:
     """Return a window as INTERFACE §5 lists it; `estimate` is null on a circle."""
@@ -195,42 +191,6 @@ def profile_view(profile: FeedProfile | None) -> View | None:
         "ratio": profile.ratio,
         "notes": list(profile.notes),
     }
-
-
-def window_number(plan: Plan, point: TurningPoint) -> int | None:
-    """Return the number of a turning point's window, None where it has none."""
-    rows = enumerate(plan.windows)
-    return next((number for number, window in rows if point.index in window.members), None)
-
-
-def crossings_at(plan: Plan, point: TurningPoint) -> tuple[Crossing | Jog, ...]:
-    """Return the crossings of the gap at a turning point: of its window, and those made as it is passed.
-
-    The latter belong to no window: there is none in a corner, and the motion may rest for them.
-    """
-    number = window_number(plan, point)
-    own = [one for one in plan.crossings if one.axis == point.axis]
-    middles = np.array([one.start + 0.5 * one.duration for one in own])
-    places = place_and_feed(plan.phases, middles)[0] if own else middles
-    return tuple(
-        one
-        for one, s in zip(own, places.tolist(), strict=True)
-        if one.window == number or (one.window < 0 and s > PASSED and abs(s - point.s) < PASSED)
-    )
-
-
-def strategy_at(plan: Plan, point: TurningPoint) -> str:
-    """Name what a plan does at a turning point: the plan's strategy, or what that chose there.
-
-    Where only the gap is crossed and the feed is left alone that is `takeup`, of a strategy that chooses.
-    """
-    number = window_number(plan, point)
-    profile = None if number is None else plan.profiles[number]
-    if profile is not None:
-        return profile.strategy or plan.strategy
-    if not crossings_at(plan, point):
-        return PLAIN
-    return TAKE_UP if find_traits(plan.strategy).chooses else plan.strategy
 
 
 def crossing_view(one: Crossing | Jog) -> View:

@@ -135,6 +135,41 @@ def run_scenarios(measure: Callable[[Scenario], T], tried: Iterable[Scenario]) -
         return (measure(first_of_all), *pool.map(measure, others))
 
 
+def gap_error(
+    command: Command, machine: Machine, nominal: Nominal, tried: Sequence[Scenario], plain: Command
+) -> ContourError | None:
+    """Return the largest contour error in some scenarios that backlash causes.
+
+    It is what the motion has more than the same motion on the machine without backlash, where nothing need be
+    added to the path to cross it.
+
+    Parameters
+    ----------
+    command, machine, nominal
+        As of :func:`assess`.
+    tried : sequence of Scenario
+        See :func:`backlash_scenarios`.
+    plain : Command
+        The same rows without what `command` adds to the path to cross backlash.
+    """
+    first = first_counted(command, machine)
+    gapless = tuple(dict.fromkeys(replace(one, gap=0.0) for one in tried))
+    runs = run_scenarios(lambda one: _measured(plain, machine, nominal, one), gapless)
+    without = dict(zip(gapless, runs, strict=True))
+
+    def added(scenario: Scenario) -> ContourError | None:
+        run = _measured(command, machine, nominal, scenario)
+        return contour_error(_added(nominal, run, without[replace(scenario, gap=0.0)])[first:])
+
+    errors = run_scenarios(added, tried)
+    return errors[_largest(errors, range(len(errors)))]
+
+
+def backlash_scenarios(tried: Iterable[Scenario]) -> tuple[Scenario, ...]:
+    """Leave out the scenarios that differ from the machine file in more than their backlash."""
+    return tuple(one for one in tried if one.beta == one.gain == 1.0)
+
+
 def resting_axes(command: Command) -> tuple[str, ...]:
     """Name the axes that rest at the first row, where only the file can tell the flank."""
     return tuple(

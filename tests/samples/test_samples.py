@@ -46,10 +46,10 @@ def test_standstill_by_feed():
 
 
 def test_compensate_program():
-    delivery, outcome = load("compensate_program").compensated_pocket("router")
+    result = load("compensate_program").compensated_pocket("router")
     # router.toml: half of the lost motions of 0.12, 0.08 and 0.01 mm.
-    assert delivery.edits.amplitude == pytest.approx({"X": 60e-6, "Y": 40e-6, "Z": 5e-6})
-    assert outcome.after.error.max < outcome.before.error.max / 3.0
+    assert result.edited.edits.amplitude == pytest.approx({"X": 60e-6, "Y": 40e-6, "Z": 5e-6})
+    assert result.after.error.max < result.before.error.max / 3.0
 
 
 def test_close_the_loop():

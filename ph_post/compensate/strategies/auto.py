@@ -29,7 +29,7 @@ class Automatic:
     name = "auto"
     summary = "the best of all at every turning point, in simulation and within the limits"
     feedbacks = EVERY_LOOP
-    traits = StrategyTraits(chooses=True, shifts_axes=True)
+    traits = StrategyTraits(chooses=True, shifts_axes=True, default_for="job")
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Search for the best design at every turning point."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
@@ -134,7 +134,8 @@ class StrategyTraits(msgspec.Struct, frozen=True, kw_only=True):
     `compensates` is false for the plain program alone. `is_baseline` marks what machines do today, which is
     planned without inverse dynamics. `chooses` marks a strategy that chooses among others at every turning
     point, `shifts_axes` one that gives axes behind their loop a lasting offset, `moves_back` one whose feed
-    becomes negative.
+    becomes negative. `default_for` is what the strategy is taken for where nobody names one: any job, or a
+    described profile.
     """
 
     compensates: bool = True
@@ -142,6 +143,7 @@ class StrategyTraits(msgspec.Struct, frozen=True, kw_only=True):
     chooses: bool = False
     shifts_axes: bool = False
     moves_back: bool = False
+    default_for: Literal["", "job", "profile"] = ""
 
 
 @runtime_checkable

@@ -71,6 +71,18 @@ def find_traits(name: str) -> StrategyTraits:
     return traits_of(find_strategy(name))
 
 
+def default_strategy(*, described: bool) -> str:
+    """Name the strategy where nobody does; a profile that is `described` is the same at all reversals.
+
+    Examples
+    --------
+    >>> default_strategy(described=False), default_strategy(described=True)
+    ('auto', 'suppress')
+    """
+    wanted = "profile" if described else "job"
+    return next(name for name in BUILT_IN if find_traits(name).default_for == wanted)
+
+
 def _is_strategy(found: object) -> TypeGuard[Strategy]:
     from ph_post.compensate.strategies.base import Strategy
 

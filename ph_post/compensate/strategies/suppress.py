@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ph_post.compensate.strategies import feed
-from ph_post.compensate.strategies.base import PlanningTask, StrategyResult
+from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.types import EVERY_LOOP
 
 RATIO = 0.25
@@ -16,6 +16,7 @@ class FeedSuppression:
     name = "suppress"
     summary = "a smooth feed dip about every turning point, never negative unless allowed"
     feedbacks = EVERY_LOOP
+    traits = StrategyTraits(default_for="profile")
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
         """Want the same profile in every window in which an axis crosses its gap."""

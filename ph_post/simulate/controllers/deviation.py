@@ -204,6 +204,51 @@ def program_error(
     )
 
 
+def program_gap_error(
+    found: ProgramError,
+    command: Command,
+    machine: Machine,
+    path: CutPath,
+    tried: Sequence[Scenario],
+    plain: Command,
+) -> ContourError | None:
+    """Return the largest error in some scenarios that backlash causes.
+
+    As :func:`ph_post.simulate.assess.gap_error` in space: the length of the difference between the two runs'
+    distances from the path, as vectors.
+
+    Parameters
+    ----------
+    found : ProgramError
+        Of the same command.
+    command, machine
+        As of :func:`program_error`.
+    path : CutPath
+        Of the original program.
+    tried : sequence of Scenario
+        See :func:`ph_post.simulate.assess.backlash_scenarios`.
+    plain : Command
+        The same rows without what `command` adds to the path to cross backlash.
+    """
+    moved = moving_axes(command)
+    columns = [plain.axes.index(name) for name in moved.axes]
+    bare = replace(moved, position=np.ascontiguousarray(plain.position[:, columns]))
+
+    def distance(scenario: Scenario) -> Array:
+        run = simulate(moved if scenario.gap else bare, machine, scenario)
+        _, places = path.closest_points(run, found.place)
+        return np.asarray((run.executed - path.points(places, run.axes))[found.counted])
+
+    gapless = tuple(dict.fromkeys(replace(one, gap=0.0) for one in tried))
+    without = dict(zip(gapless, run_scenarios(distance, gapless), strict=True))
+
+    def added(scenario: Scenario) -> ContourError | None:
+        difference = distance(scenario) - without[replace(scenario, gap=0.0)]
+        return contour_error(np.asarray(np.linalg.norm(difference, axis=1)))
+
+    return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
+
+
 def moving_axes(command: Command) -> Command:
     """Leave out the axes that stand still all the time; at least one stays."""
     moves = [number for number in range(len(command.axes)) if np.ptp(command.position[:, number]) > 0.0] or [0]

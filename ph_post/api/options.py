@@ -1,0 +1,126 @@
+"""The options of a compensation, as one record in SI units; those of ``convert`` with ``_`` for ``-``."""
+
+from __future__ import annotations
+
+import os
+from typing import Literal
+
+import msgspec
+
+from ph_post.compensate.options import PlanOptions, PlanOutput
+from ph_post.compensate.strategies.registry import default_strategy, find_traits
+from ph_post.drive.intervals import IntervalTable
+from ph_post.edit.edits import TOLERANCE, EditOptions
+from ph_post.errors import OptionsError
+from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramOptions
+
+
+class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """All options of :func:`ph_post.compensate`.
+
+    Lengths in m, feeds in m/s, times in s. Without a `strategy` it is the default one. With `notes_in_header`
+    the head of a program holds the warnings too, for those who see nothing but the program.
+    """
+
+    strategy: str | None = None
+    tolerance: float = TOLERANCE
+    feed: float | None = None
+    dialect: str | None = None
+    start: Literal["rest", "moving"] = "rest"
+    ratio: float | None = None
+    degree: int | None = None
+    t_star: float | None = None
+    coefficients: tuple[float, ...] | None = None
+    allow_retrograde: bool = False
+    min_feed: float | None = None
+    max_slowdown: float = 0.1
+    feed_only: bool = False
+    no_inverse_dynamics: bool = False
+    effort: float = 1.0
+    interval_table: str | os.PathLike[str] | IntervalTable | None = None
+    feed_mode: FeedMode = "per-minute"
+    chord_tolerance: float = CHORD_TOLERANCE
+    block_time: float = BLOCK_TIME
+    safe_z: float | None = None
+    depth: float | None = None
+    strict: bool = False
+    force: bool = False
+    notes_in_header: bool = False
+
+    @property
+    def chosen_strategy(self) -> str:
+        """Name of the strategy: the one that is asked for, or the default.
+
+        Examples
+        --------
+        >>> CompensateOptions().chosen_strategy, CompensateOptions(ratio=0.3).chosen_strategy
+        ('auto', 'suppress')
+        """
+        profile = (self.ratio, self.degree, self.t_star, self.coefficients)
+        return self.strategy or default_strategy(described=any(one is not None for one in profile))
+
+    def plan(self, output: PlanOutput, *, feed_only: bool = False) -> PlanOptions:
+        """Return how to plan the feed for an output; with `feed_only` nothing is added to the path.
+
+        Only a table can lead the path by what the servos lag behind it.
+        """
+        name = self.chosen_strategy
+        leads = output == "table" and not self.no_inverse_dynamics and not find_traits(name).is_baseline
+        return PlanOptions(
+            strategy=name,
+            start=self.start,
+            ratio=self.ratio,
+            degree=self.degree,
+            t_star=self.t_star,
+            coefficients=self.coefficients,
+            allow_retrograde=self.allow_retrograde,
+            min_feed=self.min_feed,
+            max_slowdown=self.max_slowdown,
+            inverse_dynamics=leads,
+            feed_only=self.feed_only or feed_only,
+            carrier=output,
+            effort=self.effort,
+        )
+
+    @property
+    def writing(self) -> ProgramOptions:
+        """How the program of a path is written."""
+        return ProgramOptions(
+            feed_mode=self.feed_mode,
+            chord_tolerance=self.chord_tolerance,
+            block_time=self.block_time,
+            safe_z=self.safe_z,
+            depth=self.depth,
+        )
+
+    @property
+    def editing(self) -> EditOptions:
+        """How an existing program is changed."""
+        return EditOptions(
+            tolerance=self.tolerance,
+            max_slowdown=self.max_slowdown,
+            chord_tolerance=self.chord_tolerance,
+            block_time=self.block_time,
+        )
+
+    def check_for_program(self) -> None:
+        """Refuse options that a part program, which has its own feeds and heights, has no use for.
+
+        Raises
+        ------
+        InputError
+            With the option's name as the command line has it.
+        """
+        given = {
+            "--feed": self.feed is not None,
+            "--safe-z": self.safe_z is not None,
+            "--depth": self.depth is not None,
+            "--interval-table": self.interval_table is not None,
+            "--feed-mode": self.feed_mode != "per-minute",
+            "--start moving": self.start != "rest",
+            f"--strategy {self.strategy}": self.strategy is not None and find_traits(self.strategy).moves_back,
+            "--allow-retrograde": self.allow_retrograde,
+        }
+        refused = next((option for option, used in given.items() if used), None)
+        if refused is not None:
+            raise OptionsError(f"{refused} is for path files; a part program keeps its own")

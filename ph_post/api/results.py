@@ -1,0 +1,244 @@
+"""Results of the functions of :mod:`ph_post`; what costs a simulation is worked out when it is first asked for."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.plan import cycle_time
+from ph_post.edit.edits import Edits
+from ph_post.gcode.program import AXES, PartProgram
+from ph_post.progress import Progress, no_progress
+from ph_post.simulate.assess import Assessment, assess, backlash_scenarios, gap_error
+from ph_post.simulate.contour import ContourError, Nominal
+from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
+from ph_post.simulate.controllers.run import run_program
+from ph_post.types import Array, Command, Machine, Plan, Scenario, frozen
+
+OFFSETS_FROM_JOG: Final = 4.0
+"""Rows this many offsets from a jog along the path may belong to it: the offset moves the place that is found."""
+
+
+class Reversals(NamedTuple):
+    """How many reversals a compensation takes care of, and how many there are."""
+
+    compensated: int
+    all: int
+
+
+class MotionResult(ABC):
+    """A motion of the machine, before or after compensation: its time, and how far it leaves the path.
+
+    An error has the largest value `max` and the root mean square `rms` [m], and is None where the motion is
+    over before its error counts. Errors are simulated when they are first asked for.
+    """
+
+    @property
+    @abstractmethod
+    def time(self) -> float:
+        """Duration of the motion [s]."""
+
+    @property
+    @abstractmethod
+    def error(self) -> ContourError | None:
+        """Contour error at the values of the machine file, by all causes [m]."""
+
+    @property
+    @abstractmethod
+    def error_worst(self) -> ContourError | None:
+        """Contour error by all causes on the worst machine that the file leaves possible [m]."""
+
+    @property
+    @abstractmethod
+    def error_gap(self) -> ContourError | None:
+        """Contour error that backlash causes: what it adds to the same run without any [m]."""
+
+    @property
+    @abstractmethod
+    def error_gap_worst(self) -> ContourError | None:
+        """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(time={self.time:.6g})"
+
+
+class PlannedMotion(MotionResult):
+    """The motion of a plan along its path.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    plan : Plan
+    """
+
+    def __init__(self, analysis: Analysis, plan: Plan) -> None:
+        self.analysis, self.plan = analysis, plan
+
+    @property
+    def time(self) -> float:
+        """Duration of the motion [s]."""
+        return cycle_time(self.plan.phases)
+
+    @cached_property
+    def command(self) -> Command:
+        """What the axes are commanded in every servo period."""
+        return command_of(self.plan, self.analysis.track, self.plan.machine.servo_period)
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """What the motion does on every machine that the file leaves possible."""
+        nominal = Nominal(self.analysis.track)
+        return assess(self.command, self.plan.machine, nominal, self.analysis.turning_points)
+
+    @property
+    def error(self) -> ContourError | None:
+        """Contour error at the values of the machine file, by all causes [m]."""
+        return self.assessment.error
+
+    @property
+    def error_worst(self) -> ContourError | None:
+        """Contour error by all causes on the worst machine that the file leaves possible [m]."""
+        return self.assessment.error_worst
+
+    @cached_property
+    def error_gap(self) -> ContourError | None:
+        """Contour error that backlash causes at the values of the machine file [m]."""
+        if self._plain is self.command:
+            return self.assessment.error_gap
+        return self._gap_error((self.assessment.run.scenario,))
+
+    @cached_property
+    def error_gap_worst(self) -> ContourError | None:
+        """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
+        return self._gap_error(backlash_scenarios(self.assessment.scenarios))
+
+    def _gap_error(self, tried: Sequence[Scenario]) -> ContourError | None:
+        return gap_error(self.command, self.plan.machine, Nominal(self.analysis.track), tried, self._plain)
+
+    @cached_property
+    def _plain(self) -> Command:
+        """The same rows without the crossings of the gap."""
+        if not (self.plan.crossings or any(self.plan.bias.values())):
+            return self.command
+        plan = msgspec.structs.replace(self.plan, crossings=(), bias={})
+        return command_of(plan, self.analysis.track, self.plan.machine.servo_period)
+
+
+class ProgramMotion(MotionResult):
+    """The motion of a part program on a model of its controller, measured against the path of the original.
+
+    Parameters
+    ----------
+    program, original : PartProgram
+    machine : Machine
+    name : str
+        Which of them it is, for the progress.
+    progress : callable, optional
+    edits : callable, optional
+        Returns what was added to the original; None where it is the original.
+    """
+
+    def __init__(
+        self,
+        program: PartProgram,
+        original: PartProgram,
+        machine: Machine,
+        name: str,
+        progress: Progress = no_progress,
+        edits: Callable[[], Edits | None] = lambda: None,
+    ) -> None:
+        self.program, self.original, self.machine = program, original, machine
+        self._name, self._progress, self._edits = name, progress, edits
+
+    @property
+    def time(self) -> float:
+        """Duration of the motion, from rest to rest [s]."""
+        return float(self.command.t[-1]) if self.command.t.size else 0.0
+
+    @cached_property
+    def command(self) -> Command:
+        """What the controller commands in every servo period."""
+        self._progress(f"running the {self._name} on a model of the controller")
+        return run_program(self.program, self.machine)
+
+    @cached_property
+    def assessment(self) -> ProgramError | None:
+        """What the motion does on every machine that the file leaves possible; None where nothing moves."""
+        return program_error(self.command, self.machine, self.original) if self.command.t.size else None
+
+    @property
+    def error(self) -> ContourError | None:
+        """Contour error at the values of the machine file, by all causes [m]."""
+        return None if self.assessment is None else self.assessment.error
+
+    @property
+    def error_worst(self) -> ContourError | None:
+        """Contour error by all causes on the worst machine that the file leaves possible [m]."""
+        return None if self.assessment is None else self.assessment.error_worst
+
+    @cached_property
+    def error_gap(self) -> ContourError | None:
+        """Contour error that backlash causes at the values of the machine file [m]."""
+        return None if self.assessment is None else self._gap_error(self.assessment, (self.assessment.run.scenario,))
+
+    @cached_property
+    def error_gap_worst(self) -> ContourError | None:
+        """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
+        found = self.assessment
+        return None if found is None else self._gap_error(found, backlash_scenarios(found.scenarios))
+
+    def _gap_error(self, found: ProgramError, tried: Sequence[Scenario]) -> ContourError | None:
+        path = CutPath(self.original, self.machine)
+        edits = self._edits()
+        plain = self.command if edits is None else without_offsets(self.command, path, found.place, edits)
+        return program_gap_error(found, self.command, self.machine, path, tried, plain)
+
+
+def without_offsets(command: Command, path: CutPath, place: Array, edits: Edits) -> Command:
+    """Return the command of a compensated program without the offsets that its axes carry.
+
+    Parameters
+    ----------
+    command : Command
+        Of the compensated program, n rows.
+    path : CutPath
+        Of the original.
+    place : array, shape (n,)
+        Where along the original every row belongs [m].
+    edits : Edits
+        What was added to the original.
+    """
+    motion = np.arange(len(edits.offset))
+    starts, ends = path.place_of(motion, np.zeros(motion.size)), path.place_of(motion, np.ones(motion.size))
+    begin = np.vstack([np.zeros((1, len(AXES))), edits.offset[:-1]])
+    knots: dict[int, list[tuple[float, Array]]] = {k: [(starts[k], begin[k])] for k in motion.tolist()}
+    jogs: list[tuple[float, Array]] = []
+    for stop in edits.stops:
+        at = float(path.place_of(np.array([stop.motion]), np.array([stop.share]))[0])
+        rows = [knots[stop.motion][-1][1]]
+        for shift in stop.shifts:
+            rows.append(rows[-1] + shift.travel * np.eye(len(AXES))[AXES.index(shift.axis)])
+        knots[stop.motion] += [(at, rows[0]), (at, rows[-1])]
+        jogs.append((at, np.array(rows)))
+    pairs = [pair for k in motion.tolist() for pair in (*knots[k], (ends[k], edits.offset[k]))]
+    known, values = np.array([at for at, _ in pairs]), np.array([row for _, row in pairs])
+    low = np.stack([np.interp(place, known, column) for column in values.T], axis=1)
+    high = low.copy()
+    # A jog is under way while the path stands: there it is what the command is off the path.
+    reach = OFFSETS_FROM_JOG * max([*edits.amplitude.values(), *edits.pulse.values(), 0.0])
+    order = np.argsort(place, kind="stable")
+    for at, carried in jogs:
+        first, last = np.searchsorted(place[order], (at - reach, at + reach))
+        near = order[first:last]
+        low[near], high[near] = np.minimum(low[near], carried.min(axis=0)), np.maximum(high[near], carried.max(axis=0))
+    columns = [AXES.index(name) for name in command.axes]
+    away = command.position - path.points(place, command.axes)
+    offset = np.clip(away, low[:, columns], high[:, columns])
+    return msgspec.structs.replace(command, position=frozen(command.position - offset))

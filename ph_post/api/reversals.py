@@ -1,0 +1,184 @@
+"""The reversals of a compensated part program, and what is done at each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.analysis.path_analysis import Analysis, analyse
+from ph_post.api.programs import CompensatedProgram
+from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
+from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
+from ph_post.edit.edits import Edits
+from ph_post.edit.window_plans import WindowPlan
+from ph_post.gcode.paths import ProgramPath, paths_of
+from ph_post.gcode.program import AXES, Motions
+from ph_post.types import Array, BoolArray, Crossing, FeedProfile, IntArray, Jog, Machine, TurningPoint, Window
+
+MILLION: Final = 10**6
+
+STILL: Final = 1e-9
+"""What differs by no more [m] is the same: a place of an axis, or an offset."""
+
+Place = tuple[str, int, int]
+"""Axis, motion, and its share to a millionth."""
+
+
+class ReversalEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """What is done at a reversal."""
+
+    strategy: str = PLAIN
+    profile: FeedProfile | None = None
+    crossings: tuple[Crossing | Jog, ...] = ()
+
+
+class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
+    """A reversal of a part program and what is done there.
+
+    It is the turning `point` of an `analysis` of a `path` of the program, on a `line` (from 1). `strategy` is
+    "none" where nothing is done, and "takeup" where the axis gets another lasting offset.
+    """
+
+    path: ProgramPath
+    analysis: Analysis
+    point: TurningPoint
+    window: Window | None
+    line: int
+
+
+def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: float) -> list[ProgramReversal]:
+    """Return every reversal of a program, path by path.
+
+    Parameters
+    ----------
+    found : CompensatedProgram
+    machine : Machine
+    tolerance : float
+        ε of the windows [m].
+    """
+    done, edits = _done(found.windows), found.edits
+    changes = None if edits is None or not edits.amplitude else _changes_of(edits)
+    return [
+        one
+        for path in paths_of(found.before)
+        for one in _of_path(found, path, analyse(path.path, machine, tolerance), done, changes)
+    ]
+
+
+def _done(plans: Sequence[WindowPlan]) -> dict[Place, ReversalEdit]:
+    """Return what plans do at their reversals; a path may have been planned in parts."""
+    found: dict[Place, ReversalEdit] = {}
+    for made in plans:
+        plan = made.plan
+        for point, place in zip(plan.turning_points, _places(made.path, plan.turning_points), strict=True):
+            number = window_number(plan, point)
+            found[place] = ReversalEdit(
+                strategy=strategy_at(plan, point),
+                profile=None if number is None else plan.profiles[number],
+                crossings=crossings_at(plan, point),
+            )
+    return found
+
+
+def _places(path: ProgramPath, points: Sequence[TurningPoint]) -> list[Place]:
+    """Return where points are on the program: axis, motion, and its share to a millionth."""
+    motion, share = path.to_motions(np.array([point.s for point in points]))
+    rows = zip(points, motion.tolist(), share.tolist(), strict=True)
+    return [(point.axis, number, round(part * MILLION)) for point, number, part in rows]
+
+
+class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where the lasting offsets of a program change.
+
+    `motion`, `share` and `column` (n,) of the stops that do it, one a shift, in order of travel; `carried`
+    (m, 3) whether a motion, a rapid, does it on its way.
+    """
+
+    axes: tuple[str, ...]
+    motion: IntArray
+    share: Array
+    column: IntArray
+    carried: BoolArray
+
+
+def _changes_of(edits: Edits) -> _Changes:
+    rows = np.array(
+        [
+            (stop.motion, stop.share, AXES.index(shift.axis), shift.travel)
+            for stop in edits.stops
+            for shift in stop.shifts
+        ]
+    )
+    motion, share, column, travel = rows.reshape(-1, 4).T
+    at = motion.astype(np.int64), column.astype(np.int64)
+    steps = np.diff(edits.offset, axis=0, prepend=0.0)
+    np.subtract.at(steps, at, travel)
+    return _Changes(axes=tuple(edits.amplitude), motion=at[0], share=share, column=at[1], carried=np.abs(steps) > STILL)
+
+
+def _of_path(
+    found: CompensatedProgram,
+    path: ProgramPath,
+    analysis: Analysis,
+    done: Mapping[Place, ReversalEdit],
+    changes: _Changes | None,
+) -> Iterator[ProgramReversal]:
+    places = _places(path, analysis.turning_points)
+    motion = np.array([number for _, number, _ in places], dtype=np.int64)
+    lines = found.before.motions.block[motion] + 1
+    windows = {member: window for window in analysis.windows for member in window.members}
+    shifted = _shifted(changes, found.before.motions, path, analysis.turning_points, places)
+    rows = zip(analysis.turning_points, places, lines.tolist(), shifted, strict=True)
+    for point, place, line, carried in rows:
+        edit = done.get(place, ReversalEdit())
+        yield ProgramReversal(
+            path=path,
+            analysis=analysis,
+            point=point,
+            window=windows.get(point.index),
+            line=line,
+            strategy=TAKE_UP if carried else edit.strategy,
+            profile=edit.profile,
+            crossings=edit.crossings,
+        )
+
+
+def _shifted(
+    changes: _Changes | None,
+    motions: Motions,
+    path: ProgramPath,
+    points: tuple[TurningPoint, ...],
+    places: Sequence[Place],
+) -> list[bool]:
+    """Whether the lasting offset of the axis that turns changes at each turning point.
+
+    Of one at which the axis rested that may be anywhere in the rest, at whose end it is listed.
+    """
+    if changes is None or not points:
+        return [False] * len(points)
+    own = slice(*np.searchsorted(changes.motion, (path.motion[0], path.motion[-1] + 1)).tolist())
+    at, column = path.to_path(changes.motion[own], changes.share[own]), changes.column[own]
+    left_off = {name: _left_off(motions, path, AXES.index(name)) for name in changes.axes}
+    found = []
+    for point, (name, motion, share) in zip(points, places, strict=True):
+        if name not in changes.axes:
+            found.append(False)
+            continue
+        begin, low = motion, point.s
+        if point.kind == "dwell":
+            begin = left_off[name][motion]
+            low = float(path.to_path(np.array([begin]), np.ones(1))[0])
+        stops = (column == AXES.index(name)) & (at > low - PASSED) & (at < point.s + PASSED)
+        leaves = motion + 2 if share == MILLION else begin + 1
+        found.append(bool(stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
+    return found
+
+
+def _left_off(motions: Motions, path: ProgramPath, column: int) -> dict[int, int]:
+    """Tell of the motions of a path which was the last up to there that moved an axis; maybe itself."""
+    moves = np.abs(motions.end[path.motion, column] - motions.start[path.motion, column]) > STILL
+    last = np.maximum.accumulate(np.where(moves, np.arange(moves.size), 0))
+    return dict(zip(path.motion.tolist(), path.motion[last].tolist(), strict=True))

@@ -1,0 +1,183 @@
+"""The front door: what it returns, and that the command writes the same bytes and says the same lines."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+import ph_post as ph
+from ph_post.cli.main import main
+from ph_post.compensate.strategies.base import StrategyTraits, traits_of
+from ph_post.dialects.registry import find_dialect
+from ph_post.units import MM_PER_MIN
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLES = ROOT / "samples"
+PART = "G21 G90\nG0 X0 Y0\nG3 X0 Y0 I10 J0 F800\nM2\n"
+QUICK = 0.01
+
+
+def answer(capsys, *arguments):
+    """Run the command line; status and the line on standard error."""
+    capsys.readouterr()
+    status = main([str(one) for one in arguments])
+    return status, capsys.readouterr().err
+
+
+@pytest.fixture
+def part(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("part.ngc").write_text(PART)
+    return Path("part.ngc")
+
+
+def test_the_five_lines_of_the_interface(part):
+    machine = ph.read_machine("router")
+    result = ph.compensate(ph.read_program("part.ngc"), machine, max_slowdown=10.0)
+    # The largest error is that of the approach at the beginning, while the path stands.
+    assert result.after.error.rms < 0.6 * result.before.error.rms
+    assert result.after.time > result.before.time > 0.0
+    assert result.after.error_gap.rms < 0.6 * result.before.error_gap.rms
+    assert result.after.error_gap_worst.max >= result.after.error_gap.max
+    assert all(isinstance(word, str) for word in result.warnings)
+    result.write("part_compensated.ngc")
+    result.write_table("part.csv")
+    assert Path("part_compensated.ngc").read_bytes() == result.program()
+    assert Path("part.csv").read_text().startswith("t,segment,xi")
+    assert (result.reversals, result.axes) == ((3, 3), ("X", "Y"))
+    assert ph.undo("part_compensated.ngc") == PART.encode()
+
+
+@pytest.mark.parametrize(
+    ("path", "machine", "words", "options"),
+    [
+        ("oval", "router", ("--effort", QUICK), {"effort": QUICK}),
+        ("circle", "mill", ("--ratio", "0.3", "--feed", "900"), {"ratio": 0.3, "feed": 900 * MM_PER_MIN}),
+    ],
+)
+def test_paths_are_written_as_the_command_writes_them(tmp_path, monkeypatch, capsys, path, machine, words, options):
+    monkeypatch.chdir(tmp_path)
+    assert answer(capsys, "convert", path, "-m", machine, "-o", "a.ngc", *words)[0] == 0
+    assert answer(capsys, "convert", path, "-m", machine, "--table", "a.csv", *words)[0] == 0
+    result = ph.compensate(ph.read_path(path), ph.read_machine(machine), **options)
+    result.write("b.ngc")
+    result.write_table("b.csv")
+    assert Path("b.ngc").read_bytes() == Path("a.ngc").read_bytes()
+    assert Path("b.csv").read_bytes() == Path("a.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("text", "machine"), [(PART, "router"), ("G21 G90\nG0 X0 Y0\nG1 X10 Y5 F600\nX0 Y10\nX10 Y15\nM2\n", "mill")]
+)
+def test_programs_are_written_as_the_command_writes_them(tmp_path, monkeypatch, capsys, text, machine):
+    monkeypatch.chdir(tmp_path)
+    Path("part.ngc").write_text(text)
+    words = ("--effort", QUICK, "--max-slowdown", "0.5")
+    assert answer(capsys, "convert", "part.ngc", "-m", machine, "-o", "a.ngc", *words)[0] == 0
+    assert answer(capsys, "convert", "part.ngc", "-m", machine, "--table", "a.csv", *words)[0] == 0
+    result = ph.compensate(ph.read_program("part.ngc"), machine, effort=QUICK, max_slowdown=0.5)
+    result.write("b.ngc")
+    result.write_table("b.csv")
+    assert Path("b.ngc").read_bytes() == Path("a.ngc").read_bytes()
+    assert Path("b.csv").read_bytes() == Path("a.csv").read_bytes()
+
+
+def bad_files(kind, count):
+    return [file for file in sorted((ROOT / "tests" / "bad" / kind).iterdir()) if file.suffix != ".error"][:count]
+
+
+@pytest.mark.parametrize(
+    "file", [*bad_files("paths", 4), *bad_files("programs", 3), *bad_files("machines", 3)], ids=lambda file: file.name
+)
+def test_bad_input_is_refused_in_the_command_s_words(capsys, file):
+    job, machine = ("oval", file) if file.parent.name == "machines" else (file, "mill")
+    status, line = answer(capsys, "convert", job, "-m", machine, "-o", "nowhere.ngc")
+    with pytest.raises(ph.InputError) as refused:
+        ph.compensate(str(job), machine)
+    assert status == 2
+    assert line.splitlines()[0] == f"ph-post: {' '.join(str(refused.value).split())}"
+
+
+def test_options_of_paths_are_refused_for_programs(part, capsys):
+    with pytest.raises(ph.InputError, match=r"^--feed is for path files; a part program keeps its own$"):
+        ph.compensate(part, "router", feed=0.01)
+    _, line = answer(capsys, "convert", part, "-m", "router", "--feed", "600")
+    assert line.startswith("ph-post: --feed is for path files; a part program keeps its own")
+
+
+def test_a_program_is_read_in_the_machine_s_language(part):
+    program = ph.read_program(part, dialect="fanuc")
+    result = ph.compensate(program, "router", strategy="none")
+    assert result.unchanged
+    assert result.original.language == find_dialect("linuxcnc").language != program.language
+
+
+@pytest.mark.parametrize("command", [("convert",), ("filter",)], ids=lambda words: words[0])
+def test_every_command_falls_back_to_feeds_where_the_dialect_writes_no_jogs(tmp_path, monkeypatch, capfd, command):
+    """Jogs between two stops are blended away where a dwell does not stop the axes."""
+    monkeypatch.chdir(tmp_path)
+    dialect = "linuxcnc"
+    from ph_post.api import compensation
+
+    def refuse(jogs, dialect):
+        if jogs:
+            raise ph.InputError("--dialect", "cannot write jogs")
+
+    monkeypatch.setattr(compensation, "check_jogs", refuse)
+    words = ("--effort", str(QUICK), "--max-slowdown", "0.5")
+    Path("oval.json").write_bytes((ROOT / "paths" / "oval.json").read_bytes())
+    status = main([*command, "oval.json", "-m", "router", "--dialect", dialect, *words])
+    out, err = capfd.readouterr()
+    assert status == 0
+    assert "nothing is added to the path: cannot write jogs" in err
+    assert "G4 P" not in out
+
+
+def test_a_compensated_program_says_so_and_keeps_its_errors(part):
+    first = ph.compensate(part, "router", max_slowdown=10.0)
+    part.write_bytes(first.program())
+    again = ph.compensate(part, "router", max_slowdown=10.0)
+    assert again.already_compensated
+    assert again.program() == first.program()
+    assert again.after.error == first.after.error
+    assert again.after.error_gap == first.after.error_gap
+
+
+def test_the_gap_of_a_program_is_that_of_its_path(part):
+    """On a plain program the two models of the motion differ at its beginning and in its corners alone."""
+    result = ph.compensate(part, "router", strategy="none", output="program")
+    path = ph.compensate(part, "router", strategy="none", output="table")
+    assert result.before.error_gap.max == pytest.approx(path.before.error_gap.max, rel=0.05)
+    assert result.before.error_gap_worst.max == pytest.approx(path.before.error_gap_worst.max, rel=0.05)
+
+
+def test_nothing_slow_is_loaded_before_it_is_used():
+    script = "import sys, ph_post; print([name for name in ('numpy', 'scipy', 'msgspec') if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there_and_functions_keep_their_names():
+    assert len(ph.__all__) <= 30
+    assert all(getattr(ph, name).__doc__ for name in ph.__all__)
+    import ph_post.simulate.assess  # noqa: F401 - a room of the same name
+
+    assert all(not hasattr(getattr(ph, name), "__path__") for name in ph.__all__)
+
+
+def test_a_strategy_of_others_has_the_usual_traits():
+    class Bare:
+        name, summary, feedbacks = "bare", "", frozenset()
+
+        def profiles(self, task):
+            raise AssertionError
+
+    assert traits_of(Bare()) == StrategyTraits()
+
+
+def test_results_need_no_simulation_to_be_shown():
+    result = ph.compensate("circle", "paper", strategy="suppress", output="table")
+    assert repr(result.before).startswith("PlannedMotion(time=")
+    assert msgspec.structs.asdict(result.options)["strategy"] == "suppress"

@@ -1,1 +1,0 @@
-"""A dialect, an effect and a strategy of somebody else, made by the recipes of CONTRIBUTING.md."""
