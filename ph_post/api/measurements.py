@@ -340,7 +340,7 @@ def sweep(
 
 def _tabulated_axes(drives: Machine, wanted: Sequence[str], machine: str) -> list[str]:
     """Return the axes asked for, or all whose interval depends on β and C."""
-    closed = [name for name, axis in drives.axes.items() if axis.feedback == "load"]
+    closed = [name for name, axis in drives.axes.items() if axis.loop.encloses_backlash]
     for name in wanted:
         if name not in drives.axes:
             raise InputError(machine, f"no axis {name}", expected=" or ".join(drives.axes), got=name)
