@@ -19,11 +19,9 @@ from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.inputs import read_input
 from ph_post.files.storage import SourceBytes, or_shipped, read_raw
-from ph_post.post.options import ProgramOptions
-from ph_post.post.program import make_program
 from ph_post.progress import Progress
-from ph_post.types import Axis, BacklashInterval, Machine, Path, Plan
-from ph_post.units import MM, MM_PER_MIN, MS
+from ph_post.types import Axis, BacklashInterval, Machine, Path
+from ph_post.units import MM, MM_PER_MIN
 
 BASELINES: Final = frozenset(("none", "linear", "step"))
 """Strategies that stand for what machines do today, and so do without inverse dynamics."""
@@ -102,12 +100,6 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
     return solve
 
 
-def default_strategy(how: Mapping[str, Any]) -> str:
-    """Name the strategy for those who name none: whoever describes one profile wants that one everywhere."""
-    described = any(how[name] is not None for name in ("ratio", "degree", "t_star", "coefficients"))
-    return "suppress" if described else "auto"
-
-
 def plan_options(how: Mapping[str, Any], carrier: PlanOutput = "table") -> PlanOptions:
     """Gather what :func:`ph_post.cli.options.planning` and `strategy` ask for, in SI.
 
@@ -138,21 +130,3 @@ def effect_warnings(machine: Machine, axes: Sequence[str]) -> list[str]:
         for name in axes
         for other in unmoved_axes(machine.axes[name], axes)
     ]
-
-
-def with_warnings(plan: Plan, *more: str) -> Plan:
-    """Add warnings to a plan's own."""
-    return msgspec.structs.replace(plan, warnings=(*plan.warnings, *more))
-
-
-def program_of(analysis: Analysis, plan: Plan, how: ProgramOptions | None = None) -> tuple[str, Plan]:
-    """Return the part program of a plan, and the plan with the writer's warnings added to its own."""
-    program = make_program(plan, analysis.track, find_dialect(plan.machine.dialect), how)
-    return program.text, with_warnings(plan, *program.warnings)
-
-
-def program_options(how: Mapping[str, Any]) -> ProgramOptions:
-    """Gather what concerns the text of a path's program, in SI; what is not given keeps its default."""
-    scale = {"chord_tolerance": MM, "block_time": MS, "safe_z": MM, "depth": MM}
-    given = {name: how[name] * unit for name, unit in scale.items() if how[name] is not None}
-    return ProgramOptions(feed_mode=how["feed_mode"], **given)
