@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ph_post.api.compensation import Compensation, compensate, undo
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
+    from ph_post.api.motion import Inspection, Simulation, StrategyComparison, compare, inspect, simulate
     from ph_post.diff.compare import Comparison
     from ph_post.errors import InputError, PhPostError
     from ph_post.gcode.program import PartProgram
@@ -33,22 +34,28 @@ __all__ = [
     "Compensation",
     "Diagnosis",
     "InputError",
+    "Inspection",
     "Log",
     "Machine",
     "PartProgram",
     "Path",
     "PhPostError",
+    "Simulation",
+    "StrategyComparison",
     "Verdict",
     "calibrate",
+    "compare",
     "compensate",
     "diagnose",
     "diff",
     "identify",
+    "inspect",
     "read_log",
     "read_machine",
     "read_path",
     "read_program",
     "rehearse",
+    "simulate",
     "sweep",
     "undo",
     "verify",
@@ -59,6 +66,7 @@ _HOMES: Final = {
     "api.compensation": ("Compensation", "compensate", "undo"),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
+    "api.motion": ("Inspection", "Simulation", "StrategyComparison", "compare", "inspect", "simulate"),
     "diff.compare": ("Comparison",),
     "errors": ("InputError", "PhPostError"),
     "gcode.program": ("PartProgram",),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import Any
 
 import click
@@ -40,38 +39,25 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
       error_without_gap  {max, rms} [mm]
       warnings           a list of sentences
     """
-    from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
-    from ph_post.compensate.comparison import compare_strategies, without_backlash
     from ph_post.files.storage import write_atomically
-    from ph_post.report import simulations
     from ph_post.report.figures import picture_format, render
     from ph_post.report.motion_figures import draw_comparison
+    from ph_post.report.simulations import comparison_lines, comparison_view, warnings_of_choice
     from ph_post.report.tables import print_json
 
     with ProgressPrinter() as progress:
-        analysis = load_and_analyse(
-            source, machine, how["tolerance"], progress, feed=how["feed"], dialect=how["dialect"]
-        )
-        contenders = compare_strategies(
-            analysis, lambda name: plan_options({**how, "strategy": name}, how["carrier"]), progress
-        )
-        floor = without_backlash(analysis, contenders[0])
+        found = ph.compare(source, machine, output=how["carrier"], progress=progress, **options.in_si(how))
         if plot is not None:
             progress("drawing")
-            write_atomically({plot: render(draw_comparison(analysis.path.name, contenders), picture_format(plot))})
-    assert analysis.machine is not None
-    warnings = effect_warnings(analysis.machine, analysis.path.axes)
+            picture = draw_comparison(found.analysis.path.name, found.strategies)
+            write_atomically({plot: render(picture, picture_format(plot))})
     if as_json:
-        view = {"error_without_gap": simulations.error_view(floor), "warnings": warnings}
-        print_json({**simulations.comparison_view(contenders), **view})
+        print_json(comparison_view(found))
+        options.report_written(found.notes, ())
         return 0
-    click.echo(simulations.comparison_table(contenders))
-    said = (simulations.floor_words(floor), simulations.COLUMN_NOTES, simulations.refusals(contenders))
-    for line in (*chain(*said), *simulations.choices(contenders)):
+    for line in comparison_lines(found):
         click.echo(line)
-    for warning in (*warnings, *simulations.warnings_of_choice(contenders)):
-        click.echo(f"warning: {warning}", err=True)
-    if plot is not None:
-        click.echo(f"wrote {plot}", err=True)
+    options.report_written((*found.warnings, *warnings_of_choice(found.strategies)), () if plot is None else (plot,))
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from ph_post.cli import options
+from ph_post.units import MM, MM_PER_MIN
 
 
 @click.command()
@@ -46,31 +47,31 @@ def command(
                       backlash {lag [s], duration [s], standstill_travel [mm]}}
       certificate     with --certify: {ok, count, found, roots, words}
     """
-    from ph_post.analysis.certification import certify as certify_turning_points
-    from ph_post.cli.job import load_and_analyse
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_analysis, picture_format, render
-    from ph_post.report.tables import print_certificate, print_inspection, print_json
-    from ph_post.report.views import certificate_view, turning_point_views
+    from ph_post.report.tables import print_inspection, print_json
+    from ph_post.report.views import inspection_view
 
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
-        analysis = load_and_analyse(source, machine, tolerance, progress, feed=feed, dialect=dialect)
-        certificate = None
-        if certify:
-            progress("counting roots in exact rational arithmetic")
-            certificate = certify_turning_points(analysis.track)
+        found = ph.inspect(
+            source,
+            machine,
+            tolerance=tolerance * MM,
+            feed=None if feed is None else feed * MM_PER_MIN,
+            dialect=dialect,
+            certify=certify,
+            progress=progress,
+        )
         if plot is not None:
             progress("drawing")
-            products[plot] = render(draw_analysis(analysis), picture_format(plot))
+            products[plot] = render(draw_analysis(found.analysis), picture_format(plot))
         write_atomically(products)
     if as_json:
-        view = {"turning_points": turning_point_views(analysis)}
-        print_json(view if certificate is None else {**view, "certificate": certificate_view(certificate)})
+        print_json(inspection_view(found))
     else:
-        print_inspection(analysis)
-        if certificate is not None:
-            print_certificate(certificate)
-    options.report_written((), products)
-    return 0 if certificate is None or certificate.ok else 1
+        print_inspection(found)
+    options.report_written(found.warnings, products)
+    return 0 if found.certificate is None or found.certificate.ok else 1

@@ -68,38 +68,38 @@ def command(
       scenarios           every machine that was tried, with its error
       warnings            a list of sentences
     """
-    from ph_post.cli.motion import is_table, log_of, motion_of, print_run, run_motion
+    import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import picture_format, render
     from ph_post.report.motion_figures import draw_run
-    from ph_post.report.simulations import simulation_view
+    from ph_post.report.simulations import simulation_lines, simulation_view
     from ph_post.report.tables import print_json
 
-    streams = [log == "-", as_json]
-    if sum(streams) > 1:
+    if log == "-" and as_json:
         raise click.UsageError("standard output can take one product; got two for it")
-    if path_file is not None and not is_table(source):
-        raise click.UsageError("--path goes with an interpolator table; a path file is its own path")
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
-        motion = motion_of(source, machine, path_file, how, progress).on(pickup, flank)
-        progress("simulating")
-        motion, run, assessment = run_motion(motion)
+        found = ph.simulate(
+            source,
+            machine,
+            path=path_file,
+            output=how["carrier"],
+            pickup=pickup,
+            initial_flank=flank,
+            progress=progress,
+            **options.in_si(how),
+        )
         if log is not None:
-            products[log] = log_of(motion, run)
+            products[log] = found.log()
         if plot is not None:
             progress("drawing")
-            products[plot] = render(draw_run(motion.name, run, motion.analysis, assessment), picture_format(plot))
+            products[plot] = render(draw_run(found), picture_format(plot))
         write_atomically(products)
     if as_json:
-        view = simulation_view(run, assessment, motion.turning_points)
-        print_json({**view, "warnings": list(motion.warnings)})
+        print_json(simulation_view(found))
     elif log != "-":
-        print_run(motion, run, assessment)
-    for warning in motion.warnings:
-        click.echo(f"warning: {warning}", err=True)
-    for name in products:
-        if name != "-":
-            click.echo(f"wrote {name}", err=True)
+        for line in simulation_lines(found):
+            click.echo(line)
+    options.report_written(found.warnings, products)
     return 0

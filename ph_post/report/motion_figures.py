@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.motion import Simulation
 from ph_post.compensate.comparison import Contender
 from ph_post.report.figures import (
     AFTER,
@@ -36,8 +37,9 @@ GAP = "#1fb5c9"
 COLOURS = (BEFORE, AFTER, WINDOW, MARK, "#2c8a4b", "#7b4fa3", GAP, "#5c4033", "#d96fa8")
 
 
-def draw_run(name: str, run: Run, analysis: Analysis | None, assessment: Assessment | None) -> Figure:
+def draw_run(found: Simulation) -> Figure:
     """Draw a run: error along time, and magnified along the path; without a path the errors of the axes."""
+    run, analysis, assessment = found.run, found.analysis, found.assessment
     figure = new_figure(11.0, 4.8)
     if analysis is None or assessment is None:
         _draw_following(figure.subplots(), run)
@@ -45,7 +47,7 @@ def draw_run(name: str, run: Run, analysis: Analysis | None, assessment: Assessm
         left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
         _draw_error(left, run, assessment)
         _draw_path(right, run, analysis, assessment)
-    figure.suptitle(name)
+    figure.suptitle(found.name)
     return figure
 
 

@@ -10,10 +10,11 @@ from msgspec.structs import replace
 
 from ph_post.post.remarks import package_version
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
-from ph_post.report.simulations import error_view, scenario_words
+from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.traces import DrawnMotion, Mark, Picture
 from ph_post.report.views import View, machine_table
+from ph_post.simulate.assess import scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import IntArray
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+from ph_post.api.motion import Simulation, StrategyComparison
 from ph_post.compensate.comparison import Contender, chosen_at
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.report.tables import NOTHING, chosen_words, format_table
 from ph_post.report.views import View
-from ph_post.simulate.assess import Assessment
+from ph_post.simulate.assess import Assessment, scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
-from ph_post.types import Event, Plan, Run, Scenario, TurningPoint
+from ph_post.types import Event, Plan, Scenario, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
 
 COLUMN_NOTES = (
@@ -31,8 +32,9 @@ def scenario_view(scenario: Scenario) -> View:
     return {name: getattr(scenario, name) for name in scenario.__struct_fields__}
 
 
-def simulation_view(run: Run, assessment: Assessment | None, points: Sequence[TurningPoint]) -> View:
-    """Return what ``simulate --json`` prints of a run; errors are null where no path is known."""
+def simulation_view(found: Simulation) -> View:
+    """Return what ``simulate --json`` prints; errors are null where no path is known."""
+    run, assessment, points = found.run, found.assessment, found.turning_points
     view: View = {
         "cycle_time": float(run.t[-1]),
         "error": None,
@@ -52,7 +54,20 @@ def simulation_view(run: Run, assessment: Assessment | None, points: Sequence[Tu
             "per_turning_point": [_turning_view(assessment, number, p) for number, p in enumerate(points)],
             "scenarios": [{**scenario_view(one), "error": error_view(error)} for one, error in tried],
         }
-    return view
+    return {**view, "warnings": list(found.caveats)}
+
+
+def simulation_lines(found: Simulation) -> Iterator[str]:
+    """Say in lines how far off the motion is, how much of it is backlash, and where."""
+    run, assessment = found.run, found.assessment
+    yield f"{found.name} on {found.machine.name}: {run.t[-1]:.3f} s, {run.t.size} samples"
+    if assessment is not None:
+        yield error_table(assessment)
+        if found.turning_points:
+            side = " (+ is left of the direction of travel)" if len(run.axes) == 2 else ""
+            yield f"around the turning points{side}:"
+            yield turning_table(assessment, found.turning_points)
+    yield from event_words(run.events)
 
 
 def _turning_view(assessment: Assessment, number: int, point: TurningPoint) -> View:
@@ -78,9 +93,24 @@ def table_would_reach(program: ContourError | None, table: ContourError | None) 
     ]
 
 
-def comparison_view(contenders: Sequence[Contender]) -> View:
+def comparison_view(found: StrategyComparison) -> View:
     """Return what ``compare --json`` prints."""
-    return {"strategies": [_contender_view(one) for one in contenders]}
+    return {
+        "strategies": [_contender_view(one) for one in found.strategies],
+        "error_without_gap": error_view(found.error_without_gap),
+        "warnings": list(found.caveats),
+    }
+
+
+def comparison_lines(found: StrategyComparison) -> Iterator[str]:
+    """Say in lines what every strategy costs and leaves, and why strategies are out."""
+    yield comparison_table(found.strategies)
+    if found.error_without_gap is not None:
+        size = found.error_without_gap.max / MM
+        yield f"without backlash the plain program would be off by {size:.5f} mm: servo lag"
+    yield from COLUMN_NOTES
+    yield from (f"refused {one.name}: {one.reason}" for one in found.strategies if not one.ok)
+    yield from choices(found.strategies)
 
 
 def _contender_view(one: Contender) -> View:
@@ -107,21 +137,6 @@ def _chosen(plan: Plan) -> list[View]:
     """Return what a plan does at every turning point."""
     named = {index: name for name, indices in chosen_at(plan).items() for index in indices}
     return [{"index": point.index, "axis": point.axis, "strategy": named[point.index]} for point in plan.turning_points]
-
-
-def scenario_words(scenario: Scenario) -> str:
-    """Say what a scenario assumes.
-
-    Examples
-    --------
-    >>> scenario_words(Scenario(pickup="contact", gap=1.2))
-    'pick-up contact, gap x 1.2'
-    """
-    words = [f"pick-up {scenario.pickup}"] if scenario.pickup else []
-    words += [f"first flank {scenario.flank}"] if scenario.flank else []
-    factors = (("gap", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
-    words += [f"{name} x {factor:g}" for name, factor in factors if factor != 1.0]
-    return ", ".join(words) or "as the machine file has it"
 
 
 def error_table(assessment: Assessment) -> str:
@@ -173,18 +188,6 @@ def comparison_table(contenders: Sequence[Contender]) -> str:
         "",
     )
     return format_table(header, [_contender_cells(one, contenders[0]) for one in contenders])
-
-
-def floor_words(without: ContourError | None) -> list[str]:
-    """Say how much of the plain program's error is there without any gap."""
-    if without is None:
-        return []
-    return [f"without backlash the plain program would be off by {without.max / MM:.5f} mm: servo lag"]
-
-
-def refusals(contenders: Sequence[Contender]) -> list[str]:
-    """Say why strategies are out, a line each."""
-    return [f"refused {one.name}: {one.reason}" for one in contenders if not one.ok]
 
 
 def choices(contenders: Sequence[Contender]) -> list[str]:

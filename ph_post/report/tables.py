@@ -8,8 +8,8 @@ from typing import Any, TextIO
 
 import msgspec
 
-from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
+from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import chosen_at, crossings_at, strategy_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN
@@ -42,9 +42,10 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:
-    """Print the turning points of a path, a line each, and what there is to say about them."""
+def print_inspection(found: Inspection, stream: TextIO | None = None) -> None:
+    """Print the turning points of a path, a line each, notes on them, and the exact count if there is one."""
     stream = stream or sys.stdout
+    analysis = found.analysis
     where = ("#", "kind", "axis", "sense", "segment", "xi", "position", "s", "radius", "window", "bound by")
     gap = ("lag ms", "duration ms", "standstill mm") if analysis.machine is not None else ()
     windows = windows_by_point(analysis.windows)
@@ -56,7 +57,7 @@ def print_inspection(analysis: Analysis, stream: TextIO | None = None) -> None:
     stream.write(_heading(analysis))
     if rows:
         stream.write(format_table((*where, *gap), rows) + "\n")
-    for line in analysis_notes(analysis):
+    for line in (*analysis_notes(analysis), *(found.certificate.words if found.certificate is not None else ())):
         stream.write(line + "\n")
 
 
@@ -110,12 +111,6 @@ def analysis_notes(analysis: Analysis) -> list[str]:
 def _numbers(indices: Sequence[int], most: int = 8) -> str:
     shown = ", ".join(f"#{index}" for index in indices[:most])
     return shown + (f" and {len(indices) - most} more" if len(indices) > most else "")
-
-
-def print_certificate(certificate: Certificate, stream: TextIO | None = None) -> None:
-    """Print what the exact count says."""
-    for line in certificate.words:
-        (stream or sys.stdout).write(line + "\n")
 
 
 def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: TextIO | None = None) -> None:

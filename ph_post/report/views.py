@@ -13,6 +13,7 @@ import numpy as np
 
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
+from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import crossings_at, strategy_at, window_number
 from ph_post.compensate.plan import cycle_time
 from ph_post.types import (
@@ -241,6 +242,12 @@ def offsets_view(command: Command) -> dict[str, float]:
         return dict.fromkeys(command.axes, 0.0)
     largest = np.abs(command.offset).max(axis=0) / MM
     return dict(zip(command.axes, largest.tolist(), strict=True))
+
+
+def inspection_view(found: Inspection) -> View:
+    """Return what ``inspect --json`` prints."""
+    view: View = {"turning_points": turning_point_views(found.analysis)}
+    return view if found.certificate is None else {**view, "certificate": certificate_view(found.certificate)}
 
 
 def certificate_view(certificate: Certificate) -> View:

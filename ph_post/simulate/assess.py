@@ -267,3 +267,18 @@ def _added(nominal: Nominal, run: tuple[Run, Nearest], without: tuple[Run, Neare
         return np.asarray(run[1].error - without[1].error)
     here, there = (one.executed - nominal.places(nearest.s) for one, nearest in (run, without))
     return np.asarray(np.linalg.norm(here - there, axis=1))
+
+
+def scenario_words(scenario: Scenario) -> str:
+    """Say what a scenario assumes.
+
+    Examples
+    --------
+    >>> scenario_words(Scenario(pickup="contact", gap=1.2))
+    'pick-up contact, gap x 1.2'
+    """
+    words = [f"pick-up {scenario.pickup}"] if scenario.pickup else []
+    words += [f"first flank {scenario.flank}"] if scenario.flank else []
+    factors = (("gap", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
+    words += [f"{name} x {factor:g}" for name, factor in factors if factor != 1.0]
+    return ", ".join(words) or "as the machine file has it"

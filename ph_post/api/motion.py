@@ -1,0 +1,433 @@
+"""Look at a motion without writing it: inspect its reversals, simulate it, compare the strategies on it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import PurePath
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from ph_post.analysis.certification import Certificate
+from ph_post.analysis.certification import certify as certify_turning_points
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.inputs import Job, Source, analyse_job, any_machine, effect_warnings
+from ph_post.api.options import CompensateOptions
+from ph_post.compensate.comparison import Contender, compare_strategies, describe_violation, without_backlash
+from ph_post.compensate.offsets import command_of
+from ph_post.compensate.options import PlanOutput
+from ph_post.compensate.plan import make_plan
+from ph_post.compensate.violations import Violation, check_command
+from ph_post.drive.axes import check_axes
+from ph_post.drive.intervals import IntervalTable
+from ph_post.edit.edits import TOLERANCE
+from ph_post.errors import OptionsError
+from ph_post.files.storage import write_atomically
+from ph_post.files.table import FORMATS, log_content, read_table, require_path
+from ph_post.post.remarks import package_version
+from ph_post.progress import Progress, no_progress
+from ph_post.simulate import machine as simulated
+from ph_post.simulate.assess import Assessment, assess, scenario_words, scenarios
+from ph_post.simulate.contour import ContourError, Nominal, settling_time
+from ph_post.types import (
+    BacklashInterval,
+    Command,
+    Event,
+    Flank,
+    Machine,
+    Path,
+    Pickup,
+    Run,
+    TurningPoint,
+    Window,
+)
+
+
+class Inspection(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The reversals of a path, as :func:`inspect` finds them.
+
+    `certificate` is the exact count of the turning points, None where it was not asked for; `warnings` say
+    what of a part program is not in its path.
+    """
+
+    analysis: Analysis
+    certificate: Certificate | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def turning_points(self) -> tuple[TurningPoint, ...]:
+        """Every place where an axis reverses, in order along the path."""
+        return self.analysis.turning_points
+
+    @property
+    def windows(self) -> tuple[Window, ...]:
+        """Osculating windows, in order along the path; one may hold several turning points."""
+        return self.analysis.windows
+
+    @property
+    def intervals(self) -> tuple[BacklashInterval | None, ...]:
+        """Backlash interval of each turning point; None without a machine, and where there is none."""
+        return self.analysis.intervals
+
+
+def inspect(
+    job: Job,
+    machine: Machine | Source | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    feed: float | None = None,
+    dialect: str | None = None,
+    certify: bool = False,
+    interval_table: Source | IntervalTable | None = None,
+    progress: Progress = no_progress,
+) -> Inspection:
+    """List the reversals of a path, their windows and, with a machine, their backlash.
+
+    Parameters
+    ----------
+    job : Path, PartProgram, str or path
+        Of a part program the longest path.
+    machine : Machine, str or path, optional
+    tolerance : float, optional
+        How far the osculating circle may leave the path inside a window, ε [m].
+    feed : float, optional
+        Feed [m/s] in place of the path's; segments with a feed of their own keep it.
+    dialect : str, optional
+        Controller dialect in place of the machine's; a program is read by its words.
+    certify : bool, optional
+        Also count and isolate the turning points in exact rational arithmetic.
+    interval_table : IntervalTable, str or path, optional
+        Table in which backlash intervals are looked up, in place of solving for them.
+    progress : callable, optional
+        Called with the name of every stage.
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    InputError
+        Where an input is bad, or the machine lacks an axis of the path.
+
+    Examples
+    --------
+    >>> import ph_post as ph
+    >>> found = ph.inspect("circle", "paper")
+    >>> [(point.axis, point.sense) for point in found.turning_points]
+    [('X', 'max'), ('Y', 'max'), ('X', 'min'), ('Y', 'min')]
+    """
+    analysis, notes = analyse_job(
+        job,
+        machine,
+        tolerance=tolerance,
+        feed=feed,
+        dialect=dialect,
+        interval_table=interval_table,
+        progress=progress,
+    )
+    certificate = None
+    if certify:
+        progress("counting roots in exact rational arithmetic")
+        certificate = certify_turning_points(analysis.track)
+    return Inspection(analysis=analysis, certificate=certificate, warnings=notes)
+
+
+class Simulation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A command on a machine, as :func:`simulate` runs it.
+
+    `analysis` and `assessment` are None where the path is not known. `run` is the run that `error` belongs to.
+    `notes` say what of a part program is not in its path, `caveats` what else has to be known.
+    """
+
+    name: str
+    command: Command
+    machine: Machine
+    analysis: Analysis | None
+    run: Run
+    assessment: Assessment | None
+    notes: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that has to be known, a sentence each."""
+        return (*self.notes, *self.caveats)
+
+    @property
+    def time(self) -> float:
+        """Duration of the motion [s]."""
+        return float(self.run.t[-1])
+
+    @property
+    def error(self) -> ContourError | None:
+        """Contour error at the values of the machine file [m]; None where the path is not known."""
+        return None if self.assessment is None else self.assessment.error
+
+    @property
+    def error_worst(self) -> ContourError | None:
+        """Contour error on the worst machine that the file leaves possible [m]."""
+        return None if self.assessment is None else self.assessment.error_worst
+
+    @property
+    def error_gap(self) -> ContourError | None:
+        """Contour error that backlash adds to the same run without any [m]."""
+        return None if self.assessment is None else self.assessment.error_gap
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happens inside the axes, in order of time."""
+        return self.run.events
+
+    @property
+    def turning_points(self) -> tuple[TurningPoint, ...]:
+        """Turning points of the path, none where it is not known."""
+        return () if self.analysis is None else self.analysis.turning_points
+
+    def log(self) -> bytes:
+        """Return commanded and executed motion as a log (CSV) that ``read_log`` reads."""
+        digest = f", sha256 {self.machine.digest}" if self.machine.digest else ""
+        remarks = {
+            "made by": f"ph-post {package_version()} simulate",
+            "motion": self.name,
+            "machine": self.machine.name + digest,
+            "assumed": scenario_words(self.run.scenario),
+            "units": "s, mm; X_act is the table, X_motor the motor in units of the table",
+        }
+        if self.analysis is not None:
+            remarks["path"] = f"{self.analysis.path.name}, sha256 {self.analysis.path.digest}"
+        return log_content(self.run, remarks)
+
+    def write_log(self, target: Source) -> None:
+        """Write :meth:`log` to a file; ``-`` is standard output."""
+        write_atomically({os.fspath(target): self.log()})
+
+
+def simulate(
+    job: Job | Command,
+    machine: Machine | Source,
+    *,
+    path: Path | Source | None = None,
+    strategy: str = "none",
+    output: PlanOutput = "table",
+    pickup: Pickup | None = None,
+    initial_flank: Flank | None = None,
+    progress: Progress = no_progress,
+    **planning: Any,
+) -> Simulation:
+    """Run a path or an interpolator table on a machine, and measure how far the table leaves the path.
+
+    What the machine file leaves open is tried: the flank on which an axis stands at first, the pick-up rule,
+    and gap, beta and gain off by their uncertainties.
+
+    Parameters
+    ----------
+    job : Path, PartProgram, Command, str or path
+        A path, which is planned first, or the rows of an interpolator table or a file of one (``.csv``,
+        ``.npz``, ``.parquet``).
+    machine : Machine, str or path
+    path : Path, str or path, optional
+        The path that a table was made for; without it there is no contour error.
+    strategy : str, optional
+        Strategy at each turning point of a path.
+    output : {"table", "program"}, optional
+        Plan as for an interpolator table, or as for a part program.
+    pickup : {"standstill", "momentum", "contact"}, optional
+        Pick-up rule of all axes, in place of the machine's.
+    initial_flank : {"+", "-"}, optional
+        Flank on which all axes stand at first, in place of the machine's.
+    progress : callable, optional
+        Called with the name of every stage.
+    **planning
+        `tolerance`, `feed`, `dialect`, `start`, `ratio`, `degree`, `t_star`, `coefficients`,
+        `allow_retrograde`, `min_feed`, `max_slowdown`, `feed_only`, `no_inverse_dynamics`, `effort` and
+        `interval_table` of :func:`ph_post.compensate`.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    InputError
+        Where an input is bad, the machine lacks an axis, or a table belongs to another path.
+    PhPostError
+        Where the strategy finds no motion inside the limits.
+
+    Examples
+    --------
+    >>> import ph_post as ph
+    >>> run = ph.simulate("circle", "router")
+    >>> run.error.max > run.error_gap.rms > 0.0
+    True
+    """
+    how = CompensateOptions(strategy=strategy, **planning)
+    notes: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+    analysis: Analysis | None = None
+    progress("reading")
+    table = _table_of(job)
+    if table is not None:
+        command, name, file = table
+        if path is None:
+            drives, machine_name = any_machine(machine)
+            check_axes(command.axes, "table", drives, machine_name)
+            caveats = ("without --path the path is not known, and so no contour error",)
+        else:
+            analysis, notes = _analysed(path, machine, how, progress)
+            command, drives = require_path(command, analysis.track, file), _machine_of(analysis)
+    else:
+        if path is not None:
+            raise OptionsError("--path goes with an interpolator table; a path file is its own path")
+        assert not isinstance(job, Command)
+        analysis, notes = _analysed(job, machine, how, progress)
+        progress("planning the feed")
+        plan = make_plan(analysis, how.plan(output), progress)
+        drives, caveats = plan.machine, plan.warnings
+        command = command_of(plan, analysis.track, drives.servo_period)
+        name = f"{analysis.path.name}, strategy {plan.strategy}"
+    caveats = (*caveats, *_caveats(command, drives))
+    drives = _with_rules(drives, pickup, initial_flank)
+    progress("simulating")
+    assessment: Assessment | None = None
+    if analysis is None:
+        run = simulated.simulate(command, drives, scenarios(drives, command.axes)[0])
+    else:
+        assessment = assess(command, drives, Nominal(analysis.track), analysis.turning_points)
+        run = assessment.run
+        if assessment.error is None:
+            seconds = settling_time(drives, command.axes)
+            late = f"the motion is over before its contour error counts, {seconds:.3g} s after its start"
+            caveats = (*caveats, late)
+    return Simulation(
+        name=name,
+        command=command,
+        machine=drives,
+        analysis=analysis,
+        run=run,
+        assessment=assessment,
+        notes=notes,
+        caveats=caveats,
+    )
+
+
+def _table_of(job: Job | Command) -> tuple[Command, str, str] | None:
+    """Return the rows of an interpolator table, its short and its full name; None for a path."""
+    if isinstance(job, Command):
+        return job, "interpolator table", "interpolator table"
+    if isinstance(job, str | os.PathLike) and PurePath(job).suffix.lower() in FORMATS:
+        return read_table(job), PurePath(job).name, os.fspath(job)
+    return None
+
+
+def _analysed(
+    job: Job, machine: Machine | Source, how: CompensateOptions, progress: Progress
+) -> tuple[Analysis, tuple[str, ...]]:
+    return analyse_job(
+        job,
+        machine,
+        tolerance=how.tolerance,
+        feed=how.feed,
+        dialect=how.dialect,
+        interval_table=how.interval_table,
+        progress=progress,
+    )
+
+
+def _machine_of(analysis: Analysis) -> Machine:
+    assert analysis.machine is not None
+    return analysis.machine
+
+
+def _with_rules(machine: Machine, pickup: Pickup | None, flank: Flank | None) -> Machine:
+    """Put a pick-up rule and a first flank, where given, in place of those of every axis."""
+    axes = {}
+    for name, axis in machine.axes.items():
+        gap = replace(axis.gap, pickup=pickup or axis.gap.pickup, initial_flank=flank or axis.gap.initial_flank)
+        axes[name] = replace(axis, gap=gap)
+    return replace(machine, axes=axes)
+
+
+def _caveats(command: Command, machine: Machine) -> Iterator[str]:
+    """Name the effects that do not act, and the limits that the command breaks, the worst place of each."""
+    yield from effect_warnings(machine, command.axes)
+    worst: dict[tuple[str, str], Violation] = {}
+    for broken in check_command(command, machine):
+        known = worst.get((broken.axis, broken.quantity))
+        if known is None or broken.value > known.value:
+            worst[broken.axis, broken.quantity] = broken
+    yield from (f"the command {describe_violation(broken)}" for broken in worst.values())
+
+
+class StrategyComparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """All strategies on one path and machine, as :func:`compare` runs them.
+
+    `strategies` begin with the plain program. `error_without_gap` [m] is the plain program's contour error
+    without any backlash. `notes` say what of a part program is not in its path, `caveats` what else has to be
+    known.
+    """
+
+    analysis: Analysis
+    strategies: tuple[Contender, ...]
+    error_without_gap: ContourError | None
+    notes: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that has to be known, a sentence each."""
+        return (*self.notes, *self.caveats)
+
+
+def compare(
+    job: Job,
+    machine: Machine | Source,
+    *,
+    output: PlanOutput = "table",
+    progress: Progress = no_progress,
+    **planning: Any,
+) -> StrategyComparison:
+    """Plan and simulate every strategy on a path, the plain program first.
+
+    Parameters
+    ----------
+    job : Path, PartProgram, str or path
+        Of a part program the longest path.
+    machine : Machine, str or path
+    output : {"table", "program"}, optional
+        Plan as for an interpolator table, or as for a part program.
+    progress : callable, optional
+        Called with the name of every stage.
+    **planning
+        As of :func:`simulate`.
+
+    Returns
+    -------
+    StrategyComparison
+        A strategy that refuses the job, or breaks a limit, is listed with the reason.
+
+    Raises
+    ------
+    InputError
+        Where an input is bad, or the machine lacks an axis of the path.
+
+    Examples
+    --------
+    >>> import ph_post as ph
+    >>> found = ph.compare("circle", "router", output="program", effort=0.01)
+    >>> plain, *others = found.strategies
+    >>> plain.name, others[-1].name
+    ('none', 'auto')
+    """
+    how = CompensateOptions(**planning)
+    analysis, notes = _analysed(job, machine, how, progress)
+    contenders = compare_strategies(analysis, lambda name: replace(how, strategy=name).plan(output), progress)
+    return StrategyComparison(
+        analysis=analysis,
+        strategies=contenders,
+        error_without_gap=without_backlash(analysis, contenders[0]),
+        notes=notes,
+        caveats=effect_warnings(_machine_of(analysis), analysis.path.axes),
+    )
