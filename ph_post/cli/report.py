@@ -91,7 +91,7 @@ def command(
         write_atomically(products)
     if as_json:
         print_json(made.view())
-    options.report_written(made.warnings, products)
+    options.report_written((*made.notes, *made.warnings), products)
     return 0
 
 
@@ -159,24 +159,23 @@ def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progr
 
 
 def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
-    from ph_post.cli.job import effect_warnings, load_and_analyse, plan_options
-    from ph_post.compensate.plan import make_plan
+    from ph_post.api.compensation import compensated_path
+    from ph_post.api.options import CompensateOptions
     from ph_post.report.product import motion_product
     from ph_post.report.traces import path_picture
 
-    analysis = load_and_analyse(raw, machine, how["tolerance"], progress, feed=how["feed"], dialect=how["dialect"])
-    plan = make_plan(analysis, plan_options(how, how["carrier"]), progress)
+    result = compensated_path(raw, machine, CompensateOptions(**options.in_si(how)), how["carrier"], progress)
     progress("simulating before and after")
-    return motion_product(path_picture(analysis, plan, effect_warnings(plan.machine, analysis.path.axes)))
+    return motion_product(path_picture(result), result.notes)
 
 
 def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
+    from ph_post.api.inputs import machine_named
     from ph_post.cli.conversion import compensated_or_original
-    from ph_post.cli.job import read_drives
     from ph_post.report.product import motion_product
     from ph_post.report.traces import program_picture
     from ph_post.units import MM
 
-    drives = read_drives(machine, how["dialect"])
+    drives, _ = machine_named(machine, how["dialect"])
     found = compensated_or_original(raw, drives, how, progress)
     return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], progress))

@@ -18,15 +18,19 @@ if TYPE_CHECKING:
 
 
 class ReportProduct(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """How page, picture and JSON object of one input are made, and what there is to warn of."""
+    """How page, picture and JSON object of one input are made, and what there is to warn of.
+
+    `notes` say what of a part program is not in the path that is shown; the JSON object has only `warnings`.
+    """
 
     page: Callable[[], str]
     figure: Callable[[], Figure]
     view: Callable[[], dict[str, Any]]
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-def motion_product(picture: Picture) -> ReportProduct:
+def motion_product(picture: Picture, notes: tuple[str, ...] = ()) -> ReportProduct:
     """Make a path or a program to be looked at."""
     from ph_post.report.motion_page import motion_page
 
@@ -40,6 +44,7 @@ def motion_product(picture: Picture) -> ReportProduct:
         figure=figure,
         view=lambda: picture_view(picture),
         warnings=picture.warnings,
+        notes=notes,
     )
 
 

@@ -11,16 +11,16 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.compensation import PathCompensation
 from ph_post.api.programs import CompensatedProgram
+from ph_post.api.results import PlannedMotion
 from ph_post.api.reversals import ProgramReversal, program_reversals
-from ph_post.compensate.comparison import plain, strategy_at, window_number
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.comparison import strategy_at, window_number
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
 from ph_post.report.programs import window_views
 from ph_post.report.views import View, turning_point_views, windows_by_point
-from ph_post.simulate.assess import assess
 from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
 from ph_post.simulate.controllers.deviation import CutPath, program_error
 from ph_post.simulate.controllers.run import run_program
@@ -114,13 +114,12 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return found
 
 
-def path_picture(analysis: Analysis, plan: Plan, warnings: Sequence[str] = ()) -> Picture:
-    """Run a path as it is and as planned, and gather what is to be seen."""
-    track, period = analysis.track, plan.machine.servo_period
+def path_picture(result: PathCompensation) -> Picture:
+    """Gather what is to be seen of a path as it is and as compensated."""
+    analysis, before, after = result.analysis, result.before, result.after
+    track, plan = analysis.track, result.plan(result.output)
     nominal = Nominal(track)
-    before, after = (command_of(one, track, period) for one in (plain(plan), plan))
-    named = [("as it is", before), *([] if _alike(before, after) else [("compensated", after)])]
-    traces = [_path_trace(name, command, analysis, plan.machine, nominal) for name, command in named]
+    named = [("as it is", before), *([] if _alike(before.command, after.command) else [("compensated", after)])]
     return Picture(
         name=analysis.path.name,
         kind="path",
@@ -130,10 +129,10 @@ def path_picture(analysis: Analysis, plan: Plan, warnings: Sequence[str] = ()) -
         points=nominal.places,
         joints=_path_joints(track),
         marks=_path_marks(analysis, plan, nominal),
-        traces=tuple(traces),
+        traces=tuple(_path_trace(name, motion, nominal) for name, motion in named),
         machine=plan.machine,
         strategy=plan.strategy,
-        warnings=(*plan.warnings, *warnings),
+        warnings=plan.warnings,
         rapids=_rapid_segments(analysis),
     )
 
@@ -144,8 +143,8 @@ def _alike(one: Command, other: Command) -> bool:
     return a.shape == b.shape and bool((np.abs(a - b) < SAME).all())
 
 
-def _path_trace(name: str, command: Command, analysis: Analysis, machine: Machine, nominal: Nominal) -> DrawnMotion:
-    found = assess(command, machine, nominal, analysis.turning_points)
+def _path_trace(name: str, motion: PlannedMotion, nominal: Nominal) -> DrawnMotion:
+    command, found = motion.command, motion.assessment
     foot = nominal.places(found.nearest.s)
     return DrawnMotion(
         name=name,
