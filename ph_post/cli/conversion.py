@@ -262,7 +262,7 @@ def compensated_or_original(
     options_for_program(how)
     program = program_in(raw, machine.dialect)
     check_axes(moved_axes(program), "program", machine, f"machine {machine.name}")
-    original = original_of(program)
+    original = original_of(program, f"original of {program.name}")
     if original is not None:
         return CompensatedProgram(before=original, after=program, done=True)
     return converted_program(raw, {**how, "machine": machine}, progress).edited
