@@ -13,7 +13,7 @@ from support.engine_cases import PERIOD, SOFT, effect, make_axis, make_command, 
 from support.engine_cases import WAVES as X
 
 from ph_post.api.inputs import effect_warnings
-from ph_post.drive.effects import plant_of, unmoved_axes
+from ph_post.drive.effects.active import plant_of, unmoved_axes
 from ph_post.drive.plant import Plant, TableReading, read_table
 from ph_post.simulate.machine import axis_command, run_plant, simulate
 from ph_post.types import EffectSetting, Feedback, Run, Scenario
