@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.dialects.registry import built_in_dialects, find_dialect
+from ph_post.dialects.registry import ENDINGS, SIGNATURES, find_dialect
 from ph_post.errors import InputError
 from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import read_program, shortened
@@ -211,20 +211,17 @@ def read_again_as(dialect: str, program: PartProgram, *, strict: bool = False) -
 
 
 def _language_of(dialect: str, name: str) -> Language:
-    """Return the language of a dialect; without its name that which alone has the ending, or RS274/NGC."""
-    if dialect:
-        return find_dialect(dialect).language
-    ending = PurePath(name).suffix.lower()
-    languages = (one.language for one in built_in_dialects())
-    return next((one for one in languages if ending in one.endings), RS274)
+    """Return the language of a dialect; without its name that of the file's ending, or RS274/NGC."""
+    dialect = dialect or ENDINGS.get(PurePath(name).suffix.lower(), "")
+    return find_dialect(dialect).language if dialect else RS274
 
 
 def _refuse_another(data: bytes, name: str) -> None:
     """Refuse a program that is of another dialect beyond doubt."""
-    for dialect in built_in_dialects():
-        if dialect.language.recognizes is not None and dialect.language.recognizes(data):
+    for dialect, beginning, title in SIGNATURES:
+        if beginning.match(data):
             raise InputError(
                 f"{name}:1",
-                f"{dialect.language.title}, read by other words",
-                expected=f"--dialect {dialect.name}, or a machine file with that dialect",
+                f"{title}, read by other words",
+                expected=f"--dialect {dialect}, or a machine file with that dialect",
             )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, TypeGuard
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeGuard
 
 from msgspec.structs import replace
 
@@ -27,7 +28,24 @@ BUILT_IN = {
     "marlin": "ph_post.dialects.marlin:DIALECT",
     "siemens": "ph_post.dialects.siemens.dialect:DIALECT",
 }
-"""What a source tree without installed metadata offers."""
+"""The dialects of this package, also in a source tree without installed metadata."""
+
+ENDINGS: Final[Mapping[str, str]] = {".mpf": "siemens", ".spf": "siemens"}
+"""Dialects by the endings of files, in small letters, that are in their language alone."""
+
+
+class Signature(NamedTuple):
+    """The dialect of programs whose first bytes match `beginning`, and their name in an error."""
+
+    dialect: str
+    beginning: re.Pattern[bytes]
+    title: str
+
+
+SIGNATURES: Final = (
+    Signature("heidenhain", re.compile(rb"\s*(?:\d+\s+)?BEGIN\s+PGM\s"), "a conversational program of Heidenhain"),
+)
+"""Plain data beside the names, so that reading a program loads no dialect but its own."""
 
 
 def dialect_names() -> tuple[str, ...]:
@@ -42,19 +60,19 @@ def dialect_names() -> tuple[str, ...]:
 
 
 def find_dialect(name: str, where: str = "dialect") -> Dialect:
-    """Return the dialect of that name.
+    """Return the dialect with a name.
 
     Parameters
     ----------
     name : str
-        Words behind plus signs name what the machine has besides: ``fanuc+nurbs``.
+        Words behind plus signs are variants of the dialect: ``fanuc+nurbs``.
     where : str, optional
-        What named it (a file and key, an option), for the refusal.
+        The file and key, or the option, that has the name, for the error.
 
     Raises
     ------
     InputError
-        Where nobody registered the name, or what is registered is not a dialect, or it has no such variant.
+        If nobody registered the name, the registered object is no dialect, or the dialect has no such variant.
     """
     base, *words = name.split("+")
     dialect = _REGISTRY.find(base, where)
@@ -64,11 +82,6 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
             raise InputError(where, f"the dialect {base} has no such variant", expected=known, got=repr(word))
         dialect = dialect.variants[word](dialect)
     return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
-
-
-def built_in_dialects() -> Iterator[Dialect]:
-    """Yield the dialects of this package."""
-    return (find_dialect(name) for name in BUILT_IN)
 
 
 def _is_dialect(found: object) -> TypeGuard[Dialect]:

@@ -39,12 +39,6 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         ``bound(line)``: why the motion of a line cannot be divided, in words; empty where it can.
     read : callable or None
         ``read(data, name) -> program``: its own reader, every byte kept, for a language of another grammar.
-    endings : tuple of str
-        Endings of files that are of this language alone, in small letters.
-    recognizes : callable or None
-        ``recognizes(data)``: whether a program is of this language beyond doubt; None where that never shows.
-    title : str
-        What such a program is called in errors.
     """
 
     name: str = ""
@@ -54,9 +48,6 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     feed_known: bool = True
     bound: Callable[[bytes], str] | None = None
     read: Callable[[bytes, str], PartProgram] | None = None
-    endings: tuple[str, ...] = ()
-    recognizes: Callable[[bytes], bool] | None = None
-    title: str = ""
 
     def hidden(self, data: bytes) -> bytes:
         """Return a program's text as the reader of RS274/NGC is to have it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -83,3 +85,17 @@ def test_a_dialect_that_a_machine_file_misspells_is_told_with_the_file(
     assert main([*arguments, "-m", "stepper", "--dialect", "nobody"]) == 2
     assert "ph-post: --dialect: no such dialect;" in capsys.readouterr().err
     assert not (tmp_path / "x.ngc").exists()
+
+
+def test_the_signs_of_files_name_dialects_of_this_package() -> None:
+    assert {*registry.ENDINGS.values(), *(one.dialect for one in registry.SIGNATURES)} <= {*registry.BUILT_IN}
+
+
+def test_reading_by_shared_words_loads_no_dialect() -> None:
+    code = (
+        "import sys; from ph_post.dialects.reading import read_as;"
+        " read_as('', b'G21 G90\\nG0 X1\\nM2\\n', 'a.ngc');"
+        " print(*(name for name in sys.modules if name.startswith('ph_post.dialects.')))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["ph_post.dialects.registry", "ph_post.dialects.reading"]

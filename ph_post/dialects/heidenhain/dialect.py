@@ -35,7 +35,7 @@ from msgspec.structs import replace
 
 from ph_post.dialects.base import Abilities, Dialect, DwellWords, Notices, NumberFormat, Syntax, end_remark
 from ph_post.dialects.heidenhain.iso import read_tnc_iso
-from ph_post.dialects.heidenhain.klartext import is_klartext, read_klartext
+from ph_post.dialects.heidenhain.klartext import read_klartext
 from ph_post.dialects.lines import LineWriter
 from ph_post.gcode.blocks import Moves
 from ph_post.gcode.numbers import SEMICOLON, decimal_text, to_counts
@@ -165,7 +165,7 @@ DIALECT = Dialect(
     ),
     abilities=Abilities(arc_planes=("G17",), full_circles=False, not_editable=_NOT_EDITABLE),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8, feed_decimals=_FEED_DECIMALS, plus=True),
-    language=Language(read=read_klartext, recognizes=is_klartext, title="a conversational program of Heidenhain"),
+    language=Language(read=read_klartext),
     notices=Notices(assumed=_ASSUMED),
     writer=KlartextLines,
     ending=".h",

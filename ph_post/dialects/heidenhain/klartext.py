@@ -64,13 +64,6 @@ _OTHERS: Final = (
 )
 _INCLINED: Final = "PLANE"
 
-_BEGIN: Final = re.compile(rb"\s*(?:\d+\s+)?BEGIN\s+PGM\s")
-
-
-def is_klartext(data: bytes) -> bool:
-    """Return whether a program begins as conversational ones do."""
-    return _BEGIN.match(data) is not None
-
 
 def read_klartext(data: bytes, name: str) -> PartProgram:
     """Read a conversational program.

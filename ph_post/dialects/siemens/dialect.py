@@ -144,7 +144,7 @@ DIALECT = Dialect(
         ),
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=8),
-    language=Language(read=read_siemens, endings=(".mpf", ".spf")),
+    language=Language(read=read_siemens),
     notices=Notices(
         assumed=(
             "assumed: work offset G54, feed override 100 percent, tool, its length and spindle as set before",
