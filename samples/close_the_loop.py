@@ -17,8 +17,8 @@ from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.diagnose.diagnose import diagnose
+from ph_post.dialects.reading import read_program_file
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.inputs import read_program_file
 from ph_post.files.path import read_path
 from ph_post.files.storage import shipped
 from ph_post.identify.logprogram import read_log

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from ph_post.api.inputs import Source, any_machine
+from ph_post.dialects.reading import read_program_file, read_program_pair
 from ph_post.dialects.registry import find_dialect
 from ph_post.diff import compare
 from ph_post.diff.compare import Comparison
 from ph_post.drive.axes import check_axes
 from ph_post.edit.edits import TOLERANCE
-from ph_post.edit.inputs import read_program_file, read_program_pair
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import RS274, PartProgram

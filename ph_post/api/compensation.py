@@ -32,9 +32,8 @@ from ph_post.dialects.registry import find_dialect
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
 from ph_post.edit.edits import TOLERANCE, Edits
-from ph_post.edit.inputs import is_program
 from ph_post.errors import InputError
-from ph_post.files.storage import SourceBytes, or_shipped, read_raw, write_atomically
+from ph_post.files.storage import SourceBytes, is_program, or_shipped, read_raw, write_atomically
 from ph_post.files.table import table_content
 from ph_post.gcode.program import PartProgram
 from ph_post.post.moves import check_jogs, read_jogs

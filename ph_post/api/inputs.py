@@ -13,7 +13,7 @@ from pathlib import PurePath
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis, IntervalSource, analyse
-from ph_post.dialects.reading import read_again_as, read_as
+from ph_post.dialects.reading import dialect_of, read_again_as, read_as, read_program_file
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive import machinefile
 from ph_post.drive.axes import check_axes
@@ -21,9 +21,9 @@ from ph_post.drive.effects.active import ignored_effects, unmoved_axes
 from ph_post.drive.intervalfile import read_intervals
 from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
 from ph_post.edit.edits import TOLERANCE
-from ph_post.edit.inputs import read_input, read_program_file
 from ph_post.files.path import path_of
-from ph_post.files.storage import SourceBytes, SourceText, decoded, or_shipped, read_raw
+from ph_post.files.storage import SourceBytes, SourceText, decoded, is_program, or_shipped, read_raw
+from ph_post.gcode.paths import line_words, main_path
 from ph_post.gcode.program import PartProgram
 from ph_post.identify import logprogram
 from ph_post.progress import Progress, no_progress
@@ -274,8 +274,18 @@ def path_of_job(
     InputError
         Where the job cannot be read.
     """
-    path, notes = (job, ()) if isinstance(job, Path) else read_input(job, machine, dialect)
+    path, notes = (job, ()) if isinstance(job, Path) else _read_path(job, machine, dialect)
     return (path if feed is None else msgspec.structs.replace(path, feed=feed)), notes
+
+
+def _read_path(raw: SourceBytes, machine: Machine | None, dialect: str | None) -> tuple[Path, tuple[str, ...]]:
+    """Read a path file, or the longest path of a part program, and what of the program it does not show."""
+    if not is_program(raw):
+        return path_of(decoded(raw)), ()
+    program = read_as(dialect_of([raw.data], dialect, machine), raw.data, raw.name)
+    found, warnings = main_path(program)
+    notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
+    return found.path, (*warnings, *notes)
 
 
 def read_job(

@@ -12,14 +12,14 @@ from msgspec.structs import replace
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import Dialect
+from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
-from ph_post.edit.header import Declaration, declare, read_declaration
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import WindowPlan, plan_windows, shifts_axes
-from ph_post.edit.write import apply_edits
+from ph_post.edit.write import apply_edits, declare
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
 from ph_post.gcode.program import PartProgram

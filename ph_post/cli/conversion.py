@@ -46,7 +46,7 @@ def converted(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, n
         Where an option does not fit a part program.
     """
     from ph_post.api.compensation import compensated
-    from ph_post.edit.inputs import is_program
+    from ph_post.files.storage import is_program
 
     if is_program(raw):
         kept = {name: value for name, value in how.items() if name not in _PATH_ONLY}

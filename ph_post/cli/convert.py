@@ -119,8 +119,7 @@ def command(
       unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.conversion import convert_path, convert_program
-    from ph_post.edit.inputs import is_program
-    from ph_post.files.storage import or_shipped, read_raw
+    from ph_post.files.storage import is_program, or_shipped, read_raw
 
     how = {**how, "machine": machine, "output": output, "table": table}
     if source is None or how["watch"] is not None:

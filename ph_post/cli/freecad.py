@@ -39,7 +39,7 @@ def command(installs: bool, folder: str | None, trace: str | None, machine: str 
     """
     if trace is not None:
         return _answer(trace, machine)
-    from ph_post.edit.freecad import POST, install
+    from ph_post.api.freecad import POST, install
     from ph_post.files.storage import shipped
 
     if folder is not None and not installs:
@@ -58,8 +58,8 @@ def _answer(trace: str, machine: str | None) -> int:
     """Answer FreeCAD's post-processor."""
     import msgspec
 
+    from ph_post.api.freecad import answer, read_job
     from ph_post.drive.machinefile import read_machine
-    from ph_post.edit.freecad import answer, read_job
     from ph_post.files.storage import read_source
 
     drives = read_machine(options.require_machine(machine))

@@ -99,8 +99,7 @@ def _made(
     source: str, other: str | None, machine: str | None, how: dict[str, Any], progress: Progress
 ) -> ReportProduct:
     """Find out what IN is, and make what it takes."""
-    from ph_post.edit.inputs import input_kind
-    from ph_post.files.storage import or_shipped, read_raw
+    from ph_post.files.storage import input_kind, or_shipped, read_raw
 
     progress("reading")
     if other is not None:

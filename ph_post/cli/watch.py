@@ -20,9 +20,8 @@ from ph_post.cli import options
 from ph_post.cli.conversion import conversion_lines, converted, silenced
 from ph_post.cli.outputs import refuse_bad_suffix
 from ph_post.dialects.registry import find_dialect
-from ph_post.edit.inputs import PROGRAM_ENDINGS
 from ph_post.errors import InputError, PhPostError
-from ph_post.files.storage import SourceBytes, make_folder, read_raw, write_atomically
+from ph_post.files.storage import PROGRAM_ENDINGS, SourceBytes, make_folder, read_raw, write_atomically
 from ph_post.progress import no_progress
 
 HIDDEN: Final = (".", "~", "#")

@@ -7,21 +7,26 @@ holds the original bytes. A line whose translation is as long as itself keeps it
 from __future__ import annotations
 
 import hashlib
+import os
+import pathlib
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePath
-from typing import Final
+from typing import BinaryIO, Final
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.dialects.declaration import declared_language
 from ph_post.dialects.registry import ENDINGS, SIGNATURES, find_dialect
 from ph_post.errors import InputError
+from ph_post.files.storage import STDIO, reading_errors
 from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import read_program, shortened
 from ph_post.gcode.words import excerpt, fault_error, find_lines
-from ph_post.types import sealed, take
+from ph_post.types import Machine, sealed, take
 
 NOT_UNDERSTOOD: Final = "M98"
 """A line after which neither the position nor a mode is known."""
@@ -225,3 +230,81 @@ def _refuse_another(data: bytes, name: str) -> None:
                 f"{title}, read by other words",
                 expected=f"--dialect {dialect}, or a machine file with that dialect",
             )
+
+
+_CHUNK = 1 << 20
+
+
+def read_program_file(
+    source: str | os.PathLike[str],
+    *,
+    strict: bool = False,
+    machine: Machine | None = None,
+    dialect: str | None = None,
+) -> PartProgram:
+    """Read a part program from a file, or from standard input for ``-``.
+
+    It is read in `dialect` if given, else in the dialect that it declares, else in the machine's.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, and as :func:`read_as`.
+    """
+    data, name = _read_bytes(source)
+    return read_as(dialect_of([data], dialect, machine), data, name, strict=strict)
+
+
+def read_program_pair(
+    a: PartProgram | str | os.PathLike[str],
+    b: PartProgram | str | os.PathLike[str],
+    machine: Machine | None = None,
+    dialect: str | None = None,
+) -> tuple[PartProgram, PartProgram]:
+    """Read two programs in one dialect: `dialect` if given, else the one that either declares, else the machine's.
+
+    A program read before in another language is read again.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_program_file`.
+    """
+    (first, one), (second, other) = (
+        (source.data, source.name) if isinstance(source, PartProgram) else _read_bytes(source) for source in (a, b)
+    )
+    words = dialect_of([first, second], dialect, machine)
+    return (
+        read_again_as(words, a) if isinstance(a, PartProgram) else read_as(words, first, one),
+        read_again_as(words, b) if isinstance(b, PartProgram) else read_as(words, second, other),
+    )
+
+
+def dialect_of(texts: Iterable[bytes], dialect: str | None, machine: Machine | None) -> str:
+    """Return the name of the dialect in which programs are read.
+
+    It is `dialect` if given, else the first that a program declares, else the machine's; empty without any.
+    """
+    declared = (found.name for text in texts if (found := declared_language(text)) != RS274)
+    return dialect or next(declared, "" if machine is None else machine.dialect)
+
+
+def _read_bytes(source: str | os.PathLike[str]) -> tuple[bytes, str]:
+    """Return the content of a file, and its name."""
+    if os.fspath(source) == STDIO:
+        if sys.stdin is None:
+            raise InputError("stdin", "cannot be read", got="a closed stream")
+        return _read_lines(sys.stdin.buffer), "stdin"
+    file = pathlib.Path(source)
+    with reading_errors(file), file.open("rb") as stream:
+        return _read_lines(stream), os.fspath(source)
+
+
+def _read_lines(stream: BinaryIO) -> bytes:
+    """Read all, or up to the first chunk without a line end, which the reader then refuses."""
+    parts = []
+    while part := stream.read(_CHUNK):
+        parts.append(part)
+        if len(part) == _CHUNK and b"\n" not in part and b"\r" not in part:
+            break
+    return b"".join(parts)

@@ -7,6 +7,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.diff.blocks import BlockChange, CommandChange, compare_blocks, compare_commands
 from ph_post.diff.curves import curve_table
 from ph_post.diff.feeds import (
@@ -19,7 +20,6 @@ from ph_post.diff.feeds import (
     programmed_timing,
 )
 from ph_post.diff.paths import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
-from ph_post.edit.header import Declaration, read_declaration
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import RAPID, PartProgram, runs

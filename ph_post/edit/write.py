@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 import msgspec
@@ -10,20 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ph_post.dialects.base import Dialect
+from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
-from ph_post.edit.edits import Edits, schedule
-from ph_post.edit.header import (
-    Declaration,
-    Payload,
-    declaration_lines,
-    has_marks,
-    marked,
-    payload_lines,
-    payload_start,
-)
+from ph_post.edit.edits import EditOptions, Edits, StopEdit, schedule, stops_written
 from ph_post.edit.preconditions import program_units, word_decimals
-from ph_post.edit.undo import restore
+from ph_post.edit.undo import Payload, payload_lines, payload_start, restore
 from ph_post.edit.word_shifts import (
     MOST_DECIMALS,
     ShiftedWords,
@@ -36,7 +29,9 @@ from ph_post.edit.word_shifts import (
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
-from ph_post.types import Array, IntArray, sealed
+from ph_post.post.remarks import package_version
+from ph_post.types import Array, IntArray, Machine, sealed
+from ph_post.units import MM
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _WIDEST: Final = 10**7
@@ -268,3 +263,57 @@ def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: 
     """Add the lines that undo the change."""
     lines = payload_lines(payload, dialect.syntax.max_line, dialect.syntax.comments)
     return body + _join_lines(lines, line_end(program))
+
+
+_DIGITS: Final = 16
+
+
+def declare(
+    program: PartProgram,
+    edits: Edits,
+    machine: Machine,
+    dialect: Dialect,
+    options: EditOptions,
+    *,
+    options_digest: str,
+    path_mode: str = "",
+    notes: tuple[str, ...] = (),
+) -> Declaration:
+    """Make the declaration of a program with these edits.
+
+    `options_digest` is the hash of all that the user asked for; `path_mode` and `notes` as the head is to
+    have them.
+    """
+    units = next(iter(program_units(program)), MM)
+    decimals = word_decimals(dialect, units)
+    tasks = schedule(edits, program.motions, units * 10.0**-decimals)
+    count, stops = stops_written(tasks, program.motions)
+    pauses = _pauses(stops, dialect)
+    return Declaration(
+        version=package_version(),
+        digest=program.digest,
+        machine=machine.name,
+        machine_digest=machine.digest[:_DIGITS],
+        options_digest=options_digest[:_DIGITS],
+        units=units,
+        offset=dict(edits.amplitude),
+        pulse=dict(edits.pulse),
+        stops=count,
+        dips=len(edits.dips),
+        dwell=min(pauses, default=0.0),
+        longest=max(pauses, default=0.0),
+        dwelt=sum(pauses),
+        decimals=decimals,
+        chord_tolerance=options.chord_tolerance,
+        block_time=options.block_time,
+        path_mode=path_mode,
+        dialect=program.language.name,
+        commands=dialect.notices.guard,
+        notes=notes,
+    )
+
+
+def _pauses(stops: Iterable[StopEdit], dialect: Dialect) -> list[float]:
+    """Return every dwell [s] as the dialect's digits have it."""
+    pauses = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    return [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in pauses if pause > 0.0]

@@ -1,4 +1,4 @@
-"""Read inputs, write outputs whole or not at all, and find the files shipped with the package.
+"""Read inputs and name their kind, write outputs whole or not at all, and find the files shipped with the package.
 
 ``-`` is standard input or standard output. Several outputs are written as one: all of them or none.
 """
@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import os
 import pathlib
+import re
 import secrets
 import shutil
 import stat
@@ -334,3 +335,69 @@ def or_shipped(kind: Kind, source: str | os.PathLike[str]) -> str | os.PathLike[
 def _folder(kind: Kind) -> tuple[pathlib.Path, str]:
     installed, source_tree, ending = _FOLDERS[kind]
     return (installed if installed.is_dir() else source_tree), ending
+
+
+PROGRAM_ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h", ".i", ".mpf", ".spf"))
+"""Endings of part programs."""
+
+BINARY_LOG_ENDINGS: Final = frozenset((".mat", ".npz", ".parquet"))
+"""Endings of logs that are no text."""
+
+DRAWING_ENDINGS: Final = frozenset((".dxf", ".svg"))
+"""Endings of drawings, which are imported first."""
+
+InputKind = Literal["path", "program", "log"]
+
+_BLOCK: Final = re.compile(rb"(?:\s|\xef\xbb\xbf)*(?:[%(;]|/?\s*[A-Za-z]\s*[-+.#\[<\d]|(?:\d+\s+)?BEGIN\s+PGM)")
+"""First characters of part programs: a percent sign, a comment, a word, or ``BEGIN PGM`` of Heidenhain."""
+
+
+def is_program(raw: SourceBytes) -> bool:
+    """Return true for a part program, false for a path file, by the ending or else by the first characters.
+
+    Examples
+    --------
+    >>> is_program(SourceBytes(name="a.nc", stem="a", data=b""))
+    True
+    >>> is_program(SourceBytes(name="a", stem="a", data=b"{}"))
+    False
+
+    Raises
+    ------
+    InputError
+        Where it is neither, but a drawing.
+    """
+    ending = _ending(raw)
+    return ending in PROGRAM_ENDINGS or (ending != ".json" and _BLOCK.match(raw.data) is not None)
+
+
+def input_kind(raw: SourceBytes) -> InputKind:
+    """Return the kind of an input file, by its ending or else by its first characters.
+
+    Examples
+    --------
+    >>> named = (("a.json", b"{"), ("a.nc", b"G1"), ("run.csv", b"t,X_cmd"), ("run.txt", b"0.5 0.25"))
+    >>> [input_kind(SourceBytes(name=name, stem="", data=data)) for name, data in named]
+    ['path', 'program', 'log', 'log']
+
+    Raises
+    ------
+    InputError
+        Where it is none of them, but a drawing.
+    """
+    ending = _ending(raw)
+    if ending == ".json" or (ending not in BINARY_LOG_ENDINGS and raw.data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"):
+        return "path"
+    # A text file may be either.
+    if ending in PROGRAM_ENDINGS and ending != ".txt":
+        return "program"
+    return "program" if ending not in (".csv", *BINARY_LOG_ENDINGS) and _BLOCK.match(raw.data) is not None else "log"
+
+
+def _ending(raw: SourceBytes) -> str:
+    """Return the ending of a name in small letters; refuse a drawing."""
+    ending = pathlib.PurePath(raw.name).suffix.lower()
+    if ending in DRAWING_ENDINGS:
+        wanted = "a path file, such as ph-post import makes of it"
+        raise InputError(raw.name, "this is a drawing", expected=wanted)
+    return ending

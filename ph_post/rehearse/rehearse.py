@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.edit.header import mark_text
+from ph_post.dialects.declaration import mark_text
 from ph_post.edit.undo import CHANGE_MARK
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ph_post.edit.inputs import read_program_file
+from ph_post.dialects.reading import read_program_file
 from ph_post.errors import InputError
 
 HERE = Path(__file__).parent / "languages"

@@ -8,7 +8,7 @@ import pytest
 from support.canon import needs_rs274, run_rs274
 
 from ph_post.cli import main as command
-from ph_post.edit.inputs import read_program_file
+from ph_post.dialects.reading import read_program_file
 from ph_post.errors import InputError
 
 HERE = Path(__file__).parent / "programs"

@@ -19,9 +19,8 @@ from support.corpus import stepper
 from ph_post.dialects.registry import find_dialect
 from ph_post.diff.compare import compare_programs
 from ph_post.edit.edits import EditOptions
-from ph_post.edit.header import declare
 from ph_post.edit.offset_edits import plan_offsets
-from ph_post.edit.write import apply_edits
+from ph_post.edit.write import apply_edits, declare
 from ph_post.gcode.paths import paths_of
 from ph_post.gcode.read import read_program
 from ph_post.verify.verify import verify

@@ -11,8 +11,7 @@ import pytest
 from support.streams import without_progress
 
 from ph_post.cli.main import main
-from ph_post.edit.inputs import is_program
-from ph_post.files.storage import SourceBytes
+from ph_post.files.storage import SourceBytes, is_program
 
 SLOT = """%
 (a slot, 20 mm wide)

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ph_post.api.freecad import install, macro_folders
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.freecad import install, macro_folders
 from ph_post.edit.undo import original_of
 from ph_post.gcode.read import read_program
 from ph_post.verify.verify import verify

@@ -12,9 +12,9 @@ from support.editing import ENOUGH, compensate
 from support.firmware import travel
 
 from ph_post.cli.main import main
+from ph_post.dialects.declaration import declared_language
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.header import declared_language
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
 from ph_post.gcode.program import PartProgram

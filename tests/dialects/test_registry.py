@@ -11,8 +11,8 @@ import pytest
 
 from ph_post.cli.main import main
 from ph_post.dialects import grbl, grblhal, linuxcnc, registry
-from ph_post.edit.inputs import PROGRAM_ENDINGS
 from ph_post.errors import InputError
+from ph_post.files.storage import PROGRAM_ENDINGS
 
 
 def test_the_built_in_dialects() -> None:

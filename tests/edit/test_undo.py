@@ -10,18 +10,11 @@ import pytest
 from msgspec.structs import replace
 from support.editing import compensate
 
+from ph_post.dialects.declaration import Declaration, declaration_lines, read_declaration
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit import write
 from ph_post.edit.edits import DipEdit, Edits, OffsetShift, StopEdit, merge_edits
-from ph_post.edit.header import (
-    Declaration,
-    Payload,
-    declaration_lines,
-    payload_lines,
-    read_declaration,
-    read_payload,
-)
-from ph_post.edit.undo import undo
+from ph_post.edit.undo import Payload, payload_lines, read_payload, undo
 from ph_post.edit.word_shifts import assemble, shift_numbers, unshift_numbers
 from ph_post.errors import InputError
 from ph_post.types import sealed
@@ -80,12 +73,6 @@ def test_a_damaged_head_is_refused() -> None:
     text = compensate(PROGRAM, STEPPER).text.replace(b"original sha256", b"original sha")
     with pytest.raises(InputError, match="head of the compensated program is damaged"):
         read_declaration(text)
-
-
-def test_the_same_job_is_told_by_version_machine_and_options() -> None:
-    assert FULL.same_job(replace(FULL, stops=1, digest=""))
-    for change in ({"version": "0.2.0"}, {"machine_digest": "ee" * 8}, {"options_digest": ""}):
-        assert not FULL.same_job(replace(FULL, **change))
 
 
 def test_a_second_compensation_is_refused() -> None:

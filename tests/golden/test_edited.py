@@ -15,7 +15,7 @@ from support.canonical import canonical_calls
 from support.editing import compensate
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit import header
+from ph_post.edit import write
 from ph_post.edit.undo import undo
 
 EDITED = Path(__file__).resolve().parents[1] / "edited"
@@ -25,7 +25,7 @@ RS274 = shutil.which("rs274")
 
 @pytest.mark.parametrize("case", CASES, ids=lambda folder: folder.name)
 def test_program_is_as_it_was(case: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(header, "package_version", lambda: "VERSION")
+    monkeypatch.setattr(write, "package_version", lambda: "VERSION")
     machine = read_machine(str(EDITED / "machine.toml"))
     found = compensate((case / "original.ngc").read_bytes(), machine).text
     expected = case / "compensated.ngc"

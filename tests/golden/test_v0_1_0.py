@@ -14,8 +14,8 @@ from support.streams import without_progress
 
 from ph_post.api import programs
 from ph_post.cli.main import main
+from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.header import read_declaration
 from ph_post.units import MM
 
 WRITTEN = Path(__file__).parent / "v0_1_0"

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from ph_post.api.freecad import JobRecord, answer, read_job
 from ph_post.cli.main import main
 from ph_post.dialects.linuxcnc import spline_deviation
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.freecad import JobRecord, answer, read_job
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceText
 from ph_post.geometry.nurbs import Nurbs

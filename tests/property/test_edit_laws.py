@@ -18,8 +18,8 @@ from support.canonical import canonical_calls
 from support.editing import Compensated, compensate
 from support.part_programs import distances, played, random_program, samples
 
+from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.header import read_declaration
 from ph_post.edit.undo import undo
 from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.gcode.read import read_program

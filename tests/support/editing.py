@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ph_post.dialects.declaration import Declaration
 from ph_post.dialects.reading import read_as
 from ph_post.dialects.registry import find_dialect
 from ph_post.edit.edits import EditOptions, Edits
-from ph_post.edit.header import Declaration, declare
 from ph_post.edit.offset_edits import plan_offsets
-from ph_post.edit.write import apply_edits
+from ph_post.edit.write import apply_edits, declare
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 

@@ -1,8 +1,8 @@
-"""Install FreeCAD's post-processor, and answer what it asks about a job, in JSON.
+"""Install FreeCAD's post-processor, and answer its questions about a job, in JSON.
 
-Asked: ``{"format": "ph-post-freecad", "version": 1, "tolerance": mm, "operations": [{"moves": [[name,
+Question: ``{"format": "ph-post-freecad", "version": 1, "tolerance": mm, "operations": [{"moves": [[name,
 {letter: value}]], "curves": [{"degree", "knots", "points", "weights"}]}]}``, lengths in mm, F in mm/s, as in
-FreeCAD. Answered: ``{"dialect", "post", "operations": [moves or null], "splines"}``; null where nothing changes.
+FreeCAD. Answer: ``{"dialect", "post", "operations": [moves or null], "splines"}``; null where nothing changes.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _VERSIONED: Final = "v*-*/Macro"
 
 
 def macro_folders(environment: Mapping[str, str] = os.environ) -> list[pathlib.Path]:
-    """Find the macro folders of this user's FreeCADs: what FreeCAD itself says, and where they usually are.
+    """Find the macro folders of this user's FreeCADs: the one that FreeCAD names, and those in the usual places.
 
-    A usual place counts where FreeCAD has been: the folder above it is there.
+    A usual place counts if the folder above it exists, which FreeCAD makes when it first runs.
     """
     usual = [root / "Macro" for root in _roots(environment) if root.is_dir()]
     versions = [found for root in _roots(environment) for found in sorted(root.glob(_VERSIONED))]
-    said = _told_by_freecad(environment)
+    said = _set_in_freecad(environment)
     return list(dict.fromkeys([*said, *versions, *usual]))
 
 
@@ -71,8 +71,8 @@ def _roots(environment: Mapping[str, str]) -> Iterator[pathlib.Path]:
     yield home / "snap" / "freecad" / "common"
 
 
-def _told_by_freecad(environment: Mapping[str, str]) -> list[pathlib.Path]:
-    """Ask the FreeCAD on the path, if there is one: the folder may have been set by hand."""
+def _set_in_freecad(environment: Mapping[str, str]) -> list[pathlib.Path]:
+    """Ask the FreeCAD on the path, if there is one, for its macro folder: the user may have set another."""
     command = next(filter(None, (shutil.which(c, path=environment.get("PATH")) for c in _COMMANDS)), None)
     if command is None:
         return []
@@ -98,20 +98,20 @@ def _told_by_freecad(environment: Mapping[str, str]) -> list[pathlib.Path]:
 
 
 def this_command() -> str:
-    """Return how this ph-post is started, for a program that does not have it on its path."""
+    """Return the command line that starts this ph-post, for a program without it on its path."""
     beside = pathlib.Path(sys.executable).with_name("ph-post.exe" if os.name == "nt" else "ph-post")
     return os.fspath(beside) if beside.is_file() else f'"{sys.executable}" -m ph_post'
 
 
 def install(folder: str | None = None) -> list[pathlib.Path]:
-    """Put the post-processor into FreeCAD's macro folders, or into `folder`, and return the files.
+    """Write the post-processor into FreeCAD's macro folders, or into `folder`, and return the files.
 
-    The copies know how this ph-post is started.
+    The copies hold the command that starts this ph-post.
 
     Raises
     ------
     InputError
-        Where there is no such folder, or none of FreeCAD's is found.
+        Where the folder does not exist, or no folder of FreeCAD's is found.
     """
     folders = macro_folders() if folder is None else [pathlib.Path(folder)]
     if not folders:
@@ -136,7 +136,7 @@ POSTS: Final = {
     "linuxcnc": "linuxcnc",
     "marlin": "marlin",
 }
-"""FreeCAD's own post-processor for each dialect. It has none for Klipper, and users of that name one; the
+"""FreeCAD's own post-processor for each dialect. It has none for Klipper, whose users name one; the
 programs of Siemens and Heidenhain cannot be compensated, whoever has posted them."""
 
 
@@ -157,7 +157,7 @@ class OperationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class JobRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A job. `tolerance` [mm] is how far its straight moves may be from the curves."""
+    """A job of FreeCAD; `tolerance` [mm] is the largest distance of its straight moves from the curves."""
 
     format: Literal["ph-post-freecad"]
     version: Literal[1]
@@ -180,7 +180,7 @@ def read_job(source: SourceText) -> JobRecord:
 
 
 def answer(job: JobRecord, machine: Machine) -> dict[str, Any]:
-    """Return the answer to FreeCAD's post-processor: see the module.
+    """Return the answer to FreeCAD's post-processor, in the format that the module describes.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ph_post.edit.header import read_declaration
+from ph_post.dialects.declaration import read_declaration
 
 HEAD = (
     b"(ph-post 0.1.0 compensated this program)\n(ph-post: original sha256 " + b"0" * 64 + b")\n"

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from support.stub_freecad import load_post
 
+from ph_post.api import freecad as module
+from ph_post.api.freecad import install, macro_folders, this_command
 from ph_post.cli.main import main
-from ph_post.edit import freecad as module
-from ph_post.edit.freecad import install, macro_folders, this_command
 from ph_post.errors import InputError
 
 

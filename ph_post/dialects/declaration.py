@@ -1,0 +1,257 @@
+"""Declaration in the header of a compensated program, and the marks of the comments that ph-post writes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.errors import InputError
+from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text
+from ph_post.gcode.program import RS274, Language
+from ph_post.units import INCH, MM, MS
+
+MARK: Final = "ph-post: "
+"""First characters of the comments that ph-post writes and reads back."""
+
+
+_STYLES: Final = ("(", "; ")
+
+
+def marked(words: str, style: Comments) -> str:
+    """Write a comment line of ph-post, in capitals where the language has no small letters."""
+    text = MARK + words
+    return style.line(text.upper() if style.upper else text)
+
+
+def comment_pattern(words: str, *, alone: bool = False) -> re.Pattern[bytes]:
+    """Compile the pattern of a comment in parentheses or behind a semicolon; :func:`mark_text` returns its groups.
+
+    Parameters
+    ----------
+    words : str
+        Pattern of the comment's text.
+    alone : bool
+        Match only a comment that fills its line, and include the line's end.
+    """
+    either = rf"\({words}\)|; {words}(?=[ \t]*(?:[\r\n]|\Z))"
+    if alone:
+        either = rf"(?:\A|(?<=[\r\n]))(?:{either})[ \t]*(?:\r\n|\r|\n|\Z)"
+    return re.compile(either.encode(), re.IGNORECASE)
+
+
+def mark_text(found: re.Match[bytes]) -> list[bytes]:
+    """Return the groups of a comment matched by :func:`comment_pattern`, whichever style it has.
+
+    Examples
+    --------
+    >>> [mark_text(comment_pattern(r"(a+)").fullmatch(text)) for text in (b"(aa)", b"; a")]
+    [[b'aa'], [b'a']]
+    """
+    return [text for text in found.groups() if text is not None]
+
+
+def find_last(data: bytes, words: str) -> int:
+    """Return the place of the last comment that begins with :data:`MARK` and these words, -1 where there is none."""
+    begins = [f"{before}{MARK}{words}" for before in _STYLES]
+    return max(data.rfind(text.encode()) for one in begins for text in (one, one.upper()))
+
+
+def has_marks(data: bytes) -> bool:
+    """Return true where a program contains comments of ph-post."""
+    return find_last(data, "") >= 0
+
+
+_DIGEST: Final = 64
+
+
+_PLACES: Final = 9
+
+
+_UNITS: Final = {"mm": MM, "inch": INCH}
+
+
+class Declaration(msgspec.Struct, frozen=True, kw_only=True):
+    """Declaration in the header of a compensated program.
+
+    `version` of this package; `digest` the SHA-256 of the original; `machine` its name, and `machine_digest`
+    and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, `units` [m]
+    of the program; numbers of `stops` and `dips`; `dwell` [s], `decimals`, `chord_tolerance` [m],
+    `block_time` [s] and `path_mode` as they were chosen for the dialect; `dialect` its name where it is read
+    otherwise than RS274/NGC; `commands` that stand behind the header; `notes` in free text.
+    """
+
+    version: str = ""
+    digest: str = ""
+    machine: str = ""
+    machine_digest: str = ""
+    options_digest: str = ""
+    units: float = MM
+    offset: Mapping[str, float] = {}
+    pulse: Mapping[str, float] = {}
+    stops: int = 0
+    dips: int = 0
+    dwell: float = 0.0
+    longest: float = 0.0
+    dwelt: float = 0.0
+    decimals: int = 0
+    chord_tolerance: float = 0.0
+    block_time: float = 0.0
+    path_mode: str = ""
+    dialect: str = ""
+    commands: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def declaration_lines(declaration: Declaration, max_line: int, style: Comments = PARENTHESES) -> list[str]:
+    """Write a declaration as comment lines; a long one continues on lines that begin with two blanks."""
+    one = declaration
+    name = next(name for name, size in _UNITS.items() if size == one.units)
+    mode = f", path mode {one.path_mode}" if one.path_mode else ""
+    facts = [
+        f"original sha256 {one.digest}",
+        f"machine {one.machine}, sha256 {one.machine_digest}",
+        f"options sha256 {one.options_digest}",
+        *([f"dialect {one.dialect}"] if one.dialect else []),
+        *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
+        *(f"take-up {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
+        f"{one.stops} stops, {one.dips} dips",
+        f"dwell {_seconds(one.dwell)} s, decimals {one.decimals},"
+        f" chord tolerance {one.chord_tolerance / MM:g} mm, block time {one.block_time / MS:g} ms{mode}",
+        *(
+            [f"dwells up to {_seconds(one.longest)} s, {_seconds(one.dwelt)} s in all"]
+            if one.longest > one.dwell
+            else []
+        ),
+        *(f"command {command}" for command in one.commands),
+        *(f"note {note}" for note in one.notes),
+    ]
+    head = comment_lines(f"ph-post {one.version} compensated this program", max_line, style)
+    return head + [line for fact in facts for line in comment_lines(MARK + fact, max_line, style)]
+
+
+def _seconds(time: float) -> str:
+    return decimal_text(round(time * 10**_PLACES), _PLACES)
+
+
+def _length(size: float, units: float) -> str:
+    return decimal_text(round(size / units * 10**_PLACES), _PLACES)
+
+
+_HEAD = comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program", alone=True)
+
+
+_FACT = comment_pattern(rf"{MARK}((?!\+).*)")
+
+
+_FURTHER = comment_pattern("  (.*)")
+
+
+_COMMAND = re.compile("command (.*)", re.IGNORECASE)
+
+
+_NOTE = re.compile("note (.*)", re.IGNORECASE)
+
+
+_NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
+
+
+# Version 0.1.0 wrote "pulse" for "take-up".
+_LENGTH = re.compile(rf"(offset|take-up|pulse) ([XYZ]) {_NUMBER} (mm|inch)", re.IGNORECASE)
+
+
+_FACTS = (
+    (re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE), ("digest",)),
+    (re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
+    (re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE), ("options_digest",)),
+    (re.compile(r"dialect (\S+)", re.IGNORECASE), ("dialect",)),
+    (re.compile(r"(\d+) stops, (\d+) dips", re.IGNORECASE), ("stops", "dips")),
+    (
+        re.compile(
+            rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms"
+            r"(?:, path mode (.*))?",
+            re.IGNORECASE,
+        ),
+        ("dwell", "decimals", "chord_tolerance", "block_time", "path_mode"),
+    ),
+    (re.compile(rf"dwells up to {_NUMBER} s, {_NUMBER} s in all", re.IGNORECASE), ("longest", "dwelt")),
+)
+
+
+def read_declaration(data: bytes) -> Declaration | None:
+    """Read the declaration of a program; None where ph-post did not compensate it.
+
+    Raises
+    ------
+    InputError
+        Where its header is damaged.
+    """
+    head = _HEAD.search(data)
+    if head is None:
+        return None
+    facts: list[str] = []
+    for line in data[head.end() :].splitlines():
+        text = line.strip()
+        if found := _FACT.fullmatch(text):
+            facts.append(_words(found))
+        elif facts and (found := _FURTHER.fullmatch(text)):
+            facts[-1] += " " + _words(found).strip()
+        else:
+            break
+    fields: dict[str, Any] = {
+        "version": _words(head),
+        "offset": {},
+        "pulse": {},
+        "commands": (),
+        "notes": (),
+    }
+    for fact in facts:
+        _read_fact(fact, fields)
+    if len(str(fields.get("digest", ""))) != _DIGEST:
+        raise InputError("", "the head of the compensated program is damaged", expected="original sha256")
+    return Declaration(**fields)
+
+
+def _words(found: re.Match[bytes]) -> str:
+    """Return the one group of a comment."""
+    return mark_text(found)[0].decode("latin-1")
+
+
+def _read_fact(fact: str, fields: dict[str, Any]) -> None:
+    """Read one line of the header; lines of later versions are ignored."""
+    for pattern, names in _FACTS:
+        found = pattern.fullmatch(fact)
+        if found:
+            fields.update(zip(names, map(_value, names, found.groups()), strict=True))
+    if found := _LENGTH.fullmatch(fact):
+        kind, axis, size, unit = found.groups()
+        fields["offset" if kind.lower() == "offset" else "pulse"][axis.upper()] = float(size) * _UNITS[unit.lower()]
+        fields["units"] = _UNITS[unit.lower()]
+    elif found := _COMMAND.fullmatch(fact):
+        fields["commands"] += (found.group(1),)
+    elif found := _NOTE.fullmatch(fact):
+        fields["notes"] += (found.group(1),)
+
+
+def _value(name: str, text: str | None) -> Any:
+    if name in ("stops", "dips", "decimals"):
+        return int(str(text))
+    if name in ("digest", "machine_digest", "options_digest", "dialect"):
+        return str(text).lower()
+    scale = {"dwell": 1.0, "longest": 1.0, "dwelt": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
+    return (text or "") if scale is None else float(str(text)) * scale
+
+
+def declared_language(data: bytes) -> Language:
+    """Return the language that a program declares; RS274/NGC where it declares none or is not compensated.
+
+    Raises
+    ------
+    InputError
+        Where its header is damaged, or its dialect is not registered.
+    """
+    found = read_declaration(data)
+    return RS274 if found is None or not found.dialect else find_dialect(found.dialect).language
