@@ -10,7 +10,7 @@ import numpy as np
 from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane_columns
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
-from ph_post.verify.declared import NO_CHANGE, VerifyCase
+from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import EXACT, Pairing, Stretches, StretchSide, declared_lengths, format_shifts
 from ph_post.verify.states import Dwells
 from ph_post.verify.verdict import FailureKind

@@ -10,7 +10,8 @@ import numpy as np
 from ph_post.gcode.program import ARC, AXES, LINE, RAPID, CodeArray, Motions, PlaceArray, expand, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import NO_CHANGE, DeclaredChanges, DeclaredLength, LinePairs, VerifyCase
+from ph_post.verify.declared import DeclaredChanges, DeclaredLength
+from ph_post.verify.line_pairs import NO_CHANGE, LinePairs, VerifyCase
 from ph_post.verify.polylines import motion_lengths, places_on, radii
 from ph_post.verify.states import Dwells
 

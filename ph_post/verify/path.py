@@ -13,7 +13,7 @@ from ph_post.compiling import compiled, inner
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, Motions, plane_columns
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import NO_CHANGE, VerifyCase
+from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.pairing import (
     EXACT,
     Pairing,

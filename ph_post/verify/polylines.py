@@ -258,26 +258,15 @@ def _curve_points(motions: Motions, motion: int, sagitta: float) -> Array:
 
 
 def _evaluate(motions: Motions, motion: int, pieces: int) -> Array:
-    u = np.linspace(0.0, 1.0, pieces + 1)
+    """Evaluate a spline by its clamped uniform knots, in homogeneous coordinates, at even parameters."""
+    from scipy.interpolate import BSpline  # slow to load, and only splines need it
+
     if motion in motions.control:
-        t = u[:, None]
-        b = motions.control[motion]
-        return np.asarray((1 - t) ** 3 * b[0] + 3 * (1 - t) ** 2 * t * b[1] + 3 * (1 - t) * t**2 * b[2] + t**3 * b[3])
-    order, control, weights = motions.nurbs[motion]
-    return _nurbs_points(order, control, weights, u)
-
-
-def _nurbs_points(order: int, control: Array, weights: Array, u: Array) -> Array:
-    """De Boor's algorithm on a clamped uniform knot vector, in homogeneous coordinates."""
-    degree, spans = order - 1, len(control) - order + 1
-    knots = np.concatenate([np.zeros(degree), np.arange(spans + 1), np.full(degree, spans)]).astype(float)
-    x = u * spans
-    span = np.clip(np.floor(x).astype(np.int64), 0, spans - 1) + degree
-    raised = np.hstack([control * weights[:, None], weights[:, None]])
-    d = [raised[span - degree + j] for j in range(order)]
-    for r in range(1, order):
-        for j in range(degree, r - 1, -1):
-            low, high = knots[span - degree + j], knots[span + j + 1 - r]
-            alpha = ((x - low) / (high - low))[:, None]
-            d[j] = (1.0 - alpha) * d[j - 1] + alpha * d[j]
-    return np.asarray(d[degree][:, :3] / d[degree][:, 3:])
+        order, control, weights = 4, motions.control[motion], np.ones(4)
+    else:
+        order, control, weights = motions.nurbs[motion]
+    spans = len(control) - order + 1
+    knots = np.pad(np.arange(spans + 1.0), order - 1, mode="edge")
+    raised = BSpline(knots, np.column_stack([control * weights[:, None], weights]), order - 1)
+    points = raised(np.linspace(0.0, spans, pieces + 1))
+    return np.asarray(points[:, :3] / points[:, 3:])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ph_post.gcode.program import Modal, PartProgram, PlaceArray, expand, runs
 from ph_post.types import Array, IntArray
-from ph_post.verify.declared import NO_CHANGE, VerifyCase
+from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
 from ph_post.verify.verdict import quoted
 
 _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)

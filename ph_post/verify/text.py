@@ -21,7 +21,8 @@ from ph_post.gcode.program import (
 )
 from ph_post.types import BoolArray, IntArray
 from ph_post.units import MM
-from ph_post.verify.declared import DeclaredLength, VerifyCase, as_mask
+from ph_post.verify.declared import DeclaredLength
+from ph_post.verify.line_pairs import VerifyCase, as_mask
 from ph_post.verify.verdict import quoted
 
 _AXES = b"XYZ"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import MM
-from ph_post.verify.declared import DeclaredChanges, VerifyCase, pair_lines, read_declared
+from ph_post.verify.declared import DeclaredChanges, read_declared
+from ph_post.verify.line_pairs import VerifyCase, pair_lines
 from ph_post.verify.offsets import (
     check_amounts,
     check_feeds,

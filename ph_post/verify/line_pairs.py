@@ -1,0 +1,198 @@
+"""Lines of the original beside those of the compensated program, by header and marks; the case that is checked."""
+
+from __future__ import annotations
+
+import re
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.program import PartProgram, PlaceArray, expand
+from ph_post.types import BoolArray, IntArray
+from ph_post.verify.declared import DeclaredChanges, comment_of
+from ph_post.verify.verdict import Findings, quoted
+
+_MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*", re.IGNORECASE)
+_BEGINS = re.compile(rb"(?:\(|; )ph-post: \+", re.IGNORECASE)
+
+NO_CHANGE = -1
+"""The change of a line outside all of them."""
+
+
+class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The changed stretches: lines ``[new_first, new_last)`` in place of ``[old_first, old_last)``, all (h,).
+
+    `marker` is the comment line that announces it, the one before `new_first`.
+    """
+
+    marker: IntArray
+    new_first: IntArray
+    new_last: IntArray
+    old_first: IntArray
+    old_last: IntArray
+
+    @property
+    def number(self) -> int:
+        """Number of changes."""
+        return self.marker.size
+
+
+class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Lines that belong together.
+
+    `old`, `new` (k,) the lines outside changes, pair by pair, in order. `old_change`, `new_change` the change of each
+    line, :data:`NO_CHANGE` outside (markers and the header belong to none). `ends` whether the original's last
+    line has got a line end, so that the undo lines can follow it.
+    """
+
+    changes: ChangedLines
+    old: PlaceArray
+    new: PlaceArray
+    old_change: PlaceArray
+    new_change: PlaceArray
+    ends: bool
+
+
+def pair_lines(
+    original: PartProgram, compensated: PartProgram, declared: DeclaredChanges, findings: Findings
+) -> LinePairs | None:
+    """Pair the lines as header and marks declare; None where the numbers of lines do not allow it."""
+    markers = _markers(original, compensated, declared)
+    rows: list[tuple[int, int, int, int, int]] = []
+    old, new = declared.first, declared.last
+    for line, added, removed in markers:
+        if line < new:
+            findings.add("lines", "a change begins inside another one", compensated=line)
+            return None
+        old += line - new
+        new = line + 1 + added
+        rows.append((line, line + 1, new, old, old + removed))
+        old += removed
+        if new > declared.tail or old > original.blocks:
+            findings.add(
+                "lines",
+                "a change reaches over the end of the program",
+                compensated=line,
+                got=quoted(compensated.text(line)),
+            )
+            return None
+    found = _line_pairs(original, compensated, declared, rows)
+    missing = (original.blocks - old) - (declared.tail - new)
+    if missing:
+        _report_count(original, compensated, found, missing, findings)
+    return None if missing else found
+
+
+def _markers(original: PartProgram, compensated: PartProgram, declared: DeclaredChanges) -> list[tuple[int, int, int]]:
+    """Lines that begin a change, with the numbers of lines added and removed.
+
+    A line of the same bytes that the original has in that place is the original's.
+    """
+    found: list[tuple[int, int, int]] = []
+    begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int32)
+    lines = np.searchsorted(compensated.lines, begins, side="right") - 1
+    behind, shift = declared.last, declared.last - declared.first
+    for line in lines[compensated.lines[lines] == begins].tolist():
+        match = _MARKER.fullmatch(comment_of(compensated, line)) if line >= behind else None
+        if match is None:
+            continue
+        old = line - shift
+        if 0 <= old < original.blocks and original.text(old) == compensated.text(line):
+            continue
+        added, removed = int(match[1]), int(match[2])
+        found.append((line, added, removed))
+        behind, shift = line + 1 + added, shift + 1 + added - removed
+    return found
+
+
+def _line_pairs(
+    original: PartProgram,
+    compensated: PartProgram,
+    declared: DeclaredChanges,
+    rows: list[tuple[int, int, int, int, int]],
+) -> LinePairs:
+    columns = np.array(rows, dtype=np.int64).reshape(-1, 5).T
+    changes = ChangedLines(
+        marker=columns[0],
+        new_first=columns[1],
+        new_last=columns[2],
+        old_first=columns[3],
+        old_last=columns[4],
+    )
+    old_change = _change_of_lines(original.blocks, changes.old_first, changes.old_last)
+    new_change = _change_of_lines(compensated.blocks, changes.new_first, changes.new_last)
+    apart = np.zeros(compensated.blocks, dtype=bool)
+    apart[declared.first : declared.last] = True
+    apart[declared.tail :] = True
+    apart[changes.marker] = True
+    old, new = (
+        np.flatnonzero(outside).astype(np.int32)
+        for outside in (old_change == NO_CHANGE, (new_change == NO_CHANGE) & ~apart)
+    )
+    shared = min(old.size, new.size)
+    ends = declared.tail < compensated.blocks and original.blocks > 0 and not original.data.endswith((b"\n", b"\r"))
+    return LinePairs(
+        changes=changes, old=old[:shared], new=new[:shared], old_change=old_change, new_change=new_change, ends=ends
+    )
+
+
+def _change_of_lines(lines: int, first: IntArray, last: IntArray) -> PlaceArray:
+    change = np.full(lines, NO_CHANGE, dtype=np.int32)
+    inside, number = expand(first, last)
+    change[inside] = number
+    return change
+
+
+def _report_count(
+    original: PartProgram, compensated: PartProgram, found: LinePairs, missing: int, findings: Findings
+) -> None:
+    """Name the first pair of lines that are plainly not the same, where lines are missing or too many."""
+    same = np.fromiter(
+        (
+            _shape(original.text(old)) == _shape(compensated.text(new))
+            for old, new in zip(found.old.tolist(), found.new.tolist(), strict=True)
+        ),
+        dtype=bool,
+    )
+    place = int(np.argmin(same)) if same.size and not same.all() else None
+    what = f"{missing} lines of the original are missing" if missing > 0 else f"{-missing} lines too many"
+    if place is None:
+        findings.add("lines", f"{what} at the end")
+        return
+    old, new = int(found.old[place]), int(found.new[place])
+    findings.add(
+        "lines",
+        f"{what}, here or before",
+        original=old,
+        compensated=new,
+        expected=quoted(original.text(old)),
+        got=quoted(compensated.text(new)),
+    )
+
+
+def _shape(line: bytes) -> bytes:
+    """Return a line without its digits: what an offset never changes."""
+    return line.translate(None, b"0123456789.+-")
+
+
+def as_mask(size: int, places: IntArray) -> BoolArray:
+    """Return a mask that is true at the places."""
+    mask = np.zeros(size, dtype=bool)
+    mask[places] = True
+    return mask
+
+
+class VerifyCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A program, what was made of it, and what is known about both.
+
+    `bound` [m] is how far the way may be off, `band` [m] the longest move of an axis that need not be
+    compensated. Every check adds what it finds to `findings`.
+    """
+
+    original: PartProgram
+    compensated: PartProgram
+    declared: DeclaredChanges
+    lines: LinePairs
+    bound: float
+    band: float
+    findings: Findings
