@@ -100,7 +100,7 @@ def _on_arc(arc: Arc, axis: int) -> tuple[exact_polynomials.ExactRoot, ...]:
 
 
 def _is_between(a: Vector, q: Vector, b: Vector, *, full: bool) -> bool:
-    """Whether q is met when a is turned counterclockwise until it points along b."""
+    """Return true where a, turned counterclockwise until it points along b, meets q."""
     return full or _sector(a, q) < _sector(a, b) or (_sector(a, q) == _sector(a, b) and _cross(q, b) >= 0)
 
 
@@ -142,7 +142,7 @@ def _angle(a: Vector, v: Vector) -> Any:
 
 
 class CertifiedAxis(msgspec.Struct, frozen=True, kw_only=True):
-    """What exact arithmetic says of one axis on one segment.
+    """Roots of the velocity of one axis on one segment, by exact arithmetic.
 
     Each of the `intervals` in xi holds one root of the axis' velocity, and there are no others; low = high
     where the root is rational and was met. Where its entry in `multiplicities` is even, the axis does not

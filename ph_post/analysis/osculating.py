@@ -149,7 +149,7 @@ INNER: Final = 0.9
 """A deviation above this part of the tolerance on this inner part of a window is suspect: a cube has 0.73."""
 
 LIMITS: Final[tuple[WindowLimit, ...]] = ("neighbour", "corner", "end", "deviation")
-"""What ends a window; where several do at one place, the first is named."""
+"""Limits that end a window, in order of precedence at one place."""
 
 NOTES: Final = (
     ("shortened to half the way to the neighbouring turning point",),
@@ -342,7 +342,7 @@ def _suspects(sides: CircleSides, half: Array, tolerance: float) -> tuple[IntArr
 
 
 def _guess(centers: _Centers, tolerance: float) -> Array:
-    """Where √(κ̇² + κ²τ²) t³/6 + |κ̈| t⁴/24 meets the tolerance: two steps of Newton's method from Eq. (6)."""
+    """Solve √(κ̇² + κ²τ²) t³/6 + |κ̈| t⁴/24 = tolerance by two Newton steps from Eq. (6)."""
     guess, _ = _estimates(centers, tolerance)
     bound = np.isfinite(guess)
     t = guess[bound]

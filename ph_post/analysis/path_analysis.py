@@ -15,11 +15,11 @@ from ph_post.geometry.track import Track
 from ph_post.types import Axis, BacklashInterval, Machine, Path, TurningPoint, Window
 
 IntervalSource = Callable[[Axis, float, float], tuple[BacklashInterval | None, str]]
-"""What maps an axis and its swing X = a sin Ωt, a [m] and Ω [1/s], to the interval or a word why none."""
+"""Function from an axis and its swing X = a sin Ωt, a [m] and Ω [1/s], to the interval, or a reason why none."""
 
 
 class Analysis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What :func:`analyse` found.
+    """Result of :func:`analyse`: turning points, windows and backlash intervals.
 
     `intervals` and `notes` hold one entry a turning point: the backlash interval at the programmed feed on
     the local osculating circle (None where there is none) and a word about it (empty where all is plain).
@@ -54,7 +54,7 @@ def analyse(
     tolerance : float
         ε of the windows [m].
     solve : callable
-        What gives the interval of an axis on a circle; a look-up in a table may stand for the solution.
+        Function that returns the interval of an axis on a circle: the solution, or a look-up in a table.
     """
     track = Track(path)
     points = find_turning_points(track)

@@ -44,7 +44,7 @@ def verify(
     machine : Machine, str or path, optional
         The shifts are held to its limits, and the declaration to its lost motion.
     tolerance : float, optional
-        How far the path may be off in changed stretches [m]; the one of the compensation.
+        Largest deviation of the path in changed stretches [m]; that of the compensation.
     dialect : str, optional
         Controller dialect by whose words both programs are read, in place of what they declare or the
         machine's.

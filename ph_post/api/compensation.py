@@ -45,10 +45,10 @@ from ph_post.verify.verdict import Verdict
 
 
 class Compensation(ABC):
-    """What :func:`compensate` found: the motion before and after, and what is to be written.
+    """Result of :func:`compensate`: the motion before and after, and the outputs to write.
 
-    `machine` and `options` are those that it was made for, `output` says which of program and table `before`
-    and `after` belong to. What was not asked for is planned when it is first used.
+    `machine` and `options` are those of the request; `before` and `after` are motions of the `output`, program or
+    table. The other output is planned when it is first used.
     """
 
     machine: Machine
@@ -68,12 +68,12 @@ class Compensation(ABC):
     @property
     @abstractmethod
     def warnings(self) -> tuple[str, ...]:
-        """What was reduced, left alone or has to be known, a sentence each."""
+        """Warnings: what was reduced or not compensated, a sentence each."""
 
     @property
     @abstractmethod
     def reversals(self) -> Reversals:
-        """How many reversals are compensated, and how many there are."""
+        """Numbers of compensated reversals and of all."""
 
     @property
     @abstractmethod
@@ -134,10 +134,10 @@ class PathCompensation(Compensation):
     analysis : Analysis
         With a machine.
     notes : tuple of str
-        What of a part program the path does not show.
+        Parts of a part program that the path does not show.
     options : CompensateOptions
     output : "program" or "table"
-        What is planned at once.
+        Output that is planned at once.
     progress : callable
     """
 
@@ -204,7 +204,7 @@ class PathCompensation(Compensation):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was reduced, left alone or has to be known, a sentence each."""
+        """Warnings: what was reduced or not compensated, a sentence each."""
         if self.output == "program":
             self.program()
         said = (word for plan in self._plans.values() for word in plan.warnings)
@@ -212,7 +212,7 @@ class PathCompensation(Compensation):
 
     @property
     def reversals(self) -> Reversals:
-        """How many reversals are compensated, and how many there are."""
+        """Numbers of compensated reversals and of all."""
         chosen = chosen_at(self.plan(self.output))
         left = len(chosen.pop(PLAIN, ()))
         done = sum(map(len, chosen.values()))
@@ -271,7 +271,7 @@ class ProgramCompensation(Compensation):
     machine : Machine, str or path
     options : CompensateOptions
     output : "program" or "table"
-        What is made at once; the table is that of the program's longest path.
+        Output that is made at once; the table is that of the program's longest path.
     progress : callable
     """
 
@@ -301,7 +301,7 @@ class ProgramCompensation(Compensation):
 
     @cached_property
     def request(self) -> ProgramRequest:
-        """What is asked of the compensation of the program itself."""
+        """Request to compensate the program itself."""
         options = self.options
         return ProgramRequest(
             plan=options.plan("program"),
@@ -324,17 +324,17 @@ class ProgramCompensation(Compensation):
 
     @property
     def unchanged(self) -> bool:
-        """Whether nothing had to change."""
+        """True where nothing had to change."""
         return self.edited.after.data == self.edited.before.data
 
     @property
     def already_compensated(self) -> bool:
-        """Whether the job was this very compensation already."""
+        """True where the job was this very compensation already."""
         return self.edited.done
 
     @property
     def verdict(self) -> Verdict | None:
-        """What :func:`ph_post.verify` says of the result; None where nothing was changed."""
+        """Verdict of :func:`ph_post.verify` on the result; None where nothing was changed."""
         return self.edited.verdict
 
     @cached_property
@@ -363,12 +363,12 @@ class ProgramCompensation(Compensation):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was passed through, reduced, left alone or has to be known, a sentence each."""
+        """Warnings: what was passed through, reduced or not compensated, a sentence each."""
         return self.longest.warnings if self.output == "table" else self.edited.warnings
 
     @property
     def reversals(self) -> Reversals:
-        """How many reversals are compensated, and how many there are."""
+        """Numbers of compensated reversals and of all."""
         if self.output == "table":
             return self.longest.reversals
         return Reversals(compensated=sum(one.strategy != PLAIN for one in self.places), all=len(self.places))
@@ -476,12 +476,12 @@ def compensate(
     machine : Machine, str or path
         A file name may be that of a shipped machine.
     output : {"program", "table"}
-        Which of the two `before` and `after` of the result belong to; both can be written.
+        Output that `before` and `after` of the result belong to; both can be written.
     strategy : str, optional
-        How backlash is compensated: "auto" by default, "suppress" where a profile is described by `ratio`,
+        Method of compensation: "auto" by default, "suppress" where a profile is described by `ratio`,
         `degree`, `t_star` or `coefficients`.
     tolerance : float
-        How far the osculating circle may leave the path inside a window [m].
+        Largest distance of the osculating circle from the path inside a window [m].
     feed : float, optional
         Feed in place of the path's [m/s].
     dialect : str, optional
@@ -501,19 +501,19 @@ def compensate(
     min_feed : float, optional
         Lowest feed while cutting [m/s].
     max_slowdown : float
-        How much the time may grow, relative.
+        Largest growth of the time, relative.
     feed_only : bool
         Leave the path as it is: nothing is added to its positions.
     no_inverse_dynamics : bool
         Do not lead a table's path by what the servos lag behind it.
     effort : float
-        How much is searched: 1 for some ten seconds.
+        Effort of the search: 1 for some ten seconds.
     interval_table : IntervalTable, str or path, optional
         Table of :func:`ph_post.sweep` in which backlash intervals are looked up, in place of solving for them.
     feed_mode : {"per-minute", "inverse-time"}
-        How F words are written.
+        Form of F words.
     chord_tolerance : float
-        How far a chord may leave the path [m].
+        Largest distance of a chord from the path [m].
     block_time : float
         Longest block in ramps and dips [s].
     safe_z, depth : float, optional

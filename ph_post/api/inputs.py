@@ -33,7 +33,7 @@ Source = str | os.PathLike[str]
 """The name of a file, of a shipped one, or ``-`` for standard input."""
 
 Job = Path | PartProgram | SourceBytes | Source
-"""What is compensated: a path or a part program, read or by its name."""
+"""Job to compensate: a path or a part program, read or by its name."""
 
 _texts: dict[str, SourceText] = {}
 """Texts of the machine files that were read in this process, by their hash."""
@@ -308,7 +308,7 @@ def read_job(
         Of a part program its longest path.
     machine : Machine or None
     notes : tuple of str
-        What of a part program the path does not show.
+        Parts of a part program that the path does not show.
 
     Raises
     ------
@@ -351,7 +351,7 @@ def analyse_job(
     -------
     analysis : Analysis
     notes : tuple of str
-        What of a part program the path does not show.
+        Parts of a part program that the path does not show.
 
     Raises
     ------

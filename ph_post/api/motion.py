@@ -91,7 +91,7 @@ def inspect(
         Of a part program the longest path.
     machine : Machine, str or path, optional
     tolerance : float, optional
-        How far the osculating circle may leave the path inside a window, ε [m].
+        Largest distance of the osculating circle from the path inside a window, ε [m].
     feed : float, optional
         Feed [m/s] in place of the path's; segments with a feed of their own keep it.
     dialect : str, optional
@@ -178,7 +178,7 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """What happens inside the axes, in order of time."""
+        """Events inside the axes, in order of time."""
         return self.run.events
 
     @property

@@ -84,7 +84,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def writing(self) -> ProgramOptions:
-        """How the program of a path is written."""
+        """Options for writing the program of a path."""
         return ProgramOptions(
             feed_mode=self.feed_mode,
             chord_tolerance=self.chord_tolerance,
@@ -95,7 +95,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def editing(self) -> EditOptions:
-        """How an existing program is changed."""
+        """Options for editing an existing program."""
         return EditOptions(
             tolerance=self.tolerance,
             max_slowdown=self.max_slowdown,

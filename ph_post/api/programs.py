@@ -60,7 +60,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part program before and after.
 
     `before` is the original, recovered where the input was compensated before; `after` what is to be
-    written, the same where nothing is changed. `declaration` is what the head then says, `edits` are the
+    written, the same where nothing is changed. `declaration` is the one in its header, `edits` are the
     changes and `windows` the plans behind those of axes inside their loops; `verdict` is the checker's, None
     where nothing was changed. `done` says that the input was this very compensation already.
     """
@@ -75,7 +75,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was left alone or has to be known, stretches that are passed through first."""
+        """Warnings, a sentence each; stretches that are passed through come first."""
         name, edits = self.before.name, () if self.edits is None else self.edits.warnings
         notes = self.before.notes
         lines = [f"{note.first + 1}" + (f" to {note.last + 1}" if note.last > note.first else "") for note in notes]

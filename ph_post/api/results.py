@@ -27,7 +27,7 @@ OFFSETS_FROM_JOG: Final = 4.0
 
 
 class Reversals(NamedTuple):
-    """How many reversals a compensation takes care of, and how many there are."""
+    """Numbers of compensated reversals and of all."""
 
     compensated: int
     all: int
@@ -88,12 +88,12 @@ class PlannedMotion(MotionResult):
 
     @cached_property
     def command(self) -> Command:
-        """What the axes are commanded in every servo period."""
+        """Command of the axes in every servo period."""
         return command_of(self.plan, self.analysis.track, self.plan.machine.servo_period)
 
     @cached_property
     def assessment(self) -> Assessment:
-        """What the motion does on every machine that the file leaves possible."""
+        """Result of the motion on every machine that the file leaves possible."""
         nominal = Nominal(self.analysis.track)
         return assess(self.command, self.plan.machine, nominal, self.analysis.turning_points)
 
@@ -139,7 +139,7 @@ class ProgramMotion(MotionResult):
     program, original : PartProgram
     machine : Machine
     name : str
-        Which of them it is, for the progress.
+        Name of the motion, for the progress.
     progress : callable, optional
     edits : callable, optional
         Returns what was added to the original; None where it is the original.
@@ -164,13 +164,13 @@ class ProgramMotion(MotionResult):
 
     @cached_property
     def command(self) -> Command:
-        """What the controller commands in every servo period."""
+        """Command of the controller in every servo period."""
         self._progress(f"running the {self._name} on a model of the controller")
         return run_program(self.program, self.machine)
 
     @cached_property
     def assessment(self) -> ProgramError | None:
-        """What the motion does on every machine that the file leaves possible; None where nothing moves."""
+        """Error of the motion on every machine that the file leaves possible; None where nothing moves."""
         return program_error(self.command, self.machine, self.original) if self.command.t.size else None
 
     @property
@@ -213,7 +213,7 @@ def without_offsets(command: Command, path: CutPath, place: Array, edits: Edits)
     place : array, shape (n,)
         Where along the original every row belongs [m].
     edits : Edits
-        What was added to the original.
+        Edits of the original.
     """
     motion = np.arange(len(edits.offset))
     starts, ends = path.place_of(motion, np.zeros(motion.size)), path.place_of(motion, np.ones(motion.size))

@@ -21,14 +21,14 @@ from ph_post.types import Array, BoolArray, Crossing, FeedProfile, IntArray, Jog
 MILLION: Final = 10**6
 
 STILL: Final = 1e-9
-"""What differs by no more [m] is the same: a place of an axis, or an offset."""
+"""Places of an axis, or offsets, that differ by no more [m] are the same."""
 
 Place = tuple[str, int, int]
 """Axis, motion, and its share to a millionth."""
 
 
 class ReversalEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What is done at a reversal."""
+    """Changes at a reversal: strategy, profile, and crossings or jogs."""
 
     strategy: str = PLAIN
     profile: FeedProfile | None = None
@@ -91,10 +91,10 @@ def _places(path: ProgramPath, points: Sequence[TurningPoint]) -> list[Place]:
 
 
 class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where the lasting offsets of a program change.
+    """Places at which the lasting offsets of a program change.
 
     `motion`, `share` and `column` (n,) of the stops that do it, one a shift, in order of travel; `carried`
-    (m, 3) whether a motion, a rapid, does it on its way.
+    (m, 3) is true for motions, rapids, that change one on their way.
     """
 
     axes: tuple[str, ...]
@@ -153,9 +153,9 @@ def _shifted(
     points: tuple[TurningPoint, ...],
     places: Sequence[Place],
 ) -> list[bool]:
-    """Whether the lasting offset of the axis that turns changes at each turning point.
+    """Mask of the turning points at which the lasting offset of the axis that turns changes.
 
-    Of one at which the axis rested that may be anywhere in the rest, at whose end it is listed.
+    Where the axis rests, the change may be anywhere in the rest, at whose end the turning point is listed.
     """
     if changes is None or not points:
         return [False] * len(points)

@@ -134,7 +134,7 @@ def predict_run(
     original : PartProgram
         Whose path the table should follow: the program without what it declares.
     programmed : PathTiming
-        What feeds and dwells ask for.
+        Times as feeds and dwells give them.
     machine : Machine
 
     Returns

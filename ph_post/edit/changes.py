@@ -44,7 +44,7 @@ class ChangeWriter:
     decimals : int
         Of new lengths, in the program's units.
     tolerance : float
-        How far joints may be rounded in blocks of known time [m].
+        Largest rounding of joints in blocks of known time [m].
     numbers : callable
         ``numbers(block)``: new text of the shifted words of a line, by word.
     """

@@ -133,9 +133,9 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     tolerance : float
         ε of the windows; smaller moves of an axis are ignored.
     max_slowdown : float
-        How much the program's time may grow, relative.
+        Largest growth of the program's time, relative.
     chord_tolerance : float
-        How far a joint may be rounded where blocks of known time stand in an exact-stop program.
+        Largest rounding of a joint where blocks of known time stand in an exact-stop program.
     block_time : float
         Longest block in ramps and dips.
     """

@@ -107,7 +107,7 @@ class ReversalSearch:
     amplitude : dict
         Offset by axis [m].
     chains : BoolArray, shape (c,)
-        Which chains may be shifted.
+        Chains that may be shifted.
     """
 
     def __init__(

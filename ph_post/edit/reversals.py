@@ -225,7 +225,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
     low, high : arrays, shape (c,)
         First motion of every chain, and the one behind its last.
     active : bool array, shape (c,)
-        Which chains are to be looked at.
+        Chains in which reversals are sought.
     band : Array, shape (c,)
         Dead band of each chain [m].
 

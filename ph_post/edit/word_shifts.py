@@ -93,7 +93,7 @@ def shift_numbers(data: Any, columns: Any, word: Any, number: Any, table: Any) -
     pool, bounds : uint8 array, int array (n + 1,)
         New text, and where that of each number begins.
     style, odd : uint16 array, uint8 array, shape (n,)
-        How the numbers stood there.
+        Spelling of the numbers.
     """
     start, end, digits, decimals = columns
     count = word.size
@@ -146,7 +146,7 @@ def assemble(data: Any, start: Any, end: Any, pool: Any, bounds: Any, lines: Any
     start, end : int arrays, shape (n,)
         Spans of numbers, in order; those inside a span of lines are passed over.
     pool, bounds : uint8 array, int array (n + 1,)
-        What stands in their place.
+        Text in their place.
     lines : int array, shape (k, 4)
         Spans of lines, in order: start, end, and the start and end of what stands in their place in `text`.
     text : uint8 array

@@ -42,7 +42,7 @@ _LARGEST: Final = 10**13
 
 
 class _Numbers(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """ShiftedWords numbers by word: new text in `pool`, `first` to `last`; and what the inverse needs."""
+    """Shifted numbers by word: their new text in `pool`, `bounds` in it, and the data that the inverse needs."""
 
     word: IntArray
     number: ByteArray
@@ -73,7 +73,7 @@ def apply_edits(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
     dialect : Dialect
         Words of the new lines, and their decimals.
     declaration : Declaration
-        What the head is to say.
+        Declaration in the header.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def _restores(text: bytes, program: PartProgram) -> bool:
 
 
 def _numbers(program: PartProgram, changed: ShiftedWords, decimals: int, least: int) -> _Numbers:
-    """Add to every number what its word changes by, with at least so many decimals."""
+    """Add to every number the shift of its word, with at least `least` decimals."""
     words, word = program.words, changed.word
     if word.size:
         _check_digits(program, word)
@@ -179,7 +179,7 @@ def _trimmed(count: int, decimals: int, least: int) -> tuple[int, int]:
 def _assemble_text(
     program: PartProgram, numbers: _Numbers, changes: list[Change], dialect: Dialect, declaration: Declaration
 ) -> tuple[bytes, Payload]:
-    """Put the new text together, and gather what its inverse needs."""
+    """Assemble the new text, and the payload that undoes it."""
     end, line = line_end(program), _head_line(program)
     data = program.data if program.data.endswith((b"\n", b"\r")) else program.data + end.encode()
     lines = np.append(program.lines[:-1], len(data))
@@ -220,7 +220,7 @@ def _assemble_text(
 
 
 def _change_lines(change: Change, dialect: Dialect) -> list[str]:
-    """Lines of a change behind the one that counts them; what it is for is cut to the length of a line."""
+    """Return the lines of a change behind its mark, whose words are cut to the length of a line."""
     words, style = list(dict.fromkeys(change.label)), dialect.syntax.comments
     head = f"+{len(change.lines)} -{change.removed} "
     line = marked(head + style.text(", ".join(words)), style)
@@ -235,7 +235,7 @@ def _join_lines(lines: list[str], end: str) -> bytes:
 
 
 def _head_line(program: PartProgram) -> int:
-    """Line before which the head stands: behind a leading percent sign and a program number."""
+    """Return the line before which the header goes: behind a leading percent sign and a program number."""
     line = 0
     if program.text(0).strip().startswith(b"%"):
         line = 1
@@ -245,7 +245,7 @@ def _head_line(program: PartProgram) -> int:
 
 
 def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
-    """Refuse lines that are longer than the dialect takes, and than the program had them."""
+    """Refuse lines longer than both the dialect's limit and the program's longest."""
     most = max(dialect.syntax.max_line + len("\r\n"), int(np.diff(program.lines).max()))
     lines = split_lines(sealed(out))
     long = np.flatnonzero(np.diff(lines) > most)
@@ -260,7 +260,7 @@ def _check_lines(program: PartProgram, out: Array, dialect: Dialect) -> None:
 
 
 def _with_payload(program: PartProgram, body: bytes, payload: Payload, dialect: Dialect) -> bytes:
-    """Add the lines that undo the change."""
+    """Append the payload lines, by which undo restores the original."""
     lines = payload_lines(payload, dialect.syntax.max_line, dialect.syntax.comments)
     return body + _join_lines(lines, line_end(program))
 
@@ -281,8 +281,7 @@ def declare(
 ) -> Declaration:
     """Make the declaration of a program with these edits.
 
-    `options_digest` is the hash of all that the user asked for; `path_mode` and `notes` as the head is to
-    have them.
+    `options_digest` is the hash of all that the user asked for; `path_mode` and `notes` go into the header.
     """
     units = next(iter(program_units(program)), MM)
     decimals = word_decimals(dialect, units)

@@ -107,7 +107,7 @@ def closest_within(pieces: Array, starts: Array, position: Array, place: Array, 
     Returns
     -------
     distance, s : Array, shape (m,)
-        How far they are, and where along the path [m].
+        Distances, and places along the path [m].
     """
     count, last = position.shape[0], pieces.shape[0] - 1
     distance, at = np.empty(count), np.empty(count)

@@ -160,7 +160,7 @@ class Composite(PiecewiseCurve):
 
     @property
     def built_exactly(self) -> bool:
-        """Whether the control points are the given numbers themselves: they are."""
+        """True: the control points are the given numbers."""
         return True
 
     def exact_pieces(self) -> tuple[ExactPiece, ...]:
@@ -206,7 +206,7 @@ class Bezier(PiecewiseCurve):
 
     @property
     def built_exactly(self) -> bool:
-        """Whether the control points are the given numbers themselves."""
+        """True where the control points are the given numbers."""
         return self._exact is None
 
     def exact_pieces(self) -> tuple[ExactPiece]:
@@ -242,7 +242,7 @@ class Line(PiecewiseCurve):
 
     @property
     def built_exactly(self) -> bool:
-        """Whether the control points are the given numbers themselves."""
+        """True where the control points are the given numbers."""
         return self._exact is None
 
     def exact_pieces(self) -> tuple[ExactPiece]:

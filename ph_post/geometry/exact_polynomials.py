@@ -54,9 +54,9 @@ def derivative(control: Sequence[Rational], axis: int, *, rational: bool) -> Rat
     control : sequence of tuples of Fraction
         Control points; of a rational curve homogeneous, (w P, w).
     axis : int
-        Which coordinate.
+        Number of the coordinate.
     rational : bool
-        Whether the last entry of a control point is its weight. Then the numerator X'w - Xw' of (X / w)' is
+        The last entry of a control point is its weight. Then the numerator X'w - Xw' of (X / w)' is
         returned, of degree 2n - 2, and w is taken to be positive.
 
     Examples

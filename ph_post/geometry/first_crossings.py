@@ -14,7 +14,7 @@ Function = Callable[[IntArray, Array], Array]
 """Values of the functions numbered by (n,) at their places (n, k), shape (n, k)."""
 
 MIDWAY: Final = 0.6
-"""Where the way to the guess is looked at, besides its end."""
+"""Place between the start and the guess that is tried too, as a share of the way."""
 
 GROWTH: Final = 1.5
 """Longest step outward, over the distance."""
@@ -81,7 +81,7 @@ def first_crossings(
     function : callable
         Not negative, zero at 0.
     reach : Array, shape (n,)
-        How far to look.
+        Largest argument that is tried.
     guess : Array, shape (n,)
         Where the crossing may be, > 0; may be infinite.
     level : float
@@ -94,7 +94,7 @@ def first_crossings(
     extent : Array, shape (n,)
         Where the function crosses the level: from below, between 0.999 of it and all of it.
     crossed : array of bool, shape (n,)
-        Whether the function exceeds the level just behind; elsewhere `extent` is `reach`.
+        True where the function exceeds the level just behind; elsewhere `extent` is `reach`.
 
     Examples
     --------
@@ -163,7 +163,7 @@ def _finish(function: Function, search: _Search, on: IntArray, level: float) -> 
 
 
 def _outward(search: _Search, on: IntArray, level: float, step: int) -> Array:
-    """Where the functions may meet the level, going by their last logarithmic slopes."""
+    """Guess where the functions meet the level, by their last logarithmic slopes."""
     low, below, slope = search.low[on], search.below[on], search.slope[on]
     ratio = np.divide(_target(level), below, out=np.full(on.size, np.inf), where=below > 0.0)
     growth = np.minimum(ratio ** (1.0 / np.clip(slope, *POWERS)), GROWTH)
@@ -174,7 +174,7 @@ def _outward(search: _Search, on: IntArray, level: float, step: int) -> Array:
 
 
 def _inward(search: _Search, on: IntArray, level: float, step: int) -> Array:
-    """Where the functions meet the level, by power laws through both ends of their brackets; or half-way."""
+    """Guess where the functions meet the level, by power laws through the ends of their brackets, or half-way."""
     low, high, below, above = (x[on] for x in (search.low, search.high, search.below, search.above))
     if step % 3 == 2 or step > 3 * PATIENCE:
         return 0.5 * (low + high)
@@ -191,7 +191,7 @@ def _target(level: float) -> float:
 
 
 def _rises(t0: Array, v0: Array, t1: Array, v1: Array, level: float) -> BoolArray:
-    """Whether the values rise plainly from one place to the next, or are far from the level at both."""
+    """Return true where the values clearly rise from one place to the next, or are far below the level at both."""
     rises: BoolArray = (v1 * t0**PLAIN >= v0 * t1**PLAIN) | (np.maximum(v0, v1) <= LOW * level)
     return rises
 

@@ -243,7 +243,7 @@ class PiecewiseCurve:
 
     @property
     def built_exactly(self) -> bool:
-        """Whether the pieces' control points are the given numbers themselves, nothing rounded."""
+        """True where the pieces' control points are the given numbers, none rounded."""
         return False
 
     def exact_pieces(self) -> tuple[ExactPiece | None, ...]:
@@ -299,7 +299,7 @@ class PiecewiseCurve:
 
     @cached_property
     def _breaks(self) -> tuple[Array, Array]:
-        """Where the pieces begin and end in xi."""
+        """Starts and ends of the pieces in xi."""
         return frozen([piece.xi0 for piece in self.pieces]), frozen([piece.xi1 for piece in self.pieces])
 
     def _to_piece(self, xi: Array) -> tuple[IntArray, Array]:

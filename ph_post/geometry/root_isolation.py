@@ -28,7 +28,7 @@ NEWTON_STEPS: Final = 20
 """Newton takes about six on a simple root; what takes longer is a cluster, whose error bound says so."""
 
 SPLITS: Final = (0.5, 0.4375)
-"""Where an interval is cut: in the middle, or beside it where the middle may be a root (dyadic: no error)."""
+"""Places at which an interval is cut: the middle, or beside it where the middle may be a root (dyadic: exact)."""
 
 
 class Roots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -231,7 +231,7 @@ def _first_sign(c: Array) -> Array:
 
 
 def _polygon_root(c: Array) -> Array:
-    """Where the control polygon of a row with one sign change crosses zero: Newton's starting value."""
+    """Return the zero of the control polygon of each row with one sign change: Newton's starting value."""
     rows, n = np.arange(c.shape[1]), c.shape[0] - 1
     after = np.argmax(c * _first_sign(c) < 0.0, axis=0)
     before = np.maximum(after - 1, 0)

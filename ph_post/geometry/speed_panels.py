@@ -122,7 +122,7 @@ What is left out of the arc length is smaller by about 100: by 2 * NODES from in
 """
 
 OWN_TAIL: Final = 3e-8
-"""Where only the integral over a panel is wanted, the same relative to the panel's own mean speed.
+"""The same where only the integral over a panel is needed, relative to the panel's own mean speed.
 
 Coefficients that have died away like this go on doing so; the quadrature misses only those beyond 2 * NODES.
 Next to a cusp they do not: so this holds for panels on which the speed is nowhere low.

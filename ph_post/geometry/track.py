@@ -199,7 +199,7 @@ class Track:
     dimension : int
         2 or 3.
     closed : bool
-        Whether the path is run as a loop.
+        True for a path that is run as a loop.
     length : float
         Arc length [m].
     pieces : tuple of Piece
@@ -257,7 +257,7 @@ class Track:
 
     @property
     def closed(self) -> bool:
-        """Whether the path is run as a loop."""
+        """True for a path that is run as a loop."""
         return self.path.closed
 
     def locate(self, s: Array) -> tuple[IntArray, Array]:

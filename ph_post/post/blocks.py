@@ -35,8 +35,8 @@ _SAMPLES = 33
 """Places a piece at which the curvature is looked at, to begin with; the deviation is checked afterwards."""
 
 _PROBES = np.linspace(0.0, 1.0, 9)[1:-1]
-"""Where a curve's distance from its chord is taken. The middle is among them, where that of a short piece is
-largest; where it is largest elsewhere they miss it by less than (1/8)² of itself."""
+"""Places at which the distance of a curve from its chord is taken: among them the middle, where a short piece
+has its largest; a largest distance elsewhere is missed by less than (1/8)² of itself."""
 
 _RESERVE = 1.0 - 1.0 / 8**2
 """Part of the chord tolerance that the distances found may take, for what the probes miss."""

@@ -25,10 +25,10 @@ from ph_post.types import Array, BoolArray
 from ph_post.units import MM, MM_PER_MIN
 
 FOLLOWS: Final = 1e-3
-"""How far a written feed may be off the planned one, as a part of it."""
+"""Largest relative difference of a written feed from the planned one."""
 
 AIM: Final = 0.8 * FOLLOWS
-"""What cutting aims at: joining short blocks and rounding take their share."""
+"""The same that cutting into blocks aims at; joining short blocks and rounding take the rest."""
 
 AT_REST: Final = 1e-3
 """A speed that is no more than this part of the fastest one of the piece is none: a cubic of the way that

@@ -27,9 +27,9 @@ FINEST = 20
 
 
 class CarriedOffset(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What is added to blocks: `offset` (n + 1, dim) [m] at the start and at the end of each.
+    """Offset added to blocks: `offset` (n + 1, dim) [m] at the start and at the end of each.
 
-    `feed` (n,) [m/s] is the speed that jogs are given, 0 for all other blocks.
+    `feed` (n,) [m/s] is the speed of jogs, 0 for all other blocks.
     """
 
     offset: Array

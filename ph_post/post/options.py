@@ -14,8 +14,8 @@ from ph_post.units import MM, MS
 FeedMode = Literal["per-minute", "inverse-time"]
 
 CHORD_TOLERANCE = 1e-3 * MM
-"""How far a chord may leave the path [m] where the user names nothing: 1 µm, a fifth of the default window
-tolerance, finer than what the windows decide about; on a radius of 20 mm chords of 0.4 mm."""
+"""Default chord tolerance [m]: 1 µm, a fifth of the default window tolerance, finer than the differences that
+the windows decide about; on a radius of 20 mm it gives chords of 0.4 mm."""
 
 BLOCK_TIME = 5.0 * MS
 """Longest block in ramps and dips [s]. LinuxCNC follows a dip in blocks of 5 ms within 0.5 % of the feed, in
@@ -23,14 +23,14 @@ blocks of 20 ms within 3 %; at 115,200 baud a line of 40 characters takes 3.5 ms
 
 
 class ProgramOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """How a part program is written; lengths in m, times in s.
+    """Options for writing a part program; lengths in m, times in s.
 
     Parameters
     ----------
     feed_mode : "per-minute" or "inverse-time"
         F words in mm/min (G94), or the inverse of each block's time in minutes (G93).
     chord_tolerance : float
-        How far the path may leave a straight move.
+        Largest distance of the path from a straight move.
     block_time : float
         Longest block in ramps and dips, not below the servo period.
     safe_z, depth : float or None

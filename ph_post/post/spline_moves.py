@@ -22,7 +22,7 @@ from ph_post.types import Array, IntArray
 from ph_post.units import MICROMETRE, MM
 
 CLOSE: Final = 0.2 * MICROMETRE
-"""How far a cubic may leave a rational curve or one of higher degree [m], a part of what a G5 is allowed."""
+"""Largest distance of a cubic from the rational or higher-degree curve it stands for [m], part of a G5's tolerance."""
 
 _HALVINGS: Final = 12
 _PROBES: Final = np.array([0.25, 0.5, 0.75])
@@ -90,7 +90,7 @@ def trace_moves(
     period : float
         The controller's servo period [s]: it breaks a spline into moves, none shorter than that.
     tolerance : float
-        How far a straight move may be from the curve [m].
+        Largest distance of a straight move from the curve [m].
 
     Returns
     -------

@@ -20,8 +20,8 @@ SAME_SPEED = 1e-9
 """Speeds that differ by no more than this part of the larger one are one: rounding of the plan's sums."""
 
 _SCAN = np.linspace(0.0, 1.0, 257)
-"""Where a profile is looked at for changes of sign. What dips below zero between two of these alone lasts
-less than 1/256 of the phase, and does not matter."""
+"""Places at which a profile is sampled for changes of sign. A dip below zero between two of them lasts less
+than 1/256 of the phase, and does not matter."""
 
 
 class Span(msgspec.Struct, frozen=True, kw_only=True):
@@ -162,7 +162,7 @@ class MotionStretch(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def by_geometry(self) -> bool:
-        """Whether blocks may be as long as the geometry allows."""
+        """True where only the geometry bounds the length of blocks."""
         return self.rapid or self.span.kind == "steady"
 
 

@@ -80,7 +80,7 @@ def find_traces(points: Array, tracks: Sequence[Track], tolerance: float) -> lis
     tracks : sequence of Track
         The curves, as cubics.
     tolerance : float
-        How far a chord may be from its part of the curve [m].
+        Largest distance of a chord from its part of the curve [m].
     """
     feet = [_feet(points, track) for track in tracks]
     found, begin = [], 0
@@ -133,7 +133,7 @@ def _next(
 
 
 def _along(start: Array, end: Array, between: Array, tolerance: float) -> bool:
-    """Whether places go from `start` to `end` beside the chord."""
+    """Return true where places advance from `start` to `end` within the tolerance [m] of the chord."""
     chord = end - start
     length = float(np.hypot(*chord))
     forward = chord / length
@@ -197,7 +197,7 @@ _PLAIN: Final = frozenset("XYZF")
 
 
 class _Tool(msgspec.Struct):
-    """Where the tool is [mm], None where that is not known, and the feed [mm/s]."""
+    """Position of the tool [mm], None where unknown, and feed [mm/s]."""
 
     x: float | None = None
     y: float | None = None
@@ -248,7 +248,7 @@ def _run(first: int, points: list[tuple[float, float]], feed: float | None) -> S
 
 
 def _cuts_on(move: Move, tool: _Tool) -> bool:
-    """Whether a move goes straight to another place at the height at which the tool is."""
+    """Return true for a straight move to another place at the tool's height."""
     words = move.words
     if move.name not in _LINES or not words.keys() <= _PLAIN or tool.x is None or tool.y is None:
         return False

@@ -99,7 +99,7 @@ def rehearse(
     machine : Machine
         With a drive for every axis that the program moves.
     original : PartProgram, optional
-        What `program` was made of; its path counts then.
+        Program that `program` was made from; errors are measured from its path.
     backlash : bool, optional
         Also run the original with LinuxCNC's own compensation of the machine's lost motion.
     limit : float, optional

@@ -25,7 +25,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ChannelQuality(msgspec.Struct, frozen=True, kw_only=True):
-    """What one recorded channel can show [m, or the effort's unit].
+    """Resolution, noise and delay of one logged channel [m, or the effort's unit].
 
     `resolution` is the smallest step between different readings, 0 where none is seen; `noise` the root mean
     square of what changes from sample to sample, resolution included, and `noise_from` how that was found;
@@ -43,10 +43,10 @@ class ChannelQuality(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LogQuality(msgspec.Struct, frozen=True, kw_only=True):
-    """What a record can show: before anything is fitted to it.
+    """Quality of a log, assessed before anything is fitted to it.
 
-    `first` is the first sample behind the start-up transient. `faults` say why it can show nothing at all,
-    `notes` what else a person should know, each a plain sentence.
+    `first` is the first sample behind the start-up transient. `faults` are reasons why
+    it cannot be used, `notes` are further remarks, each a sentence.
     """
 
     period: float
@@ -58,7 +58,7 @@ class LogQuality(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ResidualPlace(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a residual lies, of one axis: its `share` of the excess over the noise floor, and a sentence.
+    """Place of an axis' residual: its `share` of the excess over the noise floor, and a sentence.
 
     `by` names the split ("reversal", "travel", "offset", "direction", "speed", "acceleration", "position",
     "position of Y" and the like, "period", "time", "rotation", "frequency"); `value` is what the split
@@ -121,7 +121,7 @@ class ResidualTrace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Experiment(msgspec.Struct, frozen=True, kw_only=True):
-    """What would tell more: the part program to run, what to record, and why."""
+    """Proposed experiment: the part program to run, the channels to record, and the reason."""
 
     name: str
     why: str
@@ -130,10 +130,10 @@ class Experiment(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Diagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What is missing from a machine, as a record shows it.
+    """Effects missing from a machine, by a log of its motion.
 
-    `places` tell where the residual of the machine as it was lies, `remaining` where that of the better one
-    does. `machine` is the better one, the same as before where nothing was added. `noise_floor` [m] is the
+    `places` are those of the original machine's residual, `remaining` those of the improved one's. `machine`
+    is the improved machine, the original where nothing was added. `noise_floor` [m] is the
     root mean square that no model can get below.
     """
 
@@ -151,11 +151,11 @@ class Diagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 Origin = Literal["record", "file", "assumed"]
-"""Where a number comes from: the record shows it, the machine file says it, or it stands for want of one."""
+"""Source of a number: the log, the machine file, or a default."""
 
 
 class Sensitivity(msgspec.Struct, frozen=True, kw_only=True):
-    """Which numbers of a drive a record can tell apart, from its whitened sensitivities.
+    """Numbers of a drive that a log can tell apart, by its whitened sensitivities.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Sensitivity(msgspec.Struct, frozen=True, kw_only=True):
     singular_values : tuple of float
         Largest first. One over it is the relative standard error along its direction.
     rank : int
-        How many directions are known better than the record's noise allows; see
+        Number of directions known better than the log's noise allows; see
         :data:`ph_post.identify.estimates.MOST_RELATIVE_ERROR`.
     weak : tuple of mapping
         The other directions: the share of each number in them, by name.
@@ -223,4 +223,4 @@ class Identification(msgspec.Struct, frozen=True, kw_only=True):
 
 
 PRODUCT: Final = "lost_motion_times_inertia_fraction"
-"""What a load loop shows from positions: Δθ_m/C in the units of the axis, η times the lost motion."""
+"""Number that positions alone show in a load loop: Δθ_m/C in the units of the axis, η times the lost motion."""

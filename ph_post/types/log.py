@@ -14,9 +14,9 @@ EventKind = Literal["opens", "picks up", "falls back", "sticks", "slips", "satur
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
-    """What happened inside an axis at `t` [s].
+    """Event inside an axis at `t` [s].
 
-    The gap `opens`; the motor `picks up` the table on the other flank, or `falls back` on the old one; the
+    The gap `opens`; the motor `picks up` the table on the other side, or `falls back` on the old one; the
     table `sticks` and `slips` where there is friction; the motor's torque `saturates` and `recovers`; an axis
     `chatters` where more happens within a sample than is followed.
     """
@@ -50,7 +50,7 @@ EffortUnit = Literal["N", "A"]
 
 
 class AxisLog(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What was recorded of one axis, a value a sample, shape (n,); NaN where a sample is missing.
+    """Log of one axis, a value a sample, shape (n,); NaN where a sample is missing.
 
     `command` [m], never NaN; `table` [m] (`_act`) and `motor` [m] (`_motor`, in units of the table); `effort`
     in `effort_unit`, the force on the table or the motor's current. None where there is no such column.

@@ -14,7 +14,7 @@ WindowLimit = Literal["deviation", "neighbour", "end", "corner"]
 
 
 class Curve(Protocol):
-    """What a segment's curve offers to those who read paths; implemented in :mod:`ph_post.geometry`."""
+    """Interface of a segment's curve; implemented in :mod:`ph_post.geometry`."""
 
     @property
     def dimension(self) -> int:
@@ -49,7 +49,7 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
-    """Where one axis reverses.
+    """Turning point: a place of the path where one axis reverses.
 
     `segment`, `xi` as the contract counts them (a joint belongs to the earlier segment, at its end; the
     seam of a closed path to segment 0, start). `position` [m] of that axis, `s` [m] along the path.

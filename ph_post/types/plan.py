@@ -124,7 +124,7 @@ class Jog(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]: two ramps, and between them what they leave at full velocity."""
+        """Duration [s]: two ramps, and between them the rest of the way at full velocity."""
         way, ramp = abs(self.travel), self.velocity / self.acceleration
         if way <= self.velocity * ramp:
             return 2.0 * math.sqrt(way / self.acceleration)
@@ -137,7 +137,7 @@ class Jog(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What will be commanded: phases one after the other from s = 0 to the path's end.
+    """Planned motion: phases one after the other from s = 0 to the path's end.
 
     `nominal` are the phases without any profile, for comparison. `profiles` holds one entry a window,
     None where nothing is modulated there. `crossings` are the path modifications, in the order of time, jogs

@@ -126,7 +126,7 @@ def first_unreached(p: Array, p_first: IntArray, q: Array, q_first: IntArray, bo
     p_first, q_first : ndarray, shape (k + 1,)
         Where each begins. A polyline may be a single point, not empty.
     bound : ndarray, shape (k,)
-        How far apart they may be [m].
+        Largest distance [m].
 
     Returns
     -------
@@ -170,7 +170,7 @@ def polylines(motions: Motions, which: IntArray, sagitta: float) -> Polylines:
     which : ndarray, shape (k,)
         Numbers of the motions wanted.
     sagitta : float
-        How far a chord may leave its motion [m].
+        Largest distance of a chord from its motion [m].
     """
     pieces = np.ones(which.size, dtype=np.int64)
     arcs = np.flatnonzero(motions.kind[which] == ARC)
