@@ -11,9 +11,10 @@ To add a dialect:
 6. :class:`Language <ph_post.gcode.program.Language>`: how its programs are read. One that differs from
    RS274/NGC in a few words says so there; one of another grammar brings its own reader.
 7. :class:`Notices`: what a user has to know, and what keeps the controller from compensating a second time.
-8. `writer`: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>` of its own where moves are no RS274
+8. :class:`Recording`: the log that the controller itself can make of its axes.
+9. `writer`: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>` of its own where moves are no RS274
    words; it overrides what differs.
-9. `variants`: what a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``).
+10. `variants`: what a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from ph_post.dialects.lines import LineWriter
 from ph_post.errors import InputError
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text, significant_text, to_counts
 from ph_post.gcode.program import RS274, Language
-from ph_post.types import Array, IntArray
+from ph_post.types import Array, IntArray, Machine
 from ph_post.units import MM
 
 _ROUNDING = 1e-6
@@ -264,12 +265,40 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     own_compensation : str
         The setting of the controller's own backlash compensation, which must be 0; empty where it has none
         that is not switched off by `guard`.
+    own_tables : str
+        The settings of all that the controller compensates by itself, for test programs; empty as above.
     """
 
     assumed: tuple[str, ...] = (PRECONDITIONS, end_remark("M2"))
     cautions: tuple[str, ...] = ()
     guard: tuple[str, ...] = ()
     own_compensation: str = ""
+    own_tables: str = ""
+
+
+READ_WITH = "read it with "
+"""Words before the options with which a log without a header is read."""
+
+
+class Recording(msgspec.Struct, frozen=True, kw_only=True):
+    """The log that a controller makes of its axes.
+
+    Parameters
+    ----------
+    lines : callable or None
+        ``lines(machine, axes, seconds, name, gauge) -> lines`` that say how the log `name` of a program of so
+        many `seconds` [s] is made: sentences, and lines for a shell. `gauge` is True where the table has to be
+        read by something that is no part of the loop. A line that begins with :data:`READ_WITH` has the
+        options with which the log is read.
+    ending : str
+        What the log's file name ends with.
+    has_command : bool
+        Whether it holds what was commanded; if not, the program is given beside it.
+    """
+
+    lines: Callable[[Machine, Sequence[str], float, str, bool], list[str]] | None = None
+    ending: str = ".csv"
+    has_command: bool = False
 
 
 class Dialect(msgspec.Struct, frozen=True, kw_only=True):
@@ -285,6 +314,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     language : Language
         How its programs are read.
     notices : Notices
+    recording : Recording
     writer : callable
         ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>`.
     variants : mapping of str to callable
@@ -301,6 +331,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     numbers: NumberFormat
     language: Language = RS274
     notices: Notices = Notices()
+    recording: Recording = Recording()
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] = LineWriter
     variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
     options: frozenset[str] = frozenset()

@@ -9,7 +9,18 @@ and `config.h` have a receive buffer of 128 and 115,200 baud.
 
 from __future__ import annotations
 
-from ph_post.dialects.base import Abilities, Dialect, NumberFormat, StreamLimit, Syntax, metric_opening
+from collections.abc import Sequence
+
+from ph_post.dialects.base import (
+    Abilities,
+    Dialect,
+    NumberFormat,
+    Recording,
+    StreamLimit,
+    Syntax,
+    metric_opening,
+)
+from ph_post.types import Machine
 
 _DECIMALS = 4
 """0.1 µm. Grbl computes in single precision, which has no more at the size of such machines, and a shorter
@@ -25,6 +36,16 @@ _PLANNER_BLOCKS = 16
 """Moves that Grbl holds in its planner."""
 
 
+def status_reports(_machine: Machine, axes: Sequence[str], _seconds: float, name: str, _gauge: bool) -> list[str]:
+    """Say that the controller's own reports of its positions are too few for a log."""
+    commands = ", ".join(f"{axis}_cmd" for axis in axes)
+    return [
+        "the controller reports positions some ten times a second, which is too few: record with a scale"
+        f" or an encoder that has a logger of its own, and give {name}.ngc beside the log in place of"
+        f" {commands}"
+    ]
+
+
 DIALECT = Dialect(
     name="grbl",
     syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=_MAX_LINE, terse=True),
@@ -35,5 +56,6 @@ DIALECT = Dialect(
         stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
+    recording=Recording(lines=status_reports),
 )
 """The Grbl dialect."""

@@ -13,7 +13,17 @@ from typing import Final
 
 import numpy as np
 
-from ph_post.dialects.base import Abilities, CubicAbility, Dialect, Notices, NumberFormat, Syntax, metric_opening
+from ph_post.dialects.base import (
+    Abilities,
+    CubicAbility,
+    Dialect,
+    Notices,
+    NumberFormat,
+    Recording,
+    Syntax,
+    metric_opening,
+)
+from ph_post.dialects.grbl import status_reports
 from ph_post.types import Array
 
 _DECIMALS: Final = 4
@@ -48,5 +58,6 @@ DIALECT = Dialect(
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
     notices=Notices(own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,"),
+    recording=Recording(lines=status_reports),
 )
 """The grblHAL dialect."""

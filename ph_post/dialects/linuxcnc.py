@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from ph_post.dialects.base import Abilities, CubicAbility, Dialect, Notices, NumberFormat, Syntax, metric_opening
+from ph_post.dialects.base import (
+    READ_WITH,
+    Abilities,
+    CubicAbility,
+    Dialect,
+    Notices,
+    NumberFormat,
+    Recording,
+    Syntax,
+    metric_opening,
+)
 from ph_post.gcode.numbers import decimal_text, to_counts
-from ph_post.types import Array
+from ph_post.gcode.program import AXES
+from ph_post.types import Array, Machine
 
 _DECIMALS = 6
 """1 nm: below the resolution of any scale, and in the deepest dips still a small part of a block."""
@@ -104,6 +117,54 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
+MARGIN = 60.0
+"""Time that is recorded beyond that of a test program [s]; a person starts one after the other."""
+
+STORE = 10.0
+"""Time that LinuxCNC's sampler holds until it is read [s]."""
+
+
+def halsampler_lines(machine: Machine, axes: Sequence[str], seconds: float, name: str, gauge: bool) -> list[str]:
+    """Return lines for a shell with which LinuxCNC records its joints every servo period.
+
+    The joints are taken to be numbered as the axes are; their positions are those of the machine, not of the
+    work offset. Where a gauge is read only the person who wired it knows: its pin is a word in capitals.
+    """
+    pins = _pins(machine, axes, gauge)
+    depth, rows = (round(span / machine.servo_period) for span in (STORE, seconds + MARGIN))
+    return [
+        "halcmd unloadrt sampler || true",
+        f"halcmd loadrt sampler depth={depth} cfg={'f' * len(pins)}",
+        "halcmd addf sampler.0 servo-thread",
+        *(f"halcmd net {_signal(column, pin)} {pin} sampler.0.pin.{k}" for k, (column, pin) in enumerate(pins)),
+        f"halsampler -t -n {rows} {name}.txt",
+        "more channels: one f more in cfg, one net each, and one --column more below",
+        # The sample's number is the first column.
+        READ_WITH + " ".join(f"--column {column}={k}:mm" for k, (column, _) in enumerate(pins, 2)),
+    ]
+
+
+def _signal(column: str, pin: str) -> str:
+    """Name a signal of HAL: one that has a writer already can take no other."""
+    side = "gauge" if "GAUGE" in pin else column[2:]
+    return f"kit-{column[0].lower()}-{side}"
+
+
+def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:
+    """Columns of LinuxCNC's log, and where in HAL they come from."""
+    known = [axis for axis in AXES if axis in machine.axes]
+    pins = []
+    for axis in axes:
+        joint = f"joint.{known.index(axis)}"
+        own = machine.axes[axis].loop.own_channel
+        pins.append((f"{axis}_cmd", f"{joint}.pos-cmd"))
+        if own == "motor" or (own == "act" and not gauge):
+            pins.append((f"{axis}_{own}", f"{joint}.pos-fb"))
+        if own is None or (gauge and own == "act"):
+            pins.append((f"{axis}_act", f"PIN_OF_THE_{axis}_GAUGE"))
+    return pins
+
+
 DIALECT = Dialect(
     name="linuxcnc",
     syntax=Syntax(opening=metric_opening, closing=("M2",), max_line=255, path_mode=_path_mode),
@@ -113,6 +174,9 @@ DIALECT = Dialect(
         inverse_time=frozenset(("line", "arc")),
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
-    notices=Notices(own_compensation="BACKLASH in LinuxCNC's ini file"),
+    notices=Notices(
+        own_compensation="BACKLASH in LinuxCNC's ini file", own_tables="BACKLASH and COMP_FILE in the ini file"
+    ),
+    recording=Recording(lines=halsampler_lines, ending=".txt", has_command=True),
 )
 """The LinuxCNC dialect."""

@@ -10,6 +10,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from ph_post.dialects.base import READ_WITH
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES
@@ -22,7 +23,7 @@ from ph_post.testprograms.builder import (
     settling_time,
     top_speed,
 )
-from ph_post.testprograms.program import READ_WITH, build_experiment
+from ph_post.testprograms.program import build_experiment
 from ph_post.types import Machine
 from ph_post.types.diagnosis import Experiment
 from ph_post.units import MINUTE, MM, MM_PER_MIN
@@ -123,21 +124,21 @@ def _feeds(machine: Machine, axes: tuple[str, ...], radius: float, wanted: Seque
         return tuple(TOP_SHARE * round_circle * ratio for ratio in _FEED_RATIOS)
     top = top_speed(machine, axes)
     for feed in wanted:
-        told = f"{feed / MM_PER_MIN:g} mm/min"
+        got = f"{feed / MM_PER_MIN:g} mm/min"
         if not feed >= SLOWEST:
-            raise InputError("--feeds", "the feed is too slow", expected="at least 1 mm/min", got=told)
+            raise InputError("--feeds", "the feed is too slow", expected="at least 1 mm/min", got=got)
         if feed > top:
             what = "the feed exceeds the machine's limit"
-            raise InputError("--feeds", what, expected=f"up to {top / MM_PER_MIN:g} mm/min", got=told)
+            raise InputError("--feeds", what, expected=f"up to {top / MM_PER_MIN:g} mm/min", got=got)
         if len(axes) > 1 and feed > round_circle:
             what = f"circles of {radius / MM:g} mm exceed the machine's limits of acceleration or jerk"
             most = f"up to {math.floor(round_circle / MM_PER_MIN)} mm/min, or a larger --radius"
-            raise InputError("--feeds", what, expected=most, got=told)
+            raise InputError("--feeds", what, expected=most, got=got)
     return tuple(sorted(set(wanted)))
 
 
 WARM_UP: Final = 10.0 * MINUTE
-"""How long the run takes that warms the screws [s]."""
+"""Time of the run that warms the screws [s]."""
 
 
 LONGEST: Final = 120.0 * MINUTE
@@ -170,7 +171,7 @@ def calibration_kit(
     feeds : sequence of float, optional
         Of the circles [m/s]; three up to 0.8 of what speed, acceleration and jerk allow.
     warm_up : float, optional
-        How long the run takes that warms the screws [s].
+        Time of the run that warms the screws [s].
 
     Raises
     ------
@@ -307,7 +308,8 @@ def _before(machine: Machine, kit: Sequence[Experiment]) -> Iterator[str]:
     yield ""
     yield "- Read the head of each program: it says where it moves. The tool must be clear of all there."
     yield "- The programs cut air. Spindle off, feed override at 100 percent, work offset G54."
-    where = " (BACKLASH and COMP_FILE in the ini file)" if machine.dialect == "linuxcnc" else ""
+    tables = find_dialect(machine.dialect).notices.own_tables
+    where = f" ({tables})" if tables else ""
     yield f"- Switch off what the controller compensates{where}: it would hide the backlash."
     cold = program_file(machine, kit[-1])
     yield f"- `{cold}` wants a machine that was off for the night; the others a warm one."
@@ -343,10 +345,9 @@ def _code(line: str) -> str:
 
 def _command(machine: Machine, source: str, folder: str, one: Experiment) -> str:
     """Line that judges a log; the log has the columns that were recorded, and the place of the program."""
-    linuxcnc = machine.dialect == "linuxcnc"
-    log = Path(folder, one.name + (".txt" if linuxcnc else ".csv"))
-    words = ["ph-post", "diagnose", str(log), "-m", source]
-    if not linuxcnc:
+    recording = find_dialect(machine.dialect).recording
+    words = ["ph-post", "diagnose", str(Path(folder, one.name + recording.ending)), "-m", source]
+    if not recording.has_command:
         words += ["--program", str(Path(folder, program_file(machine, one)))]
     for line in one.record:
         if line.startswith(READ_WITH):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
+from ph_post.dialects.base import Dialect
 from ph_post.dialects.registry import find_dialect
 from ph_post.gcode.program import AXES
 from ph_post.testprograms.builder import APPROACH, ProgramBuilder, TestVolume
@@ -17,18 +18,10 @@ EVERY: Final[tuple[Channel, ...]] = ("act", "motor", "force")
 LEAST_RATE: Final = 1000.0
 """Samples a second that a log needs, where the controller's own period is longer."""
 
-MARGIN: Final = 60.0
-"""How much longer than the program is recorded [s]; a person starts one after the other."""
-
-READ_WITH: Final = "read it with "
-"""Words before the options with which a log without a header is read."""
-
-STORE: Final = 10.0
-"""Time that LinuxCNC's sampler holds until it is read [s]."""
-
 
 def what_to_record(
     machine: Machine,
+    dialect: Dialect,
     axes: Sequence[str],
     needed: Collection[Channel],
     seconds: float,
@@ -41,10 +34,12 @@ def what_to_record(
     Parameters
     ----------
     machine : Machine
+    dialect : Dialect
+        Of the machine.
     axes : sequence of str
         Axes that move.
     needed : collection of {"act", "motor", "force"}
-        Channels without which the program tells nothing; the others are welcome.
+        Channels without which the program shows nothing; the others are welcome.
     seconds : float
         About how long the program takes [s].
     name : str
@@ -64,58 +59,9 @@ def what_to_record(
         for channel in EVERY
         if _is_offered(machine, axis, channel, needed)
     ]
-    if machine.dialect == "linuxcnc":
-        lines += halsampler_lines(machine, axes, seconds, name, gauge=gauge)
-    elif machine.dialect.startswith("grbl"):
-        lines.append(
-            "the controller reports positions some ten times a second, which is too few: record with a scale"
-            f" or an encoder that has a logger of its own, and give {name}.ngc beside the log in place of"
-            f" {commands}"
-        )
+    if dialect.recording.lines is not None:
+        lines += dialect.recording.lines(machine, axes, seconds, name, gauge)
     return tuple(lines)
-
-
-def halsampler_lines(
-    machine: Machine, axes: Sequence[str], seconds: float, name: str, *, gauge: bool = False
-) -> list[str]:
-    """Lines for a shell with which LinuxCNC records its joints every servo period.
-
-    The joints are taken to be numbered as the axes are; their positions are those of the machine, not of the
-    work offset. Where a gauge is read only the person who wired it knows: its pin is a word in capitals.
-    """
-    pins = _pins(machine, axes, gauge)
-    depth, rows = (round(span / machine.servo_period) for span in (STORE, seconds + MARGIN))
-    return [
-        "halcmd unloadrt sampler || true",
-        f"halcmd loadrt sampler depth={depth} cfg={'f' * len(pins)}",
-        "halcmd addf sampler.0 servo-thread",
-        *(f"halcmd net {_signal(column, pin)} {pin} sampler.0.pin.{k}" for k, (column, pin) in enumerate(pins)),
-        f"halsampler -t -n {rows} {name}.txt",
-        "more channels: one f more in cfg, one net each, and one --column more below",
-        # The sample's number is the first column.
-        READ_WITH + " ".join(f"--column {column}={k}:mm" for k, (column, _) in enumerate(pins, 2)),
-    ]
-
-
-def _signal(column: str, pin: str) -> str:
-    """Name a signal of HAL: one that has a writer already can take no other."""
-    side = "gauge" if "GAUGE" in pin else column[2:]
-    return f"kit-{column[0].lower()}-{side}"
-
-
-def _pins(machine: Machine, axes: Sequence[str], gauge: bool) -> list[tuple[str, str]]:
-    """Columns of LinuxCNC's log, and where in HAL they come from."""
-    known = [axis for axis in AXES if axis in machine.axes]
-    pins = []
-    for axis in axes:
-        joint = f"joint.{known.index(axis)}"
-        own = machine.axes[axis].loop.own_channel
-        pins.append((f"{axis}_cmd", f"{joint}.pos-cmd"))
-        if own == "motor" or (own == "act" and not gauge):
-            pins.append((f"{axis}_{own}", f"{joint}.pos-fb"))
-        if own is None or (gauge and own == "act"):
-            pins.append((f"{axis}_act", f"PIN_OF_THE_{axis}_GAUGE"))
-    return pins
 
 
 def _is_offered(machine: Machine, axis: str, channel: Channel, needed: Collection[Channel]) -> bool:
@@ -166,15 +112,16 @@ def build_experiment(
     write : callable
         Adds the motions to a builder.
     needed : sequence of {"act", "motor", "force"}
-        Channels without which it tells nothing.
+        Channels without which it shows nothing.
     notes : sequence of str, optional
         What else the program says at its head.
     gauge : bool, optional
         Whether the table has to be read by something that is no part of the loop.
     """
-    builder = ProgramBuilder(volume, find_dialect(volume.machine.dialect, "controller.dialect"))
+    dialect = find_dialect(volume.machine.dialect, "controller.dialect")
+    builder = ProgramBuilder(volume, dialect)
     write(builder)
-    record = what_to_record(volume.machine, volume.axes, needed, builder.seconds, name, gauge=gauge)
+    record = what_to_record(volume.machine, dialect, volume.axes, needed, builder.seconds, name, gauge=gauge)
     remarks = [*_remarks(volume, name, why, builder), *notes]
     return Experiment(name=name, why=why, record=record, program=builder.text(remarks))
 
