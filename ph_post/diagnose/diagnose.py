@@ -34,7 +34,7 @@ from ph_post.types.diagnosis import (
 )
 
 FRICTION: Final = frozenset(("coulomb_friction", "stribeck_friction"))
-"""What no record of a position of unknown side can tell apart from backlash."""
+"""Effects that a position of unknown side cannot separate from backlash."""
 
 LEFT: Final = 2.0
 """Times the noise above which what is left at the end is looked at."""
@@ -44,7 +44,7 @@ EXPLAINED: Final = 0.92
 
 
 def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Diagnosis:
-    """Find what is missing from a machine file, as a record shows it.
+    """Find what is missing from a machine file, as a log shows it.
 
     Parameters
     ----------
@@ -67,12 +67,12 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
         return _not_identifiable(log, machine, quality)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         outcomes = list(pool.map(lambda one: fit_chosen_model(choose(one, progress)), problems))
-    progress("telling")
+    progress("explaining")
     return _assemble(log, machine, quality, outcomes)
 
 
 def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagnosis:
-    """Tell that a record can show nothing."""
+    """Return the diagnosis of a log that can show nothing."""
     if not quality.faults:
         quality = replace(quality, faults=("no axis with a reading moves in this log",))
     floor = _pooled([one.noise for one in quality.channels if one.channel != "force"])
@@ -96,8 +96,8 @@ def _pooled(noise: Sequence[float]) -> float:
 
 def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequence[AxisDiagnosis]) -> Diagnosis:
     findings: list[Finding] = []
-    for outcome, told in zip(outcomes, explain(log, machine, quality, outcomes), strict=True):
-        findings += findings_of(outcome, told.where, told.evidence)
+    for outcome, explanation in zip(outcomes, explain(log, machine, quality, outcomes), strict=True):
+        findings += findings_of(outcome, explanation.where, explanation.evidence)
     findings = [_unknown_side(log, one) for one in findings]
     before = [_file_residuals(outcome) for outcome in outcomes]
     steps = _steps(outcomes, before)
@@ -153,9 +153,9 @@ def _position_squares(outcome: AxisDiagnosis, left: Mapping[Channel, Array], use
 
 
 def _steps(outcomes: Sequence[AxisDiagnosis], before: Sequence[Mapping[Channel, Array]]) -> tuple[ResidualStep, ...]:
-    """Pool the gap over the axes: the file as it is, then one effect after the other."""
+    """Pool the residuals of the axes: the file as it is, then one effect after the other."""
     steps = [_step(None, outcomes, before)]
-    # With the first effect every axis is told with its base values refitted within their priors.
+    # With the first effect every axis counts with its base values refitted within their priors.
     at = [outcome.choice.stages[0].left for outcome in outcomes]
     for number, outcome in enumerate(outcomes):
         for count, part in enumerate(outcome.choice.fitted.model.parts, 1):

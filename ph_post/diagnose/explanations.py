@@ -24,10 +24,10 @@ from ph_post.types import Array, Log, Machine
 from ph_post.types.diagnosis import Channel, Experiment, Finding, LogQuality, ResidualPlace, Verdict
 
 MOVED: Final = 0.5
-"""Standard errors of the file by which a base value must have moved to be told."""
+"""Standard errors of the file by which a base value must have moved to be named."""
 
 SURE: Final = 5.0
-"""Standard errors from which a shifted origin is told."""
+"""Standard errors from which a shifted origin is named."""
 
 FIELDS: Final = {
     "b": "b",
@@ -79,7 +79,7 @@ def _explain_axis(
 
 
 def _evidence_for(log: Log, quality: LogQuality, outcome: AxisDiagnosis, number: int, motion: AxisMotion) -> Evidence:
-    """Lay out the record without one of the parts, all else being what it is in the end."""
+    """Lay out the log without one of the parts, all else being what it is in the end."""
     problem, model, found = outcome.choice.problem, outcome.fitted.model, outcome.found[number]
     axis = problem.axis.name
     shifts = {one.channel: one.shift for one in quality.channels if one.axis == axis and one.channel != "force"}
@@ -160,7 +160,7 @@ def diagnosis_notes(
 
 
 def _moved(outcome: AxisDiagnosis) -> Iterator[str]:
-    """Yield in a sentence the base values that the record puts elsewhere than the file."""
+    """Yield in a sentence the base values that the log puts elsewhere than the file."""
     model, said = outcome.fitted.model, []
     for k in model.free:
         prior, off = model.priors[k], model.off[k]
@@ -236,7 +236,7 @@ def propose_experiment(
     findings: Sequence[Finding],
     places: Sequence[ResidualPlace] = (),
 ) -> Experiment | None:
-    """Write what should be run next: what tells apart names that are as good, or all there is to excite.
+    """Write what should be run next: what separates names that are as good, or excites everything.
 
     Parameters
     ----------

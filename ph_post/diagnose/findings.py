@@ -49,7 +49,7 @@ class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fitted: FittedModel
     found: tuple[FittedEffect, ...]
     gain: float | None
-    """K as the file has it, or as the effort tells it, in the effort's unit over metres."""
+    """K as the file has it, or as the effort shows it, in the effort's unit over metres."""
 
 
 def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
@@ -134,7 +134,7 @@ def _is_force(effect: Effect, gives: str) -> bool:
 
 
 def _estimates(outcome: AxisDiagnosis, found: FittedEffect) -> dict[str, Estimate]:
-    """Tell values in the units of the shop; a force in that of the effort where one was recorded."""
+    """Return values in the units of the shop; a force in that of the effort where one was recorded."""
     name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
     estimates: dict[str, Estimate] = {}
     for gives, value in found.values.items():

@@ -64,7 +64,7 @@ class Model(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Which of the priors hold: those that no part replaces."""
+        """Indices of the priors that hold: those that no part replaces."""
         gone = {field for part in self.parts for field in part.hypothesis.replaces}
         return tuple(k for k, prior in enumerate(self.priors) if prior.field not in gone)
 
@@ -108,7 +108,7 @@ def base_model(problem: AxisProblem) -> Model:
 
 
 def log_likelihood(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
-    """Log likelihood of what is left on the samples in use."""
+    """Return the log likelihood [nats] of residuals (n,) by channel on the samples in use, shape (n,)."""
     total = 0.0
     for one in problem.observed:
         here = use & one.ok
@@ -117,7 +117,7 @@ def log_likelihood(problem: AxisProblem, left: Mapping[Channel, Array], use: Boo
 
 
 def residuals_of(problem: AxisProblem, model: Model) -> dict[Channel, Array]:
-    """Residuals of a model by channel."""
+    """Return the residuals (n,) of a model by channel [m or the effort's unit]."""
     return residuals(problem, plant_at(problem, model), model.origin_free)
 
 
@@ -148,7 +148,7 @@ def unpack(model: Model, unknowns: Array) -> Model:
 def weighted_rows(
     problem: AxisProblem, model: Model, weights: Mapping[Channel, float], use: BoolArray, unknowns: Array
 ) -> Array:
-    """Weighted residuals of the samples in use, and a row a prior."""
+    """Return the weighted residuals of the samples in use, and a row a prior; shape (rows,)."""
     there = unpack(model, unknowns)
     left = residuals_of(problem, there)
     rows = [left[one.channel][use & one.ok] * weights[one.channel] for one in problem.observed]
@@ -269,7 +269,7 @@ def fit_briefly(
 
 
 def covariance(problem: AxisProblem, fitted: FittedModel, use: BoolArray) -> Array:
-    """Covariance of the unknowns: that of the weighted residuals, fewer where these are not white."""
+    """Return the covariance of the unknowns (k, k), from as many samples as are independent."""
     worth = correlation_inflation(problem, fitted.left, use)
     jacobian = fitted.jacobian.copy()
     jacobian[: jacobian.shape[0] - len(fitted.model.free)] /= np.sqrt(worth)

@@ -148,7 +148,7 @@ def best_period(residual: Array, position: Array, counted: BoolArray) -> Periodi
 
 
 def drift(residual: Array, t: Array, counted: BoolArray) -> Drift:
-    """Find what changes slowly over the record: a polynomial of third degree in time."""
+    """Find what changes slowly over the log: a polynomial of third degree in time."""
     at, r = t[counted], residual[counted]
     span = float(np.ptp(at)) if at.size else 0.0
     if span <= 0.0:
@@ -284,7 +284,7 @@ def window_within(excess: Excess, number: IntArray, edges: Array, across: bool =
         Bin of each sample.
     edges : Array, shape (bins + 1,)
     across : bool, optional
-        Whether the stretch is chosen on one half and counted on the other; else on all of the record, for a
+        Whether the stretch is chosen on one half and counted on the other; else on all of the log, for a
         quantity that the halves do not share.
     """
     size = edges.size - 1
@@ -318,7 +318,7 @@ def bins_of(quantity: Array, count: int) -> tuple[IntArray, Array]:
 
 
 def _window(excess: Excess, number: IntArray, edges: Array, start: int, stop: int) -> ExcessWindow:
-    """Count a stretch of bins on all of the record."""
+    """Count a stretch of bins on all of the log."""
     inside = (number >= start) & (number < stop)
     share = min(share_of(excess, inside), 1.0)
     return ExcessWindow(float(edges[start]), float(edges[stop]), share, float(np.mean(inside)))
@@ -337,20 +337,20 @@ def _densest(energy: Array, number: IntArray, size: int) -> tuple[int, int]:
 
 
 CHANCE: Final = 1e-3
-"""How often white noise may be taken for structure, at most."""
+"""Probability at most with which white noise is taken for structure."""
 
 LARGER: Final = 0.05
-"""By how much the mean square of a coloured residual must be above noise²: it is known that well."""
+"""Part of noise² by which the mean square of a coloured residual must exceed it: it is known that well."""
 
 MUCH_LARGER: Final = 1.0
-"""By how much that of any residual must be, white or not: impulses are white."""
+"""The same of any residual, white or not: impulses are white."""
 
 FEWEST: Final = 32
 """Samples below which nothing is said."""
 
 
 def is_structured(residual: Array, counted: BoolArray, noise: float) -> tuple[bool, float]:
-    """Tell whether a residual is more than noise of that size.
+    """Return whether a residual is more than noise of that size.
 
     It is where its mean square is above that of the noise and its spectrum is not white: one line of the
     periodogram, or the mean of an octave, stands out. Both are compared with the residual's own mean, so that
@@ -385,7 +385,7 @@ def is_structured(residual: Array, counted: BoolArray, noise: float) -> tuple[bo
 
 
 def coloured(values: Array) -> bool:
-    """Tell whether values are anything but white noise, by Fisher's test for a line and by octaves.
+    """Return whether values are anything but white noise, by Fisher's test for a line and by octaves.
 
     The mean is left in: an offset is no noise either.
     """

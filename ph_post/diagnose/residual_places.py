@@ -34,7 +34,7 @@ from ph_post.types import Array, Axis, BoolArray, Log, Machine
 from ph_post.types.diagnosis import ResidualPlace
 
 LEAST: Final = 0.25
-"""Share of the excess from which a line of the spectrum is told."""
+"""Share of the excess from which a line of the spectrum is named."""
 
 WIDE: Final = 3
 """Rows of the spectrum to either side that belong to a line: those of a Hann window."""
@@ -78,24 +78,24 @@ def spectral_line(
 
 
 WORTH: Final = 0.05
-"""A rule that foretells less than this share of the excess is not worth a sentence."""
+"""A rule that predicts less than this share of the excess is not worth a sentence."""
 
 CLEAR: Final = 0.2
-"""By how much a stretch must hold more of the excess than of the samples."""
+"""Least difference of a stretch's share of the excess and its share of the samples."""
 
 NUMBER: Final = 0.01
-"""What each number of a rule costs where two rules explain the same."""
+"""Cost of each number of a rule where two rules explain the same."""
 
 BINS: Final = 40
 """Bins over position, speed and time in which a stretch is looked for."""
 
 
 Constant = Literal["beside", "counted", "none"]
-"""What of a constant beside a rule: it does not count; it is part of the rule; there is none."""
+"""A constant beside a rule does not count, or is part of the rule, or there is none."""
 
 
 class ResidualSamples(NamedTuple):
-    """What the splits look at: the counted samples of the residual and of the motion, and the axis."""
+    """Samples that the splits look at: the counted samples of the residual and of the motion, and the axis."""
 
     name: str
     excess: Excess
@@ -127,7 +127,7 @@ def locate(
     noise : float
         Its root mean square without any excess [m].
     machine : Machine
-        Its linear drives tell when the axis reverses.
+        Its linear drives give when the axis reverses.
 
     Returns
     -------
@@ -272,7 +272,7 @@ def _period(scene: ResidualSamples) -> Iterator[RankedPlace]:
 
 
 def _time(scene: ResidualSamples) -> Iterator[RankedPlace]:
-    """By time: a drift, or a stretch of the record."""
+    """By time: a drift, or a stretch of the log."""
     t = scene.motion.t
     found = drift(scene.excess.residual, t, np.ones(t.size, dtype=np.bool_))
     u = (t - t[0]) / (t[-1] - t[0])

@@ -70,12 +70,12 @@ def gain_over(problem: AxisProblem, ground: FittedModel, fitted: FittedModel) ->
 
 
 def samples_per_independent(problem: AxisProblem, fitted: FittedModel) -> float:
-    """How many samples it takes to know as much as from one that is independent of the others."""
+    """Return held-out samples per independent sample."""
     return correlation_inflation(problem, fitted.left, problem.held)
 
 
 def score_over(problem: AxisProblem, ground: FittedModel, fitted: FittedModel, worth: float | None = None) -> float:
-    """Score of a fit over another with fewer parts; `worth` where several are compared."""
+    """Return the score of a fit over one with fewer parts [nats]; `worth` where several are compared."""
     more = len(fitted.unknowns) - len(ground.unknowns)
     worth = samples_per_independent(problem, fitted) if worth is None else worth
     return gain_over(problem, ground, fitted) / worth - PRICE * max(more, 1)
@@ -97,7 +97,7 @@ def rank(
 
 
 def has_structure(problem: AxisProblem, fitted: FittedModel, size: float = OUT) -> bool:
-    """Whether what a model leaves of any channel is more than noise, by at least that part of the noise."""
+    """Return whether a model leaves more than noise of any channel, by at least `size` of the noise."""
     return any(
         _stands_out(fitted.left[one.channel], problem.counted & one.ok, one.noise, size) for one in problem.observed
     )
@@ -120,7 +120,7 @@ def with_noise(problem: AxisProblem, fitted: FittedModel) -> AxisProblem:
 
 
 def explains(problem: AxisProblem, before: FittedModel, after: FittedModel) -> bool:
-    """Whether a fit lowers what is left of some channel, held out, by enough to be worth a name."""
+    """Return whether a fit lowers the held-out residual of some channel by enough to be worth a name."""
     visible = MORE_VISIBLE if before.model.parts else VISIBLE
     share = MOST_SHARE if before.model.parts and not at_floor(problem, after) else SHARE
     for one in problem.observed:
@@ -133,7 +133,7 @@ def explains(problem: AxisProblem, before: FittedModel, after: FittedModel) -> b
 
 
 def does_enough(problem: AxisProblem, fitted: FittedModel) -> bool:
-    """Whether the last part of a model, base values as they are, does more than noise to some reading."""
+    """Return whether the last part of a model, base values as they are, changes a reading by more than noise."""
     without = residuals_of(problem, replace(fitted.model, parts=fitted.model.parts[:-1]))
     return any(
         mean_square(fitted.left[one.channel] - without[one.channel], problem.counted & one.ok) > (OWN * one.noise) ** 2
@@ -142,7 +142,7 @@ def does_enough(problem: AxisProblem, fitted: FittedModel) -> bool:
 
 
 def at_floor(problem: AxisProblem, fitted: FittedModel) -> bool:
-    """Whether a model leaves no more than noise of the positions, held out."""
+    """Return whether a model leaves no more than noise of the held-out positions."""
     return all(
         mean_square(fitted.left[one.channel], problem.held & one.ok) < (FLOOR * one.noise) ** 2
         for one in problem.observed
@@ -215,7 +215,7 @@ def at_file(model: Model) -> Model:
 
 
 def is_linear(hypothesis: Hypothesis) -> bool:
-    """Whether a straight fit finds its sizes."""
+    """Return whether a straight fit finds its sizes."""
     return any(number.linear for number in hypothesis.numbers)
 
 
@@ -281,7 +281,7 @@ CLOSEST: Final = 6
 """Hypotheses that are fitted in a round, besides those that promise nearly as much as the best."""
 
 NEARLY: Final = 0.3
-"""What that is, of the squares that the best one promises to explain."""
+"""Part of the squares that the best one promises to explain from which another promises nearly as much."""
 
 
 class HypothesisSearch:
@@ -369,7 +369,7 @@ def _known_slopes(ground: FittedModel, more: Model) -> dict[int, Array]:
 
 
 def _joins(model: Model, hypothesis: Hypothesis) -> bool:
-    """Whether a hypothesis means something beside the parts of a model."""
+    """Return whether a hypothesis means something beside the parts of a model."""
     for part in model.parts:
         there = part.hypothesis
         if there.label == hypothesis.label or there.name in hypothesis.excludes:

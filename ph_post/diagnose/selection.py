@@ -39,22 +39,22 @@ EARNS: Final = 8.0
 """Nats above that from which an effect is believed."""
 
 EQUAL: Final = 5.0
-"""Nats within which two hypotheses explain a record equally."""
+"""Nats within which two hypotheses explain a log equally."""
 
 BLUR: Final = 0.15
-"""Where a model leaves more than noise: the part of a score within which two are equal."""
+"""Part of a score within which two are equal, for models that leave more than noise."""
 
 LOYAL: Final = 0.4
-"""Where a model leaves more than noise: what a special case may lack of a score and still be taken."""
+"""Part of a score that a special case may lack and still be taken, for models that leave more than noise."""
 
 MOST: Final = 4
 """Effects that are looked for on one axis."""
 
 
 class PartConfidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """How a part of a model stands among the other names that could take its place.
+    """Standing of a part of a model among the other names that could take its place.
 
-    `rivals` explain the record as well; `confidence` is the part's weight among all that were tried, nothing
+    `rivals` explain the log as well; `confidence` is the part's weight among all that were tried, nothing
     included; `better` is the fit with another name in its place, where that is better.
     """
 
@@ -64,10 +64,10 @@ class PartConfidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class ModelChoice(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What was chosen for one axis.
+    """Model that was chosen for one axis.
 
     `stages` are the fits after nothing, one, two, … effects, the first at the file's values refitted within
-    their priors; `standings` by part how it holds its place.
+    their priors; `standings` has one entry a part.
     """
 
     problem: AxisProblem
@@ -97,7 +97,7 @@ def choose(problem: AxisProblem, progress: Progress) -> ModelChoice:
 
 
 def _settled(choice: ModelChoice) -> bool:
-    """Whether a choice leaves no more than noise of any channel."""
+    """Return whether a choice leaves no more than noise of any channel."""
     return at_floor(choice.problem, choice.fitted) and not has_structure(choice.problem, choice.fitted)
 
 
@@ -127,7 +127,7 @@ def _choose_from(problem: AxisProblem, base: FittedModel, progress: Progress) ->
 
 
 def _wants_a_name(problem: AxisProblem, stages: Sequence[FittedModel]) -> bool:
-    """Whether more than noise is left; before any name also a little more, or base values that gave way."""
+    """Return whether more than noise is left; without a name also if a little is, or base values gave way."""
     if stages[1:]:
         return has_structure(problem, stages[-1])
     bent = max(map(abs, stages[0].model.off), default=0.0) > BENT
@@ -140,7 +140,7 @@ def _margin(problem: AxisProblem, fitted: FittedModel, score: float) -> float:
 
 
 def _refines(problem: AxisProblem, model: Model, one: ScoredHypothesis) -> bool:
-    """Whether a name would refine one that is there, in a model that leaves more than noise anyway."""
+    """Return whether a name would refine one that is there, in a model that leaves more than noise anyway."""
     there = {part.hypothesis.name for part in model.parts}
     return bool(there & set(one.hypothesis.within)) and not at_floor(problem, one.fitted)
 

@@ -55,7 +55,7 @@ USUAL: Final = {
     "cogging": "all along {axis}, again and again",
     "cutting_force": "along the path, by its direction",
 }
-"""Where physics puts an effect, for what the splits find no place of."""
+"""Place of an effect by its physics, where the splits find none."""
 
 
 KINDS: Final = {
@@ -78,7 +78,7 @@ KINDS: Final = {
     "cogging": ("period", "speed"),
     "cutting_force": ("direction", "speed"),
 }
-"""Splits that speak of what an effect does, rather than of where the record happened to go."""
+"""Splits that show an effect itself, rather than where the log happened to go."""
 
 WORTH: Final = 0.25
 """Least share of what an effect adds that a place must hold to stand for it."""
@@ -137,7 +137,7 @@ def phrase(place: ResidualPlace, values: Mapping[str, float] | None = None) -> s
 
 
 def _about(stretch: str, place: ResidualPlace) -> str:
-    """Name the middle of a stretch of position, the others as they are told."""
+    """Name the middle of a stretch of position, the others as they are."""
     if place.by == "position":
         ends = re.findall(r"-?[\d.e+-]+(?= mm)", stretch)
         return f"at {place.axis} {ends[0]} to {ends[1]} mm" if len(ends) == 2 else stretch
@@ -163,27 +163,27 @@ BOUND: Final = 0.8
 
 
 def percent(share: float) -> str:
-    """Share in per cent."""
+    """Write a share in per cent."""
     return f"{100.0 * share:.0f} %"
 
 
 def length(value: float) -> str:
-    """Size of an error, in µm."""
+    """Write the size of an error [m] in µm."""
     return f"{value / UM:.3g} µm"
 
 
 def place(value: float) -> str:
-    """Position, in mm."""
+    """Write a position [m] in mm."""
     return f"{value / MM:.4g} mm"
 
 
 def velocity(value: float) -> str:
-    """Speed, in mm/s."""
+    """Write a speed [m/s] in mm/s."""
     return f"{value / MM:.3g} mm/s"
 
 
 def instant(value: float) -> str:
-    """Time, in s."""
+    """Write a time [s]."""
     return f"{value:.4g} s"
 
 

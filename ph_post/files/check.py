@@ -33,7 +33,7 @@ _RATIONAL = re.compile(r"\s*([+-]?[0-9]+)(?:/([0-9]+))?\s*")
 
 
 class Refused:
-    """What stands in the place of something that cannot be taken: the reason, and what was found."""
+    """Stands in the place of a value that cannot be taken: the reason, and what was found."""
 
     def __init__(self, what: str, expected: str, got: str) -> None:
         self.what = what
@@ -94,7 +94,7 @@ def rational(text: str) -> Fraction | Refused:
 
 
 def fits(value: Fraction) -> bool:
-    """Whether a double holds `value` with its full number of digits (zero does)."""
+    """Return whether a double holds `value` with its full number of digits (zero does)."""
     try:
         size = abs(value.numerator / value.denominator)
     except OverflowError:
@@ -271,7 +271,7 @@ def _descend(value: Any, kind: inspect.Type, keys: Keys) -> tuple[Any, inspect.T
 
 
 def _below(kind: inspect.Type, key: str | int) -> inspect.Type:
-    """Type of one item of a list, of one key of a record, or of the tag that tells records apart."""
+    """Type of one item of a list, of one key of a record, or of the tag that distinguishes records."""
     if isinstance(kind, inspect.ListType | inspect.VarTupleType):
         return kind.item_type
     if key in (fields := _fields(kind)):
@@ -292,7 +292,7 @@ def _settle(kind: inspect.Type, value: Any) -> inspect.Type:
 
 
 def _fields(kind: inspect.Type) -> dict[str, inspect.Type]:
-    """Keys of a record and their types, the tag that tells it from others first."""
+    """Keys of a record and their types, the tag that distinguishes it first."""
     if not isinstance(kind, inspect.StructType):
         return {}
     fields = {field.encode_name: field.type for field in kind.fields}
@@ -328,8 +328,8 @@ def _wanted(kind: inspect.Type, value: Any) -> str:
 
 def _bounded(words: str, kind: inspect.IntType | inspect.FloatType) -> str:
     bounds = ((">", kind.gt), (">=", kind.ge), ("<", kind.lt), ("<=", kind.le))
-    told = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
-    return f"{words} {told}" if told else words
+    limits = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
+    return f"{words} {limits}" if limits else words
 
 
 def one_line(text: str, name: str, keys: Keys) -> str:
@@ -348,7 +348,7 @@ def one_line(text: str, name: str, keys: Keys) -> str:
 
 
 def counted(number: int, one: str, many: str = "") -> str:
-    """Count things in words; of most several have an s more.
+    """Return '1 line', '2 lines': the number and the noun in singular or plural.
 
     Examples
     --------

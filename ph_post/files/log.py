@@ -107,7 +107,7 @@ class _Samples:
         self.t: Array = clock.start + clock.period * np.arange(rows, dtype=np.float64)
 
     def where(self, sample: int) -> str:
-        """Where a sample, or else the next one that is there, stands in the file."""
+        """Return the place in the file of a sample, or of the next one that is there."""
         return self.sheet.where(int(np.searchsorted(self.clock.place, sample)))
 
     def reading(self, values: Array) -> Array:
@@ -169,7 +169,7 @@ class _Timed(NamedTuple):
 
 
 def _timed(found: Mapping[str, Column], values: Mapping[str, Array], sheet: Sheet, machine: Machine | None) -> _Timed:
-    """Take `t`, or count rows or samples by a period that is told elsewhere."""
+    """Take `t`, or count rows or samples by a period that is given elsewhere."""
     if TIME in values:
         return _Timed(values[TIME])
     period, whence = _period(sheet, machine)
@@ -190,7 +190,7 @@ def _timed(found: Mapping[str, Column], values: Mapping[str, Array], sheet: Shee
 
 
 def _period(sheet: Sheet, machine: Machine | None) -> tuple[float, str]:
-    """Find the period of rows without a time [s], and who tells it."""
+    """Find the period of rows without a time [s], and its source."""
     remark = sheet.remarks.get("period")
     if remark is not None:
         try:

@@ -28,7 +28,7 @@ _UNITS: Final[dict[str, dict[str, float]]] = {
     "force": {"N": 1.0, "kN": 1e3},
     "current": {"A": 1.0, "mA": 1e-3},
 }
-"""Units by kind of column; the first is that of a column whose unit is not told."""
+"""Units by kind of column; the first is the default."""
 
 _OTHER_AXIS: Final = re.compile(rf"([A-W])_(?:{'|'.join(KINDS)})")
 _MAPPING: Final = re.compile(r"\s*([^=]*?)\s*=\s*(.+?)\s*(?:\*\s*([^*:]*?)\s*)?(?::\s*([^*:]*?)\s*)?")
@@ -214,7 +214,7 @@ def _fitted(t: Array, rounding: float) -> Clock | _BadTime:
         return _BadTime(row=1, period=period, expected=float(t[0]))
     room = 2.0 * JITTER * period + rounding
     count = np.rint(steps / period).astype(np.int64)
-    if rounding >= 0.5 * period:  # holes cannot be told from rounding
+    if rounding >= 0.5 * period:  # holes look like rounding
         count = np.ones(count.size, dtype=np.int64)
     count = np.maximum(count, 1)
     off = np.flatnonzero((np.abs(steps - count * period) > room) | ((steps <= 0.0) & (rounding == 0.0)))
@@ -286,7 +286,7 @@ def _refusal(t: Array, wrong: _BadTime, sheet: Sheet) -> InputError:
 
 
 def _too_many(clock: Clock) -> bool:
-    """Whether there are too many holes."""
+    """Return whether there are too many holes."""
     rows = int(clock.place[-1]) + 1
     return rows - clock.place.size > HOLES * rows
 

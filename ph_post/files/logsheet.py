@@ -128,7 +128,7 @@ class Sheet(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Columns of a file, which are read when asked for.
 
     `names` are its columns; `named` is False where the file does not name them and they are numbered from 1.
-    `load` reads some of them, as they stand in the file, and `where` tells where a row is. `header` is where
+    `load` reads some of them, as they stand in the file, and `where` gives the place of a row. `header` is where
     the names are. `remarks` are what stands beside the columns. `lost` is the first row before which the
     recorder says that it lost samples, None where it says nothing.
     """
@@ -239,7 +239,7 @@ def _common_length(vectors: Mapping[str, Array]) -> int:
 
 REMARK: Final = "#"
 OVERRUN: Final = "overrun"
-"""What ``halsampler`` prints where samples were lost."""
+"""Line that ``halsampler`` prints where samples were lost."""
 
 _NUMBER: Final = re.compile(
     r"\s*(?:[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|[-+]?(?:nan|inf|infinity))\s*",
@@ -261,7 +261,7 @@ def text_sheet(source: SourceText) -> Sheet:
         than the header or a cell holds no number.
     """
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    told = [line.strip() for line in lines if line.lstrip().startswith(REMARK)]
+    remarks = [line.strip() for line in lines if line.lstrip().startswith(REMARK)]
     kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(REMARK)]
     if not kept:
         raise InputError(source.name, "no rows, only remarks", expected="a header and a row a sample")
@@ -283,7 +283,7 @@ def text_sheet(source: SourceText) -> Sheet:
         where=table.where,
         header=f"{source.name}:{rows[0] + 1 if rows else 1}",
         named=named,
-        remarks=_remarks(told),
+        remarks=_remarks(remarks),
         lost=next((row for row in before if row > 0), None),
     )
 
@@ -321,7 +321,7 @@ class _TextRows:
         self.body = [self._plain(lines[k]) for k in rows]
 
     def where(self, row: int) -> str:
-        """Where a row is."""
+        """Return the place of a row."""
         return f"{self.file}:{self.lines[row] + 1}"
 
     def load(self, names: Sequence[str]) -> dict[str, Array]:

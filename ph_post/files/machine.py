@@ -36,7 +36,7 @@ class EffectChange(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AxisChange(msgspec.Struct, frozen=True, kw_only=True):
-    """What changes of one axis.
+    """Changes of one axis.
 
     `keys` are new values by key of ``[axes.AXIS]`` ("control.KEY" of the table below it), None where a key is
     taken out. `comments` stand behind them, by key; `above` are the lines above the first of them.

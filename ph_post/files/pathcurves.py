@@ -29,7 +29,7 @@ class PathTableRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 class SegmentRecord(PathTableRecord, frozen=True, kw_only=True, tag_field="type", tag=False):
-    """What every segment may carry."""
+    """Keys that every segment may carry."""
 
     feed: Fraction | None = None
     rapid: bool = False
@@ -117,7 +117,7 @@ Points = tuple[Numbers, ...]
 
 
 class Frame(msgspec.Struct, frozen=True, kw_only=True):
-    """What a segment must know of its file: its name, the axes, the length unit's name and size in metres."""
+    """File of a segment: its name, the axes, the length unit's name and size in metres."""
 
     file: str
     axes: tuple[str, ...]
@@ -126,7 +126,7 @@ class Frame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FilePlace(msgspec.Struct, frozen=True):
-    """Where a segment stands, and the making of refusals there."""
+    """Place of a segment in its file, and the making of refusals there."""
 
     frame: Frame
     keys: Keys

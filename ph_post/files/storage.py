@@ -95,7 +95,7 @@ def decoded(raw: SourceBytes) -> SourceText:
 
 @contextlib.contextmanager
 def reading_errors(file: pathlib.Path) -> Iterator[None]:
-    """Turn what goes wrong while a file is read into the error that tells it in one line."""
+    """Turn what goes wrong while a file is read into an error of one line."""
     try:
         yield
     except FileNotFoundError:
@@ -174,7 +174,7 @@ def _encoded(content: Content) -> bytes:
 
 
 def _is_stream(name: str) -> bool:
-    """Tell standard output, devices and pipes from files and places for files."""
+    """Return whether a place is standard output, a device or a pipe."""
     try:
         mode = pathlib.Path(name).stat().st_mode
     except (OSError, ValueError):

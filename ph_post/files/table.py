@@ -106,7 +106,7 @@ def read_table(source: str | os.PathLike[str]) -> Command:
 
 
 def require_path(command: Command, track: Track, name: str) -> Command:
-    """Check that a table belongs to a path, and tell what was added to its points.
+    """Check that a table belongs to a path, and return what was added to its points.
 
     Parameters
     ----------

@@ -60,13 +60,13 @@ class CoastDown(NamedTuple):
 
 
 def find_coast_downs(
-    record: AxisLog, period: float, noise: float, effort_noise: float, memory: float
+    axis_log: AxisLog, period: float, noise: float, effort_noise: float, memory: float
 ) -> list[CoastDown]:
     """Find the stretches in which an axis decays freely.
 
     Parameters
     ----------
-    record : AxisLog
+    axis_log : AxisLog
     period : float
         [s].
     noise, effort_noise : float
@@ -74,29 +74,29 @@ def find_coast_downs(
     memory : float
         Slowest time constant of the servo [s]; a decay as fast as that is no free one.
     """
-    reading = record.table if record.motor is None else record.motor
+    reading = axis_log.table if axis_log.motor is None else axis_log.motor
     if reading is None:
         return []
     found = []
-    for start, stop in _undriven(record, effort_noise):
+    for start, stop in _undriven(axis_log, effort_noise):
         if (stop - start) * period < SHORTEST_DECAY:
             continue
         onset = start + _fastest(reading[start:stop])
         decay = _decay(reading[onset:stop], period, noise)
         if decay is not None and 1.0 / decay[0] > SLOW * memory:
-            coupled = _goes_along(record, reading, start, stop)
+            coupled = _goes_along(axis_log, reading, start, stop)
             found.append(CoastDown(start, stop, *decay, coupled))
     return found
 
 
-def _undriven(record: AxisLog, effort_noise: float) -> Iterator[tuple[int, int]]:
+def _undriven(axis_log: AxisLog, effort_noise: float) -> Iterator[tuple[int, int]]:
     """Yield the stretches of a constant command, and those without effort."""
-    yield from still_stretches(record.command)
-    if record.effort is not None and effort_noise > 0.0:
-        idle = np.abs(np.nan_to_num(record.effort, nan=np.inf)) <= 4.0 * effort_noise
+    yield from still_stretches(axis_log.command)
+    if axis_log.effort is not None and effort_noise > 0.0:
+        idle = np.abs(np.nan_to_num(axis_log.effort, nan=np.inf)) <= 4.0 * effort_noise
         driven = np.cumsum(~idle).astype(np.float64)  # constant exactly where nothing drives
         for start, stop in still_stretches(driven):
-            if np.ptp(record.command[start:stop]) > 0.0:
+            if np.ptp(axis_log.command[start:stop]) > 0.0:
                 yield start + 1, stop
 
 
@@ -139,16 +139,16 @@ def _decay(reading: Array, period: float, noise: float) -> tuple[float, float] |
 
 
 def _samples_per_independent_one(rest: Array) -> float:
-    """How many samples count as one."""
+    """Return samples per independent sample."""
     whole = rest[: rest.size // DECAY_WINDOW * DECAY_WINDOW].reshape(-1, DECAY_WINDOW)
     return max(1.0, float(DECAY_WINDOW * np.mean(whole.mean(axis=1) ** 2) / np.mean(rest**2)))
 
 
-def _goes_along(record: AxisLog, reading: Array, start: int, stop: int) -> bool:
-    """Whether the table moves with the motor, or is all that was read."""
-    if record.motor is None or record.table is None:
-        return record.motor is None
-    table = record.table[start:stop]
+def _goes_along(axis_log: AxisLog, reading: Array, start: int, stop: int) -> bool:
+    """Return whether the table moves with the motor, or is all that was read."""
+    if axis_log.motor is None or axis_log.table is None:
+        return axis_log.motor is None
+    table = axis_log.table[start:stop]
     return bool(np.nanmax(table) - np.nanmin(table) > COUPLED * np.ptp(reading[start:stop]))
 
 
@@ -172,12 +172,12 @@ MOST_STIFFNESS_ERROR: Final = 0.25
 """Relative standard error up to which K is known at all."""
 
 
-def effort_gain(record: AxisLog, loop: Loop, period: float, use: BoolArray) -> tuple[float, float] | None:
+def effort_gain(axis_log: AxisLog, loop: Loop, period: float, use: BoolArray) -> tuple[float, float] | None:
     """Return K and its standard error [unit of the effort / m].
 
     Parameters
     ----------
-    record : AxisLog
+    axis_log : AxisLog
     loop : Loop
     period : float
         [s].
@@ -187,17 +187,17 @@ def effort_gain(record: AxisLog, loop: Loop, period: float, use: BoolArray) -> t
     Returns
     -------
     tuple of float or None
-        None where the loop's own side or its effort was not read, or the record does not tell K.
+        None where the loop's own side or its effort was not read, or the log does not show K.
     """
-    reading = loop.closed_over(record.table, record.motor)
-    if reading is None or record.effort is None or not loop.has_controller:
+    reading = loop.closed_over(axis_log.table, axis_log.motor)
+    if reading is None or axis_log.effort is None or not loop.has_controller:
         return None
-    use = use & _fully_known(np.isfinite(reading) & np.isfinite(record.effort))
+    use = use & _fully_known(np.isfinite(reading) & np.isfinite(axis_log.effort))
     if np.count_nonzero(use) < 2 * EFFORT_WINDOW:
         return None
     place = gaussian_filter1d(np.nan_to_num(reading), EFFORT_SMOOTHING)
-    error = gaussian_filter1d(record.command, EFFORT_SMOOTHING) - place
-    effort = gaussian_filter1d(np.nan_to_num(record.effort), EFFORT_SMOOTHING)[use]
+    error = gaussian_filter1d(axis_log.command, EFFORT_SMOOTHING) - place
+    effort = gaussian_filter1d(np.nan_to_num(axis_log.effort), EFFORT_SMOOTHING)[use]
     speed = np.gradient(place, period)
     late = speed - period * np.gradient(speed, period)
     plain, later = (_regressed(effort, np.stack([error, v], axis=1)[use]) for v in (speed, late))
@@ -228,7 +228,7 @@ def _fully_known(known: BoolArray) -> BoolArray:
 
 
 def _smoothed_samples_per_independent_one(left: Array) -> float:
-    """How many samples count as one; smoothed ones always do so several times."""
+    """Return samples per independent sample of smoothed values, at least the width of the smoothing."""
     least = 2.0 * math.sqrt(math.pi) * EFFORT_SMOOTHING
     whole = left[: left.size // EFFORT_WINDOW * EFFORT_WINDOW].reshape(-1, EFFORT_WINDOW)
     spread = max(float(np.mean(left**2)), 1e-300)
@@ -281,19 +281,19 @@ def lag_of(command: Array, reading: Array, period: float) -> FollowingLag:
     return FollowingLag(b, c, rms)
 
 
-def loop_reading(record: AxisLog, loop: Loop) -> Array | None:
+def loop_reading(axis_log: AxisLog, loop: Loop) -> Array | None:
     """Return the reading at the side that the loop closes over, else the other, None where there is none."""
-    own = loop.closed_over(record.table, record.motor)
-    return loop.closed_over(record.motor, record.table) if own is None else own
+    own = loop.closed_over(axis_log.table, axis_log.motor)
+    return loop.closed_over(axis_log.motor, axis_log.table) if own is None else own
 
 
-def assumed_feedback(record: AxisLog, period: float) -> tuple[Feedback, str]:
+def assumed_feedback(axis_log: AxisLog, period: float) -> tuple[Feedback, str]:
     """Return which loop the readings speak for, and why; nobody said it."""
-    if record.table is None:
+    if axis_log.table is None:
         return "motor", "only the motor was read"
-    if record.motor is None:
+    if axis_log.motor is None:
         return "load", "only the table was read"
-    table, motor = (lag_of(record.command, one, period).rms for one in (record.table, record.motor))
+    table, motor = (lag_of(axis_log.command, one, period).rms for one in (axis_log.table, axis_log.motor))
     if table < motor:
         return "load", "the table follows the command more closely than the motor"
     return "motor", "the motor follows the command more closely than the table"

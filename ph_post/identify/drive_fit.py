@@ -25,7 +25,7 @@ STEP: Final = 1e-3
 """Differences, of a logarithm, or of a length or its scale."""
 
 FAR: Final = math.log(50.0)
-"""By how much a number may leave where it starts, as a logarithm."""
+"""Most change of a number from its start, as a logarithm."""
 
 MOST: Final = 5e-3
 """Widest gap and largest friction [m]."""
@@ -92,13 +92,13 @@ class DriveFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class DrivePrior(NamedTuple):
-    """What of a plant is known beforehand: the plant, and relative standard errors of some numbers of it."""
+    """Prior knowledge of a plant: its numbers, and relative standard errors of some of them."""
 
     plant: Plant
     errors: Mapping[str, float]
 
     def rows(self, there: Plant) -> Array:
-        """By how many standard errors another plant is off."""
+        """Return by how many standard errors another plant is off."""
         return np.array(
             [(_logarithm(name, there) - _logarithm(name, self.plant)) / error for name, error in self.errors.items()]
         )
@@ -226,7 +226,7 @@ def tangent(problem: AxisProblem, plant: Plant, names: Sequence[str]) -> DriveFi
 
 
 def held_out_gain(problem: AxisProblem, better: DriveFit, plain: DriveFit) -> float:
-    """By how many nats, of independent samples, a fit explains better what neither was fitted to."""
+    """Return by how many nats, of independent samples, a fit explains the held-out samples better."""
     total = 0.0
     for one in problem.observed:
         here = problem.held & one.ok
@@ -255,7 +255,7 @@ class BacklashVerdict(NamedTuple):
     """Verdict of a log on the backlash.
 
     `fit` has the gap where it earns its place; where it does not, `bound` [m] is the smallest that would have
-    shown, None where any could hide. `notes` say what cannot be told.
+    shown, None where any could hide. `notes` say what the log does not show.
     """
 
     fit: DriveFit | None
@@ -263,7 +263,7 @@ class BacklashVerdict(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def why_backlash_hidden(problem: AxisProblem, record: AxisLog) -> str:
+def why_backlash_hidden(problem: AxisProblem, axis_log: AxisLog) -> str:
     """Return why a log cannot show backlash, empty where it can."""
     speed = problem.speed[problem.counted]
     directions = np.sign(speed[np.abs(speed) > RESTS * np.max(np.abs(speed), initial=0.0)])
@@ -271,9 +271,9 @@ def why_backlash_hidden(problem: AxisProblem, record: AxisLog) -> str:
         return "the log shows no backlash: the axis does not reverse"
     if problem.plant.loop.encloses_backlash:
         return ""
-    if record.table is None:
+    if axis_log.table is None:
         return "the log shows no backlash: behind the motor's loop only a reading of the table shows it"
-    if record.side == "unknown":
+    if axis_log.side == "unknown":
         return "the log shows no backlash: the reading may be the motor's, where friction looks like backlash"
     return ""
 
@@ -324,7 +324,7 @@ def _with(plant: Plant, name: str, size: float) -> Plant:
 def smallest_visible_backlash(
     problem: AxisProblem, base: DriveFit, sizes: Sequence[float] = tuple(GRID)
 ) -> float | None:
-    """Return the smallest gap that the record contradicts, whatever b and c are; None where it does none."""
+    """Return the smallest gap that the log contradicts, whatever b and c are; None where it does none."""
     weights = weights_of(problem, base.left, problem.fit)
     here = rows_of(problem, base.left, weights)
     frame = np.linalg.qr(base.jacobian)[0] if base.names else np.zeros((here.size, 0))

@@ -35,7 +35,7 @@ LEAST_DIRECTION_SHARE: Final = 0.3
 class AssessedFit(NamedTuple):
     """A fit and how sure it is.
 
-    `shown` are the numbers that the record tells and that were fitted; the others are held in `fit`. In
+    `shown` are the numbers that the log shows and that were fitted; the others are held in `fit`. In
     `loose` these too are let go, as far as `known` lets them: their relative standard errors beforehand.
     """
 
@@ -68,7 +68,7 @@ class AssessedFit(NamedTuple):
         return math.hypot(own, moved["gap"] + moved["eta"], between)
 
     def _moved(self) -> dict[str, float]:
-        """By how much the logarithms changed as the others were let go."""
+        """Change of the logarithms as the others were let go."""
         return {
             name: math.log(max(getattr(self.loose.plant, name), 1e-12) / getattr(self.fit.plant, name))
             for name in self.fit.names
@@ -82,7 +82,7 @@ def whitened_sensitivities(fit: DriveFit) -> Array:
 
 
 def relative_errors(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
-    """Return relative standard errors of some numbers while the others hold; infinite where nothing tells."""
+    """Return relative standard errors of some numbers while the others hold; infinite where nothing shows them."""
     columns = whitened_sensitivities(fit)[:, [fit.names.index(name) for name in names]]
     spread = log_covariance(columns)
     return {name: math.sqrt(spread[k, k]) for k, name in enumerate(names)}
@@ -129,7 +129,7 @@ def sensitivity_of(fit: DriveFit) -> Sensitivity:
 
 
 def shown_names(fit: DriveFit, give_up: Sequence[str]) -> tuple[str, ...]:
-    """Return the numbers that a record shows, if the others are what they are in the plant.
+    """Return the numbers that a log shows, if the others are what they are in the plant.
 
     Parameters
     ----------
@@ -148,8 +148,8 @@ def shown_names(fit: DriveFit, give_up: Sequence[str]) -> tuple[str, ...]:
 def smoothed(problem: AxisProblem) -> AxisProblem:
     """Return a problem whose command, linear between its samples, is on average that of a smooth curve.
 
-    The chord of a curve lies by ẍ h²/12 on the inside of it, in the mean over a period h. The record does not
-    tell which of the two the drive was given.
+    The chord of a curve lies by ẍ h²/12 on the inside of it, in the mean over a period h. The log does not
+    show which of the two the drive was given.
     """
     command = problem.command
     bend = np.zeros_like(command)
@@ -158,7 +158,7 @@ def smoothed(problem: AxisProblem) -> AxisProblem:
 
 
 def between_samples(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
-    """By how much numbers would come out otherwise, relative, had the command been smooth between samples."""
+    """Return the relative change of numbers if the command were smooth between samples."""
     if not names:
         return {}
     problem = fit.problem
@@ -178,7 +178,7 @@ class AxisFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A fitted axis and what was decided on the way."""
 
     problem: AxisProblem
-    record: AxisLog
+    axis_log: AxisLog
     settling: AssessedFit
     verdict: BacklashVerdict
     coasts: tuple[CoastDown, ...]
@@ -192,12 +192,12 @@ class AxisFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def rms(self) -> float:
-        """What the free run leaves of the positions [m]."""
+        """Root mean square that the free run leaves of the positions [m]."""
         return position_rms(self.problem, self.settling.fit.left, self.problem.counted)
 
 
 def estimate_drive(settled: AxisFit) -> IdentifiedDrive:
-    """Tell estimates, where each number comes from, and what could not be separated."""
+    """Return estimates, the origin of each number, and what could not be separated."""
     parameters, notes = _base(settled)
     gap, gap_notes = _gap(settled)
     motor, motor_notes = _motor(settled)
@@ -243,17 +243,17 @@ def _gap(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
     if not plant.loop.encloses_backlash or "eta" in settled.settling.shown:
         return {"lost_motion": Estimate(value=width, stderr=width * relative, unit="mm")}, notes
     product = plant.eta * width
-    told = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
+    estimate = Estimate(value=product, stderr=product * settled.settling.product_error(), unit="mm")
     words = (
         "positions on one side of a load loop show only Δθ_m/C: η times the lost motion is "
-        f"{product:.4g} ± {told.stderr:.2g} mm; the lost motion is given for η = {plant.eta:.4g}, "
+        f"{product:.4g} ± {estimate.stderr:.2g} mm; the lost motion is given for η = {plant.eta:.4g}, "
     )
     if settled.from_file:
         notes.append(words + "the machine file's, with the file's uncertainty of C")
     else:
         notes.append(words + "which is assumed")
     gap = Estimate(value=width, stderr=width * relative if settled.from_file else None, unit="mm")
-    return {"lost_motion": gap, PRODUCT: told}, notes
+    return {"lost_motion": gap, PRODUCT: estimate}, notes
 
 
 def _no_gap(settled: AxisFit, notes: list[str]) -> tuple[dict[str, Estimate], list[str]]:
@@ -304,14 +304,14 @@ def _motor(settled: AxisFit) -> tuple[dict[str, Estimate], list[str]]:
 
 def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
     """Return K by the recorded effort, in its unit a millimetre of following error."""
-    plant, problem, record = settled.plant, settled.problem, settled.record
+    plant, problem, axis_log = settled.plant, settled.problem, settled.axis_log
     if plant.ki or plant.kd or plant.command_delay:
         return {}
-    found = effort_gain(record, plant.loop, problem.period, problem.counted)
+    found = effort_gain(axis_log, plant.loop, problem.period, problem.counted)
     if found is None:
         return {}
     K, stderr = found
-    return {"servo_stiffness": Estimate(value=K * MM, stderr=stderr * MM, unit=f"{record.effort_unit}/mm")}
+    return {"servo_stiffness": Estimate(value=K * MM, stderr=stderr * MM, unit=f"{axis_log.effort_unit}/mm")}
 
 
 def _left(settled: AxisFit, noise: list[float]) -> list[str]:
@@ -381,4 +381,4 @@ def _relative(estimate: Estimate | None) -> float | None:
 
 
 LEAST_UNCERTAINTY: Final = 0.005
-"""No number of a machine is known better than that from one record."""
+"""No number of a machine is known better than that from one log."""

@@ -20,7 +20,7 @@ from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
 from ph_post.types.diagnosis import Channel, LogQuality
 
 BLOCKS: Final = (32, 128, 512)
-"""Numbers of blocks that a record is cut into; by turns they are fitted and held out."""
+"""Numbers of blocks that a log is cut into; by turns they are fitted and held out."""
 
 SLIGHT: Final = 0.05
 """Excess, in squares of the noise a sample, up to which it does not matter where it lies."""
@@ -48,7 +48,7 @@ class ObservedChannel(NamedTuple):
 
 
 class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One axis of a record, and the axis of the machine file that it should be.
+    """One axis of a log, and the axis of the machine file that it should be.
 
     `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
     of which this axis' is column `number`. `fit` and `held` mark the samples that are fitted and held out.
@@ -82,18 +82,18 @@ class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def has_effort(self) -> bool:
-        """Whether a force or current was recorded."""
+        """True if a force or current was recorded."""
         return any(one.channel == "force" for one in self.observed)
 
 
 def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProblem | None:
-    """Return the problem of one axis; None where the record has no reading of it, or it does not move."""
-    record = log.axes[name]
+    """Return the problem of one axis; None where the log has no reading of it, or it does not move."""
+    axis_log = log.axes[name]
     noise = {one.channel: one.noise for one in quality.channels if one.axis == name}
     readings: dict[Channel, Array | None] = {
-        "act": record.table,
-        "motor": record.motor,
-        "force": record.effort,
+        "act": axis_log.table,
+        "motor": axis_log.motor,
+        "force": axis_log.effort,
     }
     observed = tuple(
         ObservedChannel(channel, values, np.isfinite(values), noise[channel])
@@ -101,7 +101,7 @@ def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProb
         if values is not None and channel in noise
     )
     positions = any(one.channel != "force" for one in observed)
-    if not positions or np.ptp(record.command) < MOVES:
+    if not positions or np.ptp(axis_log.command) < MOVES:
         return None
     names = tuple(log.axes)
     commands = np.stack([log.axes[one].command for one in names], axis=1)
@@ -111,20 +111,20 @@ def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProb
         plant=plant_of(axis, NOMINAL_SCENARIO),
         period=log.period,
         t=log.t,
-        command=record.command,
+        command=axis_log.command,
         others={one: _place(log.axes[one]) for one in names if one != name},
         velocity=np.gradient(commands, log.period, axis=0),
         number=names.index(name),
         observed=observed,
         fit=fit,
         held=held,
-        side=record.side,
-        effort_unit=record.effort_unit,
+        side=axis_log.side,
+        effort_unit=axis_log.effort_unit,
     )
 
 
 def _place(axis: AxisLog) -> Array:
-    """Return where an axis was, as it was read; where it was not, what it was told."""
+    """Return the position of an axis as it was read, or as it was commanded where no reading is."""
     read = axis.table if axis.table is not None else axis.motor
     return axis.command if read is None else np.where(np.isfinite(read), read, axis.command)
 
@@ -168,7 +168,7 @@ def _excess(left: Array) -> float:
 
 
 def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
-    """Run the record's command on a plant.
+    """Run the command of the log on a plant.
 
     Returns
     -------
@@ -275,7 +275,7 @@ def mean_square(values: Array, use: BoolArray) -> float:
 
 
 def correlation_inflation(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
-    """By how much fewer independent samples there are than samples: the residual's variance over windows."""
+    """Return samples per independent sample: the residual's variance over windows."""
     worst = 1.0
     for one in problem.observed:
         values = left[one.channel][use & one.ok]

@@ -63,7 +63,7 @@ LIMIT_SMOOTHING: Final = 1.0
 
 
 class Transmission(NamedTuple):
-    """N and r [m/rad] of an axis, which no record of positions shows."""
+    """N and r [m/rad] of an axis, which no log of positions shows."""
 
     gear_ratio: float
     travel_per_rad: float
@@ -82,7 +82,7 @@ def starting_machine(
     feedback: Mapping[str, Feedback],
     transmission: Mapping[str, Transmission],
 ) -> StartingMachine:
-    """Return the machine of the file, or for want of one what the record alone tells.
+    """Return the machine of the file, or without one a draft from the log alone.
 
     Raises
     ------
@@ -101,8 +101,8 @@ def starting_machine(
                 )
         return StartingMachine(machine, {})
     axes, assumed = {}, {}
-    for name, record in log.axes.items():
-        made = _starting_axis(log, name, record, feedback.get(name), transmission.get(name))
+    for name, axis_log in log.axes.items():
+        made = _starting_axis(log, name, axis_log, feedback.get(name), transmission.get(name))
         if made is not None:
             axes[name], assumed[name] = made
     if not axes:
@@ -110,36 +110,36 @@ def starting_machine(
     return StartingMachine(Machine(name=log.name, dialect=DIALECT, servo_period=log.period, axes=axes), assumed)
 
 
-def starting_lag(record: AxisLog, loop: Loop, period: float) -> FollowingLag | None:
-    """Return the following error's coefficients at the loop's side; None where nothing tells them."""
-    reading = loop_reading(record, loop)
-    if reading is None or np.ptp(record.command) == 0.0 or np.count_nonzero(np.isfinite(reading)) < 200:
+def starting_lag(axis_log: AxisLog, loop: Loop, period: float) -> FollowingLag | None:
+    """Return the following error's coefficients at the loop's side; None where the log does not show them."""
+    reading = loop_reading(axis_log, loop)
+    if reading is None or np.ptp(axis_log.command) == 0.0 or np.count_nonzero(np.isfinite(reading)) < 200:
         return None
-    return lag_of(record.command, reading, period)
+    return lag_of(axis_log.command, reading, period)
 
 
 def _starting_axis(
-    log: Log, name: str, record: AxisLog, feedback: Feedback | None, transmission: Transmission | None
+    log: Log, name: str, axis_log: AxisLog, feedback: Feedback | None, transmission: Transmission | None
 ) -> tuple[Axis, tuple[str, ...]] | None:
-    """Draft one axis; None where the record has no reading of its motion."""
-    if (record.table is None and record.motor is None) or np.ptp(record.command) == 0.0:
+    """Draft one axis; None where the log has no reading of its motion."""
+    if (axis_log.table is None and axis_log.motor is None) or np.ptp(axis_log.command) == 0.0:
         return None
     notes = []
     if feedback is None:
-        feedback, why = assumed_feedback(record, log.period)
+        feedback, why = assumed_feedback(axis_log, log.period)
         notes.append(f'feedback "{feedback}" is assumed: {why}; --feedback {name}=... says otherwise')
-    servo = _starting_servo(log, name, record, LOOPS[feedback])
+    servo = _starting_servo(log, name, axis_log, LOOPS[feedback])
     gap = Gap(lost_motion=0.0)
     if LOOPS[feedback].encloses_backlash:
         gap = replace(gap, inertia_fraction=ASSUMED_ETA, beta=ASSUMED_BETA)
     if transmission is not None:
         ratio, travel = transmission
         gap = replace(gap, motor_angle=0.0, gear_ratio=ratio, travel_per_rad=travel)
-    return Axis(name=name, feedback=feedback, servo=servo, gap=gap, limits=_limits(log, record)), tuple(notes)
+    return Axis(name=name, feedback=feedback, servo=servo, gap=gap, limits=_limits(log, axis_log)), tuple(notes)
 
 
-def _starting_servo(log: Log, name: str, record: AxisLog, loop: Loop) -> Servo:
-    lag = starting_lag(record, loop, log.period)
+def _starting_servo(log: Log, name: str, axis_log: AxisLog, loop: Loop) -> Servo:
+    lag = starting_lag(axis_log, loop, log.period)
     if lag is not None and lag.c is not None:
         return Servo(b=lag.b or 0.25 * lag.c**2, c=lag.c)
     if not loop.has_controller:
@@ -148,7 +148,7 @@ def _starting_servo(log: Log, name: str, record: AxisLog, loop: Loop) -> Servo:
         f"{log.name}: {name}",
         "no reading that lags behind its command by its speed",
         expected="a drive as Eq. (9) has it, without feedforward, read for 0.2 s at least",
-        got=_why_no_lag(loop_reading(record, loop), lag),
+        got=_why_no_lag(loop_reading(axis_log, loop), lag),
     )
 
 
@@ -159,9 +159,9 @@ def _why_no_lag(reading: Array | None, lag: FollowingLag | None) -> str:
     return "a reading that stands still" if np.nanmax(reading) == np.nanmin(reading) else "no lag"
 
 
-def _limits(log: Log, record: AxisLog) -> Limits:
+def _limits(log: Log, axis_log: AxisLog) -> Limits:
     """Return what the command reached, freed of the rounding of its digits."""
-    velocity = _rate(gaussian_filter1d(record.command, LIMIT_SMOOTHING), log.period)
+    velocity = _rate(gaussian_filter1d(axis_log.command, LIMIT_SMOOTHING), log.period)
     acceleration = _rate(velocity, log.period)
     jerk = _rate(acceleration, log.period)
     largest = (float(np.max(np.abs(one))) for one in (velocity, acceleration, jerk))
@@ -187,13 +187,13 @@ def identify(
     transmission: Mapping[str, Transmission] | None = None,
     progress: Progress = no_progress,
 ) -> Identification:
-    """Identify the drives of a record.
+    """Identify the drives in a log.
 
     Parameters
     ----------
     log : Log
     machine : Machine, optional
-        Gives limits, controller, effects, and what the record does not show.
+        Gives limits, controller, effects, and what the log does not show.
     feedback : mapping, optional
         Where the loop of an axis closes, by axis; without a machine, for what is not in it, it is assumed
         from which sides were read.
@@ -218,12 +218,12 @@ def identify(
         raise InputError(log.name, f"the log shows no parameter: {quality.faults[0]}")
     drives: dict[str, IdentifiedDrive] = {}
     axes = dict(draft.machine.axes)
-    for name, record in log.axes.items():
+    for name, axis_log in log.axes.items():
         problem = problem_of(log, name, axes[name], quality) if name in axes else None
         if problem is None:
             continue
         progress(f"identifying {name}")
-        drives[name], axes[name] = _identify_axis(problem, record, quality, draft, machine is not None)
+        drives[name], axes[name] = _identify_axis(problem, axis_log, quality, draft, machine is not None)
     if not any(drive.parameters for drive in drives.values()):
         raise InputError(log.name, "the log shows no parameter", expected="an axis that moves and is read")
     notes = [f"{name}: nothing was identified, no reading of it moves" for name in axes if name not in drives]
@@ -231,11 +231,11 @@ def identify(
 
 
 def _nearer(log: Log, machine: Machine) -> Machine:
-    """Return the machine with the lags that the record has: a file may be far from what was recorded."""
+    """Return the machine with the lags that the log has: a file may be far from what was recorded."""
     axes = dict(machine.axes)
-    for name, record in log.axes.items():
+    for name, axis_log in log.axes.items():
         axis = axes.get(name)
-        lag = None if axis is None else starting_lag(record, axis.loop, log.period)
+        lag = None if axis is None else starting_lag(axis_log, axis.loop, log.period)
         if axis is None or lag is None or lag.c is None or axis.servo.b == 0.0 or axis.servo.ki_over_kp:
             continue
         axes[name] = replace(axis, servo=replace(axis.servo, b=lag.b or 0.25 * lag.c**2, c=lag.c))
@@ -243,13 +243,13 @@ def _nearer(log: Log, machine: Machine) -> Machine:
 
 
 def _identify_axis(
-    problem: AxisProblem, record: AxisLog, quality: LogQuality, draft: StartingMachine, from_file: bool
+    problem: AxisProblem, axis_log: AxisLog, quality: LogQuality, draft: StartingMachine, from_file: bool
 ) -> tuple[IdentifiedDrive, Axis]:
     axis = problem.axis
-    coasts = _coast_downs(problem, record, quality)
+    coasts = _coast_downs(problem, axis_log, quality)
     problem = _without(problem, coasts)
-    base = fit_drive(problem, _start(problem, record), _base_names(problem.plant))
-    hidden = why_backlash_hidden(problem, record)
+    base = fit_drive(problem, _start(problem, axis_log), _base_names(problem.plant))
+    hidden = why_backlash_hidden(problem, axis_log)
     verdict = BacklashVerdict(None, None, (hidden,)) if hidden else decide_backlash(problem, base)
     free = [one for one in coasts if not one.coupled]
     plant = base.plant if verdict.fit is None else verdict.fit.plant
@@ -261,7 +261,7 @@ def _identify_axis(
     names = _all_names(problem.plant, verdict, bool(free))
     settled = AxisFit(
         problem=counted,
-        record=record,
+        axis_log=axis_log,
         settling=_settle(counted, plant, names, _known(axis, from_file)),
         verdict=verdict,
         coasts=tuple(coasts),
@@ -272,11 +272,11 @@ def _identify_axis(
     return drive, identified_axis(settled, drive)
 
 
-def _coast_downs(problem: AxisProblem, record: AxisLog, quality: LogQuality) -> list[CoastDown]:
+def _coast_downs(problem: AxisProblem, axis_log: AxisLog, quality: LogQuality) -> list[CoastDown]:
     noise = {one.channel: one.noise for one in quality.channels if one.axis == problem.axis.name}
     position = noise.get("motor", noise.get("act", 0.0))
     memory = servo_memory(problem.axis.servo)
-    return find_coast_downs(record, problem.period, position, noise.get("force", 0.0), memory)
+    return find_coast_downs(axis_log, problem.period, position, noise.get("force", 0.0), memory)
 
 
 def _without(problem: AxisProblem, coasts: list[CoastDown]) -> AxisProblem:
@@ -294,10 +294,10 @@ def _without(problem: AxisProblem, coasts: list[CoastDown]) -> AxisProblem:
     return replace(problem, fit=problem.fit & driven, held=problem.held & driven)
 
 
-def _start(problem: AxisProblem, record: AxisLog) -> Plant:
+def _start(problem: AxisProblem, axis_log: AxisLog) -> Plant:
     """Return the plant without a gap, with b and c of the file or of the plain lag, whichever fit better."""
     plant = replace(problem.plant, gap=0.0)
-    lag = starting_lag(record, plant.loop, problem.period)
+    lag = starting_lag(axis_log, plant.loop, problem.period)
     if plant.b == 0.0 or lag is None or lag.c is None:
         return plant
     other = replace(plant, b=lag.b or plant.b, c=lag.c)
@@ -313,13 +313,13 @@ def _base_names(plant: Plant) -> tuple[str, ...]:
 
 
 def _kept_gap(axis: Axis, verdict: BacklashVerdict) -> float:
-    """Return the file's gap unless the record contradicts it."""
+    """Return the file's gap unless the log contradicts it."""
     said = axis.gap.lost_motion
     return 0.0 if verdict.bound is not None and said > verdict.bound else said
 
 
 def _all_names(plant: Plant, verdict: BacklashVerdict, beta_known: bool) -> tuple[str, ...]:
-    """Return the numbers that act on a record: those of a gap only where there is one."""
+    """Return the numbers that act on a log: those of a gap only where there is one."""
     names = _base_names(plant)
     if verdict.fit is None:
         return names
@@ -349,7 +349,7 @@ def _settle(problem: AxisProblem, plant: Plant, names: tuple[str, ...], known: M
 
 
 def _known(axis: Axis, from_file: bool) -> Mapping[str, float]:
-    """Return how well the numbers are known before the record, as relative standard errors."""
+    """Return how well the numbers are known before the log, as relative standard errors."""
     if not from_file:
         return ASSUMED
     said = {"b": PRIOR, "c": PRIOR, "eta": axis.uncertainty.gain, "beta": axis.uncertainty.beta}

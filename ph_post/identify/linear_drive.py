@@ -25,7 +25,7 @@ def linear_response(command: Array, servo: Servo, period: float) -> Array:
     Parameters
     ----------
     command : Array, shape (n,)
-        [m]; the axis rests at its first value before the record begins.
+        [m]; the axis rests at its first value before the log begins.
     servo : Servo
     period : float
         [s].
@@ -163,7 +163,7 @@ def _strokes(position: Array, direction: IntArray, period: float) -> tuple[Array
 
 
 def _turn(velocity: dict[str, Array], name: str, period: float) -> IntArray:
-    """Tell which way the path bends in the plane of this axis and the other that moves most, by name."""
+    """Return which way the path bends in the plane of this axis and the other that moves most, by name."""
     others = {axis: float(np.ptp(values)) for axis, values in velocity.items() if axis != name}
     still = np.zeros(velocity[name].size, dtype=np.int64)
     if not others or max(others.values()) == 0.0:
@@ -178,7 +178,7 @@ def _turn(velocity: dict[str, Array], name: str, period: float) -> IntArray:
 
 
 def halves(motion: AxisMotion) -> BoolArray:
-    """Split a record into two halves that both see all of the motion: strokes by pairs, or pieces of time."""
+    """Split a log into two halves that both see all of the motion: strokes by pairs, or pieces of time."""
     if motion.stroke[-1] >= 7:
         return np.asarray(motion.stroke // 2 % 2 == 0)
     return np.asarray(np.arange(motion.t.size) * 24 // motion.t.size % 2 == 0)
@@ -215,8 +215,8 @@ def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int
     Returns
     -------
     float or None
-        0 where a shift of a sample would be seen and is not there; None where the record does not tell: an
-        error that large would be, or what else may be off explains the record about as well.
+        0 where a shift of a sample would be seen and is not there; None where the log does not show it:
+        the error of the shift is as large, or other parameters explain the log about as well.
     """
     drive = machine.axes.get(name)
     if drive is None or np.ptp(log.axes[name].command) == 0.0:
@@ -277,8 +277,8 @@ def _least_squares(columns: Array, residual: Array, prior: Array) -> ShiftFit:
         spread = math.sqrt(float(np.mean(left**2)) * _together(left)) or 1e-300
     others = np.linalg.lstsq(q[:, 1:], q[:, 0], rcond=None)[0]
     own = float(np.mean((q[:, 0] - q[:, 1:] @ others) ** 2))
-    told = own > INDISTINCT and inverse[0, 0] > 0.0
-    error = float(spread * math.sqrt(inverse[0, 0]) / scale[0]) if told else math.inf
+    shows = own > INDISTINCT and inverse[0, 0] > 0.0
+    error = float(spread * math.sqrt(inverse[0, 0]) / scale[0]) if shows else math.inf
     return ShiftFit(float(found[0] / scale[0]), error, float(np.mean(left**2)))
 
 

@@ -19,13 +19,13 @@ ON_GRID: Final = 0.97
 """Part of the steps between neighbouring values that must be whole numbers of the quantum."""
 
 OFF: Final = 0.08
-"""By how much of a quantum a step may miss a whole number and still count as one."""
+"""Part of a quantum by which a step may miss a whole number and still count as one."""
 
 VISIBLE: Final = 0.1
 """Quantum against noise below which a grid adds nothing: a hundredth of q²/12 of the noise's square."""
 
 FEW: Final = 4
-"""Different values fewer than this tell no grid."""
+"""Fewer different values than this show no grid."""
 
 
 def find_quantum(reading: Array, rounding: float) -> float:
@@ -94,7 +94,7 @@ TAKE_UP: Final = 0.5 * MM
 """Travel after which a flank is taken up, whatever the gap that the file knows of [m]."""
 
 LARGEST_START: Final = 0.2
-"""Part of a record that the start-up may take at most."""
+"""Part of a log that the start-up may take at most."""
 
 COARSE: Final = 0.02 * MM
 """Quantum above which a reading may be too coarse to show anything [m]."""
@@ -134,7 +134,7 @@ def examine(log: Log, machine: Machine) -> LogQuality:
     ----------
     log : Log
     machine : Machine
-        With a drive for every axis of the log; its b and c tell what the command alone explains.
+        With a drive for every axis of the log; its b and c give what the command alone explains.
 
     Returns
     -------
@@ -196,7 +196,7 @@ def _settled_repeats(log: Log, machine: Machine, first: int) -> tuple[Repeat, ..
         settle = max(first_settled(log, machine, repeat.start, repeat.stop), _memory(log, machine))
         start = max(repeat.start + settle, first + math.ceil(repeat.lag))
         if repeat.start == math.ceil(repeat.lag):
-            start = first + repeat.start  # the first run is the beginning of the record
+            start = first + repeat.start  # the first run is the beginning of the log
         if repeat.stop - start >= 0.25 / log.period:
             found.append(repeat._replace(start=start))
     return tuple(found)
@@ -209,7 +209,7 @@ def _memory(log: Log, machine: Machine) -> int:
 
 
 def _tolerance(log: Log, machine: Machine) -> float:
-    """By how much two commands may differ and still be the same [m]: far below the noise of the readings."""
+    """Most difference of two commands that are the same [m]: far below the noise of the readings."""
     found = [noise.noise_of_differences(r.values - explained(log, machine, r.axis)) for r in _positions(log)]
     return 0.3 * min((value for value in found if value is not None), default=0.0)
 

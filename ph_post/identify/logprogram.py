@@ -32,10 +32,10 @@ ALIKE: Final = 0.5
 """Least correlation of a reading with its command."""
 
 CERTAIN: Final = 0.9
-"""A reading so much like its command tells its scale."""
+"""Correlation of a reading with its command from which its scale is known."""
 
 UNIT: Final = 10.0
-"""No drive travels so many times less or more than it is told."""
+"""No drive travels so many times less or more than commanded."""
 
 LATEST: Final = 0.1
 """A reading is looked for so late behind its command [s]."""
@@ -44,7 +44,7 @@ MOST_POINTS: Final = 5e6
 """Points that stand for a program's path at most, about."""
 
 AROUND: Final = 0.25
-"""Part of the record that may lie before the program's path is reached and after it is left."""
+"""Part of the log that may lie before the program's path is reached and after it is left."""
 
 Where = Callable[[int], str]
 
@@ -151,7 +151,7 @@ def _require_readings(log: Log, where: Where) -> None:
 
 
 def _require_program(log: Log, program: PartProgram, machine: Machine, where: Where) -> Log:
-    """Refuse commands that leave the path of a program; what is before and after it is told in a warning.
+    """Refuse commands that leave the path of a program; a warning names what lies before and after it.
 
     Raises
     ------
@@ -180,9 +180,9 @@ def _require_program(log: Log, program: PartProgram, machine: Machine, where: Wh
 
 
 def _fill_commands(log: Log, lacking: Sequence[str], program: PartProgram, machine: Machine, file: str) -> Log:
-    """Take commands from the program, at the time that fits the record best.
+    """Take commands from the program, at the time that fits the log best.
 
-    Commands that were recorded tell the time exactly. Where none was, readings are compared with the command
+    Commands that were recorded give the time exactly. Where none was, readings are compared with the command
     as late as the servo makes it, c of Eq. (9).
 
     Raises
@@ -260,7 +260,7 @@ def _likeness(command: Array, reading: Array, period: float) -> tuple[float, flo
 
 
 def _apart(log: Log, names: Sequence[str], command: Command, program: PartProgram) -> Array:
-    """How far each command is from where the program leads, in the recorded axes [m], shape (n,).
+    """Return the distance of each command from the program's path, in the recorded axes [m], shape (n,).
 
     That is where a model of its controller leads, which rounds corners as the program's path mode allows, or
     where its straight motions are.
@@ -289,7 +289,7 @@ def _dense(lines: Array) -> Array:
 
 
 def _at(command: Command, name: str, t: Array) -> Array:
-    """Where the program leads an axis at times since it began; it stands before and after that."""
+    """Return the positions of an axis at times since the program began; it stands before and after that."""
     return sealed(np.interp(t, command.t - command.t[0], command.position[:, command.axes.index(name)]))
 
 
@@ -299,9 +299,9 @@ Pair = tuple[str, Array, float]
 
 def _pairs(log: Log, command: Command, machine: Machine) -> list[Pair]:
     """Pair commands that were recorded and move with those of the program; or else readings, all of them."""
-    told = [(name, axis.command, 0.0) for name, axis in log.axes.items() if name in command.axes]
-    told = [pair for pair in told if np.ptp(pair[1]) > MOVES]  # NaN where it was not recorded
-    return told or [
+    commanded = [(name, axis.command, 0.0) for name, axis in log.axes.items() if name in command.axes]
+    commanded = [pair for pair in commanded if np.ptp(pair[1]) > MOVES]  # NaN where it was not recorded
+    return commanded or [
         (name, reading, machine.axes[name].servo.c)
         for name, axis in log.axes.items()
         for _, reading in _readings(name, axis)
@@ -310,7 +310,7 @@ def _pairs(log: Log, command: Command, machine: Machine) -> list[Pair]:
 
 
 def _best_start(pairs: Sequence[Pair], command: Command, log: Log) -> float:
-    """Find when the program begins [s] after the record does: the least sum of squares, by samples first."""
+    """Find when the program begins [s] after the log does: the least sum of squares, by samples first."""
     from scipy.optimize import minimize_scalar
     from scipy.signal import correlate
 

@@ -123,7 +123,7 @@ def _number(text: str, where: str) -> float:
 
 
 _COLUMN: Final = 38
-"""Where comments begin."""
+"""Column at which comments begin."""
 
 _HEAD: Final = """\
 A machine file of ph-post: what it knows of a machine, in mm and s. Written by `ph-post machine new`.

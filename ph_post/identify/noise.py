@@ -21,7 +21,7 @@ CANDIDATES: Final = 24
 """Lags that are looked at closely."""
 
 ROUNDING: Final = 3e-9
-"""By how much two commands may differ that were written with six decimals of a millimetre [m]."""
+"""Most difference of equal commands that were written with six decimals of a millimetre [m]."""
 
 SAME: Final = 1e-8
 """Grid on which places of a command are compared at first [m]."""
@@ -122,7 +122,7 @@ def _mean_square(values: Array) -> Array:
 
 
 def _vertex(values: Array, k: int) -> float:
-    """Where the parabola through a minimum and its neighbours is least; whole where that is nearly so."""
+    """Return the vertex of the parabola through a minimum and its neighbours, whole where it nearly is."""
     left, middle, right = values[k - 1 : k + 2]
     bend = left - 2.0 * middle + right
     shift = 0.5 * (left - right) / bend if bend > 0.0 else 0.0
@@ -245,7 +245,7 @@ def noise_of_standstill(reading: Array, command: Array, settle: int, period: flo
 
 
 def oscillates(reading: Array, command: Array, settle: int) -> bool:
-    """Whether one oscillation is most of what a reading does in the longest standstill: that is motion."""
+    """Return whether one frequency dominates the longest standstill: such a reading moves."""
     still = max(still_stretches(command), key=lambda one: one[1] - one[0], default=(0, 0))
     piece = reading[still[0] + settle : still[1]]
     piece = piece[np.isfinite(piece)]
@@ -310,7 +310,7 @@ def _without_line(values: Array) -> Array:
 
 
 def _creeps(values: Array) -> bool:
-    """Whether a stretch goes one way from fifth to fifth, and farther than its scatter allows."""
+    """Return whether a stretch goes one way from fifth to fifth, and farther than its scatter allows."""
     fifths = np.array_split(values, 5)
     means = np.array([np.mean(part) for part in fifths])
     steps = np.diff(means)

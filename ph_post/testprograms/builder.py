@@ -25,10 +25,10 @@ CRAWL: Final = 0.2 * MM
 
 
 class TestVolume(msgspec.Struct, frozen=True, kw_only=True):
-    """Where test programs move, and how fast. SI units.
+    """Room and speeds of test programs. SI units.
 
     `spans` is the room of each axis [m], in the order X, Y, Z; nothing else is moved. `radius` [m] is that of
-    the circles, `feeds` [m/s] rise. `settle` [s] is how long an axis is given to come to rest.
+    the circles, `feeds` [m/s] rise. `settle` [s] is the time that an axis is given to come to rest.
     """
 
     machine: Machine
@@ -53,12 +53,12 @@ class TestVolume(msgspec.Struct, frozen=True, kw_only=True):
         return 0.5 * (low + high)
 
     def half(self, axis: str) -> float:
-        """How far an axis may go to either side of it [m]."""
+        """Way that an axis may go to either side of it [m]."""
         low, high = self.spans[axis]
         return 0.5 * (high - low)
 
     def top(self, *axes: str) -> float:
-        """Greatest speed of the slowest of these axes [m/s]."""
+        """Return the greatest speed of the slowest of these axes [m/s]."""
         return top_speed(self.machine, axes)
 
     def slow(self, axis: str, seconds: float) -> float:
@@ -67,12 +67,12 @@ class TestVolume(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def top_speed(machine: Machine, axes: tuple[str, ...]) -> float:
-    """Greatest speed [m/s] that each of these axes has."""
+    """Return the greatest speed [m/s] that each of these axes has."""
     return min(machine.axes[axis].limits.velocity for axis in axes)
 
 
 def arc_speed(machine: Machine, axes: tuple[str, ...], radius: float, share: float = ARC_SHARE) -> float:
-    """Greatest speed [m/s] around a circle of `radius` [m], within speed, acceleration and jerk of its axes.
+    """Return the greatest speed [m/s] around a circle of `radius` [m], within speed, acceleration and jerk of its axes.
 
     The acceleration is v²/r and the jerk v³/r² on either axis, of which `share` of the limits is used.
     """
@@ -83,15 +83,15 @@ def arc_speed(machine: Machine, axes: tuple[str, ...], radius: float, share: flo
 
 
 def settling_time(machine: Machine, axes: tuple[str, ...]) -> float:
-    """How long axes are given to come to rest [s]: ten times c, their time constant, at least 0.3."""
+    """Return the time that axes are given to come to rest [s]: ten times c, their time constant, at least 0.3."""
     return max(0.3, *(10.0 * machine.axes[axis].servo.c for axis in axes))
 
 
 JOINT: Final = 0.005 * MM
-"""How far the joints of circles may be rounded [m]; one turn goes on where the last one ends."""
+"""Rounding of the joints of circles [m]; one turn goes on where the last one ends."""
 
 CHORD: Final = 0.001 * MM
-"""How far chords may leave a circle [m] where the dialect has no arcs."""
+"""Deviation of chords from a circle [m] where the dialect has no arcs."""
 
 APPROACH: Final = 10.0 * MM
 """Speed [m/s] at which the axes go to where a program begins, at most a quarter of their greatest."""

@@ -1,4 +1,4 @@
-"""The next experiment: the test program that separates effects which a log cannot tell apart.
+"""The next experiment: the test program that separates effects which a log cannot separate.
 
 The table gives motions, channels and the physical reason for every pair of effects.
 """
@@ -33,7 +33,7 @@ class Separation(msgspec.Struct, frozen=True, kw_only=True):
     """Motions and channels that separate two effects, or show one of them.
 
     `parts` are motions of :data:`ph_post.testprograms.motions.PARTS`, `record` the channels without which they
-    tell nothing, `why` the physics in a sentence.
+    show nothing, `why` the physics in a sentence.
     """
 
     parts: tuple[str, ...]
@@ -72,7 +72,7 @@ SHOWN: Final[Mapping[str, Separation]] = {
     "cogging": _see("sweeps", "motor force", "a cogging force is filtered by the loop: its trace goes by feed"),
     "cutting_force": _see("circles, sweeps", "force", "in air there is no cutting force"),
 }
-"""How each effect of the catalogue shows best."""
+"""Motions and channels that show each effect of the catalogue best."""
 
 READINGS: Final = frozenset(("cyclic_error", "scale_error", "thermal_growth", "squareness"))
 """Effects on what is read outside of the loop: the scale that the loop itself follows cannot show them."""
@@ -314,7 +314,7 @@ FULL_MIX: Final = Separation(
 
 
 def next_experiment(names: Sequence[str], axis: str, log: Log, machine: Machine) -> Experiment | None:
-    """Write the program that separates effects which a log cannot tell apart.
+    """Write the program that separates effects which a log cannot separate.
 
     Parameters
     ----------
@@ -366,7 +366,7 @@ def _combined(names: Sequence[str]) -> Separation:
     bases = [name.partition(":")[0] for name in names]
     known = [base for base in dict.fromkeys(bases) if base in SHOWN]
     if len(known) < 2:
-        # One name on two axes is told apart by moving one of them at a time.
+        # One name on two axes is separated by moving one of them at a time.
         return SHOWN[known[0]] if known and len(set(names)) > 1 and len(set(bases)) == 1 else FULL_MIX
     pairs = [separation(one, other) for one, other in combinations(known, 2)]
     parts = dict.fromkeys(part for pair in pairs for part in pair.parts)
@@ -410,9 +410,9 @@ def _missing_channels(axes: Sequence[str], found: Separation, log: Log) -> list[
 def _test_volume(involved: Sequence[str], log: Log, machine: Machine) -> TestVolume | None:
     """Room and feeds: where the log went, and feeds around its own."""
     moved = {
-        axis: _span(record)
-        for axis, record in log.axes.items()
-        if axis in machine.axes and np.ptp(record.command) > MOVED
+        axis: _span(axis_log)
+        for axis, axis_log in log.axes.items()
+        if axis in machine.axes and np.ptp(axis_log.command) > MOVED
     }
     wanted = [axis for axis in moved if axis in involved]
     if len(wanted) == 1:
@@ -433,9 +433,9 @@ def _test_volume(involved: Sequence[str], log: Log, machine: Machine) -> TestVol
     )
 
 
-def _span(record: AxisLog) -> tuple[float, float]:
+def _span(axis_log: AxisLog) -> tuple[float, float]:
     """Commanded range [m], rounded inwards."""
-    low, high = float(record.command.min()), float(record.command.max())
+    low, high = float(axis_log.command.min()), float(axis_log.command.max())
     return math.ceil(low / GRAIN) * GRAIN, math.floor(high / GRAIN) * GRAIN
 
 

@@ -30,7 +30,7 @@ ACCELERATIONS: Final = (0.02, 0.1, 0.25, ARC_SHARE)
 """Accelerations of the ladder, as shares of the limit."""
 
 PLACES: Final = 5
-"""Where along an axis it is turned round."""
+"""Number of places along an axis at which it reverses."""
 
 
 def circles(
@@ -116,7 +116,7 @@ def speeds(builder: ProgramBuilder, axis: str, count: int = 8, stroke: float = S
 
 
 def diagonals(builder: ProgramBuilder, pair: tuple[str, str], times: int = 2) -> None:
-    """Go along both diagonals of the largest square, to and fro: an angle tells them apart."""
+    """Go along both diagonals of the largest square, to and fro: an angle makes one longer."""
     volume = builder.volume
     half = min(volume.half(axis) for axis in pair)
     speed = min(2.0 * half / 5.0, TOP_SHARE * volume.top(*pair))

@@ -33,7 +33,7 @@ SIGNATURES: Final[Mapping[str, Callable[[Evidence], Iterator[str]]]] = {
 
 
 VISIBLE: Final = 0.02
-"""Part by which a residual must fall for the gain to be told."""
+"""Part by which a residual must fall for the gain to be given."""
 
 
 def evidence_of(name: str, exhibit: Evidence) -> tuple[str, ...]:
@@ -42,7 +42,7 @@ def evidence_of(name: str, exhibit: Evidence) -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        Of the effect; of one that is not in the catalogue only the gain is told.
+        Of the effect; of one that is not in the catalogue only the gain is given.
     exhibit : Evidence
 
     Returns

@@ -25,18 +25,18 @@ SETTLING: Final = 5.0
 """Servo time constants behind a reversal, in which a lag is not yet what it will be."""
 
 FEWEST: Final = 100
-"""Samples below which no mean is told."""
+"""Samples below which no mean is given."""
 
 LIKE: Final = 1.25
 """Sizes within this factor are alike."""
 
 
 class Evidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One effect that was found, and the record without it.
+    """One effect that was found, and the log without it.
 
     `before` (n,) by channel is reading minus the final model without this effect, `after` that of the whole
     model [m, or the effort's unit]; `values` [SI] and `errors` are the effect's, by name. `shift` [s] is by
-    how much a position is late beyond what its drive explains, where the record tells. `too` are the other
+    how much a position is late beyond what its drive explains, where the log shows it. `too` are the other
     axes on which the same effect was found.
     """
 
@@ -67,7 +67,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def effort_name(self) -> str:
-        """What the effort is called."""
+        """Name of the effort."""
         return "current" if self.effort_unit == "A" else "force"
 
     def column(self, channel: Channel) -> str:
@@ -75,7 +75,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return f"{self.axis}_{channel}"
 
     def has(self, channel: Channel) -> bool:
-        """Whether a channel was recorded."""
+        """Return whether a channel was recorded."""
         return any(one.channel == channel for one in self.problem.observed)
 
     def values_of(self, channel: Channel) -> Array:
@@ -118,7 +118,7 @@ def halves_by_speed(
     motion : AxisMotion
     use : BoolArray, shape (n,)
     settle : float
-        Time after a reversal that is left out, where the record is long enough for it [s].
+        Time after a reversal that is left out, where the log is long enough for it [s].
     groups : int
         As many equal parts of the samples, by speed.
     """
@@ -206,7 +206,7 @@ def compared(physics: str, numbers: str, agrees: bool = True) -> str:
 
 
 def similar_sizes(one: float, other: float) -> bool:
-    """Tell whether two sizes are alike."""
+    """Return whether two sizes are alike."""
     low, high = sorted((abs(one), abs(other)))
     return one * other > 0.0 and high <= LIKE * low
 

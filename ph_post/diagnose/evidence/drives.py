@@ -30,7 +30,7 @@ AFTER: Final = 0.06
 """Time after a reversal in which a gap is crossed [s]."""
 
 MOST: Final = 3
-"""Places at which a gap is told."""
+"""Places at which a gap is given."""
 
 
 def backlash(exhibit: Evidence) -> Iterator[str]:

@@ -68,7 +68,7 @@ def wave_words(exhibit: Evidence, physics: str, same: bool = False) -> Iterator[
 
 
 def turns(exhibit: Evidence) -> str:
-    """Lay a period beside the travel of a turn of screw and motor, where the file tells them."""
+    """Lay a period beside the travel of a turn of screw and motor, where the file gives them."""
     gap = exhibit.problem.axis.gap
     if gap.travel_per_rad is None:
         return "the file states no screw lead"

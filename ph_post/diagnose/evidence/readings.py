@@ -14,7 +14,7 @@ from ph_post.types import MACHINE_AXES
 from ph_post.units import MM, MS
 
 SPAN = 100.0 * MM
-"""Travel over which a slope is told [m]."""
+"""Travel over which a slope is given [m]."""
 
 
 def cyclic(exhibit: Evidence) -> Iterator[str]:

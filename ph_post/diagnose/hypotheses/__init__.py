@@ -16,7 +16,7 @@ OF_THE_AXIS: Final = {"backlash": ("lost_motion",), "servo_mismatch": ("b", "c")
 
 
 def hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
-    """List what may be missing from an axis and could show in its record."""
+    """List what may be missing from an axis and could show in its log."""
     return tuple(one for one in every_hypothesis(problem) if not why_not(problem, one))
 
 
@@ -26,7 +26,7 @@ def every_hypothesis(problem: AxisProblem) -> tuple[Hypothesis, ...]:
 
 
 def why_not(problem: AxisProblem, hypothesis: Hypothesis) -> str:
-    """Say why a hypothesis cannot act on an axis or show in its record; empty where it can."""
+    """Say why a hypothesis cannot act on an axis or show in its log; empty where it can."""
     name = hypothesis.name
     if name not in OF_THE_AXIS and not is_effect(name):
         return "nothing acts under that name"
@@ -34,7 +34,7 @@ def why_not(problem: AxisProblem, hypothesis: Hypothesis) -> str:
 
 
 def barred(problem: AxisProblem) -> dict[str, str]:
-    """Names that cannot act on an axis or show in its record, and why."""
+    """Return the names that cannot act on an axis or show in its log, and why."""
     reasons: dict[str, list[str]] = {}
     for one in every_hypothesis(problem):
         reasons.setdefault(one.name, []).append(why_not(problem, one))

@@ -1,4 +1,4 @@
-"""The hypothesis record, and starting values read from a residual.
+"""The hypothesis, and starting values read from a residual.
 
 To add a hypothesis for your own effect, make a :class:`Hypothesis` and add it to the list of its module.
 Its change of the plant is a pure function of plant and numbers; its starting values may use the residual.
@@ -22,13 +22,13 @@ Residuals = Mapping[Channel, Array]
 Numbers = tuple[float, ...]
 
 MICRON: Final = 1e-6
-"""The step from which a length is told apart from zero [m]."""
+"""Least length that differs from zero [m]."""
 
 
 class HypothesisNumber(msgspec.Struct, frozen=True, kw_only=True):
     """One number of a hypothesis: its bounds, its natural `scale`, and whether the reading is linear in it.
 
-    `linear` numbers start at what a straight fit to the residual gives; of a `logarithm` only the scale tells
+    `linear` numbers start at what a straight fit to the residual gives; of a `logarithm` only the scale counts
     how far a slope reaches, not its size.
     """
 
@@ -53,7 +53,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     name : str
         Its name in the catalogue.
     variant : str
-        What tells two hypotheses of one name apart.
+        Difference between two hypotheses of one name.
     numbers : tuple of HypothesisNumber
     apply : callable
         Plant and numbers to plant.
@@ -62,9 +62,9 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     values : callable
         Numbers to the values of the effect's parameters [SI], the leading one first.
     bars : callable
-        Why it cannot act on an axis, or cannot show in its record; empty where it can.
+        Why it cannot act on an axis, or cannot show in its log; empty where it can.
     within : tuple of str
-        Names whose effect is a special case of this one, or as good as one where the record is poor.
+        Names whose effect is a special case of this one, or as good as one where the log is poor.
     replaces : tuple of str
         Base values ("b", "c", "gap") that it sets free of their prior.
     excludes : tuple of str

@@ -28,7 +28,7 @@ MOST_GAP: Final = 5e-3
 """Widest gap tried [m]."""
 
 FARTHEST: Final = math.log(8.0)
-"""By how much b and c may be off, as a logarithm."""
+"""Most error of b and c, as a logarithm."""
 
 
 LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
@@ -238,6 +238,6 @@ SATURATION = Hypothesis(
 
 
 def drive_hypotheses(problem: AxisProblem) -> tuple[Hypothesis, ...]:
-    """Hypotheses about gap, servo and motor on one axis; a slope is told about the middle of its travel."""
+    """Hypotheses about gap, servo and motor on one axis; a slope is about the middle of its travel."""
     uneven = (_sloped(middle(problem)), _bumped(reach(problem)))
     return (BACKLASH, *uneven, MISMATCH, WINDUP, IMPACT, SATURATION)

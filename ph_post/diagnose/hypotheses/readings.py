@@ -26,7 +26,7 @@ MOST_ERROR: Final = 5e-3
 """Largest error of a reading tried [m]."""
 
 SLOWEST: Final = 20.0
-"""Longest time constant of a drift, in lengths of the record; beyond that it is a straight line."""
+"""Longest time constant of a drift, in lengths of the log; beyond that it is a straight line."""
 
 SHORTEST_DRIFT: Final = 2.0
 """Shortest time constant of a drift [s]: heat moves no machine faster."""

@@ -250,7 +250,7 @@ class _Chainer:
 
 
 def is_loop(shapes: Sequence[DrawnShape], tolerance: float) -> bool:
-    """Whether a run comes back to where it began, after having been somewhere else."""
+    """Return whether a run comes back to where it began, after having been somewhere else."""
     start = shapes[0].start
     if float(np.linalg.norm(shapes[-1].end - start)) > tolerance:
         return False

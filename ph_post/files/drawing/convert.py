@@ -1,6 +1,6 @@
 """Open a drawing and make a path file of it.
 
-The kind of drawing is told by its content and not by its name alone. Unit, scale and origin are applied, the
+The kind of drawing follows from its content and not from its name alone. Unit, scale and origin are applied, the
 contours are put in order, and the path file is read back before it is returned.
 """
 
@@ -76,7 +76,7 @@ Origin = Literal["drawing", "corner", "center"] | tuple[float, float]
 
 
 class ImportOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """What the user asked for; lengths in mm, the feed in mm/min."""
+    """Options of an import; lengths in mm, the feed in mm/min."""
 
     layers: tuple[str, ...] = ()
     unit: str | None = None
@@ -268,34 +268,34 @@ def _moved(contours: tuple[Contour, ...], wish: ImportOptions, mm: float) -> tup
 
 
 def _join_notes(joining: JoinedContours, wish: ImportOptions, mm: float) -> list[str]:
-    told = []
+    notes = []
     if joining.gaps:
         bridged = f", {joining.bridges} of them by a line" if joining.bridges else ""
-        told.append(
+        notes.append(
             f"{counted(joining.gaps, 'gap')} up to {joining.largest_gap * mm:.3g} mm closed"
             f" (--join {wish.join:g} mm){bridged}; no point moved by more than {joining.moved * mm:.3g} mm"
         )
     if joining.forks:
         places = counted(joining.forks, "place")
-        told.append(f"at {places} more than two ends meet; the straightest continuation was taken")
-    return told
+        notes.append(f"at {places} more than two ends meet; the straightest continuation was taken")
+    return notes
 
 
 def _cut_warnings(contours: Sequence[Contour], wish: ImportOptions, mm: float) -> list[str]:
     """Say what surprises at the machine: curves that are cut again, and rapids that do not lift."""
     places = Counter(_place(shape, wish.join / mm) for contour in contours for shape in contour.shapes)
-    again, told = places.total() - len(places), []
+    again, notes = places.total() - len(places), []
     if again:
         one, many = "curve coincides with another and is", "curves coincide with others and are"
-        told.append(f"{counted(again, one, many)} cut twice")
+        notes.append(f"{counted(again, one, many)} cut twice")
     if len(contours) > 1 and wish.axes == "XY":
         rapids = counted(len(contours) - 1, "rapid")
-        told.append(f"{rapids} between the contours: give convert --safe-z and --depth, or the tool stays down there")
-    return told
+        notes.append(f"{rapids} between the contours: give convert --safe-z and --depth, or the tool stays down there")
+    return notes
 
 
 def _place(shape: DrawnShape, grid: float) -> tuple[str, tuple[float, ...]]:
-    """Where a curve lies, whichever way it runs, and wherever a circle begins: points on a grid."""
+    """Return where a curve lies, whichever way it runs, and wherever a circle begins: points on a grid."""
     points = shape.points
     if shape.kind == "arc" and np.array_equal(shape.start, shape.end):
         radius = float(np.linalg.norm(points[0] - points[2]))
@@ -321,7 +321,7 @@ OTHERS: Final = (
     (b"solid ", "an STL model", "DXF or SVG"),
     (b"%!PS", "a PostScript file", "DXF or SVG"),
 )
-"""What people hold for a drawing, by its first bytes."""
+"""Files that are not drawings but often taken for one, by their first bytes."""
 
 
 def read_drawing(source: str | os.PathLike[str], layers: Sequence[str] = (), unit: str | None = None) -> Drawing:
@@ -354,7 +354,7 @@ def read_drawing(source: str | os.PathLike[str], layers: Sequence[str] = (), uni
 
 
 def drawing_kind(raw: SourceBytes) -> Kind:
-    """Tell DXF from SVG.
+    """Return the kind of a drawing, DXF or SVG.
 
     Raises
     ------

@@ -44,7 +44,7 @@ _HIDDEN = "hidden (layer off or frozen, or invisible)"
 
 
 class _Where(msgspec.Struct, frozen=True, kw_only=True):
-    """Where the entities of a block stand: their map, the layer that "0" means, the blocks around them."""
+    """Surroundings of the entities of a block: their map, the layer that "0" means, the blocks around them."""
 
     matrix: Array
     layer: str = "0"

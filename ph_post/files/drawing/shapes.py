@@ -50,13 +50,13 @@ class DrawnShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def start(self) -> Array:
-        """Where it begins, shape (3,)."""
+        """Point at which it begins, shape (3,)."""
         first: Array = self.points[0]
         return first
 
     @property
     def end(self) -> Array:
-        """Where it ends, shape (3,)."""
+        """Point at which it ends, shape (3,)."""
         last: Array = self.points[1 if self.kind == "arc" else -1]
         return last
 
@@ -201,13 +201,13 @@ def with_ends(shape: DrawnShape, start: Array, end: Array) -> DrawnShape:
 
 
 def is_finite(shape: DrawnShape) -> bool:
-    """Whether all its numbers are numbers."""
+    """Return whether all its numbers are finite."""
     rows = (shape.points, shape.knots, shape.weights)
     return all(row is None or bool(np.all(np.isfinite(row))) for row in rows)
 
 
 def _keeps_circles(matrix: Array) -> bool | None:
-    """Whether level circles stay level circles (None: no), and keep their sense of rotation."""
+    """Return whether level circles stay level circles (None: no), and keep their sense of rotation."""
     u, v = matrix[:3, 0], matrix[:3, 1]
     size = float(np.linalg.norm(u))
     slack = ROUND * size
@@ -285,7 +285,7 @@ UNITS: Final = {name: size / LENGTHS["mm"] for name, size in LENGTHS.items()}
 class Subpath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Shapes that the drawing itself joins end to start: one entity, or one subpath.
 
-    `name` tells it in messages: ``LINE 2F``, ``path at line 12``.
+    `name` names it in messages: ``LINE 2F``, ``path at line 12``.
     """
 
     shapes: tuple[DrawnShape, ...]
@@ -296,7 +296,7 @@ class Subpath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Drawing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A drawing as read, y upwards.
 
-    `unit` is the length unit's name, None where the drawing does not tell; `found` counts entities by layer
+    `unit` is the length unit's name, None where the drawing states none; `found` counts entities by layer
     and kind, `left_out` what is not in the runs, by its name; `notes` are for the user.
     """
 
@@ -329,7 +329,7 @@ class Collector:
         self._count = 0
 
     def wants(self, layer: str) -> bool:
-        """Whether a layer was asked for."""
+        """Return whether a layer was asked for."""
         return not self.layers or layer in self.layers
 
     def count(self, layer: str, kind: str) -> None:

@@ -72,7 +72,7 @@ _SHEET: Final = re.compile(
 
 
 class _Context(msgspec.Struct, frozen=True, kw_only=True):
-    """What an element has from those around it."""
+    """Properties that an element has from those around it."""
 
     matrix: Array
     view: View
@@ -229,7 +229,7 @@ class _SvgWalk:
             self._element(used, inside)
 
     def _view(self, node: Node, size: Node, context: _Context) -> None:
-        """Gather an inner view, whose size the element `size` tells before its own."""
+        """Gather an inner view, whose size the element `size` gives before its own."""
         where = f"{self._found.file}:{node.line}"
         box = view_box(node.attributes, where)
         try:
@@ -277,7 +277,7 @@ def _is_layer(node: Node) -> bool:
 
 
 def _always(node: Node) -> bool:
-    """Whether a child of <switch> is drawn by every program."""
+    """Return whether a child of <switch> is drawn by every program."""
     return node.tag != "foreignObject" and not {
         "requiredExtensions",
         "requiredFeatures",

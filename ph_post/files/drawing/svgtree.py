@@ -63,7 +63,7 @@ class Box(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Page(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What the outermost element says.
+    """Attributes of the outermost element.
 
     `matrix` maps to `unit`, y upwards; to user units where that is None. `view` is the size in user units.
     """
@@ -189,9 +189,9 @@ def page_of(attributes: Mapping[str, str], where: str, unit: str | None) -> Page
 def _size(
     attributes: Mapping[str, str], box: Box | None, unit: str | None
 ) -> tuple[tuple[Fraction, Fraction] | None, str]:
-    """Return the viewport in px and the unit it was told in; None where nothing or --units tells it."""
-    told = [attributes.get("width", "").strip(), attributes.get("height", "").strip()]
-    known = [text if text and not text.endswith("%") and text != "auto" else None for text in told]
+    """Return the viewport in px and its unit; None where nothing or --units gives it."""
+    written = [attributes.get("width", "").strip(), attributes.get("height", "").strip()]
+    known = [text if text and not text.endswith("%") and text != "auto" else None for text in written]
     if unit is not None or not any(known):
         return None, ""
     sizes = [None if text is None else _exact(text, None) for text in known]
