@@ -19,7 +19,7 @@ from ph_post.diagnose.findings import AxisDiagnosis, findings_of, fit_chosen_mod
 from ph_post.diagnose.fit import base_model, residuals_of
 from ph_post.diagnose.search import has_structure
 from ph_post.diagnose.selection import choose
-from ph_post.identify.free_run import AxisProblem, problem_of
+from ph_post.identify.free_run import pooled_noise, problem_of
 from ph_post.identify.log_quality import examine
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, Log, Machine
@@ -75,7 +75,7 @@ def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagno
     """Return the diagnosis of a log that can show nothing."""
     if not quality.faults:
         quality = replace(quality, faults=("no axis with a reading moves in this log",))
-    floor = _pooled([one.noise for one in quality.channels if one.channel != "force"])
+    floor = pooled_noise(one.noise for one in quality.channels if one.channel != "force")
     return Diagnosis(
         verdict="not-identifiable",
         findings=(),
@@ -90,10 +90,6 @@ def _not_identifiable(log: Log, machine: Machine, quality: LogQuality) -> Diagno
     )
 
 
-def _pooled(noise: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
-
-
 def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequence[AxisDiagnosis]) -> Diagnosis:
     findings: list[Finding] = []
     for outcome, explanation in zip(outcomes, explain(log, machine, quality, outcomes), strict=True):
@@ -101,8 +97,7 @@ def _assemble(log: Log, machine: Machine, quality: LogQuality, outcomes: Sequenc
     findings = [_unknown_side(log, one) for one in findings]
     before = [_file_residuals(outcome) for outcome in outcomes]
     steps = _steps(outcomes, before)
-    seen = [one for outcome in outcomes for one in outcome.choice.problem.observed]
-    floor = _pooled([one.noise for one in seen if one.channel != "force"])
+    floor = pooled_noise(one.noise for outcome in outcomes for one in outcome.problem.positions)
     verdict = _verdict(outcomes, findings, floor, steps)
     if verdict == "unknown":
         findings, steps = [], steps[:1]
@@ -144,11 +139,10 @@ def _unknown_side(log: Log, finding: Finding) -> Finding:
 def _position_squares(outcome: AxisDiagnosis, left: Mapping[Channel, Array], use: BoolArray) -> tuple[float, int]:
     """Sum of squares and count of the position channels of an axis."""
     total, count = 0.0, 0
-    for one in outcome.choice.problem.observed:
-        if one.channel != "force":
-            here = use & one.ok
-            total += float(np.sum(left[one.channel][here] ** 2))
-            count += int(np.count_nonzero(here))
+    for one in outcome.problem.positions:
+        here = use & one.ok
+        total += float(np.sum(left[one.channel][here] ** 2))
+        count += int(np.count_nonzero(here))
     return total, count
 
 
@@ -160,14 +154,14 @@ def _steps(outcomes: Sequence[AxisDiagnosis], before: Sequence[Mapping[Channel, 
     for number, outcome in enumerate(outcomes):
         for count, part in enumerate(outcome.choice.fitted.model.parts, 1):
             at[number] = outcome.choice.stages[count].left
-            label = f"{part.hypothesis.name}:{outcome.choice.problem.axis.name}"
+            label = f"{part.hypothesis.name}:{outcome.problem.axis.name}"
             steps.append(_step(label, outcomes, at))
     return tuple(steps)
 
 
 def _file_residuals(outcome: AxisDiagnosis) -> dict[Channel, Array]:
     """Residuals of the file as it is; its origin is held where the final model's is."""
-    problem, final = outcome.choice.problem, outcome.fitted.model
+    problem, final = outcome.problem, outcome.fitted.model
     return residuals_of(problem, replace(base_model(problem), origin_free=final.origin_free))
 
 
@@ -175,7 +169,7 @@ def _step(added: str | None, outcomes: Sequence[AxisDiagnosis], at: Sequence[Map
     rms = []
     for kind in ("fit", "held"):
         sums = [
-            _position_squares(outcome, left, getattr(outcome.choice.problem, kind))
+            _position_squares(outcome, left, getattr(outcome.problem, kind))
             for outcome, left in zip(outcomes, at, strict=True)
         ]
         rms.append(float(np.sqrt(sum(one for one, _ in sums) / max(sum(n for _, n in sums), 1))))
@@ -195,7 +189,7 @@ def _verdict(
         if much and left > (1.0 - EXPLAINED) * excess:
             return "unknown"
         return "ambiguous" if any(one.ambiguous_with for one in findings) else "named"
-    structured = any(has_structure(one.choice.problem, one.fitted) for one in outcomes)
+    structured = any(has_structure(one.problem, one.fitted) for one in outcomes)
     return "unknown" if structured else "nothing-missing"
 
 
@@ -204,7 +198,7 @@ def _trails(
 ) -> tuple[ResidualTrace, ...]:
     trails = []
     for outcome, before in zip(outcomes, at_first, strict=True):
-        problem: AxisProblem = outcome.choice.problem
+        problem = outcome.problem
         after = before if verdict == "unknown" else outcome.fitted.left
         trails += [
             ResidualTrace(

@@ -11,11 +11,11 @@ from msgspec.structs import replace
 from ph_post.diagnose.evidence import evidence_of
 from ph_post.diagnose.evidence.base import Evidence
 from ph_post.diagnose.findings import AxisDiagnosis, FittedEffect
-from ph_post.diagnose.fit import Model, plant_at, residuals_of
+from ph_post.diagnose.fit import plant_at, residuals_of
 from ph_post.diagnose.hypotheses import barred
 from ph_post.diagnose.residual_features import is_structured
 from ph_post.diagnose.residual_places import locate, spectral_line
-from ph_post.diagnose.search import has_structure
+from ph_post.diagnose.search import has_structure, without_part
 from ph_post.diagnose.sentences import best_phrase, length
 from ph_post.identify.free_run import ObservedChannel, correlation_inflation, mean_square, residuals
 from ph_post.identify.linear_drive import AxisMotion, motion_of
@@ -63,13 +63,13 @@ def _explain_axis(
     evidence: dict[str, tuple[str, ...]] = {}
     if not outcome.found:
         return Explanation(where, evidence)
-    name = outcome.choice.problem.axis.name
+    name = outcome.problem.axis.name
     motion = motion_of(log, machine, name)
     for number, found in enumerate(outcome.found):
         label, effect = found.part.hypothesis.label, found.part.hypothesis.name
         exhibit = _evidence_for(log, quality, outcome, number, motion)
         too = [
-            one.choice.problem.axis.name
+            one.problem.axis.name
             for one in outcomes
             if one is not outcome and any(other.part.hypothesis.name == effect for other in one.found)
         ]
@@ -80,27 +80,19 @@ def _explain_axis(
 
 def _evidence_for(log: Log, quality: LogQuality, outcome: AxisDiagnosis, number: int, motion: AxisMotion) -> Evidence:
     """Lay out the log without one of the parts, all else being what it is in the end."""
-    problem, model, found = outcome.choice.problem, outcome.fitted.model, outcome.found[number]
+    problem, model, found = outcome.problem, outcome.fitted.model, outcome.found[number]
     axis = problem.axis.name
     shifts = {one.channel: one.shift for one in quality.channels if one.axis == axis and one.channel != "force"}
     return Evidence(
         problem=problem,
         motion=motion,
-        before=residuals_of(problem, _without(model, number)),
+        before=residuals_of(problem, without_part(model, number, restored=True)),
         after=outcome.fitted.left,
         values=found.values,
         errors=found.errors,
         effort_unit=log.axes[axis].effort_unit,
         shift=shifts.get("act", shifts.get("motor")),
     )
-
-
-def _without(model: Model, number: int) -> Model:
-    """Return a model less one part; the base values that this had taken over are those of the file again."""
-    parts = model.parts[:number] + model.parts[number + 1 :]
-    gone = model.parts[number].hypothesis.replaces
-    off = tuple(0.0 if prior.field in gone else x for prior, x in zip(model.priors, model.off, strict=True))
-    return replace(model, parts=parts, off=off)
 
 
 def _where(log: Log, machine: Machine, exhibit: Evidence, found: FittedEffect) -> str:
@@ -127,7 +119,7 @@ def locate_residuals(
     """
     found = []
     for outcome, left in zip(outcomes, lefts, strict=True):
-        problem, one = outcome.choice.problem, _position(outcome)
+        problem, one = outcome.problem, _position(outcome)
         use = problem.counted & one.ok
         excess = mean_square(left[one.channel], use) - one.noise**2
         name = problem.axis.name
@@ -141,8 +133,7 @@ def locate_residuals(
 
 def _position(outcome: AxisDiagnosis) -> ObservedChannel:
     """Return the position that is looked at: the table's where there is one."""
-    seen = outcome.choice.problem.observed
-    return min((one for one in seen if one.channel != "force"), key=lambda one: one.channel != "act")
+    return min(outcome.problem.positions, key=lambda one: one.channel != "act")
 
 
 def diagnosis_notes(
@@ -170,24 +161,20 @@ def _moved(outcome: AxisDiagnosis) -> Iterator[str]:
             far = f"within the {file}" if abs(off) <= 1.0 else f"{abs(off):.2g} times the {file}"
             said.append(f"{name} is {100.0 * prior.error * abs(off):.2g} % {word}, {far}")
     if said:
-        yield f"base values of {outcome.choice.problem.axis.name} by the log: {'; '.join(said)}"
+        yield f"base values of {outcome.problem.axis.name} by the log: {'; '.join(said)}"
 
 
 def _shifted(outcome: AxisDiagnosis) -> Iterator[str]:
     """Yield readings whose origin is not that of the command, and by how much."""
-    problem, model = outcome.choice.problem, outcome.fitted.model
+    problem, model = outcome.problem, outcome.fitted.model
     if not model.origin_free:
         return
     held = residuals(problem, plant_at(problem, model), False)
-    for one in problem.observed:
-        if one.channel == "force":
-            continue
+    for one in problem.positions:
         use = problem.counted & one.ok
         shift = float(np.mean(held[one.channel][use]))
         left: dict[Channel, Array] = {one.channel: held[one.channel] - shift}
-        worth = np.count_nonzero(use) / correlation_inflation(
-            replace(outcome.choice.problem, observed=(one,)), left, use
-        )
+        worth = np.count_nonzero(use) / correlation_inflation(replace(outcome.problem, observed=(one,)), left, use)
         error = float(np.sqrt(mean_square(left[one.channel], use) / worth))
         if abs(shift) > max(SURE * error, 0.5 * one.noise):
             yield f"{problem.axis.name}_{one.channel} by {length(shift)}"
@@ -195,7 +182,7 @@ def _shifted(outcome: AxisDiagnosis) -> Iterator[str]:
 
 def _left(log: Log, outcome: AxisDiagnosis, remaining: Sequence[ResidualPlace]) -> Iterator[str]:
     """Say what is left after the last effect, where that is more than noise."""
-    problem = outcome.choice.problem
+    problem = outcome.problem
     if not has_structure(problem, outcome.fitted):
         return
     one = _position(outcome)
@@ -218,7 +205,7 @@ def _left(log: Log, outcome: AxisDiagnosis, remaining: Sequence[ResidualPlace]) 
 
 def _could_not_show(outcomes: Sequence[AxisDiagnosis]) -> Iterator[str]:
     """Name what the log could not have shown on any axis, by reason."""
-    by_axis = [barred(outcome.choice.problem) for outcome in outcomes]
+    by_axis = [barred(outcome.problem) for outcome in outcomes]
     reasons: dict[str, list[str]] = {}
     for name, why in (by_axis[0] if by_axis else {}).items():
         everywhere = [one.get(name, "") for one in by_axis]

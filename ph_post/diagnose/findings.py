@@ -16,9 +16,9 @@ from ph_post.diagnose.search import with_noise
 from ph_post.diagnose.selection import ModelChoice
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
-from ph_post.identify.estimates import LEAST_UNCERTAINTY
+from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
 from ph_post.identify.free_run import AxisProblem, predict
-from ph_post.types import Array, Axis, EffectSetting, Uncertainty
+from ph_post.types import Array, Axis, EffectSetting
 from ph_post.types.diagnosis import Estimate, Finding
 from ph_post.units import MM
 
@@ -30,8 +30,6 @@ DERIVED: Final = {"difference": "plus"}
 
 _SHOP: Final = {"lost_motion": ("mm", MM), "b": ("s²", 1.0), "c": ("s", 1.0)}
 """Unit and its size of those numbers."""
-
-_KEYS: Final = {"lost_motion": "lost_motion_mm", "b": "b", "c": "c"}
 
 
 class FittedEffect(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -50,6 +48,11 @@ class AxisDiagnosis(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     found: tuple[FittedEffect, ...]
     gain: float | None
     """K as the file has it, or as the effort shows it, in the effort's unit over metres."""
+
+    @property
+    def problem(self) -> AxisProblem:
+        """The axis and its log."""
+        return self.choice.problem
 
 
 def fit_chosen_model(choice: ModelChoice) -> AxisDiagnosis:
@@ -96,7 +99,7 @@ def findings_of(
     outcome: AxisDiagnosis, where: Mapping[str, str], evidence: Mapping[str, tuple[str, ...]]
 ) -> tuple[Finding, ...]:
     """Put what was found on one axis into findings; `where` and `evidence` are by label."""
-    problem = outcome.choice.problem
+    problem = outcome.problem
     findings = []
     for number, (found, standing) in enumerate(zip(outcome.found, outcome.choice.standings, strict=True)):
         label = found.part.hypothesis.label
@@ -135,7 +138,7 @@ def _is_force(effect: Effect, gives: str) -> bool:
 
 def _estimates(outcome: AxisDiagnosis, found: FittedEffect) -> dict[str, Estimate]:
     """Return values in the units of the shop; a force in that of the effort where one was recorded."""
-    name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
+    name, axis = found.part.hypothesis.name, outcome.problem.axis
     estimates: dict[str, Estimate] = {}
     for gives, value in found.values.items():
         error = found.errors[gives]
@@ -144,7 +147,7 @@ def _estimates(outcome: AxisDiagnosis, found: FittedEffect) -> dict[str, Estimat
         else:
             effect = find_effect(name)
             if outcome.gain is not None and _is_force(effect, gives):
-                unit, size = outcome.choice.problem.effort_unit, 1.0 / outcome.gain
+                unit, size = outcome.problem.effort_unit, 1.0 / outcome.gain
             else:
                 parameter, scale = _ways(effect, gives, axis)
                 if scale is None or parameter.unit is None:
@@ -164,7 +167,7 @@ def _leading_first(name: str, estimates: dict[str, Estimate]) -> dict[str, Estim
 
 def _setting(outcome: AxisDiagnosis, found: FittedEffect) -> EffectSetting | None:
     """Return the effect as the machine file has it."""
-    name, axis = found.part.hypothesis.name, outcome.choice.problem.axis
+    name, axis = found.part.hypothesis.name, outcome.problem.axis
     if name in OF_THE_AXIS:
         return None
     effect = find_effect(name)
@@ -183,12 +186,12 @@ def _setting(outcome: AxisDiagnosis, found: FittedEffect) -> EffectSetting | Non
 def _own_keys(found: FittedEffect) -> dict[str, float]:
     if found.part.hypothesis.name not in OF_THE_AXIS:
         return {}
-    return {_KEYS[gives]: float(f"{value / _SHOP[gives][1]:.7g}") for gives, value in found.values.items()}
+    return {KEYS[gives]: float(f"{value / _SHOP[gives][1]:.7g}") for gives, value in found.values.items()}
 
 
 def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
     """Return the base values that moved within their priors: the effect was sized with them."""
-    model, axis = outcome.fitted.model, outcome.choice.problem.axis
+    model, axis = outcome.fitted.model, outcome.problem.axis
     keys: dict[str, float] = {}
     for k in model.free:
         prior = model.priors[k]
@@ -209,29 +212,11 @@ def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
 def improved_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
     """Return an axis with what was found in it."""
     for one in findings:
-        axis = _with_keys(axis, one.keys)
+        axis = with_keys(axis, one.keys)
         if one.setting is not None:
             axis = replace(axis, effects=(*axis.effects, one.setting))
         if one.name == "backlash":
-            axis = replace(axis, uncertainty=_surer(axis.uncertainty, one.parameters["lost_motion"]))
+            surer = relative_uncertainty(one.parameters["lost_motion"])
+            if surer is not None:
+                axis = replace(axis, uncertainty=replace(axis.uncertainty, backlash=surer))
     return axis
-
-
-def _surer(uncertainty: Uncertainty, gap: Estimate) -> Uncertainty:
-    """Put the standard error of a gap in place of the uncertainty that the file supposes."""
-    if not gap.stderr or gap.value <= 0.0:
-        return uncertainty
-    relative = min(max(gap.stderr / gap.value, LEAST_UNCERTAINTY), 0.9)
-    return replace(uncertainty, backlash=float(f"{relative:.3g}"))
-
-
-def _with_keys(axis: Axis, keys: Mapping[str, float]) -> Axis:
-    servo, gap = axis.servo, axis.gap
-    servo = replace(servo, b=keys.get("b", servo.b), c=keys.get("c", servo.c))
-    if "lost_motion_mm" in keys:
-        gap = gap.with_lost_motion(keys["lost_motion_mm"] * MM)
-    if "inertia_fraction" in keys:
-        gap = replace(gap, inertia_fraction=keys["inertia_fraction"])
-    if "motor_time_constant_s" in keys:
-        gap = replace(gap, beta=1.0 / keys["motor_time_constant_s"])
-    return replace(axis, servo=servo, gap=gap)

@@ -17,7 +17,15 @@ from scipy.optimize import least_squares
 
 from ph_post.diagnose.hypotheses.base import Hypothesis, HypothesisNumber, Numbers
 from ph_post.drive.plant import Plant
-from ph_post.identify.free_run import PRIOR, AxisProblem, correlation_inflation, mean_square, residuals, weights_of
+from ph_post.identify.free_run import (
+    PRIOR,
+    AxisProblem,
+    correlation_inflation,
+    mean_square,
+    residuals,
+    weighted_residuals,
+    weights_of,
+)
 from ph_post.types import Array, BoolArray
 from ph_post.types.diagnosis import Channel
 
@@ -151,8 +159,7 @@ def weighted_rows(
     """Return the weighted residuals of the samples in use, and a row a prior; shape (rows,)."""
     there = unpack(model, unknowns)
     left = residuals_of(problem, there)
-    rows = [left[one.channel][use & one.ok] * weights[one.channel] for one in problem.observed]
-    return np.concatenate([*rows, unknowns[: len(model.free)]])
+    return np.concatenate([weighted_residuals(problem, left, weights, use), unknowns[: len(model.free)]])
 
 
 class _CachedRows:

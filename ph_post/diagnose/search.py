@@ -69,15 +69,10 @@ def gain_over(problem: AxisProblem, ground: FittedModel, fitted: FittedModel) ->
     return log_likelihood(problem, fitted.left, problem.held) - log_likelihood(problem, ground.left, problem.held)
 
 
-def samples_per_independent(problem: AxisProblem, fitted: FittedModel) -> float:
-    """Return held-out samples per independent sample."""
-    return correlation_inflation(problem, fitted.left, problem.held)
-
-
 def score_over(problem: AxisProblem, ground: FittedModel, fitted: FittedModel, worth: float | None = None) -> float:
     """Return the score of a fit over one with fewer parts [nats]; `worth` where several are compared."""
     more = len(fitted.unknowns) - len(ground.unknowns)
-    worth = samples_per_independent(problem, fitted) if worth is None else worth
+    worth = correlation_inflation(problem, fitted.left, problem.held) if worth is None else worth
     return gain_over(problem, ground, fitted) / worth - PRICE * max(more, 1)
 
 
@@ -88,7 +83,7 @@ def rank(
     if not fits:
         return []
     _, most = max(fits, key=lambda one: gain_over(problem, ground, one[1]))
-    worth = samples_per_independent(problem, most)
+    worth = correlation_inflation(problem, most.left, problem.held)
     scored = [
         ScoredHypothesis(hypothesis=hypothesis, fitted=fitted, score=score_over(problem, ground, fitted, worth))
         for hypothesis, fitted in fits
@@ -145,8 +140,7 @@ def at_floor(problem: AxisProblem, fitted: FittedModel) -> bool:
     """Return whether a model leaves no more than noise of the held-out positions."""
     return all(
         mean_square(fitted.left[one.channel], problem.held & one.ok) < (FLOOR * one.noise) ** 2
-        for one in problem.observed
-        if one.channel != "force"
+        for one in problem.positions
     )
 
 
@@ -162,9 +156,11 @@ def with_part(model: Model, hypothesis: Hypothesis, numbers: Numbers) -> Model:
     return replace(model, parts=(*model.parts, ModelPart(hypothesis=hypothesis, numbers=numbers)))
 
 
-def without_part(model: Model, number: int) -> Model:
-    """Return a model with a part less."""
-    return replace(model, parts=model.parts[:number] + model.parts[number + 1 :])
+def without_part(model: Model, number: int, *, restored: bool = False) -> Model:
+    """Return a model with a part less; `restored` gives base values that it replaced the file's numbers again."""
+    gone = model.parts[number].hypothesis.replaces if restored else ()
+    off = tuple(0.0 if prior.field in gone else x for prior, x in zip(model.priors, model.off, strict=True))
+    return replace(model, parts=model.parts[:number] + model.parts[number + 1 :], off=off)
 
 
 class StartingModel(msgspec.Struct, frozen=True, kw_only=True):
@@ -289,15 +285,14 @@ class HypothesisSearch:
 
     def __init__(self, problem: AxisProblem) -> None:
         self.problem = problem
-        self.known: dict[int, tuple[FittedModel, list[tuple[Hypothesis, FittedModel]]]] = {}
+        self.known: dict[FittedModel, list[tuple[Hypothesis, FittedModel]]] = {}
         self.plausible: set[str] = set()
 
     def tried(self, ground: FittedModel, every: bool = True) -> list[tuple[Hypothesis, FittedModel]]:
         """Fit every hypothesis that promises something on top of a model, or only the plausible ones."""
-        if id(ground) not in self.known:
-            only = None if every else self.plausible
-            self.known[id(ground)] = (ground, _try_all(self.problem, ground, only))
-        return self.known[id(ground)][1]
+        if ground not in self.known:
+            self.known[ground] = _try_all(self.problem, ground, None if every else self.plausible)
+        return self.known[ground]
 
     def ranked(self, ground: FittedModel) -> list[ScoredHypothesis]:
         """Return those, best first; what comes near the best is plausible from then on."""

@@ -26,13 +26,12 @@ from ph_post.diagnose.search import (
     gain_over,
     has_structure,
     rank,
-    samples_per_independent,
     score_over,
     with_noise,
     with_part,
     without_part,
 )
-from ph_post.identify.free_run import AxisProblem, split_evenly, with_known_side
+from ph_post.identify.free_run import AxisProblem, correlation_inflation, split_evenly, with_known_side
 from ph_post.progress import Progress
 
 EARNS: Final = 8.0
@@ -167,7 +166,7 @@ def _base(problem: AxisProblem) -> FittedModel:
     held = replace(free.model, origin_free=False)
     start = with_part(held, load, (0.0,))
     loaded = fit_model(problem, start, problem.fit)
-    if gain_over(problem, free, loaded) < -EQUAL * samples_per_independent(problem, free):
+    if gain_over(problem, free, loaded) < -EQUAL * correlation_inflation(problem, free.left, problem.held):
         return free
     return fit_model(problem, held, problem.fit)
 

@@ -24,6 +24,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 
+from ph_post.identify.free_run import samples_per_independent
 from ph_post.identify.noise import still_stretches
 from ph_post.types import Array, AxisLog, BoolArray, Feedback, Loop
 
@@ -133,15 +134,9 @@ def _decay(reading: Array, period: float, noise: float) -> tuple[float, float] |
     size = float(np.sqrt(np.mean(rest**2)))
     if size > max(CLEAN, 2.0 * noise / float(np.ptp(y))):
         return None
-    return rate, rate * size * math.sqrt(_samples_per_independent_one(rest)) / max(
+    return rate, rate * size * math.sqrt(samples_per_independent(rest, DECAY_WINDOW)) / max(
         float(np.linalg.norm(np.asarray(found.jac))), 1e-300
     )
-
-
-def _samples_per_independent_one(rest: Array) -> float:
-    """Return samples per independent sample."""
-    whole = rest[: rest.size // DECAY_WINDOW * DECAY_WINDOW].reshape(-1, DECAY_WINDOW)
-    return max(1.0, float(DECAY_WINDOW * np.mean(whole.mean(axis=1) ** 2) / np.mean(rest**2)))
 
 
 def _goes_along(axis_log: AxisLog, reading: Array, start: int, stop: int) -> bool:
@@ -213,11 +208,9 @@ def _regressed(effort: Array, columns: Array) -> tuple[float, float]:
     frame = columns / size
     found = np.linalg.lstsq(frame, effort, rcond=1e-12)[0]
     left = effort - frame @ found
-    variance = (
-        float(np.mean(left**2))
-        * _smoothed_samples_per_independent_one(left)
-        * np.linalg.pinv(frame.T @ frame, rcond=1e-12)[0, 0]
-    )
+    # Smoothing alone makes as many samples one.
+    worth = max(2.0 * math.sqrt(math.pi) * EFFORT_SMOOTHING, samples_per_independent(left, EFFORT_WINDOW))
+    variance = float(np.mean(left**2)) * worth * np.linalg.pinv(frame.T @ frame, rcond=1e-12)[0, 0]
     return float(found[0] / size[0]), math.sqrt(variance) / float(size[0])
 
 
@@ -225,14 +218,6 @@ def _fully_known(known: BoolArray) -> BoolArray:
     """Return which samples are, smoothed, made of known ones only."""
     holes = np.convolve(~known, np.ones(2 * EFFORT_REACH + 1), mode="same")
     return np.asarray(holes < 0.5)
-
-
-def _smoothed_samples_per_independent_one(left: Array) -> float:
-    """Return samples per independent sample of smoothed values, at least the width of the smoothing."""
-    least = 2.0 * math.sqrt(math.pi) * EFFORT_SMOOTHING
-    whole = left[: left.size // EFFORT_WINDOW * EFFORT_WINDOW].reshape(-1, EFFORT_WINDOW)
-    spread = max(float(np.mean(left**2)), 1e-300)
-    return max(least, float(EFFORT_WINDOW * np.mean(whole.mean(axis=1) ** 2)) / spread)
 
 
 LAG_SMOOTHING: Final = 6.0

@@ -16,7 +16,14 @@ from msgspec.structs import replace
 from scipy.optimize import least_squares
 
 from ph_post.drive.plant import Plant
-from ph_post.identify.free_run import AxisProblem, correlation_inflation, mean_square, residuals, weights_of
+from ph_post.identify.free_run import (
+    AxisProblem,
+    correlation_inflation,
+    mean_square,
+    residuals,
+    weighted_residuals,
+    weights_of,
+)
 from ph_post.types import Array, AxisLog, BoolArray
 from ph_post.types.diagnosis import Channel
 from ph_post.units import MICROMETRE
@@ -110,20 +117,9 @@ def with_all_samples(problem: AxisProblem) -> AxisProblem:
     return replace(problem, fit=counted, held=np.zeros_like(counted))
 
 
-def left_by(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
-    """Residuals of a plant; origins and gains of the effort fit best."""
-    return residuals(problem, plant, True)
-
-
-def rows_of(problem: AxisProblem, left: Mapping[Channel, Array], weights: Mapping[Channel, float]) -> Array:
-    """Weighted residuals of the samples that are fitted, one channel after the other."""
-    parts = [left[one.channel][problem.fit & one.ok] * weights[one.channel] for one in problem.observed]
-    return np.concatenate(parts)
-
-
 def position_rms(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
     """Root mean square that is left of the positions [m]."""
-    squares = [left[one.channel][use & one.ok] ** 2 for one in problem.observed if one.channel != "force"]
+    squares = [left[one.channel][use & one.ok] ** 2 for one in problem.positions]
     return math.sqrt(float(np.mean(np.concatenate(squares))))
 
 
@@ -163,11 +159,13 @@ def _values(plant: Plant, names: Sequence[str]) -> Array:
 
 def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: DrivePrior) -> Plant:
     knobs = [free_number(name, plant) for name in names]
-    weights = weights_of(problem, left_by(problem, plant), problem.fit)
+    weights = weights_of(problem, residuals(problem, plant), problem.fit)
 
     def rows(unknowns: Array) -> Array:
         there = with_numbers(plant, knobs, unknowns)
-        return np.concatenate([rows_of(problem, left_by(problem, there), weights), known.rows(there)])
+        return np.concatenate(
+            [weighted_residuals(problem, residuals(problem, there), weights, problem.fit), known.rows(there)]
+        )
 
     low, high = np.array([one.low for one in knobs]), np.array([one.high for one in knobs])
     start = np.clip(_values(plant, names), low + 1e-6, high - 1e-6)
@@ -208,11 +206,13 @@ def _slopes(rows: Callable[[Array], Array], knobs: Sequence[FreeNumber], unknown
 def tangent(problem: AxisProblem, plant: Plant, names: Sequence[str]) -> DriveFit:
     """Return the sensitivities of a plant as it is by some of its numbers."""
     knobs = [free_number(name, plant) for name in names]
-    left = left_by(problem, plant)
+    left = residuals(problem, plant)
     weights = weights_of(problem, left, problem.fit)
 
     def rows(unknowns: Array) -> Array:
-        return rows_of(problem, left_by(problem, with_numbers(plant, knobs, unknowns)), weights)
+        return weighted_residuals(
+            problem, residuals(problem, with_numbers(plant, knobs, unknowns)), weights, problem.fit
+        )
 
     jacobian = _slopes(rows, knobs, _values(plant, names)) if names else np.zeros((0, 0))
     return DriveFit(
@@ -308,7 +308,7 @@ def _fitted_with(problem: AxisProblem, base: DriveFit, name: str) -> DriveFit:
     weights = weights_of(problem, base.left, problem.fit)
 
     def cost(plant: Plant) -> float:
-        return float(np.sum(rows_of(problem, left_by(problem, plant), weights) ** 2))
+        return float(np.sum(weighted_residuals(problem, residuals(problem, plant), weights, problem.fit) ** 2))
 
     tried = sorted((_with(base.plant, name, size) for size in TRIED), key=cost)
     fits = [fit_drive(problem, start, (*base.names, name)) for start in tried[:2]]
@@ -326,10 +326,12 @@ def smallest_visible_backlash(
 ) -> float | None:
     """Return the smallest gap that the log contradicts, whatever b and c are; None where it does none."""
     weights = weights_of(problem, base.left, problem.fit)
-    here = rows_of(problem, base.left, weights)
+    here = weighted_residuals(problem, base.left, weights, problem.fit)
     frame = np.linalg.qr(base.jacobian)[0] if base.names else np.zeros((here.size, 0))
     for size in sizes:
-        there = rows_of(problem, left_by(problem, replace(base.plant, gap=float(size))), weights)
+        there = weighted_residuals(
+            problem, residuals(problem, replace(base.plant, gap=float(size))), weights, problem.fit
+        )
         change = there - here
         change -= frame @ (frame.T @ change)
         if float(change @ change + 2.0 * here @ change) > BOUND * base.worth:

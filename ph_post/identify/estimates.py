@@ -19,8 +19,8 @@ from msgspec.structs import replace
 from ph_post.drive.plant import Plant
 from ph_post.files.check import counted
 from ph_post.identify.direct_readings import CoastDown, effort_gain, pooled_rate
-from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, left_by, position_rms, rows_of
-from ph_post.identify.free_run import AxisProblem, weights_of
+from ph_post.identify.drive_fit import BacklashVerdict, DriveFit, position_rms
+from ph_post.identify.free_run import AxisProblem, residuals, weighted_residuals, weights_of
 from ph_post.types import Array, Axis, AxisLog, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Estimate, IdentifiedDrive, Origin, Sensitivity
 from ph_post.units import MICROMETRE, MM
@@ -163,8 +163,8 @@ def between_samples(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
         return {}
     problem = fit.problem
     weights = weights_of(problem, fit.left, problem.fit)
-    change = rows_of(problem, left_by(smoothed(problem), fit.plant), weights)
-    change -= rows_of(problem, fit.left, weights)
+    change = weighted_residuals(problem, residuals(smoothed(problem), fit.plant), weights, problem.fit)
+    change -= weighted_residuals(problem, fit.left, weights, problem.fit)
     sizes = [fit.plant.gap / MICROMETRE if name == "gap" else 1.0 for name in fit.names]
     columns = (fit.jacobian * np.array(sizes))[:, [fit.names.index(name) for name in names]]
     moved = -np.linalg.lstsq(columns, change, rcond=None)[0]
@@ -203,13 +203,12 @@ def estimate_drive(settled: AxisFit) -> IdentifiedDrive:
     motor, motor_notes = _motor(settled)
     stiffness = _stiffness(settled)
     parameters |= gap | motor | stiffness
-    noise = [one.noise for one in settled.problem.observed if one.channel != "force"]
-    notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *_left(settled, noise)]
+    notes = [*settled.notes, *notes, *gap_notes, *motor_notes, *_left(settled)]
     return IdentifiedDrive(
         parameters=parameters,
         origins=_origins(settled, parameters),
         rms=settled.rms,
-        noise=math.sqrt(float(np.mean(np.square(noise)))),
+        noise=settled.problem.noise_floor,
         sensitivity=sensitivity_of(settled.settling.loose),
         notes=tuple(notes),
     )
@@ -314,9 +313,9 @@ def _stiffness(settled: AxisFit) -> dict[str, Estimate]:
     return {"servo_stiffness": Estimate(value=K * MM, stderr=stderr * MM, unit=f"{axis_log.effort_unit}/mm")}
 
 
-def _left(settled: AxisFit, noise: list[float]) -> list[str]:
+def _left(settled: AxisFit) -> list[str]:
     """Say that the base model is incomplete."""
-    floor = math.sqrt(float(np.mean(np.square(noise))))
+    floor = settled.problem.noise_floor
     if settled.rms <= 1.5 * floor:
         return []
     return [
@@ -335,46 +334,55 @@ def _origins(settled: AxisFit, parameters: dict[str, Estimate]) -> dict[str, Ori
     return {name: "record" if name in parameters else rest for name in names}
 
 
+KEYS: Final = {
+    "b": "b",
+    "c": "c",
+    "lost_motion": "lost_motion_mm",
+    "inertia_fraction": "inertia_fraction",
+    "motor_time_constant": "motor_time_constant_s",
+}
+"""Keys of the machine file by the names of parameters."""
+
+
 def identified_axis(settled: AxisFit, drive: IdentifiedDrive) -> Axis:
     """Return the axis with the numbers that the log shows, rounded as they are written."""
-    axis, plant = settled.problem.axis, settled.plant
-    servo, gap = axis.servo, axis.gap
     shown = drive.parameters
-    if "b" in shown:
-        servo = replace(servo, b=_written(plant.b))
-    if "c" in shown:
-        servo = replace(servo, c=_written(plant.c))
+    numbers = {key: float(f"{shown[name].value:.7g}") for name, key in KEYS.items() if name in shown}
+    axis = with_keys(settled.problem.axis, numbers)
     stiffness = shown.get("servo_stiffness")
     if stiffness is not None and stiffness.unit == "N/mm":
-        servo = replace(servo, stiffness=_written(stiffness.value) / MM)
-    if "lost_motion" in shown:
-        gap = gap.with_lost_motion(_written(shown["lost_motion"].value) * MM)
-    if "inertia_fraction" in shown:
-        gap = replace(gap, inertia_fraction=_written(plant.eta))
-    if "motor_time_constant" in shown:
-        gap = replace(gap, beta=1.0 / _written(shown["motor_time_constant"].value))
-    uncertainty = _uncertainty(axis.uncertainty, shown)
-    return replace(axis, servo=servo, gap=gap, uncertainty=uncertainty)
+        axis = replace(axis, servo=replace(axis.servo, stiffness=float(f"{stiffness.value:.7g}") / MM))
+    return replace(axis, uncertainty=_uncertainty(axis.uncertainty, shown))
 
 
-def _written(value: float) -> float:
-    return float(f"{value:.7g}")
+def with_keys(axis: Axis, keys: Mapping[str, float]) -> Axis:
+    """Return an axis with numbers in the units of the machine file, by :data:`KEYS`."""
+    servo, gap = axis.servo, axis.gap
+    servo = replace(servo, b=keys.get("b", servo.b), c=keys.get("c", servo.c))
+    if "lost_motion_mm" in keys:
+        gap = gap.with_lost_motion(keys["lost_motion_mm"] * MM)
+    if "inertia_fraction" in keys:
+        gap = replace(gap, inertia_fraction=keys["inertia_fraction"])
+    if "motor_time_constant_s" in keys:
+        gap = replace(gap, beta=1.0 / keys["motor_time_constant_s"])
+    return replace(axis, servo=servo, gap=gap)
 
 
 def _uncertainty(before: Uncertainty, shown: Mapping[str, Estimate]) -> Uncertainty:
     """Put standard errors in place of what the file supposes: C goes with 1/(η b)."""
     uncertainty = before
-    if (gap := _relative(shown.get("lost_motion"))) is not None:
+    if (gap := relative_uncertainty(shown.get("lost_motion"))) is not None:
         uncertainty = replace(uncertainty, backlash=gap)
-    if (beta := _relative(shown.get("motor_time_constant"))) is not None:
+    if (beta := relative_uncertainty(shown.get("motor_time_constant"))) is not None:
         uncertainty = replace(uncertainty, beta=beta)
-    eta, b = _relative(shown.get("inertia_fraction")), _relative(shown.get("b"))
+    eta, b = relative_uncertainty(shown.get("inertia_fraction")), relative_uncertainty(shown.get("b"))
     if eta is not None and b is not None:
         uncertainty = replace(uncertainty, gain=float(f"{math.hypot(eta, b):.3g}"))
     return uncertainty
 
 
-def _relative(estimate: Estimate | None) -> float | None:
+def relative_uncertainty(estimate: Estimate | None) -> float | None:
+    """Return a standard error as the relative uncertainty of a machine file; None where it has none."""
     if estimate is None or not estimate.stderr or estimate.value <= 0.0:
         return None
     return float(f"{min(max(estimate.stderr / estimate.value, LEAST_UNCERTAINTY), MOST_UNCERTAIN):.3g}")

@@ -6,7 +6,7 @@ prediction would hide adds up here to the error seen on the part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 import msgspec
@@ -84,6 +84,22 @@ class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def has_effort(self) -> bool:
         """True if a force or current was recorded."""
         return any(one.channel == "force" for one in self.observed)
+
+    @property
+    def positions(self) -> tuple[ObservedChannel, ...]:
+        """Channels that read a position [m], the table's first."""
+        return tuple(one for one in self.observed if one.channel != "force")
+
+    @property
+    def noise_floor(self) -> float:
+        """Root mean square of the noise of all positions [m]."""
+        return pooled_noise(one.noise for one in self.positions)
+
+
+def pooled_noise(noise: Iterable[float]) -> float:
+    """Return the root mean square of noise levels, 0 for none."""
+    squares = [one * one for one in noise]
+    return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
 
 def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProblem | None:
@@ -236,7 +252,7 @@ def delayed(values: Array, samples: float) -> Array:
     return found
 
 
-def residuals(problem: AxisProblem, plant: Plant, origin_free: bool) -> dict[Channel, Array]:
+def residuals(problem: AxisProblem, plant: Plant, origin_free: bool = True) -> dict[Channel, Array]:
     """Return reading minus model by channel (n,) [m or the effort's unit], 0 where nothing was recorded.
 
     The origin of a position, where that is free, and the two gains of the effort are those that fit best.
@@ -276,14 +292,15 @@ def mean_square(values: Array, use: BoolArray) -> float:
 
 def correlation_inflation(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> float:
     """Return samples per independent sample: the residual's variance over windows."""
-    worst = 1.0
-    for one in problem.observed:
-        values = left[one.channel][use & one.ok]
-        whole = values[: values.size // WHITE * WHITE].reshape(-1, WHITE)
-        spread = np.mean(values * values)
-        if whole.shape[0] > 1 and spread > 0.0:
-            worst = max(worst, float(WHITE * np.mean(whole.mean(axis=1) ** 2) / spread))
-    return worst
+    values = (left[one.channel][use & one.ok] for one in problem.observed)
+    return max((samples_per_independent(one, WHITE) for one in values if one.size >= 2 * WHITE), default=1.0)
+
+
+def samples_per_independent(values: Array, window: int) -> float:
+    """Return how many samples count as one: the variance of means over `window` samples; at least 1."""
+    whole = values[: values.size // window * window].reshape(-1, window)
+    spread = max(float(np.mean(values * values)), 1e-300)
+    return max(1.0, float(window * np.mean(whole.mean(axis=1) ** 2)) / spread)
 
 
 def weights_of(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArray) -> dict[Channel, float]:
@@ -292,3 +309,10 @@ def weights_of(problem: AxisProblem, left: Mapping[Channel, Array], use: BoolArr
         one.channel: 1.0 / max(np.sqrt(mean_square(left[one.channel], use & one.ok)), one.noise, 1e-12)
         for one in problem.observed
     }
+
+
+def weighted_residuals(
+    problem: AxisProblem, left: Mapping[Channel, Array], weights: Mapping[Channel, float], use: BoolArray
+) -> Array:
+    """Return the weighted residuals (rows,) of the samples in use, one channel after the other."""
+    return np.concatenate([left[one.channel][use & one.ok] * weights[one.channel] for one in problem.observed])

@@ -43,7 +43,7 @@ from ph_post.identify.estimates import (
     identified_axis,
     shown_names,
 )
-from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of
+from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of, residuals
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
 from ph_post.progress import Progress, no_progress
@@ -301,11 +301,7 @@ def _start(problem: AxisProblem, axis_log: AxisLog) -> Plant:
     if plant.b == 0.0 or lag is None or lag.c is None:
         return plant
     other = replace(plant, b=lag.b or plant.b, c=lag.c)
-    return min((plant, other), key=lambda one: _rms(problem, one))
-
-
-def _rms(problem: AxisProblem, plant: Plant) -> float:
-    return position_rms(problem, tangent(problem, plant, ()).left, problem.fit)
+    return min((plant, other), key=lambda one: position_rms(problem, residuals(problem, one), problem.fit))
 
 
 def _base_names(plant: Plant) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from ph_post.drive.machinefile import machine_of
 from ph_post.errors import InputError, SolveError
 from ph_post.files.machine import AxisChange, EffectChange, Row, edit_axes, machine_document
 from ph_post.files.storage import SourceText, source_of
+from ph_post.identify.estimates import KEYS
 from ph_post.types import Axis, EffectSetting, Log, Machine, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Diagnosis, Estimate, Finding, Identification, IdentifiedDrive
 from ph_post.units import MICROMETRE, MM, MS
@@ -310,15 +311,6 @@ def _acting(axis: Axis) -> list[Any]:
 
 _ASSUMED: Final = "assumed: not visible in the log"
 
-_KEYS: Final = {
-    "b": "b",
-    "c": "c",
-    "lost_motion": "lost_motion_mm",
-    "inertia_fraction": "inertia_fraction",
-    "motor_time_constant": "motor_time_constant_s",
-}
-"""Numbers of a drive by their keys."""
-
 
 def identified_machine(original: SourceText | None, found: Identification, log: Log) -> str:
     """Return a machine file with what was identified.
@@ -409,7 +401,7 @@ def _axis_rows(axis: Axis, drive: IdentifiedDrive) -> Iterator[Row | str]:
     if gap.beta is not None:
         values["motor_time_constant"] = 1.0 / gap.beta
     for name, value in values.items():
-        yield Row(_KEYS[name], value, _words(name, drive))
+        yield Row(KEYS[name], value, _words(name, drive))
     if servo.stiffness is not None:
         yield Row("servo_stiffness_n_per_mm", servo.stiffness * MM, _words("servo_stiffness", drive))
     if gap.gear_ratio is not None and gap.travel_per_rad is not None:
