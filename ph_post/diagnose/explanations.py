@@ -60,22 +60,22 @@ def _explain_axis(
     log: Log, machine: Machine, quality: LogQuality, outcome: AxisDiagnosis, outcomes: Sequence[AxisDiagnosis]
 ) -> Explanation:
     where: dict[str, str] = {}
-    evidence: dict[str, tuple[str, ...]] = {}
+    sentences: dict[str, tuple[str, ...]] = {}
     if not outcome.found:
-        return Explanation(where, evidence)
+        return Explanation(where, sentences)
     name = outcome.problem.axis.name
     motion = motion_of(log, machine, name)
     for number, found in enumerate(outcome.found):
         label, effect = found.part.hypothesis.label, found.part.hypothesis.name
-        exhibit = _evidence_for(log, quality, outcome, number, motion)
+        evidence = _evidence_for(log, quality, outcome, number, motion)
         too = [
             one.problem.axis.name
             for one in outcomes
             if one is not outcome and any(other.part.hypothesis.name == effect for other in one.found)
         ]
-        evidence[label] = evidence_of(effect, replace(exhibit, too=tuple(too)))
-        where[label] = _where(log, machine, exhibit, found)
-    return Explanation(where, evidence)
+        sentences[label] = evidence_of(effect, replace(evidence, too=tuple(too)))
+        where[label] = _where(log, machine, evidence, found)
+    return Explanation(where, sentences)
 
 
 def _evidence_for(log: Log, quality: LogQuality, outcome: AxisDiagnosis, number: int, motion: AxisMotion) -> Evidence:
@@ -95,13 +95,13 @@ def _evidence_for(log: Log, quality: LogQuality, outcome: AxisDiagnosis, number:
     )
 
 
-def _where(log: Log, machine: Machine, exhibit: Evidence, found: FittedEffect) -> str:
+def _where(log: Log, machine: Machine, evidence: Evidence, found: FittedEffect) -> str:
     """Say in a phrase where an effect shows: in what it adds to the readings, on its own."""
-    channel = exhibit.channel
-    added = exhibit.before[channel] - exhibit.after[channel]
-    noise = exhibit.noise(channel)
-    places = locate(log, exhibit.axis, added, exhibit.use(), noise, machine)
-    return best_phrase(found.part.hypothesis.name, exhibit.axis, places, exhibit.values)
+    channel = evidence.channel
+    added = evidence.before[channel] - evidence.after[channel]
+    noise = evidence.noise(channel)
+    places = locate(log, evidence.axis, added, evidence.use(), noise, machine)
+    return best_phrase(found.part.hypothesis.name, evidence.axis, places, evidence.values)
 
 
 def locate_residuals(

@@ -85,12 +85,12 @@ def _found(problem: AxisProblem, part: ModelPart, spread: Array) -> FittedEffect
 
 
 def _gain(problem: AxisProblem, fitted: FittedModel) -> float | None:
-    if not problem.has_effort:
+    if not problem.has("force"):
         return None
     if problem.axis.servo.stiffness is not None and problem.effort_unit == "N":
         return problem.axis.servo.stiffness
     columns = predict(problem, plant_at(problem, fitted.model))["force"]
-    effort = next(one for one in problem.observed if one.channel == "force")
+    effort = problem.channel("force")
     use = problem.counted & effort.ok
     return float(np.linalg.lstsq(columns[use], effort.values[use], rcond=None)[0][0])
 

@@ -161,7 +161,7 @@ def _base(problem: AxisProblem) -> FittedModel:
     model = base_model(problem)
     free = fit_model(problem, model, problem.fit)
     load = next((one for one in hypotheses(problem) if one.name == "load_offset"), None)
-    if load is None or not problem.has_effort:
+    if load is None or not problem.has("force"):
         return free
     held = replace(free.model, origin_free=False)
     start = with_part(held, load, (0.0,))

@@ -20,7 +20,7 @@ from ph_post.diagnose.residual_features import (
 from ph_post.identify.linear_drive import AxisMotion
 from ph_post.types import Array, Axis
 from ph_post.types.diagnosis import ResidualPlace
-from ph_post.units import MM, MS
+from ph_post.units import MICROMETRE, MM, MS
 
 _LIES: Final = re.compile(r"lies (.+?)(?:, [^,]*% of the samples|$)")
 """A stretch in the sentence of a place."""
@@ -35,50 +35,34 @@ RULES: Final = {
 }
 """Phrases of the rules that a place may stand for."""
 
-USUAL: Final = {
-    "backlash": "after reversals of {axis}",
-    "position_dependent_backlash": "after reversals of {axis}, by where they are",
-    "coulomb_friction": "after reversals of {axis}",
-    "stribeck_friction": "after reversals of {axis} and at slow speeds",
-    "viscous_friction": "everywhere in proportion to the speed of {axis}",
-    "friction_asymmetry": "everywhere in proportion to the speed of {axis}, by its direction",
-    "load_offset": "everywhere, by the same amount",
-    "elastic_windup": "where {axis} accelerates",
-    "engagement_impact": "after reversals of {axis}",
-    "cyclic_error": "all along {axis}, again and again",
-    "scale_error": "everywhere in proportion to the position of {axis}",
-    "thermal_growth": "slowly, throughout the log",
-    "squareness": "everywhere in proportion to the position of the other axis",
-    "servo_mismatch": "wherever {axis} moves",
-    "transport_delay": "wherever {axis} moves",
-    "torque_saturation": "where {axis} accelerates most",
-    "cogging": "all along {axis}, again and again",
-    "cutting_force": "along the path, by its direction",
+PLACES: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
+    "backlash": (("reversal", "travel", "direction"), "after reversals of {axis}"),
+    "position_dependent_backlash": (
+        ("reversal", "travel", "position", "direction"),
+        "after reversals of {axis}, by where they are",
+    ),
+    "coulomb_friction": (("reversal", "direction"), "after reversals of {axis}"),
+    "stribeck_friction": (("reversal", "direction", "speed"), "after reversals of {axis} and at slow speeds"),
+    "viscous_friction": (("speed",), "everywhere in proportion to the speed of {axis}"),
+    "friction_asymmetry": (("speed", "direction"), "everywhere in proportion to the speed of {axis}, by its direction"),
+    "load_offset": (("offset",), "everywhere, by the same amount"),
+    "elastic_windup": (("acceleration", "reversal"), "where {axis} accelerates"),
+    "engagement_impact": (("reversal", "travel"), "after reversals of {axis}"),
+    "cyclic_error": (("period",), "all along {axis}, again and again"),
+    "scale_error": (("position",), "everywhere in proportion to the position of {axis}"),
+    "thermal_growth": (("time",), "slowly, throughout the log"),
+    "squareness": (
+        ("position of X", "position of Y", "position of Z"),
+        "everywhere in proportion to the position of the other axis",
+    ),
+    "servo_mismatch": (("speed", "acceleration"), "wherever {axis} moves"),
+    "transport_delay": (("speed",), "wherever {axis} moves"),
+    "torque_saturation": (("acceleration", "speed", "reversal"), "where {axis} accelerates most"),
+    "cogging": (("period", "speed"), "all along {axis}, again and again"),
+    "cutting_force": (("direction", "speed"), "along the path, by its direction"),
 }
-"""Place of an effect by its physics, where the splits find none."""
-
-
-KINDS: Final = {
-    "backlash": ("reversal", "travel", "direction"),
-    "position_dependent_backlash": ("reversal", "travel", "position", "direction"),
-    "coulomb_friction": ("reversal", "direction"),
-    "stribeck_friction": ("reversal", "direction", "speed"),
-    "viscous_friction": ("speed",),
-    "friction_asymmetry": ("speed", "direction"),
-    "load_offset": ("offset",),
-    "elastic_windup": ("acceleration", "reversal"),
-    "engagement_impact": ("reversal", "travel"),
-    "cyclic_error": ("period",),
-    "scale_error": ("position",),
-    "thermal_growth": ("time",),
-    "squareness": ("position of X", "position of Y", "position of Z"),
-    "servo_mismatch": ("speed", "acceleration"),
-    "transport_delay": ("speed",),
-    "torque_saturation": ("acceleration", "speed", "reversal"),
-    "cogging": ("period", "speed"),
-    "cutting_force": ("direction", "speed"),
-}
-"""Splits that show an effect itself, rather than where the log happened to go."""
+"""Splits that show each effect itself, rather than where the log happened to go; and the place that physics
+gives it, where the splits find none."""
 
 WORTH: Final = 0.25
 """Least share of what an effect adds that a place must hold to stand for it."""
@@ -99,14 +83,15 @@ def best_phrase(name: str, axis: str, places: Sequence[ResidualPlace], values: M
     """
     # A rule says more than a stretch.
     ordered = sorted(places, key=lambda place: _LIES.search(place.sentence) is not None)
-    for kind in KINDS.get(name, ()):
+    kinds, usual = PLACES.get(name, ((), "in {axis}"))
+    for kind in kinds:
         for place in ordered:
             if place.by == kind and place.share >= WORTH and (words := phrase(place, values)):
                 return words
     # When it happened says little about an effect that does not drift.
-    if name not in KINDS and places and places[0].by != "time":
+    if not kinds and places and places[0].by != "time":
         return phrase(places[0], values)
-    return usual_phrase(name, axis)
+    return usual.format(axis=axis)
 
 
 def phrase(place: ResidualPlace, values: Mapping[str, float] | None = None) -> str:
@@ -144,14 +129,6 @@ def _about(stretch: str, place: ResidualPlace) -> str:
     return stretch
 
 
-def usual_phrase(name: str, axis: str) -> str:
-    """Say where physics puts an effect."""
-    return USUAL.get(name, "in {axis}").format(axis=axis)
-
-
-UM: Final = 1e-3 * MM
-"""One micrometre in metres."""
-
 EQUAL: Final = 1.25
 """Sizes within this factor are equal."""
 
@@ -169,7 +146,7 @@ def percent(share: float) -> str:
 
 def length(value: float) -> str:
     """Write the size of an error [m] in µm."""
-    return f"{value / UM:.3g} µm"
+    return f"{value / MICROMETRE:.3g} µm"
 
 
 def place(value: float) -> str:
@@ -212,12 +189,12 @@ def two_speeds(plus: float, minus: float) -> str:
 
 def acceleration(value: float) -> str:
     """Say that a residual is in proportion to the acceleration."""
-    return f"is in proportion to the acceleration: {value / UM:.3g} µm per m/s²"
+    return f"is in proportion to the acceleration: {value / MICROMETRE:.3g} µm per m/s²"
 
 
 def proportion(name: str, slope: float) -> str:
     """Say that a residual is in proportion to a position."""
-    return f"is in proportion to the position of {name}: {slope * MM / UM:.3g} µm per mm"
+    return f"is in proportion to the position of {name}: {slope * MM / MICROMETRE:.3g} µm per mm"
 
 
 def stretch(window: ExcessWindow, word: str, unit: Callable[[float], str]) -> str:

@@ -80,10 +80,13 @@ class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Commanded speed of this axis [m/s]."""
         return np.asarray(self.velocity[:, self.number])
 
-    @property
-    def has_effort(self) -> bool:
-        """True if a force or current was recorded."""
-        return any(one.channel == "force" for one in self.observed)
+    def has(self, channel: Channel) -> bool:
+        """Return whether a channel was recorded."""
+        return any(one.channel == channel for one in self.observed)
+
+    def channel(self, channel: Channel) -> ObservedChannel:
+        """Return a channel that was recorded."""
+        return next(one for one in self.observed if one.channel == channel)
 
     @property
     def positions(self) -> tuple[ObservedChannel, ...]:
@@ -221,7 +224,7 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
 
 def with_known_side(problem: AxisProblem) -> AxisProblem:
     """Decide where a position of unknown side was read: at the motor where the file's model says so."""
-    if problem.side != "unknown" or not any(one.channel == "act" for one in problem.observed):
+    if problem.side != "unknown" or not problem.has("act"):
         return problem
     motor = replace(problem, at_motor=True)
     left = [np.mean(residuals(one, one.plant, True)["act"][one.counted] ** 2) for one in (problem, motor)]

@@ -36,34 +36,34 @@ VISIBLE: Final = 0.02
 """Part by which a residual must fall for the gain to be given."""
 
 
-def evidence_of(name: str, exhibit: Evidence) -> tuple[str, ...]:
+def evidence_of(name: str, evidence: Evidence) -> tuple[str, ...]:
     """Say what speaks for an effect, in sentences.
 
     Parameters
     ----------
     name : str
         Of the effect; of one that is not in the catalogue only the gain is given.
-    exhibit : Evidence
+    evidence : Evidence
 
     Returns
     -------
     tuple of str
     """
     found = SIGNATURES.get(name)
-    sentences = [] if found is None else list(found(exhibit))
-    return (*sentences, *_gain(exhibit))
+    sentences = [] if found is None else list(found(evidence))
+    return (*sentences, *_gain(evidence))
 
 
-def _gain(exhibit: Evidence) -> Iterator[str]:
+def _gain(evidence: Evidence) -> Iterator[str]:
     """Yield how much smaller the residuals are with the effect than without."""
     said = []
-    for one in exhibit.problem.observed:
-        use = exhibit.use(one.channel)
-        sizes = rms(exhibit.before[one.channel], use), rms(exhibit.after[one.channel], use)
+    for one in evidence.problem.observed:
+        use = evidence.use(one.channel)
+        sizes = rms(evidence.before[one.channel], use), rms(evidence.after[one.channel], use)
         if sizes[0] is not None and sizes[1] is not None:
-            write = exhibit.effort if one.channel == "force" else length
+            write = evidence.effort if one.channel == "force" else length
             if sizes[1] < (1.0 - VISIBLE) * sizes[0]:
-                column = exhibit.column(one.channel)
+                column = evidence.column(one.channel)
                 said.append(f"{write(sizes[0])} rms from {column}, with it {write(sizes[1])}")
     if said:
         yield f"without it the model is {'; '.join(said)}"

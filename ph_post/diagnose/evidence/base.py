@@ -14,12 +14,12 @@ import msgspec
 import numpy as np
 
 from ph_post.diagnose.residual_features import SAME_FEED, solve
-from ph_post.diagnose.sentences import UM, length, velocity
+from ph_post.diagnose.sentences import length, velocity
 from ph_post.identify.free_run import AxisProblem
 from ph_post.identify.linear_drive import RESTING, AxisMotion
 from ph_post.types import Array, BoolArray
 from ph_post.types.diagnosis import Channel
-from ph_post.units import MS
+from ph_post.units import MICROMETRE, MS
 
 SETTLING: Final = 5.0
 """Servo time constants behind a reversal, in which a lag is not yet what it will be."""
@@ -76,11 +76,11 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def has(self, channel: Channel) -> bool:
         """Return whether a channel was recorded."""
-        return any(one.channel == channel for one in self.problem.observed)
+        return self.problem.has(channel)
 
     def values_of(self, channel: Channel) -> Array:
         """Return a channel as it was read, (n,)."""
-        return next(one.values for one in self.problem.observed if one.channel == channel)
+        return self.problem.channel(channel).values
 
     def use(self, *channels: Channel) -> BoolArray:
         """Return the samples that count and where these channels were recorded; the main position if none."""
@@ -93,7 +93,7 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def noise(self, channel: Channel) -> float:
         """Noise of a channel."""
-        return next(one.noise for one in self.problem.observed if one.channel == channel)
+        return self.problem.channel(channel).noise
 
     def effort(self, value: float) -> str:
         """Write an effort in its unit."""
@@ -150,14 +150,14 @@ def _both(inside: BoolArray, motion: AxisMotion) -> bool:
     return bool(min(ways) >= FEWEST)
 
 
-def settled_levels(exhibit: Evidence, residual: Array, use: BoolArray, groups: int = 2) -> tuple[SpeedLevel, ...]:
+def settled_levels(evidence: Evidence, residual: Array, use: BoolArray, groups: int = 2) -> tuple[SpeedLevel, ...]:
     """Halves by speed, behind what the servo needs to settle."""
-    return halves_by_speed(residual, exhibit.motion, use, SETTLING * exhibit.problem.plant.c, groups)
+    return halves_by_speed(residual, evidence.motion, use, SETTLING * evidence.problem.plant.c, groups)
 
 
-def between_ways(exhibit: Evidence, residual: Array, use: BoolArray) -> float | None:
+def between_ways(evidence: Evidence, residual: Array, use: BoolArray) -> float | None:
     """Difference of a residual between the directions, plus less minus; None where it goes one way."""
-    levels = settled_levels(exhibit, residual, use, 1)
+    levels = settled_levels(evidence, residual, use, 1)
     return 2.0 * levels[0].half if levels else None
 
 
@@ -180,23 +180,23 @@ def rms(residual: Array, use: BoolArray) -> float | None:
     return float(np.sqrt(np.mean(residual[use] ** 2))) if np.count_nonzero(use) >= FEWEST else None
 
 
-def effort_parts(exhibit: Evidence) -> tuple[float, float] | None:
+def effort_parts(evidence: Evidence) -> tuple[float, float] | None:
     """Parts of the effort: what steps where the axis reverses (half of it), and what is always there.
 
     Least squares of the effort as recorded on direction, speed and acceleration beside a constant, while the
     axis moves and behind what the servo needs to settle.
     """
-    motion = exhibit.motion
-    if not exhibit.has("force"):
+    motion = evidence.motion
+    if not evidence.has("force"):
         return None
     speed = np.abs(motion.velocity)
-    use = exhibit.use("force") & (motion.direction != 0) & (speed > RESTING * np.max(speed))
-    late = use & (motion.since > SETTLING * exhibit.problem.plant.c)
+    use = evidence.use("force") & (motion.direction != 0) & (speed > RESTING * np.max(speed))
+    late = use & (motion.since > SETTLING * evidence.problem.plant.c)
     use = late if _both(late, motion) else use
     if not _both(use, motion):
         return None
     way = motion.direction.astype(np.float64)
-    found = slopes(exhibit.values_of("force"), use, way, motion.velocity, motion.acceleration)
+    found = slopes(evidence.values_of("force"), use, way, motion.velocity, motion.acceleration)
     return found[0], found[-1]
 
 
@@ -219,7 +219,8 @@ def lag_or_lead(half: float) -> str:
 def lag_words(late: float, bend: float) -> str:
     """Write what goes with the velocity [s] and with the acceleration [s²]: < 0 lags."""
     ways = ["lags" if slope <= 0.0 else "leads" for slope in (late, bend)]
-    return f"{ways[0]} by {abs(late) / MS:.3g} ms times the velocity and {ways[1]} by {abs(bend) / UM:.3g} µm per m/s²"
+    lag, sag = abs(late) / MS, abs(bend) / MICROMETRE
+    return f"{ways[0]} by {lag:.3g} ms times the velocity and {ways[1]} by {sag:.3g} µm per m/s²"
 
 
 def level_words(levels: tuple[SpeedLevel, ...]) -> str:

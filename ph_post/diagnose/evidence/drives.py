@@ -21,10 +21,10 @@ from ph_post.diagnose.evidence.base import (
     slopes,
 )
 from ph_post.diagnose.residual_features import by_speed, reversal_sizes
-from ph_post.diagnose.sentences import UM, length, velocity
+from ph_post.diagnose.sentences import length, velocity
 from ph_post.identify.free_run import PRIOR
 from ph_post.types import Array
-from ph_post.units import MM, MS
+from ph_post.units import MICROMETRE, MM, MS
 
 AFTER: Final = 0.06
 """Time after a reversal in which a gap is crossed [s]."""
@@ -33,34 +33,34 @@ MOST: Final = 3
 """Places at which a gap is given."""
 
 
-def backlash(exhibit: Evidence) -> Iterator[str]:
+def backlash(evidence: Evidence) -> Iterator[str]:
     """Yield what a gap shows: travel lost between the sides, whatever the speed."""
-    yield from _between_sides(exhibit)
-    if exhibit.problem.plant.loop.encloses_backlash:
-        yield from _crossing(exhibit)
+    yield from _between_sides(evidence)
+    if evidence.problem.plant.loop.encloses_backlash:
+        yield from _crossing(evidence)
         return
-    levels = settled_levels(exhibit, _before(exhibit), exhibit.use())
+    levels = settled_levels(evidence, _before(evidence), evidence.use())
     if levels:
         words = ", ".join(f"{length(-2.0 * one.half)} at {velocity(one.speed)}" for one in levels)
         yield compared(
             "backlash is the same at every speed",
-            f"{exhibit.reading} differs between the directions by {words}{_beside(exhibit)}",
+            f"{evidence.reading} differs between the directions by {words}{_beside(evidence)}",
             similar_sizes(levels[0].half, levels[-1].half),
         )
-    if not exhibit.has("motor"):
+    if not evidence.has("motor"):
         yield "the motor's side was not recorded: only the shape of the lag says that the table alone lags"
 
 
-def by_place(exhibit: Evidence) -> Iterator[str]:
+def by_place(evidence: Evidence) -> Iterator[str]:
     """Yield what shows that a gap is another at every place."""
-    found = _at_places(exhibit)
+    found = _at_places(evidence)
     if len(found) > 1:
         sizes = [size for _, size in found]
         words = ", ".join(f"{length(size)} at {x / MM:.3g} mm" for x, size in found)
         what = (
-            f"the error behind reversals of {exhibit.axis} is"
-            if exhibit.problem.plant.loop.encloses_backlash
-            else f"the backlash that {exhibit.reading} shows is"
+            f"the error behind reversals of {evidence.axis} is"
+            if evidence.problem.plant.loop.encloses_backlash
+            else f"the backlash that {evidence.reading} shows is"
         )
         yield compared(
             "this backlash depends on the position", f"{what} {words}", not similar_sizes(min(sizes), max(sizes))
@@ -69,52 +69,52 @@ def by_place(exhibit: Evidence) -> Iterator[str]:
         yield "the axis passes too few places in both directions to give the backlash of each"
 
 
-def servo(exhibit: Evidence) -> Iterator[str]:
+def servo(evidence: Evidence) -> Iterator[str]:
     """Yield by how much b and c left the file, and how the residual goes with the motion."""
-    plant = exhibit.problem.plant
+    plant = evidence.problem.plant
     said = []
     for name in ("c", "b"):
-        ratio = exhibit.values[name] / getattr(plant, name) - 1.0
+        ratio = evidence.values[name] / getattr(plant, name) - 1.0
         if abs(ratio) < 0.1 * PRIOR:
             said.append(f"{name} is that of the file")
             continue
         word = "larger" if ratio > 0.0 else "smaller"
         said.append(f"{name} is {100.0 * abs(ratio):.3g} % {word}, {abs(ratio) / PRIOR:.2g} times that")
     yield compared(f"the file's values are good to {100.0 * PRIOR:g} %", " and ".join(said))
-    motion = exhibit.motion
-    late, bend, _ = slopes(_before(exhibit), exhibit.use(), motion.velocity, motion.acceleration)
+    motion = evidence.motion
+    late, bend, _ = slopes(_before(evidence), evidence.use(), motion.velocity, motion.acceleration)
     yield compared(
         "a wrong c shows with the velocity, a wrong b with the acceleration",
-        f"{exhibit.reading} {lag_words(late, bend)}",
+        f"{evidence.reading} {lag_words(late, bend)}",
     )
 
 
-def windup(exhibit: Evidence) -> Iterator[str]:
+def windup(evidence: Evidence) -> Iterator[str]:
     """Yield what a spring between motor and table shows: it gives way by the acceleration."""
-    gives = 1.0 / exhibit.values["resonance"] ** 2
-    physics = f"a spring of this resonance gives way by the acceleration, {gives / UM:.3g} µm per m/s²"
-    motion = exhibit.motion
-    if exhibit.has("motor") and exhibit.has("act"):
-        apart = exhibit.values_of("motor") - exhibit.values_of("act")
-        use = exhibit.use("motor", "act")
+    gives = 1.0 / evidence.values["resonance"] ** 2
+    physics = f"a spring of this resonance gives way by the acceleration, {gives / MICROMETRE:.3g} µm per m/s²"
+    motion = evidence.motion
+    if evidence.has("motor") and evidence.has("act"):
+        apart = evidence.values_of("motor") - evidence.values_of("act")
+        use = evidence.use("motor", "act")
         way = motion.direction.astype(np.float64)
         slope = slopes(apart, use, motion.acceleration, motion.velocity, way)[0]
-        yield compared(physics, f"motor and table part by {slope / UM:.3g} µm per m/s²")
+        yield compared(physics, f"motor and table part by {slope / MICROMETRE:.3g} µm per m/s²")
         return
-    slope = -slopes(_before(exhibit), exhibit.use(), motion.acceleration, motion.velocity)[0]
-    yield compared(physics, f"{exhibit.reading} lags by {slope / UM:.3g} µm per m/s²")
-    yield f"only {exhibit.reading} was recorded: motor and table cannot be compared"
+    slope = -slopes(_before(evidence), evidence.use(), motion.acceleration, motion.velocity)[0]
+    yield compared(physics, f"{evidence.reading} lags by {slope / MICROMETRE:.3g} µm per m/s²")
+    yield f"only {evidence.reading} was recorded: motor and table cannot be compared"
 
 
-def impact(exhibit: Evidence) -> Iterator[str]:
+def impact(evidence: Evidence) -> Iterator[str]:
     """Yield what shows that the table jumps ahead once the backlash is crossed."""
-    motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
+    motion, use, residual = evidence.motion, evidence.use(), _before(evidence)
     near = use & (motion.since < AFTER)
     inside, outside = rms(residual, near), rms(residual, use & ~near)
     if inside is not None and outside is not None:
         yield compared(
             "a pick-up with momentum shows behind reversals only, once the backlash is crossed",
-            f"{length(inside)} rms within {AFTER / MS:g} ms after reversals of {exhibit.axis}, "
+            f"{length(inside)} rms within {AFTER / MS:g} ms after reversals of {evidence.axis}, "
             f"{length(outside)} elsewhere",
             inside > 1.5 * outside,
         )
@@ -122,16 +122,16 @@ def impact(exhibit: Evidence) -> Iterator[str]:
         ahead = float(np.mean(residual[near] * motion.direction[near]))
         yield compared(
             "the table runs ahead of one that starts from standstill",
-            f"{exhibit.reading} is {lag_or_lead(ahead)} there on average",
+            f"{evidence.reading} is {lag_or_lead(ahead)} there on average",
             ahead > 0.0,
         )
 
 
-def saturation(exhibit: Evidence) -> Iterator[str]:
+def saturation(evidence: Evidence) -> Iterator[str]:
     """Yield whether the error is only where the motor would have to do more than it can."""
-    problem, residual, use = exhibit.problem, _before(exhibit), exhibit.use()
-    asked = np.abs(problem.plant.c * exhibit.motion.velocity + problem.plant.b * exhibit.motion.acceleration)
-    limit = exhibit.values["limit"]
+    problem, residual, use = evidence.problem, _before(evidence), evidence.use()
+    asked = np.abs(problem.plant.c * evidence.motion.velocity + problem.plant.b * evidence.motion.acceleration)
+    limit = evidence.values["limit"]
     above, below = rms(residual, use & (asked > limit)), rms(residual, use & (asked <= limit))
     numbers = (
         f"the command asks for up to {length(float(np.max(asked[use])))} of following error, the limit found "
@@ -141,41 +141,41 @@ def saturation(exhibit: Evidence) -> Iterator[str]:
         numbers += f": {length(above)} rms where it asks for more, {length(below)} elsewhere"
     agrees = above is None or below is None or above > 1.5 * below
     yield compared("a limit shows only where the motor would have to do more", numbers, agrees)
-    if exhibit.has("force"):
-        effort = np.abs(exhibit.values_of("force")[exhibit.use("force")])
+    if evidence.has("force"):
+        effort = np.abs(evidence.values_of("force")[evidence.use("force")])
         top = float(np.max(effort))
         near = float(np.mean(effort > 0.97 * top))
         yield (
-            f"the {exhibit.effort_name} never exceeds {exhibit.effort(top)}, and is within 3 % of that in "
+            f"the {evidence.effort_name} never exceeds {evidence.effort(top)}, and is within 3 % of that in "
             f"{100.0 * near:.2g} % of the samples"
         )
 
 
-def _beside(exhibit: Evidence) -> str:
+def _beside(evidence: Evidence) -> str:
     """Say what of a gap the file knows."""
-    gap = exhibit.problem.plant.gap
+    gap = evidence.problem.plant.gap
     return f", beside the {length(gap)} that the file has" if gap > 0.0 else ""
 
 
-def _before(exhibit: Evidence) -> Array:
-    return exhibit.before[exhibit.channel]
+def _before(evidence: Evidence) -> Array:
+    return evidence.before[evidence.channel]
 
 
-def _between_sides(exhibit: Evidence) -> Iterator[str]:
+def _between_sides(evidence: Evidence) -> Iterator[str]:
     """Yield what is between the readings of both sides."""
-    if not (exhibit.has("motor") and exhibit.has("act")):
+    if not (evidence.has("motor") and evidence.has("act")):
         return
-    apart = exhibit.values_of("motor") - exhibit.values_of("act")
-    gap = between_ways(exhibit, apart, exhibit.use("motor", "act"))
+    apart = evidence.values_of("motor") - evidence.values_of("act")
+    gap = between_ways(evidence, apart, evidence.use("motor", "act"))
     if gap is not None:
         yield compared(
             "backlash lies between motor and table",
-            f"{exhibit.column('motor')} less {exhibit.column('act')} differs by {length(gap)} between the directions",
+            f"{evidence.column('motor')} less {evidence.column('act')} differs by {length(gap)} between the directions",
             gap > 0.0,
         )
-    if exhibit.problem.plant.loop.encloses_backlash:
+    if evidence.problem.plant.loop.encloses_backlash:
         return
-    sides = [between_ways(exhibit, exhibit.before[one], exhibit.use(one)) for one in ("motor", "act")]
+    sides = [between_ways(evidence, evidence.before[one], evidence.use(one)) for one in ("motor", "act")]
     if sides[0] is not None and sides[1] is not None:
         yield compared(
             "the motor does not feel it",
@@ -184,9 +184,9 @@ def _between_sides(exhibit: Evidence) -> Iterator[str]:
         )
 
 
-def _crossing(exhibit: Evidence) -> Iterator[str]:
+def _crossing(evidence: Evidence) -> Iterator[str]:
     """Yield how a gap shows behind a loop over the table: while it is crossed."""
-    motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
+    motion, use, residual = evidence.motion, evidence.use(), _before(evidence)
     near = use & (motion.since < AFTER)
     inside, outside = rms(residual, near), rms(residual, use & ~near)
     if inside is None or outside is None:
@@ -203,10 +203,10 @@ def _crossing(exhibit: Evidence) -> Iterator[str]:
     )
 
 
-def _at_places(exhibit: Evidence) -> list[tuple[float, float]]:
+def _at_places(evidence: Evidence) -> list[tuple[float, float]]:
     """Places along the travel [m], and the size of what goes with the direction there [m]."""
-    motion, use, residual = exhibit.motion, exhibit.use(), _before(exhibit)
-    if exhibit.problem.plant.loop.encloses_backlash:
+    motion, use, residual = evidence.motion, evidence.use(), _before(evidence)
+    if evidence.problem.plant.loop.encloses_backlash:
         size, _, at, _ = reversal_sizes(residual, motion, AFTER, use)
         if at.size < 2 * MOST or np.ptp(at) < MM:
             return []
@@ -218,6 +218,6 @@ def _at_places(exhibit: Evidence) -> list[tuple[float, float]]:
         inside = use & (motion.position >= low) & (motion.position <= high)
         ways = [np.count_nonzero(inside & (motion.direction == way)) for way in (1, -1)]
         if min(ways) > 100:
-            gap = exhibit.problem.plant.gap - 2.0 * half_between(residual, motion, inside)
+            gap = evidence.problem.plant.gap - 2.0 * half_between(residual, motion, inside)
             found.append((float(np.mean(motion.position[inside])), gap))
     return found

@@ -34,22 +34,22 @@ APART: Final = 0.03
 """Part by which the period that stands out may differ from the fitted one."""
 
 
-def wave_words(exhibit: Evidence, physics: str, same: bool = False) -> Iterator[str]:
+def wave_words(evidence: Evidence, physics: str, same: bool = False) -> Iterator[str]:
     """Yield the period that stands out, what turn it belongs to, and its size slow and fast.
 
     Parameters
     ----------
-    exhibit : Evidence
+    evidence : Evidence
     physics : str
         What is predicted.
     same : bool
         Whether its size is predicted to be the same at all speeds.
     """
-    residual, use, x = exhibit.before[exhibit.channel], exhibit.use(), exhibit.motion.position
+    residual, use, x = evidence.before[evidence.channel], evidence.use(), evidence.motion.position
     found = best_period(residual, x, use)
     if found is None:
         return
-    period, fitted = _refined(residual, x, found.period, use), exhibit.values["period"]
+    period, fitted = _refined(residual, x, found.period, use), evidence.values["period"]
     named, share = "", found.share
     if abs(period - fitted) > APART * fitted:
         # What stands out may be another effect, or this one blurred by its own lag.
@@ -57,8 +57,8 @@ def wave_words(exhibit: Evidence, physics: str, same: bool = False) -> Iterator[
         period, named = fitted, " by the fit"
         share = correlation(residual, use, np.sin(angle), np.cos(angle))
     size = length(amplitude(residual, x, period, use))
-    numbers = f"{size} every {period / MM:.3g} mm{named} ({turns(exhibit)}), {percent(share)} of the residual"
-    sizes = _sizes(exhibit, residual, use, period)
+    numbers = f"{size} every {period / MM:.3g} mm{named} ({turns(evidence)}), {percent(share)} of the residual"
+    sizes = _sizes(evidence, residual, use, period)
     agrees = True
     if sizes is not None:
         (slow, small), (fast, large) = sizes
@@ -67,9 +67,9 @@ def wave_words(exhibit: Evidence, physics: str, same: bool = False) -> Iterator[
     yield compared(physics, numbers, agrees)
 
 
-def turns(exhibit: Evidence) -> str:
+def turns(evidence: Evidence) -> str:
     """Lay a period beside the travel of a turn of screw and motor, where the file gives them."""
-    gap = exhibit.problem.axis.gap
+    gap = evidence.problem.axis.gap
     if gap.travel_per_rad is None:
         return "the file states no screw lead"
     lead = 2.0 * math.pi * gap.travel_per_rad
@@ -98,74 +98,74 @@ def amplitude(residual: Array, position: Array, period: float, use: BoolArray) -
 
 
 def _sizes(
-    exhibit: Evidence, residual: Array, use: BoolArray, period: float
+    evidence: Evidence, residual: Array, use: BoolArray, period: float
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Mean speed and amplitude of the slower and of the faster half; None where the speed is one."""
-    speed = np.abs(exhibit.motion.velocity)
+    speed = np.abs(evidence.motion.velocity)
     moving = use & (speed > 1e-3 * float(np.max(speed)))
     if np.count_nonzero(moving) < 2 * FEWEST:
         return None
     middle = float(np.median(speed[moving]))
     found = []
     for inside in (moving & (speed <= middle), moving & (speed > middle)):
-        x = exhibit.motion.position[inside]
+        x = evidence.motion.position[inside]
         if x.size < FEWEST or np.ptp(x) < period:
             return None
-        size = amplitude(residual, exhibit.motion.position, period, inside)
+        size = amplitude(residual, evidence.motion.position, period, inside)
         found.append((float(np.mean(speed[inside])), size))
     return (found[0], found[1]) if found[1][0] > SAME_FEED * found[0][0] else None
 
 
-def coulomb(exhibit: Evidence) -> Iterator[str]:
+def coulomb(evidence: Evidence) -> Iterator[str]:
     """Yield what friction shows that does not know the speed: lags alike, a force that steps."""
-    levels = _levels(exhibit)
+    levels = _levels(evidence)
     if levels:
         agrees = similar_sizes(levels[0].half, levels[-1].half)
-        yield compared("Coulomb friction does not grow with speed", _where(exhibit, levels), agrees)
-    yield from _step_of_effort(exhibit)
-    yield from _both_sides(exhibit)
+        yield compared("Coulomb friction does not grow with speed", _where(evidence, levels), agrees)
+    yield from _step_of_effort(evidence)
+    yield from _both_sides(evidence)
 
 
-def stribeck(exhibit: Evidence) -> Iterator[str]:
+def stribeck(evidence: Evidence) -> Iterator[str]:
     """Yield whether friction is larger at slow speeds."""
-    levels = _levels(exhibit, 5)
+    levels = _levels(evidence, 5)
     if len(levels) > 2:
         shown = (levels[0], levels[len(levels) // 2], levels[-1])
         agrees = abs(shown[0].half) > abs(shown[-1].half)
-        yield compared("Stribeck friction is larger at slow speeds", _where(exhibit, shown), agrees)
+        yield compared("Stribeck friction is larger at slow speeds", _where(evidence, shown), agrees)
     elif levels:
-        yield (f"Stribeck friction is larger at slow speeds; the log has one speed only, {_where(exhibit, levels)}")
-    yield from _step_of_effort(exhibit)
+        yield (f"Stribeck friction is larger at slow speeds; the log has one speed only, {_where(evidence, levels)}")
+    yield from _step_of_effort(evidence)
 
 
-def viscous(exhibit: Evidence) -> Iterator[str]:
+def viscous(evidence: Evidence) -> Iterator[str]:
     """Yield whether friction is in proportion to speed."""
-    levels = _levels(exhibit)
+    levels = _levels(evidence)
     if len(levels) > 1 and levels[0].half != 0.0:
         times, faster = levels[-1].half / levels[0].half, levels[-1].speed / levels[0].speed
-        numbers = f"{_where(exhibit, levels)}: {times:.2g} times as much at {faster:.2g} times the speed"
+        numbers = f"{_where(evidence, levels)}: {times:.2g} times as much at {faster:.2g} times the speed"
         yield compared("viscous friction grows in proportion to speed", numbers, similar_sizes(times, faster))
-    motion, use = exhibit.motion, exhibit.use()
+    motion, use = evidence.motion, evidence.use()
     way = motion.direction.astype(np.float64)
-    per_speed, step, *_ = slopes(_before(exhibit), use, motion.velocity, way, motion.acceleration)
+    per_speed, step, *_ = slopes(_before(evidence), use, motion.velocity, way, motion.acceleration)
     yield compared(
         "it is nothing at standstill",
-        f"{exhibit.reading} is late by {-per_speed / MS:.3g} ms times the speed, and {length(abs(step))} go "
+        f"{evidence.reading} is late by {-per_speed / MS:.3g} ms times the speed, and {length(abs(step))} go "
         "with the direction alone",
     )
 
 
-def asymmetry(exhibit: Evidence) -> Iterator[str]:
+def asymmetry(evidence: Evidence) -> Iterator[str]:
     """Yield the lag in proportion to speed each way."""
-    motion, residual = exhibit.motion, _before(exhibit)
+    motion, residual = evidence.motion, _before(evidence)
     found = []
     for way in (1, -1):
-        use = exhibit.use() & (motion.direction == way)
+        use = evidence.use() & (motion.direction == way)
         if np.count_nonzero(use) < 100:
             return
         found.append(-slopes(residual, use, motion.velocity, motion.acceleration)[0] / MS)
     plus, minus = (f"{'lags' if late >= 0.0 else 'leads'} by {abs(late):.3g} ms" for late in found)
-    numbers = f"{exhibit.reading} {plus} times the speed to plus and {minus} times it to minus"
+    numbers = f"{evidence.reading} {plus} times the speed to plus and {minus} times it to minus"
     yield compared(
         "friction that differs by direction lags by another factor each way",
         numbers,
@@ -173,80 +173,80 @@ def asymmetry(exhibit: Evidence) -> Iterator[str]:
     )
 
 
-def load(exhibit: Evidence) -> Iterator[str]:
+def load(evidence: Evidence) -> Iterator[str]:
     """Yield what a constant force shows: the mean of both directions, at standstill too."""
-    parts = effort_parts(exhibit)
+    parts = effort_parts(evidence)
     if parts is None:
         yield "no force was recorded in both directions: a load cannot be distinguished from a shifted origin"
     else:
-        numbers = f"the mean {exhibit.effort_name} of both directions is {exhibit.effort(parts[1])}"
-        still = _standing(exhibit)
+        numbers = f"the mean {evidence.effort_name} of both directions is {evidence.effort(parts[1])}"
+        still = _standing(evidence)
         if still is not None:
-            numbers += f", at standstill {exhibit.effort(still)}"
+            numbers += f", at standstill {evidence.effort(still)}"
         yield compared("a constant load is held by the motor all the time", numbers)
-    shift = float(np.mean(_before(exhibit)[exhibit.use()]))
-    if abs(shift) > exhibit.noise(exhibit.channel):
-        yield compared("it pushes the axis off its place", f"{exhibit.reading} is off by {length(shift)}")
+    shift = float(np.mean(_before(evidence)[evidence.use()]))
+    if abs(shift) > evidence.noise(evidence.channel):
+        yield compared("it pushes the axis off its place", f"{evidence.reading} is off by {length(shift)}")
 
 
-def cogging(exhibit: Evidence) -> Iterator[str]:
+def cogging(evidence: Evidence) -> Iterator[str]:
     """Yield what shows a force over and over along the travel."""
-    yield from wave_words(exhibit, "cogging repeats with the motor's magnets and changes with the feed")
-    if exhibit.has("force"):
-        motion, use = exhibit.motion, exhibit.use("force") & (exhibit.motion.direction != 0)
-        angle = 2.0 * np.pi * motion.position / exhibit.values["period"]
+    yield from wave_words(evidence, "cogging repeats with the motor's magnets and changes with the feed")
+    if evidence.has("force"):
+        motion, use = evidence.motion, evidence.use("force") & (evidence.motion.direction != 0)
+        angle = 2.0 * np.pi * motion.position / evidence.values["period"]
         columns = (motion.direction.astype(np.float64), motion.velocity, motion.acceleration)
-        sine, cosine, *_ = slopes(exhibit.values_of("force"), use, np.sin(angle), np.cos(angle), *columns)
-        size = exhibit.effort(float(np.hypot(sine, cosine)))
-        yield compared("the motor works against it", f"the {exhibit.effort_name} has {size} of that period")
+        sine, cosine, *_ = slopes(evidence.values_of("force"), use, np.sin(angle), np.cos(angle), *columns)
+        size = evidence.effort(float(np.hypot(sine, cosine)))
+        yield compared("the motor works against it", f"the {evidence.effort_name} has {size} of that period")
 
 
-def cutting(exhibit: Evidence) -> Iterator[str]:
+def cutting(evidence: Evidence) -> Iterator[str]:
     """Yield whether the residual goes with the direction of the path, not with that of the axis alone."""
-    problem, residual, use = exhibit.problem, _before(exhibit), exhibit.use()
+    problem, residual, use = evidence.problem, _before(evidence), evidence.use()
     path = np.sqrt(np.sum(problem.velocity**2, axis=1))
     along = np.divide(problem.speed, path, out=np.zeros(path.size), where=path > 1e-6)
     by_path, by_sign = (correlation(residual, use, one) for one in (along, np.sign(along)))
     size = slopes(residual, use, along)[0]
     numbers = (
-        f"{exhibit.reading} is {length(abs(size))} {'behind' if size < 0.0 else 'ahead'} along the path; the "
-        f"path's direction explains {percent(by_path)} of the residual, the sign of {exhibit.axis} alone "
+        f"{evidence.reading} is {length(abs(size))} {'behind' if size < 0.0 else 'ahead'} along the path; the "
+        f"path's direction explains {percent(by_path)} of the residual, the sign of {evidence.axis} alone "
         f"{percent(by_sign)}"
     )
     yield compared("a cutting force acts along the path, on each axis by its part of it", numbers, by_path > by_sign)
-    if exhibit.too:
-        yield f"it acts on all axes that cut; here on {', '.join(exhibit.too)} too"
+    if evidence.too:
+        yield f"it acts on all axes that cut; here on {', '.join(evidence.too)} too"
     else:
         yield "it acts on all axes that cut; here it was found on this axis alone"
 
 
-def _before(exhibit: Evidence) -> Array:
-    return exhibit.before[exhibit.channel]
+def _before(evidence: Evidence) -> Array:
+    return evidence.before[evidence.channel]
 
 
-def _levels(exhibit: Evidence, groups: int = 2) -> tuple[SpeedLevel, ...]:
-    return settled_levels(exhibit, _before(exhibit), exhibit.use(), groups)
+def _levels(evidence: Evidence, groups: int = 2) -> tuple[SpeedLevel, ...]:
+    return settled_levels(evidence, _before(evidence), evidence.use(), groups)
 
 
-def _where(exhibit: Evidence, levels: tuple[SpeedLevel, ...]) -> str:
-    return f"{exhibit.reading} is {level_words(levels)}"
+def _where(evidence: Evidence, levels: tuple[SpeedLevel, ...]) -> str:
+    return f"{evidence.reading} is {level_words(levels)}"
 
 
-def _step_of_effort(exhibit: Evidence) -> Iterator[str]:
-    parts = effort_parts(exhibit)
+def _step_of_effort(evidence: Evidence) -> Iterator[str]:
+    parts = effort_parts(evidence)
     if parts is not None:
-        step = exhibit.effort(2.0 * parts[0])
+        step = evidence.effort(2.0 * parts[0])
         yield compared(
             "the motor must overcome friction",
-            f"the {exhibit.effort_name} channel steps by {step} where {exhibit.axis} reverses",
+            f"the {evidence.effort_name} channel steps by {step} where {evidence.axis} reverses",
         )
 
 
-def _both_sides(exhibit: Evidence) -> Iterator[str]:
+def _both_sides(evidence: Evidence) -> Iterator[str]:
     """Yield whether motor and table are both held back."""
-    if exhibit.has("motor") and exhibit.has("act"):
-        motor = between_ways(exhibit, exhibit.before["motor"], exhibit.use("motor"))
-        table = between_ways(exhibit, exhibit.before["act"], exhibit.use("act"))
+    if evidence.has("motor") and evidence.has("act"):
+        motor = between_ways(evidence, evidence.before["motor"], evidence.use("motor"))
+        table = between_ways(evidence, evidence.before["act"], evidence.use("act"))
         if motor is not None and table is not None:
             yield compared(
                 "friction holds the motor's side back like the table's, backlash the table's only",
@@ -254,16 +254,16 @@ def _both_sides(exhibit: Evidence) -> Iterator[str]:
                 f"{length(abs(table))} on the table's",
                 similar_sizes(motor, table),
             )
-    elif exhibit.problem.side == "unknown":
+    elif evidence.problem.side == "unknown":
         yield "the log does not say on which side the position was read: backlash would look much the same"
-    elif not exhibit.has("force"):
+    elif not evidence.has("force"):
         yield "neither a second position nor a force was recorded that could confirm it"
 
 
-def _standing(exhibit: Evidence) -> float | None:
+def _standing(evidence: Evidence) -> float | None:
     """Mean effort at standstill."""
-    still = exhibit.use("force") & (np.abs(exhibit.problem.speed) < 1e-6)
-    still &= np.abs(exhibit.motion.velocity) < 1e-3 * np.max(np.abs(exhibit.motion.velocity))
+    still = evidence.use("force") & (np.abs(evidence.problem.speed) < 1e-6)
+    still &= np.abs(evidence.motion.velocity) < 1e-3 * np.max(np.abs(evidence.motion.velocity))
     if np.count_nonzero(still) < 100:
         return None
-    return float(np.mean(exhibit.values_of("force")[still]))
+    return float(np.mean(evidence.values_of("force")[still]))

@@ -17,12 +17,12 @@ SPAN = 100.0 * MM
 """Travel over which a slope is given [m]."""
 
 
-def cyclic(exhibit: Evidence) -> Iterator[str]:
+def cyclic(evidence: Evidence) -> Iterator[str]:
     """Yield what an error of the screw shows: its period, whatever the feed."""
-    yield from wave_words(exhibit, "a cyclic error repeats with the screw, the same at every feed", True)
-    if exhibit.has("motor") and exhibit.has("act"):
-        period, x = exhibit.values["period"], exhibit.motion.position
-        sides = (amplitude(exhibit.before[one], x, period, exhibit.use(one)) for one in ("motor", "act"))
+    yield from wave_words(evidence, "a cyclic error repeats with the screw, the same at every feed", True)
+    if evidence.has("motor") and evidence.has("act"):
+        period, x = evidence.values["period"], evidence.motion.position
+        sides = (amplitude(evidence.before[one], x, period, evidence.use(one)) for one in ("motor", "act"))
         motor, table = sides
         yield compared(
             "it lies behind the motor",
@@ -31,12 +31,12 @@ def cyclic(exhibit: Evidence) -> Iterator[str]:
         )
 
 
-def scale(exhibit: Evidence) -> Iterator[str]:
+def scale(evidence: Evidence) -> Iterator[str]:
     """Yield whether an error is in proportion to the position."""
-    x, use, residual = exhibit.motion.position, exhibit.use("act"), exhibit.before["act"]
+    x, use, residual = evidence.motion.position, evidence.use("act"), evidence.before["act"]
     middle = 0.5 * float(np.min(x[use]) + np.max(x[use]))
     whole = slopes(residual, use, x)[0] * SPAN
-    numbers = f"{exhibit.column('act')} gains {length(whole)} in 100 mm"
+    numbers = f"{evidence.column('act')} gains {length(whole)} in 100 mm"
     parts = [use & (x <= middle), use & (x > middle)]
     agrees = True
     if all(np.count_nonzero(part) > FEWEST and np.ptp(x[part]) > 0.0 for part in parts):
@@ -44,26 +44,26 @@ def scale(exhibit: Evidence) -> Iterator[str]:
         numbers += f", {length(low)} in the lower half of the travel and {length(high)} in the upper"
         agrees = similar_sizes(low, high)
     yield compared("a scale error is in proportion to the position", numbers, agrees)
-    if exhibit.has("motor"):
-        motor = slopes(exhibit.before["motor"], exhibit.use("motor"), x)[0] * SPAN
+    if evidence.has("motor"):
+        motor = slopes(evidence.before["motor"], evidence.use("motor"), x)[0] * SPAN
         yield compared(
             "the motor's side does not see it",
-            f"{exhibit.column('motor')} gains {length(motor)} in 100 mm",
+            f"{evidence.column('motor')} gains {length(motor)} in 100 mm",
             abs(motor) < 0.5 * abs(whole),
         )
 
 
-def thermal(exhibit: Evidence) -> Iterator[str]:
+def thermal(evidence: Evidence) -> Iterator[str]:
     """Yield the course of a slow drift that levels out."""
-    t, use = exhibit.motion.t, exhibit.use("act")
-    found = drift(exhibit.before["act"], t, use)
+    t, use = evidence.motion.t, evidence.use("act")
+    found = drift(evidence.before["act"], t, use)
     lasts = float(np.ptp(t[use]))
     yield compared(
         "thermal growth is slow and levels out",
-        f"{exhibit.column('act')} drifts by {length(found.change)} in {lasts:.3g} s, half of it after "
+        f"{evidence.column('act')} drifts by {length(found.change)} in {lasts:.3g} s, half of it after "
         f"{found.half:.3g} s",
     )
-    constant = exhibit.values["time_constant"]
+    constant = evidence.values["time_constant"]
     if constant > lasts:
         yield (
             f"the log of {lasts:.3g} s is shorter than the time constant of {constant:.3g} s: it does not separate"
@@ -71,17 +71,17 @@ def thermal(exhibit: Evidence) -> Iterator[str]:
         )
 
 
-def squareness(exhibit: Evidence) -> Iterator[str]:
+def squareness(evidence: Evidence) -> Iterator[str]:
     """Yield whether an error goes with the position of another axis, both ways round."""
-    other = MACHINE_AXES[int(exhibit.values["other"])]
-    y, use, residual = exhibit.motion.others[other], exhibit.use("act"), exhibit.before["act"]
+    other = MACHINE_AXES[int(evidence.values["other"])]
+    y, use, residual = evidence.motion.others[other], evidence.use("act"), evidence.before["act"]
     slope = slopes(residual, use, y)[0] * SPAN
     yield compared(
-        f"out of square, {exhibit.axis} goes with the position of {other}, at any feed",
-        f"{exhibit.column('act')} goes off by {length(slope)} in 100 mm of {other}",
+        f"out of square, {evidence.axis} goes with the position of {other}, at any feed",
+        f"{evidence.column('act')} goes off by {length(slope)} in 100 mm of {other}",
     )
-    if by_rotation(residual, exhibit.motion, use) is not None:
-        sides = [slopes(residual, use & (exhibit.motion.turn == way), y)[0] * SPAN for way in (-1, 1)]
+    if by_rotation(residual, evidence.motion, use) is not None:
+        sides = [slopes(residual, use & (evidence.motion.turn == way), y)[0] * SPAN for way in (-1, 1)]
         yield compared(
             "it is the same both ways round",
             f"{length(sides[0])} in 100 mm clockwise, {length(sides[1])} counterclockwise",
@@ -89,14 +89,14 @@ def squareness(exhibit: Evidence) -> Iterator[str]:
         )
 
 
-def delay(exhibit: Evidence) -> Iterator[str]:
+def delay(evidence: Evidence) -> Iterator[str]:
     """Yield whether the lag is one time at any speed and acceleration."""
-    motion, use = exhibit.motion, exhibit.use()
-    late, bend, _ = slopes(exhibit.before[exhibit.channel], use, motion.velocity, motion.acceleration)
+    motion, use = evidence.motion, evidence.use()
+    late, bend, _ = slopes(evidence.before[evidence.channel], use, motion.velocity, motion.acceleration)
     yield compared(
         "a delay is a lag in proportion to the velocity, hardly to the acceleration",
-        f"{exhibit.reading} {lag_words(late, bend)}",
+        f"{evidence.reading} {lag_words(late, bend)}",
     )
-    if exhibit.shift is not None:
-        way = "late" if exhibit.shift >= 0.0 else "early"
-        yield f"{exhibit.reading} as a whole is {abs(exhibit.shift) / MS:.3g} ms {way} against its drive"
+    if evidence.shift is not None:
+        way = "late" if evidence.shift >= 0.0 else "early"
+        yield f"{evidence.reading} as a whole is {abs(evidence.shift) / MS:.3g} ms {way} against its drive"

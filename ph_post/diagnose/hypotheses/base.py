@@ -2,17 +2,19 @@
 
 To add a hypothesis for your own effect, make a :class:`Hypothesis` and add it to the list of its module.
 Its change of the plant is a pure function of plant and numbers; its starting values may use the residual.
+:func:`effect_hypothesis` makes one whose numbers are those of a registered effect.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
 from scipy import signal
 
+from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
 from ph_post.identify.free_run import AxisProblem
 from ph_post.types import Array
@@ -88,6 +90,26 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.name}/{self.variant}" if self.variant else self.name
 
 
+def effect_hypothesis(name: str, values: Callable[..., dict[str, float]], **fields: Any) -> Hypothesis:
+    """Return the hypothesis of a registered effect.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    values : callable
+        ``values(*numbers)``: the values of its parameters [SI], the leading one first.
+    **fields
+        The other fields of :class:`Hypothesis`.
+    """
+    return Hypothesis(
+        name=name,
+        apply=lambda plant, numbers: find_effect(name).apply(plant, values(*numbers)),
+        values=lambda _problem, numbers: values(*numbers),
+        **fields,
+    )
+
+
 BINS: Final = 2048
 """Bins of position over the travel."""
 
@@ -118,8 +140,7 @@ def reversal_step(problem: AxisProblem, left: Residuals) -> float:
 def predicted_position(problem: AxisProblem, left: Residuals) -> Array:
     """Return the reading of the table, or of the motor where there is no other, less its residual [m]."""
     channel: Channel = "act" if "act" in left else "motor"
-    values: Array = next(one.values for one in problem.observed if one.channel == channel)
-    predicted: Array = values - left[channel]
+    predicted: Array = problem.channel(channel).values - left[channel]
     return predicted
 
 

@@ -14,12 +14,12 @@ from ph_post.diagnose.hypotheses.base import (
     HypothesisNumber,
     Numbers,
     Residuals,
+    effect_hypothesis,
     middle,
     predicted_position,
     reach,
     reversal_step,
 )
-from ph_post.diagnose.hypotheses.forces import by_effect, named
 from ph_post.drive.effects.registry import find_effect
 from ph_post.drive.plant import Plant
 from ph_post.identify.free_run import AxisProblem
@@ -38,8 +38,7 @@ LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
 def _shows_gap(problem: AxisProblem) -> str:
     if problem.plant.loop.encloses_backlash or problem.side == "unknown":
         return ""
-    reads = any(one.channel == "act" for one in problem.observed)
-    return "" if reads else "behind the motor's loop only a reading of the table shows it"
+    return "" if problem.has("act") else "behind the motor's loop only a reading of the table shows it"
 
 
 def _wider(plant: Plant, numbers: Numbers) -> Plant:
@@ -135,10 +134,6 @@ def _bumped(half: float) -> Hypothesis:
     )
 
 
-def _mismatch(plant: Plant, numbers: Numbers) -> Plant:
-    return replace(plant, b=plant.b * math.exp(numbers[0]), c=plant.c * math.exp(numbers[1]))
-
-
 def _no_servo(problem: AxisProblem) -> str:
     return "an ideal stepper has no servo" if problem.plant.b == 0.0 else ""
 
@@ -148,7 +143,7 @@ MISMATCH = Hypothesis(
     numbers=tuple(
         HypothesisNumber(name=name, low=-FARTHEST, high=FARTHEST, scale=0.02, linear=True) for name in ("b", "c")
     ),
-    apply=_mismatch,
+    apply=lambda plant, n: replace(plant, b=plant.b * math.exp(n[0]), c=plant.c * math.exp(n[1])),
     starts=lambda _problem, _left: [(0.03, 0.03)],
     values=lambda problem, n: {
         "c": problem.plant.c * math.exp(n[1]),
@@ -160,31 +155,24 @@ MISMATCH = Hypothesis(
 )
 
 
-def _windup(plant: Plant, numbers: Numbers) -> Plant:
-    values = {"resonance": math.exp(numbers[0]), "damping_ratio": numbers[1]}
-    return find_effect("elastic_windup").apply(plant, values)
-
-
 def _rigid(problem: AxisProblem) -> str:
     if problem.plant.windup_frequency:
         return "the file has it already"
     if problem.plant.loop.encloses_backlash:
         return _no_servo(problem) or ("" if problem.plant.eta < 0.98 else "no table behind the spring")
-    reads = any(one.channel == "act" for one in problem.observed)
-    return "" if reads else "behind the motor's loop only a reading of the table shows it"
+    return "" if problem.has("act") else "behind the motor's loop only a reading of the table shows it"
 
 
-WINDUP = Hypothesis(
-    name="elastic_windup",
+WINDUP = effect_hypothesis(
+    "elastic_windup",
+    lambda frequency, damping: {"resonance": math.exp(frequency), "damping_ratio": damping},
     numbers=(
         HypothesisNumber(name="frequency", low=math.log(6.0), high=math.log(6000.0), scale=0.02, logarithm=True),
         HypothesisNumber(name="damping", low=0.0, high=0.95, scale=0.05),
     ),
-    apply=_windup,
     starts=lambda _problem, _left: [
         (math.log(2.0 * math.pi * hertz), 0.05) for hertz in (6.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0)
     ],
-    values=lambda _problem, n: {"resonance": math.exp(n[0]), "damping_ratio": n[1]},
     bars=_rigid,
 )
 
@@ -198,18 +186,13 @@ def _no_impact(problem: AxisProblem) -> str:
     return "" if plant.gap > 0.0 else "there is no backlash to cross"
 
 
-IMPACT = Hypothesis(
-    name="engagement_impact",
+IMPACT = effect_hypothesis(
+    "engagement_impact",
+    lambda kept: {"kept": kept},
     numbers=(HypothesisNumber(name="kept", low=0.0, high=1.0, scale=0.1),),
-    apply=by_effect("engagement_impact", "kept"),
     starts=lambda _problem, _left: [(0.97,), (0.85,), (0.7,), (0.55,), (0.4,), (0.2,)],
-    values=named("kept"),
     bars=_no_impact,
 )
-
-
-def _saturated(plant: Plant, numbers: Numbers) -> Plant:
-    return find_effect("torque_saturation").apply(plant, {"limit": numbers[0]})
 
 
 def _limits(problem: AxisProblem, left: Residuals) -> list[Numbers]:
@@ -227,12 +210,11 @@ def _no_torque(problem: AxisProblem) -> str:
     return _no_servo(problem) if problem.plant.loop.has_controller else "an open loop is not limited by it"
 
 
-SATURATION = Hypothesis(
-    name="torque_saturation",
+SATURATION = effect_hypothesis(
+    "torque_saturation",
+    lambda limit: {"limit": limit},
     numbers=(HypothesisNumber(name="limit", low=1e-7, high=1.0, scale=1e-5),),
-    apply=_saturated,
     starts=_limits,
-    values=named("limit"),
     bars=_no_torque,
 )
 

@@ -15,6 +15,7 @@ from ph_post.diagnose.hypotheses.base import (
     HypothesisNumber,
     Numbers,
     Residuals,
+    effect_hypothesis,
     force_periods,
     longest_period,
     reversal_step,
@@ -52,24 +53,19 @@ def wave_hypothesis(
         As of every hypothesis.
     """
 
-    def parameters(numbers: Numbers) -> dict[str, float]:
-        sine, cosine, period = numbers
+    def values(sine: float, cosine: float, period: float) -> dict[str, float]:
         whole, phase = math.hypot(sine, cosine), math.atan2(cosine, sine)
         return {size: whole, "period": math.exp(period), "phase": phase}
 
-    def apply(plant: Plant, numbers: Numbers) -> Plant:
-        return find_effect(name).apply(plant, parameters(numbers))
-
     low, top = math.log(1e-4), math.log(max(longest, 2e-4))
-    return Hypothesis(
-        name=name,
+    return effect_hypothesis(
+        name,
+        values,
         numbers=(
             *(HypothesisNumber(name=n, low=-high, high=high, scale=MICRON, linear=True) for n in ("sine", "cosine")),
             HypothesisNumber(name="period", low=low, high=top, scale=0.003, logarithm=True),
         ),
-        apply=apply,
         starts=lambda problem, left: [(GUESS, GUESS, math.log(one)) for one in periods(problem, left)],
-        values=lambda _problem, numbers: parameters(numbers),
         bars=bars,
     )
 
@@ -88,24 +84,6 @@ def _force(name: str = "force", low: float = 0.0) -> HypothesisNumber:
     return HypothesisNumber(name=name, low=low, high=MOST_FORCE, scale=MICRON, linear=True)
 
 
-def by_effect(name: str, *gives: str) -> Callable[[Plant, Numbers], Plant]:
-    """Return what puts numbers into an effect under these values."""
-
-    def apply(plant: Plant, numbers: Numbers) -> Plant:
-        return find_effect(name).apply(plant, dict(zip(gives, numbers, strict=True)))
-
-    return apply
-
-
-def named(*gives: str) -> Callable[[AxisProblem, Numbers], dict[str, float]]:
-    """Return what calls numbers by these names."""
-
-    def values(_problem: AxisProblem, numbers: Numbers) -> dict[str, float]:
-        return dict(zip(gives, numbers, strict=True))
-
-    return values
-
-
 def _step(problem: AxisProblem, left: Residuals) -> float:
     return max(abs(reversal_step(problem, left)), GUESS)
 
@@ -114,50 +92,41 @@ def _no_friction(problem: AxisProblem) -> str:
     return "an ideal stepper feels no force" if problem.plant.b == 0.0 else ""
 
 
-COULOMB = Hypothesis(
-    name="coulomb_friction",
+COULOMB = effect_hypothesis(
+    "coulomb_friction",
+    lambda force: {"force": force},
     numbers=(_force(),),
-    apply=by_effect("coulomb_friction", "force"),
     starts=lambda problem, left: [(_step(problem, left),)],
-    values=named("force"),
     bars=_no_friction,
 )
-
-
-def _stribeck(plant: Plant, numbers: Numbers) -> Plant:
-    force, more, speed = numbers
-    values = {"force": force, "static_force": force + more, "stribeck_velocity": math.exp(speed)}
-    return find_effect("stribeck_friction").apply(plant, values)
 
 
 def _has_stribeck(problem: AxisProblem) -> str:
     return _no_friction(problem) or ("the file has it already" if problem.plant.static else "")
 
 
-STRIBECK = Hypothesis(
-    name="stribeck_friction",
+STRIBECK = effect_hypothesis(
+    "stribeck_friction",
+    lambda force, more, speed: {
+        "force": force,
+        "static_force": force + more,
+        "stribeck_velocity": math.exp(speed),
+    },
     numbers=(
         _force(),
         _force("more"),
         HypothesisNumber(name="speed", low=math.log(1e-5), high=math.log(FASTEST), scale=0.3, logarithm=True),
     ),
-    apply=_stribeck,
     starts=lambda problem, left: [(_step(problem, left), GUESS, math.log(v)) for v in speeds(problem)],
-    values=lambda _problem, n: {
-        "force": n[0],
-        "static_force": n[0] + n[1],
-        "stribeck_velocity": math.exp(n[2]),
-    },
     bars=_has_stribeck,
     within=("coulomb_friction",),
 )
 
-VISCOUS = Hypothesis(
-    name="viscous_friction",
+VISCOUS = effect_hypothesis(
+    "viscous_friction",
+    lambda coefficient: {"coefficient": coefficient},
     numbers=(HypothesisNumber(name="coefficient", low=0.0, high=MOST_LAG, scale=1e-5, linear=True),),
-    apply=by_effect("viscous_friction", "coefficient"),
     starts=lambda _problem, _left: [(1e-4,)],
-    values=named("coefficient"),
     bars=_no_friction,
     excludes=("servo_mismatch",),
 )
@@ -204,16 +173,15 @@ DIFFERENCE = replace(
 def _needs_effort(problem: AxisProblem) -> str:
     """Say where a load shows no more than a wrong origin: it also keeps a table in the loop on a flank."""
     in_gap = problem.plant.loop.encloses_backlash and problem.plant.gap > 0.0
-    shows = problem.has_effort or in_gap
+    shows = problem.has("force") or in_gap
     return _no_friction(problem) or ("" if shows else "needs a force or current channel")
 
 
-LOAD = Hypothesis(
-    name="load_offset",
+LOAD = effect_hypothesis(
+    "load_offset",
+    lambda force: {"force": force},
     numbers=(_force(low=-MOST_FORCE),),
-    apply=by_effect("load_offset", "force"),
     starts=lambda _problem, _left: [(GUESS,)],
-    values=named("force"),
     bars=_needs_effort,
 )
 
@@ -228,18 +196,11 @@ REFERENCE_FEED: Final = 1.0 / 60.0
 """Feed to which a cutting force is referred [m/s]: 1000 mm/min."""
 
 
-def _cutting(plant: Plant, numbers: Numbers) -> Plant:
-    exponent = numbers[1] if len(numbers) > 1 else 0.0
-    values = {"force": numbers[0], "feed": REFERENCE_FEED, "exponent": exponent}
-    return find_effect("cutting_force").apply(plant, values)
-
-
-CUTTING = Hypothesis(
-    name="cutting_force",
+CUTTING = effect_hypothesis(
+    "cutting_force",
+    lambda force, exponent=0.0: {"force": force, "feed": REFERENCE_FEED, "exponent": exponent},
     numbers=(_force(low=-MOST_FORCE),),
-    apply=_cutting,
     starts=lambda _problem, _left: [(GUESS,)],
-    values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": 0.0},
     bars=_one_axis,
 )
 
@@ -249,7 +210,6 @@ CUTTING_BY_FEED = replace(
     within=("viscous_friction",),
     numbers=(*CUTTING.numbers, HypothesisNumber(name="exponent", low=0.05, high=1.1, scale=0.1)),
     starts=lambda _problem, _left: [(GUESS, 0.7)],
-    values=lambda _problem, n: {"force": n[0], "feed": REFERENCE_FEED, "exponent": n[1]},
 )
 
 

@@ -13,12 +13,11 @@ from ph_post.diagnose.hypotheses.base import (
     HypothesisNumber,
     Numbers,
     Residuals,
+    effect_hypothesis,
     longest_period,
     periods,
 )
-from ph_post.diagnose.hypotheses.forces import by_effect, named, wave_hypothesis
-from ph_post.drive.effects.registry import find_effect
-from ph_post.drive.plant import Plant
+from ph_post.diagnose.hypotheses.forces import wave_hypothesis
 from ph_post.identify.free_run import AxisProblem
 from ph_post.types import MACHINE_AXES
 
@@ -36,22 +35,16 @@ LONGEST_DELAY: Final = 0.1
 
 
 def _needs_table(problem: AxisProblem) -> str:
-    return "" if any(one.channel == "act" for one in problem.observed) else "needs a reading of the table"
+    return "" if problem.has("act") else "needs a reading of the table"
 
 
-SCALE = Hypothesis(
-    name="scale_error",
+SCALE = effect_hypothesis(
+    "scale_error",
+    lambda error: {"error": error},
     numbers=(HypothesisNumber(name="error", low=-0.1, high=0.1, scale=1e-5, linear=True),),
-    apply=by_effect("scale_error", "error"),
     starts=lambda _problem, _left: [(1e-4,)],
-    values=named("error"),
     bars=_needs_table,
 )
-
-
-def _drift(plant: Plant, numbers: Numbers) -> Plant:
-    values = {"growth": numbers[0], "time_constant": math.exp(numbers[1])}
-    return find_effect("thermal_growth").apply(plant, values)
 
 
 def _drifts(problem: AxisProblem, _left: Residuals) -> list[Numbers]:
@@ -60,15 +53,14 @@ def _drifts(problem: AxisProblem, _left: Residuals) -> list[Numbers]:
     return [(10.0 * MICRON, math.log(constant)) for constant in tried]
 
 
-THERMAL = Hypothesis(
-    name="thermal_growth",
+THERMAL = effect_hypothesis(
+    "thermal_growth",
+    lambda growth, time: {"growth": growth, "time_constant": math.exp(time)},
     numbers=(
         HypothesisNumber(name="growth", low=-MOST_ERROR, high=MOST_ERROR, scale=MICRON, linear=True),
         HypothesisNumber(name="time", low=math.log(SHORTEST_DRIFT), high=math.log(1e5), scale=0.1, logarithm=True),
     ),
-    apply=_drift,
     starts=_drifts,
-    values=lambda _problem, n: {"growth": n[0], "time_constant": math.exp(n[1])},
     bars=_needs_table,
 )
 
@@ -76,34 +68,26 @@ THERMAL = Hypothesis(
 def _squareness(other: str) -> Hypothesis:
     choice = float(MACHINE_AXES.index(other))
 
-    def apply(plant: Plant, numbers: Numbers) -> Plant:
-        return find_effect("squareness").apply(plant, {"angle": numbers[0], "other": choice})
-
     def bars(problem: AxisProblem) -> str:
         return _needs_table(problem) if other in problem.others else f"{other} is not in the log"
 
-    return Hypothesis(
-        name="squareness",
+    return effect_hypothesis(
+        "squareness",
+        lambda angle: {"angle": angle, "other": choice},
         variant=other,
         numbers=(HypothesisNumber(name="angle", low=-0.1, high=0.1, scale=1e-5, linear=True),),
-        apply=apply,
         starts=lambda _problem, _left: [(1e-4,)],
-        values=lambda _problem, n: {"angle": n[0], "other": choice},
         bars=bars,
     )
 
 
 def _delay(where: float) -> Hypothesis:
-    def apply(plant: Plant, numbers: Numbers) -> Plant:
-        return find_effect("transport_delay").apply(plant, {"delay": numbers[0], "where": where})
-
-    return Hypothesis(
-        name="transport_delay",
+    return effect_hypothesis(
+        "transport_delay",
+        lambda delay: {"delay": delay, "where": where},
         variant=("command", "reading")[int(where)],
         numbers=(HypothesisNumber(name="delay", low=0.0, high=LONGEST_DELAY, scale=1e-4, linear=True),),
-        apply=apply,
         starts=lambda _problem, _left: [(1e-3,)],
-        values=lambda _problem, n: {"delay": n[0], "where": where},
     )
 
 
