@@ -20,6 +20,9 @@ ARC_SHARE: Final = 0.5
 TOP_SHARE: Final = 0.8
 """Share of the greatest speed that programs use where a person names no feeds: drives need some in hand."""
 
+RADIUS_SHARE: Final = 0.3
+"""Radius of the circles where a person names none, as a share of the smallest room."""
+
 CRAWL: Final = 0.2 * MM
 """Slowest feed [m/s] of the programs, where friction falls with speed if it does so anywhere."""
 

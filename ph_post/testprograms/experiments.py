@@ -16,6 +16,7 @@ import numpy as np
 from ph_post.gcode.program import AXES
 from ph_post.testprograms.builder import (
     CRAWL,
+    RADIUS_SHARE,
     TOP_SHARE,
     ProgramBuilder,
     TestVolume,
@@ -289,9 +290,6 @@ MOVED: Final = 0.1 * MM
 
 GRAIN: Final = 0.001 * MM
 """To so much the room is rounded inwards [m]."""
-
-RADIUS_SHARE: Final = 0.3
-"""Radius of the circles as a share of the smallest room."""
 
 OTHER_FEEDS: Final = (0.2, 1.0, 5.0)
 """Feeds of the circles, as multiples of the feed of the log."""

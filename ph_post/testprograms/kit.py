@@ -16,6 +16,7 @@ from ph_post.errors import InputError
 from ph_post.gcode.program import AXES
 from ph_post.testprograms import motions as parts
 from ph_post.testprograms.builder import (
+    RADIUS_SHARE,
     TOP_SHARE,
     ProgramBuilder,
     TestVolume,
@@ -30,9 +31,6 @@ from ph_post.units import MINUTE, MM, MM_PER_MIN
 
 TRAVEL: Final = 100.0 * MM
 """Room of every axis where a person names none [m], end to end."""
-
-RADIUS_SHARE: Final = 0.3
-"""Radius of the circles where a person names none, as a share of the room."""
 
 LEAST: Final = 2.0 * MM
 """Room [m] in which nothing worth while can be seen."""

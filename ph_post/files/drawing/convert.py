@@ -129,7 +129,7 @@ def import_drawing(drawing: Drawing, file: str, stem: str, wish: ImportOptions) 
     _require_near(runs, file, mm)
     runs, points = chains.without_points(runs, 2.0 * SAME / mm)
     if points:
-        drawing = _also_left_out(drawing, "entities without length", points)
+        drawing = msgspec.structs.replace(drawing, left_out={**drawing.left_out, "entities without length": points})
     _require_something(drawing, runs, file, wish)
     runs = _level(runs, file, wish, mm, notes)
     joining = chains.join(runs, wish.join / mm, SAME / mm)
@@ -183,10 +183,6 @@ def _require_near(runs: Sequence[Subpath], file: str, mm: float) -> None:
                 expected=f"at most {most * mm:g} mm",
                 got=f"{size * mm:.6g} mm",
             )
-
-
-def _also_left_out(drawing: Drawing, what: str, times: int) -> Drawing:
-    return msgspec.structs.replace(drawing, left_out={**drawing.left_out, what: times})
 
 
 def _unit(drawing: Drawing, file: str, wish: ImportOptions, notes: list[str]) -> tuple[str, Fraction]:
