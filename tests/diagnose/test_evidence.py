@@ -16,8 +16,10 @@ from support.residuals import MM, NOISE, PERIOD, UM, B, C, Moved, circles, decay
 
 from ph_post.diagnose.evidence import SIGNATURES, evidence_of
 from ph_post.diagnose.evidence.base import Evidence
+from ph_post.diagnose.sentences import PLACES
 from ph_post.identify.free_run import problem_of
 from ph_post.identify.linear_drive import motion_of
+from ph_post.testprograms.experiments import SHOWN
 from ph_post.types import AxisLog, Feedback
 from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality
 
@@ -300,3 +302,7 @@ def test_all_of_the_catalogue_has_a_signature() -> None:
 
     names = {one.name for one in every_hypothesis(exhibit(lines(), {"act": np.zeros(lines().x.size)}).problem)}
     assert names | {"squareness"} == set(SIGNATURES)
+
+
+def test_every_table_of_effects_has_all_of_them():
+    assert set(SIGNATURES) == set(PLACES) == set(SHOWN)

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from support.canon import assert_agrees, needs_rs274, number_lines, run_rs274
 from support.testdrive import Drive
 
+from ph_post.dialects.base import Recording
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
@@ -21,6 +22,7 @@ from ph_post.simulate.controllers.run import run_program
 from ph_post.testprograms import motions
 from ph_post.testprograms.builder import CHORD, ProgramBuilder
 from ph_post.testprograms.kit import calibration_kit, choose_volume
+from ph_post.testprograms.program import what_to_record
 from ph_post.types import Machine
 from ph_post.types.diagnosis import Experiment
 
@@ -334,3 +336,11 @@ def test_a_machine_of_z_alone_wants_it_named() -> None:
     with pytest.raises(InputError, match="--axes: the machine has no axis but Z; expected Z, to have it moved"):
         calibration_kit(lift)
     assert calibration_kit(lift, axes=("Z",))[0].name == "mix"
+
+
+def test_the_dialect_says_how_its_log_is_made() -> None:
+    assert "some ten times a second" in kit_of("stepper", "grbl", "at zero")[0].record[-1]
+    own = Recording(lines=lambda _machine, axes, _seconds, name, _gauge: [f"trace {name}: {' '.join(axes)}"])
+    dialect = replace(find_dialect("fanuc"), recording=own)
+    lines = what_to_record(read_machine("mill"), dialect, ("X", "Y"), ("act",), 10.0, "mix")
+    assert lines[-1] == "trace mix: X Y"
