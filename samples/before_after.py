@@ -12,7 +12,7 @@ from ph_post.compensate.plan import make_plan
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path
 from ph_post.files.storage import shipped
-from ph_post.report.figures import draw_plan, render
+from ph_post.report.figures import draw_plan, write_figure
 from ph_post.units import MM
 
 
@@ -21,7 +21,7 @@ def before_after(folder: Path) -> float:
     path = read_path(str(shipped("paths", "oval")))
     analysis = analyse(path, read_machine("mill"), tolerance=0.005 * MM)
     plan = make_plan(analysis, PlanOptions(strategy="suppress"))
-    (folder / "before_after.png").write_bytes(render(draw_plan(analysis, plan), "png"))
+    (folder / "before_after.png").write_bytes(write_figure(draw_plan(analysis, plan), "before_after.png"))
     return plan.phases[-1].start / plan.nominal[-1].start
 
 

@@ -42,7 +42,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.motion_figures import draw_comparison
     from ph_post.report.simulations import comparison_lines, comparison_view, warnings_of_choice
     from ph_post.report.tables import print_json
@@ -52,7 +52,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
         if plot is not None:
             progress("drawing")
             picture = draw_comparison(found.analysis.path.name, found.strategies)
-            write_atomically({plot: render(picture, picture_format(plot))})
+            write_atomically({plot: write_figure(picture, plot)})
     if as_json:
         print_json(comparison_view(found))
         options.report_written(found.notes, ())

@@ -105,7 +105,7 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.files.table import table_content
-    from ph_post.report.figures import draw_plan, picture_format, render
+    from ph_post.report.figures import draw_plan, write_figure
     from ph_post.report.tables import print_json, print_plans
 
     machine = options.require_machine(how["machine"])
@@ -125,7 +125,7 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
             products[program] = path.program()
         if how["plot"] is not None:
             progress("drawing")
-            products[how["plot"]] = render(draw_plan(path.analysis, path.plan(asked[0])), picture_format(how["plot"]))
+            products[how["plot"]] = write_figure(draw_plan(path.analysis, path.plan(asked[0])), how["plot"])
         plans = {output: path.plans[output] for output in asked}
         view, plans = _view(path, plans, not how["no_simulation"], progress) if as_json else (None, plans)
         write_atomically(products)
@@ -193,7 +193,7 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
     from ph_post.api.compensation import ProgramCompensation
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.motion_figures import draw_picture
     from ph_post.report.programs import program_summary, program_view
     from ph_post.report.tables import print_json
@@ -209,10 +209,12 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
     with ProgressPrinter() as progress:
         result = ProgramCompensation(raw, how["machine"], found, "program", progress)
         products = {} if target is None else products_of(target, result.program(), raw.data)
-        summary = program_summary(result, timed=not how["no_simulation"])
+        summary = program_summary(
+            result, timed=not how["no_simulation"], simulated=as_json and not how["no_simulation"]
+        )
         if how["plot"] is not None:
             picture = program_picture(result.edited, result.machine, found.tolerance, how["strategy"], progress)
-            products = {**products, how["plot"]: render(draw_picture(picture), picture_format(how["plot"]))}
+            products = {**products, how["plot"]: write_figure(draw_picture(picture), how["plot"])}
         view = program_view(result, not how["no_simulation"]) if as_json else None
         write_atomically(products)
     if view is not None:

@@ -39,7 +39,7 @@ def command(out: str, as_json: bool) -> int:
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import make_folder, write_atomically
     from ph_post.files.table import table_content
-    from ph_post.report.figures import draw_plan, render
+    from ph_post.report.figures import draw_plan, write_figure
     from ph_post.report.tables import dip_table, print_json, print_plans
     from ph_post.report.views import plan_view
 
@@ -53,7 +53,7 @@ def command(out: str, as_json: bool) -> int:
         products: dict[str, str | bytes] = {
             str(folder / f"{PATH}.ngc"): program,
             str(folder / f"{PATH}.csv"): table_content(rows, f"{PATH}.csv"),
-            str(folder / f"{PATH}.png"): render(draw_plan(analysis, result.plans["table"]), "png"),
+            str(folder / f"{PATH}.png"): write_figure(draw_plan(analysis, result.plans["table"]), f"{PATH}.png"),
         }
         write_atomically(products)
     if as_json:

@@ -101,7 +101,7 @@ def _products(found: LogDiagnosis, how: dict[str, Any]) -> dict[str, Content]:
     from ph_post.report.diagnoses import effort_units
     from ph_post.report.diagnosis_figures import draw_diagnosis
     from ph_post.report.diagnosis_page import diagnosis_page
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
 
     efforts = effort_units(found.log)
     products: dict[str, Content] = {}
@@ -110,7 +110,7 @@ def _products(found: LogDiagnosis, how: dict[str, Any]) -> dict[str, Content]:
     if how["html"] is not None:
         products[how["html"]] = diagnosis_page(found, found.log.name, efforts)
     if how["plot"] is not None:
-        products[how["plot"]] = render(draw_diagnosis(found, efforts), picture_format(how["plot"]))
+        products[how["plot"]] = write_figure(draw_diagnosis(found, efforts), how["plot"])
     if how["following"] is not None and found.next_experiment is not None:
         products[how["following"]] = found.next_experiment.program
     return products

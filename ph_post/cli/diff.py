@@ -79,7 +79,7 @@ def command(
     from ph_post.files.storage import STDIO, Content, write_atomically
     from ph_post.report.diff_page import diff_page
     from ph_post.report.diffs import diff_view, print_diff
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.tables import print_json
     from ph_post.units import MM
 
@@ -95,7 +95,7 @@ def command(
         if plot is not None:
             from ph_post.report.diff_page import draw_diff
 
-            products[plot] = render(draw_diff(found), picture_format(plot))
+            products[plot] = write_figure(draw_diff(found), plot)
         write_atomically(products)
     if as_json:
         print_json(diff_view(found))

@@ -97,7 +97,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.diagnoses import fit_view, identification_lines, identification_view
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.tables import print_json
     from ph_post.units import MM
 
@@ -123,7 +123,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
             from ph_post.report.diagnosis_figures import draw_identification
 
             progress("drawing")
-            products[plot] = render(draw_identification(found), picture_format(plot))
+            products[plot] = write_figure(draw_identification(found), plot)
         write_atomically(products)
     if as_json:
         view = identification_view(found.axes, found.sentences)

@@ -50,7 +50,7 @@ def command(
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.report.figures import draw_analysis, picture_format, render
+    from ph_post.report.figures import draw_analysis, write_figure
     from ph_post.report.tables import print_inspection, print_json
     from ph_post.report.views import inspection_view
 
@@ -67,7 +67,7 @@ def command(
         )
         if plot is not None:
             progress("drawing")
-            products[plot] = render(draw_analysis(found.analysis), picture_format(plot))
+            products[plot] = write_figure(draw_analysis(found.analysis), plot)
         write_atomically(products)
     if as_json:
         print_json(inspection_view(found))

@@ -64,7 +64,7 @@ def command(
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.rehearsals import draw_rehearsal, rehearsal_lines, rehearsal_view
     from ph_post.report.tables import print_json
 
@@ -78,7 +78,7 @@ def command(
             products[log] = found.log()
         if plot is not None:
             progress("drawing")
-            products[plot] = render(draw_rehearsal(found), picture_format(plot))
+            products[plot] = write_figure(draw_rehearsal(found), plot)
         write_atomically(products)
     if as_json:
         print_json(rehearsal_view(found))

@@ -73,7 +73,7 @@ def command(
     """
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.tables import print_json
 
     page = output or (None if as_json or plot is not None else "-")
@@ -87,7 +87,7 @@ def command(
             products[page] = made.page()
         if plot is not None:
             progress("drawing")
-            products[plot] = render(made.figure(), picture_format(plot))
+            products[plot] = write_figure(made.figure(), plot)
         write_atomically(products)
     if as_json:
         print_json(made.view())

@@ -71,7 +71,7 @@ def command(
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.report.figures import picture_format, render
+    from ph_post.report.figures import write_figure
     from ph_post.report.motion_figures import draw_run
     from ph_post.report.simulations import simulation_lines, simulation_view
     from ph_post.report.tables import print_json
@@ -94,7 +94,7 @@ def command(
             products[log] = found.log()
         if plot is not None:
             progress("drawing")
-            products[plot] = render(draw_run(found), picture_format(plot))
+            products[plot] = write_figure(draw_run(found), plot)
         write_atomically(products)
     if as_json:
         print_json(simulation_view(found))

@@ -127,7 +127,7 @@ def command(
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.drive.intervalfile import interval_content, interval_view
     from ph_post.files.storage import Content, write_atomically
-    from ph_post.report.figures import draw_intervals, picture_format, render
+    from ph_post.report.figures import draw_intervals, write_figure
     from ph_post.report.tables import print_json
 
     with ProgressPrinter() as progress:
@@ -145,7 +145,7 @@ def command(
         if output is not None or not as_json:
             products[output or "-"] = interval_content(table, output or "-")
         if plot is not None:
-            products[plot] = render(draw_intervals(table), picture_format(plot))
+            products[plot] = write_figure(draw_intervals(table), plot)
         write_atomically(products)
     options.report_written(table.warnings, () if plot is None else (plot,))
     if as_json:

@@ -6,16 +6,15 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from ph_post.quantities import NOTHING, micrometres, with_error
 from ph_post.report.effect_words import (
     finding_name,
     label_words,
-    micrometres,
     multiple,
-    number_words,
     parameter_words,
     verdict_sentences,
 )
-from ph_post.report.tables import NOTHING, format_table
+from ph_post.report.tables import format_table
 from ph_post.types import Log
 from ph_post.types.diagnosis import (
     Channel,
@@ -33,16 +32,16 @@ from ph_post.types.diagnosis import (
 from ph_post.units import MICROMETRE, MM, MS
 
 PLACES_SHOWN: Final = 4
-"""So many places of an axis are told on the terminal, those with the largest shares."""
+"""Places of an axis that the terminal shows, those with the largest shares."""
 
 SHARE_SHOWN: Final = 0.05
-"""Places with a smaller share of the excess are left to the JSON object."""
+"""Places with a smaller share of the excess are only in the JSON object."""
 
 SHORT: Final = 20
-"""Characters up to which what is to be recorded is the name of a column."""
+"""Characters up to which an item to log is the name of a column."""
 
 JITTER: Final = 1e-3
-"""Jitter below this part of the period is not told on the terminal."""
+"""Jitter below this part of the period is not shown on the terminal."""
 
 
 def effort_units(log: Log) -> dict[str, str]:
@@ -51,7 +50,7 @@ def effort_units(log: Log) -> dict[str, str]:
 
 
 def channel_scale(axis: str, channel: Channel, efforts: Mapping[str, str]) -> tuple[str, float]:
-    """Return the unit that a channel is told in, and its size in the record's units."""
+    """Return the unit that a channel is shown in, and its size in the units of the log."""
     return (efforts.get(axis, ""), 1.0) if channel == "force" else ("mm", MM)
 
 
@@ -114,7 +113,7 @@ def _experiment_view(one: Experiment) -> dict[str, Any]:
 
 
 def _place_view(place: ResidualPlace) -> dict[str, Any]:
-    """Tell a place; what its value is depends on the split, and the sentence tells it in the shop's units."""
+    """Return a place; the meaning of its value depends on the split, and the sentence has it in shop units."""
     return {
         "axis": place.axis,
         "by": place.by,
@@ -156,7 +155,7 @@ def _finite(value: float, size: float = 1.0) -> float | None:
 def diagnosis_lines(
     diagnosis: Diagnosis, efforts: Mapping[str, str] | None = None, given: Collection[str] = ()
 ) -> list[str]:
-    """Say in lines what was found, what it rests on, and what to do next.
+    """Describe the findings, their evidence, and what to do next.
 
     Parameters
     ----------
@@ -164,13 +163,13 @@ def diagnosis_lines(
     efforts : mapping, optional
         As of :func:`diagnosis_view`.
     given : collection of str
-        Those of the options ``-o`` and ``--next`` that need no mention any more.
+        Options among ``-o`` and ``--next`` that were given, and are not suggested.
     """
     return [
         *verdict_sentences(diagnosis),
         *(f"fault: {fault}" for fault in diagnosis.quality.faults if diagnosis.verdict != "not-identifiable"),
         *_quality_lines(diagnosis.quality, efforts or {}),
-        *_place_lines("Where machine file and record differ:", diagnosis.places),
+        *_place_lines("Where machine file and log differ:", diagnosis.places),
         *_gap_lines(diagnosis),
         *(line for found in diagnosis.findings for line in _finding_lines(found)),
         *(_place_lines("What remains:", diagnosis.remaining) if len(diagnosis.steps) > 1 else ()),
@@ -180,9 +179,9 @@ def diagnosis_lines(
 
 
 def _quality_lines(quality: LogQuality, efforts: Mapping[str, str]) -> Iterator[str]:
-    period = f"The record: a sample every {quality.period / MS:.4g} ms"
-    jitter = f" (up to {quality.jitter / MS:.2g} ms off)" if quality.jitter > JITTER * quality.period else ""
-    start = f"; the first {quality.first * quality.period:.3g} s are left out" if quality.first else ""
+    period = f"The log: a sample every {quality.period / MS:.4g} ms"
+    jitter = f" (jitter up to {quality.jitter / MS:.2g} ms)" if quality.jitter > JITTER * quality.period else ""
+    start = f"; the first {quality.first * quality.period:.3g} s are ignored" if quality.first else ""
     yield f"{period}{jitter}{start}"
     for one in quality.channels:
         yield f"  {_channel_words(one, efforts)}"
@@ -221,10 +220,10 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
     for step in diagnosis.steps:
         known = floor > 0.0 and math.isfinite(step.holdout_rms)
         times = multiple(step.holdout_rms, floor) if known else NOTHING
-        added = "the machine file as it is" if step.added is None else f"+ {label_words(step.added)}"
+        added = "original machine file" if step.added is None else f"+ {label_words(step.added)}"
         rows.append((added, micrometres(step.fit_rms), micrometres(step.holdout_rms), times))
-    header = ("step", "fitted µm", "held out µm", "times the floor")
-    title = f"The gap between model and record, rms (noise floor {micrometres(floor)} µm):"
+    header = ("step", "fitted µm", "held out µm", "× noise floor")
+    title = f"Residual between log and model, rms (noise floor {micrometres(floor)} µm):"
     return [title, *format_table(header, rows).splitlines()]
 
 
@@ -233,13 +232,13 @@ def _finding_lines(found: Finding) -> Iterator[str]:
     where = f": {found.where}" if found.where else ""
     yield f"{finding_name(found)}{where}{sure}"
     for key, one in found.parameters.items():
-        doubt = "" if number_words(one)[1] is not None else " (its standard error is not known)"
+        doubt = "" if with_error(one.value, one.stderr)[1] is not None else " (standard error unknown)"
         yield f"  {key} = {parameter_words(key, one)}{doubt}"
     for sentence in found.evidence:
         yield f"  evidence: {sentence}"
     if found.ambiguous_with:
         rivals = ", ".join(label_words(label, found.axis) for label in found.ambiguous_with)
-        yield f"  not told apart from: {rivals}"
+        yield f"  not separable from: {rivals}"
 
 
 def _next_lines(diagnosis: Diagnosis, given: Collection[str]) -> Iterator[str]:
@@ -248,14 +247,14 @@ def _next_lines(diagnosis: Diagnosis, given: Collection[str]) -> Iterator[str]:
         how = "" if "--next" in given else "; --next FILE writes the program"
         yield f"Next: run {following.name}: {following.why}"
         if max(map(len, following.record), default=0) > SHORT:
-            yield f"  record, by these lines{how}:"
+            yield f"  log, by these lines{how}:"
             yield from (f"    {line}" for line in following.record)
         else:
-            yield f"  record {', '.join(following.record)}{how}"
+            yield f"  log {', '.join(following.record)}{how}"
     if len(diagnosis.steps) > 1 and diagnosis.verdict == "ambiguous":
-        yield "The better machine assumes the first name of each doubtful set."
+        yield "The better machine file assumes the first effect of each doubtful set."
     if len(diagnosis.steps) > 1 and "-o" not in given:
-        yield "The better machine is written with -o; convert and simulate take it at once."
+        yield "-o FILE writes the better machine file, for convert and simulate."
 
 
 Parameters = Mapping[str, Mapping[str, Estimate]]
@@ -270,7 +269,7 @@ def identification_view(axes: Parameters, notes: Sequence[str] = ()) -> dict[str
     axes : mapping
         By axis and name.
     notes : sequence of str
-        What the record could not separate, and what else a person should know.
+        Parameters that the log could not separate, and other notes for a person.
     """
     return {
         "axes": {
@@ -281,23 +280,23 @@ def identification_view(axes: Parameters, notes: Sequence[str] = ()) -> dict[str
 
 
 def identification_lines(axes: Parameters, notes: Sequence[str] = ()) -> list[str]:
-    """Say in lines what the parameters are, and how well the record shows them.
+    """List the parameters, and how well the log shows them.
 
     Parameters are those of :func:`identification_view`.
     """
     rows = [(axis, name, *_cells(one)) for axis, parameters in axes.items() for name, one in parameters.items()]
     header = ("axis", "parameter", "value", "standard error", "unit")
-    table = format_table(header, rows).splitlines() if rows else ["This record shows no parameter."]
+    table = format_table(header, rows).splitlines() if rows else ["This log shows no parameter."]
     return [*table, *(f"note: {note}" for note in notes)]
 
 
 def _cells(one: Estimate) -> tuple[str, str, str]:
-    value, error = number_words(one)
-    return value, "not known" if error is None else f"± {error}", one.unit or NOTHING
+    value, error = with_error(one.value, one.stderr)
+    return value, "unknown" if error is None else f"± {error}", one.unit or NOTHING
 
 
 def fit_view(found: Identification) -> dict[str, Any]:
-    """Return by axis what the free run misses, and which numbers the record tells apart, as JSON."""
+    """Return the rms of the free run and the separable parameters of every axis as JSON."""
     return {
         "fit": {
             name: {"unit": "mm", "rms": drive.rms / MM, "noise_floor": drive.noise / MM}

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ph_post.api.measurements import LogIdentification
+from ph_post.quantities import micrometres, with_error
 from ph_post.report.diagnosis_page import channel_noise, envelope, residual_scale, stretches
-from ph_post.report.effect_words import gap_words, label_words, number_words, verdict_sentences
+from ph_post.report.effect_words import gap_words, label_words, verdict_sentences
 from ph_post.report.figures import AFTER, MARK, WINDOW, legend_above, new_figure
 from ph_post.types import Array
 from ph_post.types.diagnosis import Diagnosis, Identification, ResidualTrace
@@ -63,17 +64,16 @@ def _draw_gap(axes: Axes, diagnosis: Diagnosis) -> None:
         (0.2, AFTER, "held out", [step.holdout_rms for step in diagnosis.steps]),
     ):
         bars = axes.barh(rows + offset, np.array(values) / MICROMETRE, 0.38, color=colour, label=label)
-        axes.bar_label(bars, fmt=" %.2f", fontsize="small")
+        axes.bar_label(bars, [f" {micrometres(value)}" for value in values], fontsize="small")
     if diagnosis.noise_floor > 0.0:
         axes.axvline(diagnosis.noise_floor / MICROMETRE, color=MARK, linestyle="--", linewidth=1.2, label="noise floor")
     names = [
-        "the machine file as it is" if step.added is None else f"+ {label_words(step.added)}"
-        for step in diagnosis.steps
+        "original machine file" if step.added is None else f"+ {label_words(step.added)}" for step in diagnosis.steps
     ]
     axes.set_yticks(rows, names)
     axes.invert_yaxis()
     axes.margins(x=0.12)
-    axes.set(xlabel="gap between model and record, rms [µm]")
+    axes.set(xlabel="residual between log and model, rms [µm]")
     axes.legend(frameon=False, fontsize="small", loc="lower right")
 
 
@@ -82,8 +82,8 @@ def _draw_trail(axes: Axes, trail: ResidualTrace, diagnosis: Diagnosis, efforts:
     drawn = envelope(trail, POINTS)
     for first, last in stretches(trail.held_out & trail.counted):
         axes.axvspan(trail.t[first], trail.t[last], color=HELD_OUT, linewidth=0.0, label="held out")
-    pairs = [(drawn.before, WINDOW, "the machine file as it is")]
-    pairs += [(drawn.after, AFTER, "the better machine")] if len(diagnosis.steps) > 1 else []
+    pairs = [(drawn.before, WINDOW, "original machine file")]
+    pairs += [(drawn.after, AFTER, "better machine file")] if len(diagnosis.steps) > 1 else []
     for (low, high), colour, label in pairs:
         # An edge keeps what is thinner than a line in the picture.
         axes.fill_between(drawn.t, low / size, high / size, color=colour, linewidth=0.7, label=label)
@@ -94,13 +94,13 @@ def finish_trail(axes: Axes, trail: ResidualTrace, noise: float, unit: tuple[str
     """Draw the noise into a residual over time, and let what counts set the range.
 
     The start-up may be many times as large. `unit` is what the residual is drawn in: its name, and its size
-    in the record's units.
+    in the units of the log.
     """
     name, size = unit
     if math.isfinite(noise):
         for value in (noise, -noise):
             axes.axhline(value / size, color="black", linestyle=":", linewidth=0.9, label="noise")
-    axes.set(ylabel=f"{trail.axis}_{trail.channel}: record - model [{name}]")
+    axes.set(ylabel=f"{trail.axis}_{trail.channel}: log - model [{name}]")
     legend_above(axes, columns=5)
     values = np.concatenate([trail.before[trail.counted], trail.after[trail.counted]]) / size
     values = values[np.isfinite(values)]
@@ -112,7 +112,7 @@ def finish_trail(axes: Axes, trail: ResidualTrace, noise: float, unit: tuple[str
 
 
 def draw_identification(found: LogIdentification) -> Figure:
-    """Draw record less model for every reading of a position, with the noise and the command."""
+    """Draw log minus model for every reading of a position, with the noise and the command."""
     trails = list(found.residuals())
     figure = new_figure(10.0, 1.2 + 2.2 * max(len(trails), 1))
     panels = figure.subplots(max(len(trails), 1), 1, squeeze=False, sharex=True)[:, 0]
@@ -126,7 +126,7 @@ def draw_identification(found: LogIdentification) -> Figure:
 def _words(found: Identification) -> Iterator[str]:
     """Name what was identified, a line an axis."""
     for axis, parameters in found.axes.items():
-        known = ((name, *number_words(one), one.unit) for name, one in parameters.items())
+        known = ((name, *with_error(one.value, one.stderr), one.unit) for name, one in parameters.items())
         told = [f"{name} {value}{'' if error is None else f' ± {error}'} {unit}" for name, value, error, unit in known]
         yield f"{axis}: {', '.join(told)}"
 
@@ -134,7 +134,7 @@ def _words(found: Identification) -> Iterator[str]:
 def _draw_remainder(axes: Axes, trail: ResidualTrace, noise: float) -> None:
     drawn = envelope(trail, POINTS)
     low, high = drawn.after / MICROMETRE
-    axes.fill_between(drawn.t, low, high, color=AFTER, linewidth=0.7, label="record - model")
+    axes.fill_between(drawn.t, low, high, color=AFTER, linewidth=0.7, label="log - model")
     finish_trail(axes, trail, noise, ("µm", MICROMETRE))
     beside = axes.twinx()
     beside.plot(trail.t, trail.command / MM, color=MARK, linewidth=0.6, alpha=0.5)

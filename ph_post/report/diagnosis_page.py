@@ -12,21 +12,22 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from ph_post.quantities import with_error
 from ph_post.report.diagnoses import channel_scale, diagnosis_lines, diagnosis_view
-from ph_post.report.effect_words import finding_name, label_words, number_words
+from ph_post.report.effect_words import finding_name, label_words
 from ph_post.report.page import lowest_and_highest, make_page
 from ph_post.types import Array, BoolArray, IntArray
 from ph_post.types.diagnosis import Channel, ChannelQuality, Diagnosis, ResidualTrace
 from ph_post.units import MICROMETRE, MM, MS
 
 SLACK: Final = 1e-4
-"""A way back that is no longer than this part of the travel is rounding, and no reversal."""
+"""A move back that is no longer than this part of the travel is rounding, not a reversal."""
 
 REACH: Final = 90.0
-"""Percentile of the times between reversals up to which the residual is told by the time since the last."""
+"""Percentile of the times between reversals up to which the residual is shown since the last."""
 
 FEWEST: Final = 3
-"""A mean of fewer samples is not told."""
+"""A mean of fewer samples is not shown."""
 
 
 class Envelope(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -42,7 +43,7 @@ class Envelope(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class ResidualProfile(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What a residual is by another variable, whose steps have their middles at `x`, (m,); NaN: too few."""
+    """Residual over another variable, whose steps have their middles at `x`, (m,); NaN: too few samples."""
 
     x: Array
     before: Array
@@ -165,7 +166,7 @@ STEPS: Final = 100
 """Steps of position, and of the time since a reversal."""
 
 DIGITS: Final = 5
-"""Significant digits of what is only drawn."""
+"""Significant digits of values that are only drawn."""
 
 
 def diagnosis_page(
@@ -181,7 +182,7 @@ def diagnosis_page(
     efforts : mapping, optional
         Units of the force channels by axis, see :func:`~ph_post.report.diagnoses.effort_units`.
     remarks : str
-        What else stands under the verdict.
+        More text under the verdict.
     """
     efforts = efforts or {}
     data = {
@@ -193,7 +194,8 @@ def diagnosis_page(
         "titles": [finding_name(one) for one in diagnosis.findings],
         "rivals": [[label_words(name, one.axis) for name in one.ambiguous_with] for one in diagnosis.findings],
         "estimates": [
-            {key: number_words(value) for key, value in one.parameters.items()} for one in diagnosis.findings
+            {key: with_error(value.value, value.stderr) for key, value in one.parameters.items()}
+            for one in diagnosis.findings
         ],
         "trails": [_trail(one, diagnosis, efforts) for one in diagnosis.trails],
     }
@@ -202,13 +204,13 @@ def diagnosis_page(
 
 
 def residual_scale(axis: str, channel: Channel, efforts: Mapping[str, str]) -> tuple[str, float]:
-    """Return the unit that a residual is drawn in, and its size in the record's units."""
+    """Return the unit that a residual is drawn in, and its size in the units of the log."""
     unit, size = channel_scale(axis, channel, efforts)
     return ("µm", MICROMETRE) if channel != "force" else (unit, size)
 
 
 def channel_noise(trail: ResidualTrace, diagnosis: Diagnosis) -> float:
-    """Return the noise of a trail's channel, NaN where nothing is known of it."""
+    """Return the noise of a trail's channel, NaN where it is not known."""
     known: list[ChannelQuality] = [
         one for one in diagnosis.quality.channels if (one.axis, one.channel) == (trail.axis, trail.channel)
     ]

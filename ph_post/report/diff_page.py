@@ -16,7 +16,7 @@ from ph_post.report.diffs import Programs, diff_summary, page_view
 from ph_post.report.figures import TWO, draw_moves, legend_above, magnification, new_figure, steps_of
 from ph_post.report.page import evenly, lowest_and_highest, make_page, numbers
 from ph_post.types import Array, BoolArray
-from ph_post.units import MM, MM_PER_MIN
+from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,7 +136,7 @@ def draw_diff(found: Comparison) -> Figure:
     _draw_path(panels["path"], path, off, found.max_deviation or 0.0)
     panels["off"].sharex(panels["feed"])
     for one, colour in zip(off, TWO, strict=False):
-        away = np.linalg.norm(np.array([one["dx"], one["dy"], one["dz"]]), axis=0)
+        away = np.linalg.norm(np.array([one["dx"], one["dy"], one["dz"]]), axis=0) * (MM / MICROMETRE)
         line = steps_of(np.array([one["s"], away]), _on_the_way(one["stretch"]))
         panels["off"].plot(*line, color=colour, linewidth=1.0)
     for k, (name, colour) in enumerate(zip("AB", TWO, strict=True)):
@@ -144,7 +144,7 @@ def draw_diff(found: Comparison) -> Figure:
         values = np.array([np.nan if one is None else one for one in steps["feed"]], dtype=np.float64)
         if values.size:
             panels["feed"].stairs(values, steps["s"], color=colour, baseline=None, label=name)
-    panels["off"].set(ylabel="deviation [mm]")
+    panels["off"].set(ylabel="deviation [µm]")
     panels["feed"].set(xlabel="along A [mm]", ylabel="programmed feed [mm/min]")
     legend_above(panels["feed"])
     figure.suptitle("\n".join(diff_summary(found)), fontsize="medium", wrap=True)
@@ -161,7 +161,7 @@ def _draw_path(axes: Axes, path: dict[str, Any], off: list[dict[str, Any]], most
         moved = np.array([one["x"], one["y"]]) + factor * np.array([one["dx"], one["dy"]])
         rapid = np.array(one["rapid"], dtype=bool)
         steps = _on_the_way(one["stretch"])
-        draw_moves(axes, moved, steps, rapid, colour, f"B, deviation x {factor:g}")
+        draw_moves(axes, moved, steps, rapid, colour, f"B, deviation × {factor:g}")
     axes.set(xlabel="X [mm]", ylabel="Y [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     legend_above(axes)

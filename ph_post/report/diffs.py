@@ -14,8 +14,9 @@ from ph_post.diff.feeds import FeedChange, Timing
 from ph_post.diff.paths import Span
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
+from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
 from ph_post.report.simulations import error_view
-from ph_post.report.tables import NOTHING, format_table
+from ph_post.report.tables import format_table
 from ph_post.report.views import View
 from ph_post.simulate.contour import ContourError
 from ph_post.units import MM, MM_PER_MIN
@@ -140,20 +141,21 @@ def print_diff(found: Comparison) -> None:
 
 
 def diff_summary(found: Comparison) -> list[str]:
-    """Say in a line what a user of ``diff`` wants to know first."""
+    """Say in one line what differs; with a machine, the predicted errors come first."""
     a, b = found.programs
     if found.identical:
         return [f"{a.name} and {b.name} are identical"]
     if found.same:
         written = sum(1 for one in found.blocks if one.kind == "writing")
-        how = "only the writing differs" if written == len(found.blocks) else "other words, the same motion"
+        how = "only the spelling differs" if written == len(found.blocks) else "other words, the same motion"
         return [f"{a.name} and {b.name} do the same: {how}"]
     telling = [one for one in found.blocks if one.kind != "writing"]
     parts = [
-        _some(len(telling), "group of blocks", "groups of blocks"),
+        _error_words(found),
         _path_words(found),
+        _some(len(telling), "changed group of blocks", "changed groups of blocks"),
         _some(len(found.feeds), "stretch with another feed", "stretches with another feed"),
-        _some(len(found.orders), "other order", "other orders"),
+        _some(len(found.orders), "other command", "other commands"),
     ]
     return [f"{a.name} and {b.name} differ: " + ", ".join(part for part in parts if part)]
 
@@ -162,16 +164,23 @@ def _some(number: int, one: str, many: str) -> str:
     return counted(number, one, many) if number else ""
 
 
+def _error_words(found: Comparison) -> str:
+    if found.errors is None:
+        return ""
+    a, b = (None if one is None else one.max for one in found.errors)
+    return f"largest error {micrometres(a)} µm for A, {micrometres(b)} µm for B"
+
+
 def _path_words(found: Comparison) -> str:
     if found.max_deviation is None:
         return "one of them has no motion" if len(found.travel.gaps) else ""
     if not found.deviations:
         return "the same tool path"
-    return f"tool paths up to {found.max_deviation / MM:.6g} mm apart"
+    return f"tool paths up to {micrometres(found.max_deviation)} µm apart"
 
 
 def _print_blocks(found: Comparison) -> None:
-    """Print the blocks that differ, as ``diff -u`` colours them; where only the writing does, as a number."""
+    """Print the blocks that differ, coloured as by ``diff -u``; count those that only spell it differently."""
     telling = [one for one in found.blocks if one.kind != "writing"]
     for one in telling[:SHOWN]:
         click.secho(f"@@ {_where(one.a)} | {_where(one.b)} @@", fg="cyan")
@@ -185,7 +194,7 @@ def _print_blocks(found: Comparison) -> None:
 
 
 def _few(lines: Sequence[str]) -> list[str]:
-    """Return so many lines as are shown, with a word on the rest."""
+    """Return the lines that are shown, and how many more there are."""
     if len(lines) <= SHOWN:
         return list(lines)
     return [*lines[: SHOWN - 1], f"... {len(lines) - SHOWN + 1} more"]
@@ -204,25 +213,24 @@ def _say_rest(number: int, what: str) -> None:
 
 def _print_path(found: Comparison) -> None:
     if found.undone is not None:
-        click.echo(f"without what is declared the tool paths are {found.undone / MM:.6g} mm apart")
+        click.echo(f"without the declared compensation the tool paths are {micrometres(found.undone)} µm apart")
     if not found.deviations:
         return
-    click.secho("tool path, where it deviates (mm):", bold=True)
+    click.secho("tool path, where it deviates (places in mm):", bold=True)
     worst = sorted(found.deviations, key=lambda one: -one.amount)[:SHOWN]
     rows = [
         (
             _where(one.a),
             _where(one.b),
-            f"{one.s_a[0] / MM:.3f}",
-            f"{one.s_a[1] / MM:.3f}",
-            f"{one.amount / MM:.6f}",
+            *map(millimetres, one.s_a),
+            micrometres(one.amount),
             f"{'AB'[one.worst]}:{one.block + 1}",
-            *(f"{x / MM:.4f}" for x in one.where),
+            *map(millimetres, one.where),
         )
         for one in sorted(worst, key=lambda one: one.s_a)
     ]
-    _print_table(("lines of A", "lines of B", "from s", "to s", "deviation", "at line", "X", "Y", "Z"), rows)
-    _say_rest(len(found.deviations) - SHOWN, "stretches, all nearer")
+    _print_table(("lines of A", "lines of B", "from s", "to s", "deviation µm", "at line", "X", "Y", "Z"), rows)
+    _say_rest(len(found.deviations) - SHOWN, "stretches, all closer")
 
 
 def _print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -237,8 +245,7 @@ def _print_feeds(feeds: Sequence[FeedChange]) -> None:
         (
             _where(one.a),
             _where(one.b),
-            f"{one.s_a[0] / MM:.3f}",
-            f"{one.s_a[1] / MM:.3f}",
+            *map(millimetres, one.s_a),
             _between(_feeds(one.feed_a)),
             _between(_feeds(one.feed_b)),
             _between(None if one.ratio is None else list(one.ratio)),
@@ -260,15 +267,15 @@ def _print_times(found: Comparison) -> None:
     a, b = found.timing
     if not found.times:
         return
-    click.secho(f"time: {a.total:.3f} s in A, {b.total:.3f} s in B ({time_words(a)})", bold=True)
+    click.secho(f"time: {seconds(a.total)} s for A, {seconds(b.total)} s for B ({time_words(a)})", bold=True)
     worst = sorted(found.times, key=lambda one: -abs(one.time_b - one.time_a))[:SHOWN]
     rows = [
         (
             _where(one.a),
             _where(one.b),
-            f"{one.time_a:.4f}",
-            f"{one.time_b:.4f}",
-            click.style(f"{one.time_b - one.time_a:+.4f}"),
+            seconds(one.time_a),
+            seconds(one.time_b),
+            f"{one.time_b - one.time_a:+.3f}",
         )
         for one in sorted(worst, key=lambda one: (one.a, one.b))
     ]
@@ -277,17 +284,17 @@ def _print_times(found: Comparison) -> None:
 
 
 def time_words(timing: Timing) -> str:
-    """Say how the times were found."""
+    """Name the model of the times."""
     if timing.model == "controller":
-        return "as a controller runs it"
-    rapids = "rapid moves left out" if timing.rapids is None else "rapid moves at the machine's speed"
+        return "by the model of the controller"
+    rapids = "rapid moves ignored" if timing.rapids is None else "rapid moves at the speed of the machine"
     return f"length over feed, {rapids}, no ramps"
 
 
 def _print_orders(orders: Sequence[CommandChange]) -> None:
     if not orders:
         return
-    click.secho("beside the motion:", bold=True)
+    click.secho("other commands:", bold=True)
     for one in orders[:SHOWN]:
         if one.b is None:
             click.secho(f"- A:{_line(one.a)}: {one.what}", fg="red")
@@ -295,35 +302,35 @@ def _print_orders(orders: Sequence[CommandChange]) -> None:
             click.secho(f"+ B:{_line(one.b)}: {one.what}", fg="green")
         else:
             click.secho(f"! A:{_line(one.a)}, B:{_line(one.b)}: {one.what}", fg="yellow")
-    _say_rest(len(orders) - SHOWN, "orders")
+    _say_rest(len(orders) - SHOWN, "commands")
 
 
 def _print_errors(errors: tuple[ContourError | None, ContourError | None] | None) -> None:
     if errors is None:
         return
-    click.secho("predicted contour error (mm):", bold=True)
+    click.secho("predicted contour error:", bold=True)
     rows = [
-        (name, NOTHING, NOTHING) if one is None else (name, f"{one.max / MM:.6f}", f"{one.rms / MM:.6f}")
+        (name, NOTHING, NOTHING) if one is None else (name, micrometres(one.max), micrometres(one.rms))
         for name, one in zip("AB", errors, strict=True)
     ]
-    _print_table(("", "max", "rms"), rows)
+    _print_table(("", "max µm", "rms µm"), rows)
 
 
 def page_view(found: Comparison) -> dict[str, Any]:
-    """Return what the page shows beside its pictures."""
+    """Return the data of the page without its pictures."""
     return {**diff_view(found), "summary": diff_summary(found)}
 
 
 FAILURES_SHOWN = 20
-"""So many failures are listed as text."""
+"""Failures that are listed as text at most."""
 
 
 def verdict_lines(verdict: Verdict) -> list[str]:
-    """Say in lines what is wrong, and what was looked at."""
+    """List the failures, and what was checked."""
     looked = ", ".join(f"{number} {name}" for name, number in verdict.checked.items() if number)
     seen = f"checked: {looked or 'the header'}"
     if verdict.ok:
-        return ["ok: only what is declared was changed", seen]
+        return ["ok: only the declared changes were made", seen]
     lines = [failure.sentence() for failure in verdict.failures[:FAILURES_SHOWN]]
     if verdict.found > len(lines):
         lines.append(f"and {verdict.found - len(lines)} more")

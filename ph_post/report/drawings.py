@@ -13,7 +13,8 @@ from ph_post.files.drawing.chains import SAME, without_points
 from ph_post.files.drawing.convert import ImportedDrawing, extents_of
 from ph_post.files.drawing.shapes import UNITS, Drawing
 from ph_post.geometry.track import Track
-from ph_post.report.tables import NOTHING, format_table
+from ph_post.quantities import NOTHING
+from ph_post.report.tables import format_table
 from ph_post.types import Array
 from ph_post.units import MM
 

@@ -6,11 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from ph_post.quantities import micrometres, with_error
 from ph_post.types.diagnosis import Diagnosis, Estimate, Finding
-from ph_post.units import MICROMETRE
-
-SMALL: Final = 0.01 * MICROMETRE
-"""What is smaller is no length that a machine shows, but may be one that a simulation does."""
 
 LARGE: Final = 1e5
 """Multiples of a noise floor from which on the power of ten says enough."""
@@ -20,42 +17,42 @@ EFFECTS: Final = {
     "coulomb_friction": "Coulomb friction",
     "stribeck_friction": "Stribeck friction",
     "viscous_friction": "viscous friction",
-    "friction_asymmetry": "friction that differs by direction",
+    "friction_asymmetry": "friction that depends on direction",
     "load_offset": "a constant load",
     "elastic_windup": "wind-up between motor and table",
-    "engagement_impact": "a pick-up that keeps momentum",
+    "engagement_impact": "an impact as the backlash closes",
     "position_dependent_backlash": "backlash that depends on position",
     "cyclic_error": "a cyclic error",
     "scale_error": "a scale error",
     "thermal_growth": "thermal growth",
-    "squareness": "an error of squareness",
-    "servo_mismatch": "a servo that is not as the file says",
+    "squareness": "a squareness error",
+    "servo_mismatch": "other servo parameters than in the file",
     "transport_delay": "a transport delay",
-    "torque_saturation": "a limit of the motor's torque",
+    "torque_saturation": "a limit of the motor torque",
     "cogging": "cogging of the motor",
     "cutting_force": "a cutting force",
 }
-"""Effects as a sentence names them."""
+"""Names of effects inside a sentence."""
 
 FORCES: Final = ("force", "static_force")
 """Parameters that are forces."""
 
 _SENTENCES: Final = {
-    "backlash": "The backlash of {axis} is not what the file says",
+    "backlash": "The backlash of {axis} differs from the file",
     "position_dependent_backlash": "The backlash of {axis} depends on position",
-    "servo_mismatch": "The servo of {axis} is not as the file says",
-    "engagement_impact": "The table of {axis} is picked up with momentum",
+    "servo_mismatch": "The servo of {axis} differs from the file",
+    "engagement_impact": "The table of {axis} is hit, not picked up at rest, as the backlash closes",
     "scale_error": "The scale of {axis} is off",
-    "thermal_growth": "{axis} grows as time goes on",
+    "thermal_growth": "{axis} grows with time",
     "squareness": "{axis} is out of square",
-    "transport_delay": "A delay is missing from {axis}",
-    "torque_saturation": "The motor of {axis} comes to the limit of its torque",
+    "transport_delay": "{axis} has a delay that the file does not have",
+    "torque_saturation": "The motor of {axis} reaches its torque limit",
 }
-"""Where "is missing from" is not how the shop would say it."""
+"""Sentences of effects for which "is missing from" would be wrong."""
 
 
 def label_words(label: str, axis: str = "") -> str:
-    """Name what stands as ``effect:axis``, or as ``effect`` where the axis is given.
+    """Name an effect given as ``effect:axis``, or as ``effect`` with the axis apart.
 
     Examples
     --------
@@ -67,7 +64,7 @@ def label_words(label: str, axis: str = "") -> str:
 
 
 def finding_name(found: Finding) -> str:
-    """Name what was found as a heading does.
+    """Name a finding as a heading.
 
     Such as ``Coulomb friction (X)``.
     """
@@ -76,12 +73,12 @@ def finding_name(found: Finding) -> str:
 
 
 def _plain(name: str) -> str:
-    """Name an effect, one that somebody added by its own name."""
+    """Name an effect; an added one keeps its own name."""
     return EFFECTS.get(name, name.replace("_", " "))
 
 
 def estimate_words(one: Estimate) -> str:
-    """Write a value with its standard error, both to the digit that the error reaches.
+    """Write a value with its standard error, both to the last digit of the error.
 
     Examples
     --------
@@ -92,13 +89,13 @@ def estimate_words(one: Estimate) -> str:
     >>> estimate_words(Estimate(value=12.3456, stderr=None, unit="N"))
     '12.35 N'
     """
-    value, error = number_words(one)
+    value, error = with_error(one.value, one.stderr)
     unit = "" if one.unit in ("", "1") else f" {one.unit}"
     return f"{value}{unit}" if error is None else f"{value} ± {error}{unit}"
 
 
 def parameter_words(key: str, one: Estimate) -> str:
-    """Write a parameter of an effect: a force in mm is what it adds to the following error.
+    """Write a parameter of an effect; a force in mm is what it adds to the following error.
 
     Examples
     --------
@@ -110,25 +107,8 @@ def parameter_words(key: str, one: Estimate) -> str:
     return f"{estimate_words(one)}{following}"
 
 
-def number_words(one: Estimate) -> tuple[str, str | None]:
-    """Write value and standard error, without their unit; None where no error is known."""
-    if one.stderr is None or not math.isfinite(one.stderr) or one.stderr <= 0.0:
-        return f"{one.value:.4g}", None
-    # One digit tells most errors; where it is off by much, as 0.1 for 0.14, two do.
-    short = float(f"{one.stderr:.0e}")
-    digits = 1 if abs(short - one.stderr) <= 0.05 * one.stderr else 2
-    exponent = math.floor(math.log10(float(f"{one.stderr:.{digits - 1}e}")))
-    if abs(one.value) < 1e-3 and exponent < -5:
-        return f"{one.value:.4g}", f"{one.stderr:.2g}"
-    if abs(one.value) > 1e6 * one.stderr:
-        return f"{one.value:.6g}", f"{one.stderr:.1g}"
-    places = digits - 1 - exponent
-    shown = max(places, 0)
-    return f"{round(one.value, places):.{shown}f}", f"{round(one.stderr, places):.{shown}f}"
-
-
 def finding_sentence(found: Finding) -> str:
-    """Say in a sentence what is missing, and its leading parameter."""
+    """Describe a finding in a sentence, with its leading parameter."""
     words = _plain(found.name)
     usual = f"{words[0].upper()}{words[1:]} is missing from {{axis}}"
     sentence = _SENTENCES.get(found.name, usual).format(axis=found.axis)
@@ -142,9 +122,9 @@ def finding_sentence(found: Finding) -> str:
 
 
 def verdict_sentences(diagnosis: Diagnosis) -> list[str]:
-    """Say what was found in plain sentences, what is certain first."""
+    """Describe the findings in plain sentences, certain ones first."""
     if diagnosis.verdict == "nothing-missing":
-        what = "machine file and record are no farther apart than the record's own noise explains"
+        what = "machine file and log differ by no more than the noise of the log"
         return [f"Nothing is missing: {what} ({gap_words(diagnosis)})."]
     if diagnosis.verdict == "not-identifiable":
         return [_cannot_show(diagnosis)]
@@ -158,31 +138,24 @@ def verdict_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def gap_words(diagnosis: Diagnosis) -> str:
-    """Say how far model and record are apart in the end: in µm, and in times the noise floor."""
+    """Describe the last residual: in µm, and in multiples of the noise floor."""
     if not diagnosis.steps or not math.isfinite(diagnosis.steps[-1].holdout_rms):
-        return "the gap was not measured"
+        return "the residual was not measured"
     last, floor = diagnosis.steps[-1].holdout_rms, diagnosis.noise_floor
     times = f", {multiple(last, floor)} times the noise floor of {micrometres(floor)} µm" if floor > 0.0 else ""
-    return f"{micrometres(last)} µm rms on what was held out{times}"
+    return f"residual {micrometres(last)} µm rms on held-out data{times}"
 
 
 def multiple(length: float, floor: float) -> str:
-    """Write how many times a noise floor a length is."""
+    """Write a length as a multiple of a noise floor."""
     times = length / floor
     return f"{times:.1f}" if times < LARGE else f"{times:.0e}"
-
-
-def micrometres(length: float) -> str:
-    """Write a length [m] in µm, to 0.01 µm or to two digits of what is smaller."""
-    if not math.isfinite(length):
-        return "-"
-    return f"{length / MICROMETRE:.2f}" if length >= SMALL or length == 0.0 else f"{length / MICROMETRE:.1e}"
 
 
 def _cannot_show(diagnosis: Diagnosis) -> str:
     reasons = diagnosis.quality.faults or diagnosis.notes
     why = "; ".join(reason.rstrip(".") for reason in reasons)
-    return f"This record cannot show it: {why}." if why else "This record cannot show it."
+    return f"This log cannot show it: {why}." if why else "This log cannot show it."
 
 
 def _not_explained(diagnosis: Diagnosis, *, also: bool) -> str:
@@ -192,18 +165,18 @@ def _not_explained(diagnosis: Diagnosis, *, also: bool) -> str:
     whose = f" {first}:" if len({one.axis for one in places}) > 1 else ""
     where = f"{whose} {most.sentence.rstrip('.')}." if most is not None else ""
     what = "the rest" if also else "it"
-    return f"None of the effects that are known explains {what}: {gap_words(diagnosis)}.{where}"
+    return f"No known effect explains {what}: {gap_words(diagnosis)}.{where}"
 
 
 def _cannot_tell(group: Sequence[str], diagnosis: Diagnosis) -> str:
     rivals = ", or ".join(label_words(label) for label in group)
     following = diagnosis.next_experiment
-    what_to_do = "" if following is None else f"; run {following.name}, which tells them apart"
-    return f"These cannot be told apart from this record: {rivals}{what_to_do}."
+    what_to_do = "" if following is None else f"; run {following.name} to separate them"
+    return f"This log cannot separate: {rivals}{what_to_do}."
 
 
 def _rivals(diagnosis: Diagnosis) -> list[list[str]]:
-    """Return the sets of names that explain the record equally well, each once."""
+    """Return the sets of effects that explain the log equally well, each once."""
     groups: dict[frozenset[str], list[str]] = {}
     for one in diagnosis.findings:
         if one.ambiguous_with:

@@ -33,7 +33,7 @@ POINTS_A_PIECE = 64
 BEFORE, AFTER, WINDOW, MARK = "#8c96a0", "#0b62a4", "#f2a33a", "#c0392b"
 
 TWO = ("#c2570c", AFTER)
-"""Of two that are compared, in the colours that the pages have for them."""
+"""Colours of two compared motions, as on the pages."""
 
 ERROR_SHARE = 0.05
 """The largest error is drawn as large as this part of the path's extent."""
@@ -63,10 +63,19 @@ def picture_format(target: str) -> str:
     return suffix[1:]
 
 
-def render(figure: Figure, picture: str) -> bytes:
-    """Return the picture's bytes, the same for the same figure (no dates, fixed identifiers)."""
+def write_figure(figure: Figure, target: str) -> bytes:
+    """Return a figure as the content of the file `target`, in the format that its name asks for.
+
+    The bytes are the same for the same figure: no dates, fixed identifiers.
+
+    Raises
+    ------
+    InputError
+        If the format is none of :data:`FORMATS`.
+    """
     import matplotlib as mpl
 
+    picture = picture_format(target)
     stream = io.BytesIO()
     dates = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with mpl.rc_context({"svg.hashsalt": "ph_post"}):
@@ -75,7 +84,7 @@ def render(figure: Figure, picture: str) -> bytes:
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
-    """Put the legend above the picture, where it hides nothing; what has the same name is told once."""
+    """Put the legend above the picture, where it hides nothing, equal names once."""
     handles, names = axes.get_legend_handles_labels()
     once = dict(zip(names, handles, strict=True))
     if once:
@@ -156,7 +165,7 @@ def draw_plan(analysis: Analysis, plan: Plan) -> Figure:
 
 
 def draw_analysis(analysis: Analysis) -> Figure:
-    """Draw the path with its windows, and beside it, with a machine, how long every turning point is held."""
+    """Draw the path with its windows, and beside it, with a machine, the standstill of every reversal."""
     known = [one for one in analysis.intervals if one is not None]
     figure = new_figure(10.0 if known else 5.5)
     if not known:
@@ -177,10 +186,10 @@ def _draw_intervals(axes: Axes, analysis: Analysis) -> None:
         if interval is not None:
             lag, duration = interval.lag / MS, interval.duration / MS
             axes.barh(point.index, lag, color=BEFORE, height=0.7, label="lag of the reversal")
-            axes.barh(point.index, duration, left=lag, color=AFTER, height=0.7, label="held in its gap")
+            axes.barh(point.index, duration, left=lag, color=AFTER, height=0.7, label="standstill")
     axes.invert_yaxis()
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="after the command turns round [ms]", ylabel="turning point")
+    axes.set(xlabel="after the commanded reversal [ms]", ylabel="reversal")
     legend_above(axes)
 
 
@@ -201,7 +210,7 @@ def _draw_turning_points(axes: Axes, analysis: Analysis) -> None:
     points: tuple[TurningPoint, ...] = analysis.turning_points
     if points:
         places = _positions(analysis, np.array([point.s for point in points]))
-        axes.plot(*places, "o", color=MARK, markersize=4.0, label="turning point")
+        axes.plot(*places, "o", color=MARK, markersize=4.0, label="reversal")
 
 
 def _positions(analysis: Analysis, s: Array) -> Array:
@@ -230,7 +239,7 @@ def _feed_along(phases: tuple[Phase, ...]) -> tuple[Array, Array]:
 
 
 LINES: Final = 6
-"""Values of the coarser grid that get a line."""
+"""Values of the coarser grid that are drawn as a line."""
 
 
 def draw_intervals(table: IntervalTable) -> Figure:
@@ -239,7 +248,7 @@ def draw_intervals(table: IntervalTable) -> Figure:
     panels = figure.subplots(1, len(table.axes), squeeze=False, sharey=True)[0]
     for axes, one in zip(panels, table.axes, strict=True):
         _draw_axis(axes, table, one)
-    panels[0].set(ylabel="held in its gap [ms]")
+    panels[0].set(ylabel="standstill [ms]")
     circle = f"radius {table.radius[0] / MM:g} mm at {table.feed[0] / MM_PER_MIN:g} mm/min"
     figure.suptitle(f"{table.machine}: {circle}")
     return figure

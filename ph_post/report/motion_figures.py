@@ -70,11 +70,11 @@ def _mark_gaps(axes: Axes, run: Run) -> None:
     for number, name in enumerate(run.axes):
         colour = (GAP, WINDOW, MARK)[number]
         for begin, end in gap_intervals(run, name):
-            axes.axvspan(begin, end, color=colour, alpha=0.35, linewidth=0.0, label=f"{name} in its gap")
+            axes.axvspan(begin, end, color=colour, alpha=0.35, linewidth=0.0, label=f"{name} taking up backlash")
 
 
 def _draw_error(axes: Axes, run: Run, assessment: Assessment) -> None:
-    error = assessment.nearest.error / MM
+    error = assessment.nearest.error / MICROMETRE
     counted = assessment.first
     _mark_gaps(axes, run)
     axes.plot(run.t[:counted], error[:counted], ":", color=BEFORE, linewidth=1.0)
@@ -85,16 +85,16 @@ def _draw_error(axes: Axes, run: Run, assessment: Assessment) -> None:
 
 
 def _error_label(run: Run) -> str:
-    """Name the error's axis; in space an error has no side."""
-    return "contour error [mm]" + (", + left of the path" if len(run.axes) == 2 else "")
+    """Label the axis of an error; in space an error has no side."""
+    return "contour error [µm]" + (", + left of the path" if len(run.axes) == 2 else "")
 
 
 def _draw_following(axes: Axes, run: Run) -> None:
     _mark_gaps(axes, run)
     for number, name in enumerate(run.axes):
-        lag = (run.executed[:, number] - run.commanded[:, number]) / MM
+        lag = (run.executed[:, number] - run.commanded[:, number]) / MICROMETRE
         axes.plot(run.t, lag, color=(AFTER, MARK, BEFORE)[number], linewidth=1.0, label=name)
-    axes.set(xlabel="t [s]", ylabel="executed - commanded [mm]")
+    axes.set(xlabel="t [s]", ylabel="executed - commanded [µm]")
     legend_above(axes)
 
 
@@ -108,9 +108,9 @@ def _draw_path(axes: Axes, run: Run, analysis: Analysis, assessment: Assessment)
     factor = magnification(extent, largest)
     place = (foot + factor * (run.executed - foot))[counted, :2] / MM
     axes.plot(*(foot[:, :2] / MM).T, color=MARK, linewidth=0.9, label="path")
-    axes.plot(*place.T, color=AFTER, linewidth=1.0, label=f"executed, error x {factor:g}")
+    axes.plot(*place.T, color=AFTER, linewidth=1.0, label=f"executed, error × {factor:g}")
     for rows in _gap_rows(run, assessment.first):
-        axes.plot(*place[rows].T, color=GAP, linewidth=1.8, label="a gap is open")
+        axes.plot(*place[rows].T, color=GAP, linewidth=1.8, label="taking up backlash")
     axes.set(xlabel=f"{run.axes[0]} [mm]", ylabel=f"{run.axes[1]} [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     legend_above(axes)
@@ -145,7 +145,7 @@ def draw_comparison(name: str, contenders: Sequence[Contender]) -> Figure:
 
 def _draw_along(axes: Axes, name: str, assessment: Assessment, colour: str) -> None:
     counted = slice(assessment.first, None)
-    s, error = assessment.run.s[counted] / MM, assessment.nearest.error[counted] / MM
+    s, error = assessment.run.s[counted] / MM, assessment.nearest.error[counted] / MICROMETRE
     axes.plot(s, error, color=colour, linewidth=1.0, label=name)
 
 
@@ -153,7 +153,7 @@ def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
     shown = [one for one in contenders if one.assessment is not None and one.pace is not None]
     rows: Array = np.arange(len(shown), dtype=np.float64)
     for offset, colour, label, values in (
-        (-0.2, AFTER, "as the machine file has it", [_size(one, worst=False) for one in shown]),
+        (-0.2, AFTER, "machine file", [_size(one, worst=False) for one in shown]),
         (0.2, WINDOW, "worst case", [_size(one, worst=True) for one in shown]),
     ):
         bars = axes.barh(rows + offset, values, 0.38, color=colour, label=label)
@@ -165,7 +165,7 @@ def _draw_bars(axes: Axes, contenders: Sequence[Contender]) -> None:
         axes.set_xscale("log")
         axes.set_xlim(10.0 ** math.floor(math.log10(0.8 * min(sizes))), 3.0 * max(sizes))
         axes.xaxis.set_minor_formatter("")
-    axes.set(xlabel="largest contour error [mm]")
+    axes.set(xlabel="largest contour error [µm]")
     legend_above(axes)
 
 
@@ -177,11 +177,11 @@ def _label(one: Contender) -> str:
 def _size(one: Contender, *, worst: bool) -> float:
     found = one.assessment
     error = None if found is None else found.error_worst if worst else found.error
-    return math.nan if error is None else error.max / MM
+    return math.nan if error is None else error.max / MICROMETRE
 
 
 DIGITS: Final = 4
-"""Decimals of an error in µm."""
+"""Decimals of a drawn error in µm."""
 
 
 def draw_picture(picture: Picture) -> Figure:
@@ -208,10 +208,10 @@ def _draw_both_paths(axes: Axes, picture: Picture) -> None:
     factor = magnification(float(np.ptp(joints, axis=0).max()), max(sizes))
     for trace, colour in zip(picture.traces, TWO, strict=False):
         places = np.where(trace.counted[:, None], trace.foot + factor * trace.away, np.nan)
-        axes.plot(*_flat(places), color=colour, linewidth=1.0, label=f"{trace.name}, error x {factor:g}")
+        axes.plot(*_flat(places), color=colour, linewidth=1.0, label=f"{trace.name}, error × {factor:g}")
     if picture.marks:
         points = _flat(np.array([one.point for one in picture.marks]))
-        axes.plot(*points, "o", color=MARK, markersize=3.5, label="turning point")
+        axes.plot(*points, "o", color=MARK, markersize=3.5, label="reversal")
     names = (*picture.axes, "")
     axes.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]" if names[1] else "")
     axes.set_aspect("equal", adjustable="datalim")
@@ -248,5 +248,5 @@ def _draw_panels(panels: dict[str, Axes], picture: Picture) -> None:
 
 
 def _counted(trace: DrawnMotion) -> Array:
-    # What is smaller is the rounding of numbers, which would fill the picture.
+    # Smaller differences are rounding, which would fill the picture.
     return np.where(trace.counted, np.round(trace.error / MICROMETRE, DIGITS), np.nan)

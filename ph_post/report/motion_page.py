@@ -8,14 +8,16 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.post.remarks import package_version
+from ph_post.quantities import NOTHING, before_and_after, micrometres, millimetres, seconds
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.traces import DrawnMotion, Mark, Picture
 from ph_post.report.views import View, machine_table
 from ph_post.simulate.assess import scenario_words
-from ph_post.simulate.contour import ContourError, TurningError
+from ph_post.simulate.contour import TurningError
 from ph_post.types import IntArray
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
@@ -57,48 +59,47 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
 
 
 def motion_summary(picture: Picture) -> str:
-    """Say in a sentence what a machinist wants to know first.
+    """Summarize a motion in a sentence: its largest error in µm, then its time.
 
-    Such as ``oval: contour error 11.4 µm before, 4.45 µm after; 13.500 s before, 13.864 s after``.
+    Such as ``oval: largest error 11.4 µm before, 4.45 µm after; cycle time 13.500 s before, 13.864 s after``.
     """
     before, after = picture.traces[0], picture.traces[-1]
     if before.size is None:
-        return f"{picture.name}: over before its contour error counts"
-    size = f"contour error {_micro(before.size)} µm"
+        return f"{picture.name}: ends before its error counts"
     if after is before or after.size is None:
-        return f"{picture.name}: {size}, {before.time:.3f} s, nothing is changed"
-    times = f"{before.time:.3f} s before, {after.time:.3f} s after"
-    return f"{picture.name}: {size} before, {_micro(after.size)} µm after; {times}"
-
-
-def _micro(error: ContourError) -> str:
-    return f"{error.max / MICROMETRE:.3g}"
+        return (
+            f"{picture.name}: largest error {micrometres(before.size.max)} µm; "
+            f"cycle time {seconds(before.time)} s; nothing changed"
+        )
+    sizes = before_and_after(before.size.max, after.size.max, micrometres, "µm")
+    times = before_and_after(before.time, after.time, seconds, "s")
+    return f"{picture.name}: largest error {sizes}; cycle time {times}"
 
 
 def motion_lines(picture: Picture) -> list[str]:
-    """Say the same in lines, for a reader without scripts."""
-    header = ("#", "axis", "sense", "s mm", "done", *(f"{one.name} µm" for one in picture.traces))
+    """Return the summary, the reversals and the warnings as lines, for a reader without scripts."""
+    header = ("#", "axis", "sense", "s mm", "strategy", *(f"{one.name} µm" for one in picture.traces))
     rows = [
         (
             str(mark.view["index"]),
             mark.view["axis"],
             mark.view["sense"],
-            f"{mark.s / MM:.3f}",
-            mark.view["strategy"],
+            millimetres(mark.s),
+            "not compensated" if mark.view["strategy"] == PLAIN else mark.view["strategy"],
             *(_cell(one.turning[k]) for one in picture.traces),
         )
         for k, mark in enumerate(picture.marks)
     ]
-    table = [format_table(header, rows)] if rows else ["no axis turns round"]
+    table = [format_table(header, rows)] if rows else ["no axis reverses"]
     return [motion_summary(picture), *table, *(f"warning: {text}" for text in picture.warnings)]
 
 
 def _cell(error: TurningError | None) -> str:
-    return "-" if error is None else f"{error.max / MICROMETRE:.2f}"
+    return NOTHING if error is None else micrometres(error.max)
 
 
 def _listed(picture: Picture) -> tuple[Picture, list[str]]:
-    """Leave out turning points where there are too many, and say so."""
+    """List the reversals with the largest errors where there are too many, with a note."""
     count = len(picture.marks)
     if count <= MARKS:
         return picture, []
@@ -106,7 +107,7 @@ def _listed(picture: Picture) -> tuple[Picture, list[str]]:
     worst = np.max(np.array(sizes), axis=0)
     kept = np.sort(np.argsort(-worst, kind="stable")[:MARKS]).tolist()
     traces = tuple(replace(trace, turning=tuple(trace.turning[k] for k in kept)) for trace in picture.traces)
-    words = f"of {count} turning points the {MARKS} with the largest errors are listed and marked"
+    words = f"of {count} reversals the {MARKS} with the largest errors are listed and marked"
     return replace(picture, marks=tuple(picture.marks[k] for k in kept), traces=traces), [words]
 
 

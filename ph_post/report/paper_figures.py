@@ -22,7 +22,7 @@ from ph_post.drive.steady_state import steady_interval
 from ph_post.errors import SolveError
 from ph_post.geometry.frenet import curvature
 from ph_post.progress import Progress
-from ph_post.report.figures import new_figure, render
+from ph_post.report.figures import new_figure, write_figure
 from ph_post.report.paper import (
     AMPLITUDE,
     BETWEEN_REVERSALS,
@@ -277,7 +277,7 @@ def paper_pictures(progress: Progress) -> dict[str, bytes]:
     pictures = {}
     for number, draw in drawings.items():
         progress(f"drawing Figure {number}")
-        pictures[f"figure{number}.png"] = render(draw(), "png")
+        pictures[f"figure{number}.png"] = write_figure(draw(), f"figure{number}.png")
     return pictures
 
 

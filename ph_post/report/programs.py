@@ -9,6 +9,7 @@ from ph_post.api.compensation import ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.reversals import ProgramReversal
 from ph_post.files.check import counted
+from ph_post.quantities import before_and_after, micrometres, millimetres, seconds
 from ph_post.report.simulations import error_view
 from ph_post.report.views import View, crossing_view, profile_view, turning_point_views
 from ph_post.units import MM
@@ -36,28 +37,34 @@ def window_views(reversals: Sequence[ProgramReversal]) -> list[View]:
     ]
 
 
-def program_summary(result: ProgramCompensation, timed: bool) -> str:
-    """Say in one line what was changed, and if `timed` what time that takes."""
+def program_summary(result: ProgramCompensation, *, timed: bool, simulated: bool = False) -> str:
+    """Summarize in one line the errors of the part if `simulated`, the changes, and the times if `timed`."""
     name = result.original.name
     if result.already_compensated:
-        return f"{name}: compensated already for this machine, with these options: kept as it is"
-    times = ""
+        return f"{name}: already compensated for this machine with these options: unchanged"
+    parts = [_changes(result.edited)]
+    if simulated and result.before.error is not None and result.after.error is not None:
+        sizes = before_and_after(result.before.error.max, result.after.error.max, micrometres, "µm")
+        parts.insert(0, f"largest error {sizes}")
     if timed:
-        apart = ", not counting what is passed through" if result.original.notes else ""
-        times = f"; cycle time {result.before.time:.3f} s before, {result.after.time:.3f} s after{apart}"
-    return f"{name}: {_changes(result.edited)}{times}"
+        apart = ", without the stretches passed through" if result.original.notes else ""
+        parts.append(f"cycle time {before_and_after(result.before.time, result.after.time, seconds, 's')}{apart}")
+    return f"{name}: {'; '.join(parts)}"
 
 
 def _changes(delivery: CompensatedProgram) -> str:
     edits = delivery.edits
     if edits is None or delivery.verdict is None:
         return "nothing to change"
-    told = delivery.declaration
-    facts = [counted(told.stops, "stop")] if told is not None and told.stops else []
-    facts += [counted(told.dips, "feed dip")] if told is not None and told.dips else []
-    facts += [f"{axis} carries {size / MM:.4g} mm" for axis, size in sorted(edits.amplitude.items())]
-    facts += [f"{axis} goes out and back by up to {size / MM:.4g} mm" for axis, size in sorted(edits.pulse.items())]
-    return ", ".join(facts)
+    declared = delivery.declaration
+    offsets = [f"{axis} by ±{millimetres(size)} mm" for axis, size in sorted(edits.amplitude.items())]
+    take_ups = [f"{axis} by up to {millimetres(size)} mm" for axis, size in sorted(edits.pulse.items())]
+    facts = [f"compensated: {', '.join(offsets)}"] if offsets else []
+    facts += [f"backlash taken up: {', '.join(take_ups)}"] if take_ups else []
+    added = [counted(declared.stops, "stop")] if declared is not None and declared.stops else []
+    added += [counted(declared.dips, "feed dip")] if declared is not None and declared.dips else []
+    facts += [f"{' and '.join(added)} added"] if added else []
+    return "; ".join(facts)
 
 
 def program_view(result: ProgramCompensation, simulated: bool) -> dict[str, Any]:

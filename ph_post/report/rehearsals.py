@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ph_post.files.check import counted
+from ph_post.quantities import NOTHING, before_and_after, micrometres, seconds
 from ph_post.rehearse.rehearse import Execution, Rehearsal
 from ph_post.report.figures import AFTER, BEFORE, MARK, legend_above, new_figure
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
-from ph_post.units import MM, MM_PER_MIN
+from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,39 +40,49 @@ def rehearsal_view(found: Rehearsal) -> dict[str, Any]:
 
 
 def rehearsal_lines(found: Rehearsal) -> list[str]:
-    """Say in lines what a machinist asks: is it as planned, and how good will the part be."""
+    """Describe a rehearsal in lines: the errors of the part first, then time, speed and path beside the plan."""
     real = found.real
     part = 100.0 * (real.time / found.plan.time - 1.0)
     lines = [
-        f"{found.program.name}: {real.time:.3f} s on LinuxCNC, {part:+.2f} % of the plan",
-        f"speed: {100.0 * found.speed:.2f} % rms off the plan in {found.windows} windows",
-        f"path: {found.path / MM:.4f} mm off the program's at most, {_allowed_words(found)}",
+        f"{found.program.name}: {_error_words(found)}{seconds(real.time)} s on LinuxCNC",
         _error_table(found),
+        f"time: {part:+.2f} % compared with the plan",
+        f"speed: {100.0 * found.speed:.2f} % rms off the plan in {counted(found.windows, 'window')}",
+        f"path: at most {micrometres(found.path)} µm from the program's, {_allowed_words(found)}",
     ]
     if not found.lockstep:
-        lines.append("run as time passes on the wall: how long dwells take depends on how busy this computer is")
+        lines.append("run in real time: the duration of dwells depends on how busy this computer is")
     return lines
+
+
+def _error_words(found: Rehearsal) -> str:
+    after = found.real.error.error
+    if after is None:
+        return ""
+    before = None if found.before is None else found.before.error.error
+    if before is None:
+        return f"largest error {micrometres(after.max)} µm; "
+    return f"largest error {before_and_after(before.max, after.max, micrometres, 'µm')}; "
 
 
 def _allowed_words(found: Rehearsal) -> str:
     if found.allowed is None:
-        return "where its path mode does not bound it"
-    return f"where its path mode allows {found.allowed / MM:.4f} mm"
+        return "whose path mode sets no limit"
+    return f"whose path mode allows {micrometres(found.allowed)} µm"
 
 
 def _error_table(found: Rehearsal) -> str:
     rows = [("planned", found.plan), ("rehearsed", found.real), ("original", found.before)]
     rows.append(("original, LinuxCNC's BACKLASH", found.backlash))
-    header = ("contour error [mm]", "max", "rms", "worst max", "s")
+    header = ("contour error", "max µm", "rms µm", "worst case µm", "time s")
     return format_table(header, [_error_row(name, one) for name, one in rows if one is not None])
 
 
 def _error_row(name: str, execution: Execution) -> tuple[str, ...]:
     error, worst = execution.error.error, execution.error.error_worst
     if error is None or worst is None:
-        return (name, "-", "-", "-", f"{execution.time:.3f}")
-    shown = (f"{value / MM:.4f}" for value in (error.max, error.rms, worst.max))
-    return (name, *shown, f"{execution.time:.3f}")
+        return (name, NOTHING, NOTHING, NOTHING, seconds(execution.time))
+    return (name, *map(micrometres, (error.max, error.rms, worst.max)), seconds(execution.time))
 
 
 def draw_rehearsal(found: Rehearsal) -> Figure:
@@ -88,7 +100,7 @@ def draw_rehearsal(found: Rehearsal) -> Figure:
     command, planned = found.real.command, found.plan.command
     below.plot(planned.t, planned.feed / MM_PER_MIN, color=BEFORE, linewidth=1.8, label="planned")
     below.plot(command.t, command.feed / MM_PER_MIN, color=AFTER, linewidth=0.8, label="rehearsed")
-    above.set(ylabel="contour error [mm]")
+    above.set(ylabel="contour error [µm]")
     below.set(xlabel="t [s]", ylabel="feed [mm/min]")
     for axes in (above, below):
         legend_above(axes)
@@ -97,5 +109,5 @@ def draw_rehearsal(found: Rehearsal) -> Figure:
 
 
 def _draw_error(axes: Axes, execution: Execution, label: str, colour: str, width: float) -> None:
-    error = np.where(execution.error.counted, execution.error.distance / MM, np.nan)
+    error = np.where(execution.error.counted, execution.error.distance / MICROMETRE, np.nan)
     axes.plot(execution.command.t, error, color=colour, linewidth=width, label=label)

@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from ph_post.api.motion import Simulation, StrategyComparison
 from ph_post.compensate.comparison import Contender, chosen_at
 from ph_post.compensate.strategies.registry import find_traits
-from ph_post.report.tables import NOTHING, chosen_words, format_table
+from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
+from ph_post.report.tables import chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment, scenario_words
 from ph_post.simulate.contour import ContourError, TurningError
@@ -16,10 +17,10 @@ from ph_post.types import Event, Plan, Scenario, TurningPoint
 from ph_post.units import MM, MM_PER_MIN
 
 COLUMN_NOTES = (
-    "error, rms: as the machine file has it; worst: of all the machines it leaves possible",
-    "slowest: feed while cutting, without standstills and the ramps from and to them",
+    "error, rms: for the values of the machine file; worst: the worst case within its uncertainties",
+    "slowest: lowest feed while cutting, standstills and their ramps excluded",
 )
-"""What the columns of the comparison mean."""
+"""Meaning of the columns of the comparison."""
 
 
 def error_view(error: ContourError | TurningError | None) -> View | None:
@@ -58,14 +59,20 @@ def simulation_view(found: Simulation) -> View:
 
 
 def simulation_lines(found: Simulation) -> Iterator[str]:
-    """Say in lines how far off the motion is, how much of it is backlash, and where."""
+    """Describe a simulated motion in lines: its largest error first, then tables and events."""
     run, assessment = found.run, found.assessment
-    yield f"{found.name} on {found.machine.name}: {run.t[-1]:.3f} s, {run.t.size} samples"
+    size = ""
+    if assessment is not None and assessment.error is not None:
+        size = f"largest error {micrometres(assessment.error.max)} µm"
+        if assessment.error_gap is not None:
+            size += f", {micrometres(assessment.error_gap.max)} µm caused by backlash"
+        size += "; "
+    yield f"{found.name} on {found.machine.name}: {size}cycle time {seconds(float(run.t[-1]))} s, {run.t.size} samples"
     if assessment is not None:
         yield error_table(assessment)
         if found.turning_points:
             side = " (+ is left of the direction of travel)" if len(run.axes) == 2 else ""
-            yield f"around the turning points{side}:"
+            yield f"around the reversals{side}:"
             yield turning_table(assessment, found.turning_points)
     yield from event_words(run.events)
 
@@ -85,11 +92,12 @@ def _turning_view(assessment: Assessment, number: int, point: TurningPoint) -> V
 
 
 def table_would_reach(program: ContourError | None, table: ContourError | None) -> list[str]:
-    """Say what an interpolator table would gain, where it would."""
+    """Return a sentence on an interpolator table where it would have a smaller error."""
     if program is None or table is None or table.max >= program.max:
         return []
     return [
-        f"error of this program {program.max / MM:.4g} mm; an interpolator table would reach {table.max / MM:.4g} mm"
+        f"the largest error of this program is {micrometres(program.max)} µm; "
+        f"an interpolator table would reach {micrometres(table.max)} µm"
     ]
 
 
@@ -103,11 +111,11 @@ def comparison_view(found: StrategyComparison) -> View:
 
 
 def comparison_lines(found: StrategyComparison) -> Iterator[str]:
-    """Say in lines what every strategy costs and leaves, and why strategies are out."""
+    """List the strategies with their errors and costs, and the reasons for refusals."""
     yield comparison_table(found.strategies)
     if found.error_without_gap is not None:
-        size = found.error_without_gap.max / MM
-        yield f"without backlash the plain program would be off by {size:.5f} mm: servo lag"
+        size = micrometres(found.error_without_gap.max)
+        yield f"without backlash the error of the plain program would be {size} µm: servo lag"
     yield from COLUMN_NOTES
     yield from (f"refused {one.name}: {one.reason}" for one in found.strategies if not one.ok)
     yield from choices(found.strategies)
@@ -140,43 +148,43 @@ def _chosen(plan: Plan) -> list[View]:
 
 
 def error_table(assessment: Assessment) -> str:
-    """Table of the contour error: at the file's values, what the gap makes of it, and the worst case."""
+    """Table of the contour error: for the values of the file, caused by backlash, and in the worst case."""
     cases = len(assessment.scenarios)
     rows = [
         ("contour error", assessment.error, scenario_words(assessment.run.scenario)),
-        ("of it by the gap", assessment.error_gap, "against the same run without a gap"),
+        ("caused by backlash", assessment.error_gap, "compared with the same run without backlash"),
         (f"worst of {cases} cases", assessment.error_worst, scenario_words(assessment.worst)),
     ]
     cells = [(name, *_error_cells(error), words) for name, error, words in rows]
-    return format_table(("", "max mm", "rms mm", "assumed"), cells)
+    return format_table(("", "max µm", "rms µm", "for"), cells)
 
 
 def turning_table(assessment: Assessment, points: Sequence[TurningPoint]) -> str:
     """Table of the contour error around every turning point."""
-    header = ("#", "axis", "sense", "s mm", "error mm", "rms mm", "by the gap mm")
+    header = ("#", "axis", "sense", "s mm", "error µm", "rms µm", "backlash µm")
     rows = []
     for point, error, gap in zip(points, assessment.turning, assessment.turning_gap, strict=True):
-        place = (str(point.index), point.axis, point.sense, f"{point.s / MM:.3f}")
+        place = (str(point.index), point.axis, point.sense, millimetres(point.s))
         rows.append((*place, _signed(error), _error_cells(error)[1], _signed(gap)))
     return format_table(header, rows)
 
 
 def event_words(events: Sequence[Event]) -> list[str]:
-    """Say how often what happened, a line an axis."""
+    """Count the events of each axis, a line for each."""
     counts = Counter((event.axis, event.kind) for event in events)
     axes = sorted({axis for axis, _ in counts})
     return [
-        f"{axis}: " + ", ".join(f"{kind} {n} x" for (name, kind), n in counts.items() if name == axis) for axis in axes
+        f"{axis}: " + ", ".join(f"{kind} {n} ×" for (name, kind), n in counts.items() if name == axis) for axis in axes
     ]
 
 
 def comparison_table(contenders: Sequence[Contender]) -> str:
-    """Table of all strategies; a gain is how many times smaller than the first one's a largest error is."""
+    """Table of all strategies; a gain is the largest error of the first strategy over that of this one."""
     header = (
         "strategy",
-        "error mm",
-        "rms mm",
-        "worst mm",
+        "error µm",
+        "rms µm",
+        "worst µm",
         "gain",
         "worst gain",
         "time s",
@@ -191,7 +199,7 @@ def comparison_table(contenders: Sequence[Contender]) -> str:
 
 
 def choices(contenders: Sequence[Contender]) -> list[str]:
-    """Say what the strategy that chooses among others chose where."""
+    """List the choices of a strategy that chooses among others."""
     return [f"{plan.strategy} chose {chosen_words(plan)}" for plan in _choosing(contenders)]
 
 
@@ -218,10 +226,10 @@ def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:
         _error_cells(found.error_worst)[0],
         _gain(None if base is None else base.error, found.error),
         _gain(None if base is None else base.error_worst, found.error_worst),
-        f"{pace.cycle_time:.3f}",
+        seconds(pace.cycle_time),
         longer,
         NOTHING if pace.min_feed is None else f"{pace.min_feed / MM_PER_MIN:.0f}",
-        f"{pace.standstill_time:.3f}",
+        seconds(pace.standstill_time),
         f"{pace.peak_acceleration / MM:.0f}",
         "yes" if pace.retrograde else "no",
         "" if one.ok else "refused",
@@ -231,12 +239,12 @@ def _contender_cells(one: Contender, first: Contender) -> tuple[str, ...]:
 def _gain(base: ContourError | None, error: ContourError | None) -> str:
     if base is None or error is None or error.max == 0.0:
         return NOTHING
-    return f"{base.max / error.max:.3g} x"
+    return f"{base.max / error.max:.3g} ×"
 
 
 def _error_cells(error: ContourError | TurningError | None) -> tuple[str, str]:
-    return (NOTHING, NOTHING) if error is None else (f"{error.max / MM:.5f}", f"{error.rms / MM:.5f}")
+    return (NOTHING, NOTHING) if error is None else (micrometres(error.max), micrometres(error.rms))
 
 
 def _signed(error: TurningError | None) -> str:
-    return NOTHING if error is None else f"{error.extreme / MM:+.5f}"
+    return NOTHING if error is None else micrometres(error.extreme, "+")

@@ -14,11 +14,10 @@ from ph_post.compensate.comparison import chosen_at, crossings_at, strategy_at
 from ph_post.compensate.plan import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
+from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds
 from ph_post.report.views import radius, windows_by_point
 from ph_post.types import Plan, TurningPoint
 from ph_post.units import MM, MM_PER_MIN, MS
-
-NOTHING = "-"
 
 
 def print_json(view: dict[str, Any]) -> None:
@@ -27,7 +26,7 @@ def print_json(view: dict[str, Any]) -> None:
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Columns aligned to the right, two spaces apart, words as they are.
+    """Align columns to the right, two spaces apart.
 
     Examples
     --------
@@ -43,10 +42,10 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def print_inspection(found: Inspection, stream: TextIO | None = None) -> None:
-    """Print the turning points of a path, a line each, notes on them, and the exact count if there is one."""
+    """Print the reversals of a path, a line each, notes on them, and the exact count if there is one."""
     stream = stream or sys.stdout
     analysis = found.analysis
-    where = ("#", "kind", "axis", "sense", "segment", "xi", "position", "s", "radius", "window", "bound by")
+    where = ("#", "kind", "axis", "sense", "segment", "xi", "position", "s", "radius", "window", "limited by")
     gap = ("lag ms", "duration ms", "standstill mm") if analysis.machine is not None else ()
     windows = windows_by_point(analysis.windows)
     rows = []
@@ -63,9 +62,9 @@ def print_inspection(found: Inspection, stream: TextIO | None = None) -> None:
 
 def _heading(analysis: Analysis) -> str:
     count = len(analysis.turning_points)
-    points = counted(count, "turning point") if count else "no turning point"
-    length = f"{analysis.track.length / MM:.3f} mm"
-    return f"{analysis.path.name}: {points} on {length} (in mm; windows at {analysis.tolerance / MM:g} mm)\n"
+    points = counted(count, "reversal") if count else "no reversal"
+    length = f"{millimetres(analysis.track.length)} mm"
+    return f"{analysis.path.name}: {points} on {length} (lengths in mm; windows for {analysis.tolerance / MM:g} mm)\n"
 
 
 def _place_cells(point: TurningPoint) -> tuple[str, ...]:
@@ -78,14 +77,14 @@ def _place_cells(point: TurningPoint) -> tuple[str, ...]:
         point.sense,
         str(point.segment),
         f"{point.xi:.6f}",
-        f"{point.position / MM:.4f}",
-        f"{point.s / MM:.3f}",
+        millimetres(point.position),
+        millimetres(point.s),
         size,
     )
 
 
 def _window_cells(half_length: float, limited_by: str | None) -> tuple[str, str]:
-    return f"{half_length / MM:.3f}", limited_by or "nothing"
+    return millimetres(half_length), limited_by or "nothing"
 
 
 def _gap_cells(analysis: Analysis, point: TurningPoint) -> tuple[str, ...]:
@@ -93,11 +92,11 @@ def _gap_cells(analysis: Analysis, point: TurningPoint) -> tuple[str, ...]:
     if interval is None:
         return (NOTHING, NOTHING, NOTHING)
     travel = feed_at(analysis.path, point) * interval.duration
-    return (f"{interval.lag / MS:.4f}", f"{interval.duration / MS:.3f}", f"{travel / MM:.4f}")
+    return (f"{interval.lag / MS:.3f}", f"{interval.duration / MS:.3f}", millimetres(travel))
 
 
 def analysis_notes(analysis: Analysis) -> list[str]:
-    """Everything there is to say about windows and intervals, equal words said once."""
+    """List the notes on windows and intervals, equal notes once."""
     said: dict[str, list[int]] = {}
     for point in analysis.turning_points:
         if analysis.notes[point.index]:
@@ -114,9 +113,9 @@ def _numbers(indices: Sequence[int], most: int = 8) -> str:
 
 
 def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: TextIO | None = None) -> None:
-    """Say on stderr what was planned, what was reduced or left alone, and what was written where.
+    """Print the summary of a plan on standard error, its warnings, and the files that were written.
 
-    `what` tells one plan of a job from another.
+    `what` names the plan where a job has several.
     """
     stream = stream or sys.stderr
     stream.write(plan_summary(plan, what) + "\n")
@@ -128,21 +127,20 @@ def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: Text
 
 
 def plan_summary(plan: Plan, what: str = "") -> str:
-    """Say in one line what a plan does and what time that takes; `what` as in :func:`print_plan`."""
-    before, after = cycle_time(plan.nominal), cycle_time(plan.phases)
+    """Summarize a plan in one line: compensated reversals and cycle time; `what` as in :func:`print_plan`."""
     chosen = chosen_at(plan)
     left = chosen.pop(PLAIN, [])
     done = sum(map(len, chosen.values()))
     kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
     name = plan.path.name + (f", {what}" if what else "")
     return (
-        f"{name}: {done} of {done + len(left)} turning points compensated{f' ({kinds})' if kinds else ''}; "
-        f"cycle time {before:.3f} s before, {after:.3f} s after"
+        f"{name}: {done} of {done + len(left)} reversals compensated{f' ({kinds})' if kinds else ''}; "
+        f"cycle time {before_and_after(cycle_time(plan.nominal), cycle_time(plan.phases), seconds, 's')}"
     )
 
 
 def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: TextIO | None = None) -> None:
-    """Print the plans of one job by what they are written as; what was said of one is not said again."""
+    """Print the plans of one job by their outputs, equal warnings once."""
     said: set[str] = set()
     for number, (what, plan) in enumerate(plans.items(), start=1):
         new = tuple(warning for warning in plan.warnings if warning not in said)
@@ -153,17 +151,18 @@ def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: Text
 
 
 def chosen_words(plan: Plan) -> str:
-    """Say in a line where a plan does what.
+    """List the reversals of each strategy in one line.
 
-    Such as ``takeup at #0, #2; nothing at #1, #3``.
+    Such as ``takeup at #0, #2; not compensated: #1, #3``.
     """
     return "; ".join(
-        f"{'nothing' if name == 'none' else name} at {_numbers(indices)}" for name, indices in chosen_at(plan).items()
+        f"{'not compensated:' if name == PLAIN else f'{name} at'} {_numbers(indices)}"
+        for name, indices in chosen_at(plan).items()
     )
 
 
 def dip_table(analysis: Analysis, plan: Plan) -> str:
-    """Return the short table of ``demo``: a turning point a line with lag, Δt, window, and what is done."""
+    """Return the short table of ``demo``: a reversal a line with lag, Δt, window and strategy."""
     header = (
         "#",
         "axis",
@@ -175,23 +174,23 @@ def dip_table(analysis: Analysis, plan: Plan) -> str:
         "t* ms",
         "feed mm/min",
         "dip to",
-        "gap crossed mm",
+        "take-up mm",
         "strategy",
     )
     own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
     rows = []
     for point in plan.turning_points:
         number = own.get(point.index)
-        window = NOTHING if number is None else f"{plan.windows[number].half_length / MM:.3f}"
+        window = NOTHING if number is None else millimetres(plan.windows[number].half_length)
         profile = None if number is None else plan.profiles[number]
         dip = (NOTHING, NOTHING, NOTHING)
         if profile is not None:
             cruise = profile.cruise / MM_PER_MIN
             dip = (f"{profile.t_star / MS:.1f}", f"{cruise:.0f}", f"{cruise * profile.ratio:.0f}")
         mine = [one.travel for one in crossings_at(plan, point)]
-        crossed = f"{sum(mine) / MM:+.4f}" if mine else NOTHING
+        crossed = millimetres(sum(mine), "+") if mine else NOTHING
         chosen = strategy_at(plan, point)
         lag, duration, _ = _gap_cells(analysis, point)
-        place = (str(point.index), point.axis, point.sense, f"{point.position / MM:.3f}")
+        place = (str(point.index), point.axis, point.sense, millimetres(point.position))
         rows.append((*place, lag, duration, window, *dip, crossed, chosen))
     return format_table(header, rows)

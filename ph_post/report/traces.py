@@ -115,11 +115,11 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def path_picture(result: PathCompensation) -> Picture:
-    """Gather what is to be seen of a path as it is and as compensated."""
+    """Gather the original and the compensated motion of a path."""
     analysis, before, after = result.analysis, result.before, result.after
     track, plan = analysis.track, result.plan(result.output)
     nominal = Nominal(track)
-    named = [("as it is", before), *([] if _alike(before.command, after.command) else [("compensated", after)])]
+    named = [("original", before), *([] if _alike(before.command, after.command) else [("compensated", after)])]
     return Picture(
         name=analysis.path.name,
         kind="path",
@@ -213,7 +213,7 @@ def program_picture(
     turns = program_reversals(delivery, machine, tolerance)
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
-    both = [("as it is", original)]
+    both = [("original", original)]
     both += [("compensated", delivery.after)] if delivery.after.data != original.data else []
     traces = []
     for name, program in both:

@@ -16,6 +16,7 @@ from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import crossings_at, strategy_at, window_number
 from ph_post.compensate.plan import cycle_time
+from ph_post.quantities import millimetres
 from ph_post.types import (
     Axis,
     Command,
@@ -31,7 +32,7 @@ from ph_post.units import MM, MM_PER_MIN, MS
 
 
 def machine_view(machine: Machine) -> dict[str, Any]:
-    """Return what is told of a machine: mm, mm/min, mm/s², ms, s.
+    """Return the properties of a machine in mm, mm/min, mm/s², ms and s.
 
     Examples
     --------
@@ -59,9 +60,9 @@ def machine_view(machine: Machine) -> dict[str, Any]:
 
 
 def machine_cells(name: str, machine: Machine) -> tuple[str, ...]:
-    """Return a line of the list of machines: name, loops, dialect, lost motion by axis [mm], what it is."""
+    """Return a line of the list of machines: name, loops, dialect, lost motion by axis [mm], title."""
     loops = dict.fromkeys(axis.feedback for axis in machine.axes.values())
-    gaps = " ".join(f"{axis} {one.gap.lost_motion / MM:.3g}" for axis, one in machine.axes.items())
+    gaps = " ".join(f"{axis} {millimetres(one.gap.lost_motion)}" for axis, one in machine.axes.items())
     return name, "/".join(loops), machine.dialect, gaps, machine.name
 
 
@@ -83,7 +84,7 @@ def machine_table(machine: Machine, axes: Sequence[str]) -> dict[str, Any]:
 
 
 def _pickup(axis: Axis) -> str:
-    return axis.gap.pickup or ("every rule is tried" if axis.loop.encloses_backlash else "-")
+    return axis.gap.pickup or ("all are tried" if axis.loop.encloses_backlash else "-")
 
 
 def _flank(axis: Axis) -> str:
@@ -93,12 +94,12 @@ def _flank(axis: Axis) -> str:
 
 _CELLS: Final[dict[str, Callable[[Axis], str]]] = {
     "loop": lambda axis: axis.loop.label,
-    "lost motion [mm]": lambda axis: f"{axis.gap.lost_motion / MM:.4g}",
+    "lost motion [mm]": lambda axis: millimetres(axis.gap.lost_motion),
     "lost motion known to": lambda axis: f"± {100.0 * axis.uncertainty.backlash:g} %",
     "b [s²]": lambda axis: f"{axis.servo.b:.4g}",
     "c [s]": lambda axis: f"{axis.servo.c:.4g}",
     "pick-up": _pickup,
-    "stands at first on": _flank,
+    "starts on side": _flank,
     "highest velocity [mm/s]": lambda axis: f"{axis.limits.velocity / MM:.6g}",
     "highest acceleration [mm/s²]": lambda axis: f"{axis.limits.acceleration / MM:.6g}",
     "highest jerk [mm/s³]": lambda axis: f"{axis.limits.jerk / MM:.6g}",
@@ -106,7 +107,7 @@ _CELLS: Final[dict[str, Callable[[Axis], str]]] = {
 
 
 def _short(value: float) -> float:
-    """Drop the digits that a change of units adds."""
+    """Drop the digits that a conversion of units adds."""
     return float(f"{value:.12g}")
 
 
@@ -175,7 +176,7 @@ def _backlash(analysis: Analysis, point: TurningPoint) -> View | None:
 def profile_view(profile: FeedProfile | None) -> View | None:
     """Return a feed profile: t* [s], s* [mm], V_c [mm/min], V_k / V_c and V(½)/V_c.
 
-    `pieces` always tells the shape; `degree` and `coefficients` are null where it has several pieces.
+    `pieces` always has the shape; `degree` and `coefficients` are null where it has several pieces.
     """
     if profile is None:
         return None

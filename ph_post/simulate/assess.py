@@ -270,15 +270,15 @@ def _added(nominal: Nominal, run: tuple[Run, Nearest], without: tuple[Run, Neare
 
 
 def scenario_words(scenario: Scenario) -> str:
-    """Say what a scenario assumes.
+    """Describe the assumptions of a scenario.
 
     Examples
     --------
     >>> scenario_words(Scenario(pickup="contact", gap=1.2))
-    'pick-up contact, gap x 1.2'
+    'pick-up contact, backlash × 1.2'
     """
     words = [f"pick-up {scenario.pickup}"] if scenario.pickup else []
-    words += [f"first flank {scenario.flank}"] if scenario.flank else []
-    factors = (("gap", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
-    words += [f"{name} x {factor:g}" for name, factor in factors if factor != 1.0]
-    return ", ".join(words) or "as the machine file has it"
+    words += [f"starts on the {scenario.flank} side"] if scenario.flank else []
+    factors = (("backlash", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
+    words += [f"{name} × {factor:g}" for name, factor in factors if factor != 1.0]
+    return ", ".join(words) or "the values of the machine file"

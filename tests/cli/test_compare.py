@@ -127,8 +127,8 @@ def test_the_table_has_a_line_a_strategy(capsys, tmp_path, hump):
     status, out, err = run(capsys, "compare", hump, "-m", "stepper", *QUICK, "--plot", str(picture))
     assert status == 0
     assert all(any(line.split()[0] == name for line in out.splitlines()) for name in strategy_names())
-    assert "without standstills" in out
-    assert "without backlash the plain program would be off by" in out
+    assert "standstills and their ramps excluded" in out
+    assert "without backlash the error of the plain program would be" in out
     assert sum(line.startswith("auto chose ") for line in out.splitlines()) == 1
     assert f"wrote {picture}" in err
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -53,9 +53,9 @@ def test_every_verdict_is_done(capsys, log, found, verdict):
     first = {
         "named": "Coulomb friction is missing from X: 20.4 ± 0.1 N.",
         "nothing-missing": "Nothing is missing: ",
-        "ambiguous": "These cannot be told apart from this record: ",
-        "unknown": "None of the effects that are known explains it: ",
-        "not-identifiable": "This record cannot show it: ",
+        "ambiguous": "This log cannot separate: ",
+        "unknown": "No known effect explains it: ",
+        "not-identifiable": "This log cannot show it: ",
     }[verdict]
     assert out.startswith(first)
     status, out, err = run(capsys, "diagnose", log, "-m", MILL, "--json")
@@ -93,7 +93,7 @@ def test_page_picture_and_next_program_are_written(capsys, log, found, tmp_path)
     page, picture, program = (tmp_path / name for name in ("run.html", "run.svg", "next.ngc"))
     status, out, err = run(capsys, "diagnose", log, "-m", MILL, "--html", page, "--plot", picture, "--next", program)
     assert status == 0
-    assert out.startswith("These cannot be told apart")
+    assert out.startswith("This log cannot separate")
     assert err == f"wrote {page}\nwrote {picture}\nwrote {program}\n"
     assert page.read_text().startswith("<!DOCTYPE html>")
     assert "</svg>" in picture.read_text()
@@ -112,7 +112,7 @@ def test_a_product_on_standard_output_stands_there_alone(capsys, log, found):
     found(each_verdict()["ambiguous"])
     status, out, err = run(capsys, "diagnose", log, "-m", MILL, "--next", "-")
     assert (status, out) == (0, LADDER.program)
-    assert err.startswith("These cannot be told apart")
+    assert err.startswith("This log cannot separate")
 
 
 @pytest.mark.parametrize(

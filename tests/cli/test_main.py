@@ -14,6 +14,8 @@ from click.testing import CliRunner
 from support.streams import without_progress
 
 from ph_post.cli.main import COMMANDS, cli, main
+from ph_post.quantities import micrometres
+from ph_post.units import MM
 
 ROOT = Path(__file__).resolve().parents[2]
 CIRCLE = str(ROOT / "paths" / "circle.json")
@@ -73,7 +75,7 @@ def test_inspect_circle_geometry(capsys):
 def test_inspect_prints_a_line_a_turning_point(capsys):
     status, out, _ = run(capsys, "inspect", CIRCLE, "-m", "paper")
     assert status == 0
-    assert "4 turning points on 1570.796 mm" in out
+    assert "4 reversals on 1570.796 mm" in out
     assert sum(line.split()[:1] == [str(number)] for line in out.splitlines() for number in range(4)) == 4
     assert "118.743" in out
 
@@ -139,9 +141,9 @@ def test_what_a_table_would_reach_is_told_of_a_program_alone(capsys, tmp_path):
     assert view["carrier"] == "program"
     assert view["offsets"] == {"X": 0.0, "Y": 0.0}
     reached, after = view["table_error"]["max"], view["error"]["after"]["max"]
-    assert (f"error of this program {after:.4g} mm; an interpolator table would reach {reached:.4g} mm" in err) is (
-        reached < after
-    )
+    sizes = micrometres(after * MM), micrometres(reached * MM)
+    would = "of this program is {} µm; an interpolator table would reach {} µm".format(*sizes)
+    assert (would in err) is (reached < after)
     _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "--json")
     assert strict_json(out)["error"]["after"]["max"] == pytest.approx(reached, rel=1e-12)
 

@@ -186,4 +186,4 @@ def test_what_is_thinned_keeps_what_the_table_tells_and_says_so(tmp_path, monkey
         for point in data["points"]:
             assert np.isclose(size, point["errors"][number], atol=1e-3).any()
     assert any("of 12658 samples are drawn" in note for note in data["notes"])
-    assert "of 4 turning points the 2 with the largest errors are listed and marked" in data["notes"]
+    assert "of 4 reversals the 2 with the largest errors are listed and marked" in data["notes"]

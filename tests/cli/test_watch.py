@@ -39,7 +39,7 @@ def test_what_is_there_and_what_comes_is_converted(folders):
     (source / "folder.ngc").mkdir()
     with watching(source, "-o", target) as watched:
         line = watched.wait_for("here already.ngc")
-        assert "stops, X carries 0.03 mm" in line
+        assert "compensated: X by ±0.030 mm" in line
         assert line.endswith(f"; wrote {target / 'here already.ngc'}")
         # Two at once.
         (source / "a.ngc").write_text(CIRCLE)

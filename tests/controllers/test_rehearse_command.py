@@ -40,7 +40,7 @@ def test_text_says_how_it_went(part: Path, capsys: pytest.CaptureFixture[str]) -
     said = capsys.readouterr().out
     assert "on LinuxCNC" in said
     assert "rms off the plan" in said
-    assert "contour error [mm]" in said
+    assert "contour error  max µm" in said
 
 
 def test_what_linuxcnc_refuses_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -225,7 +225,7 @@ def run(capsys, *arguments):
 def test_exit_status_and_text(capsys, files):
     status, out, err = run(capsys, "diff", *files)
     assert (status, err) == (1, "")
-    assert "tool paths up to 0.5 mm apart" in out
+    assert "tool paths up to 500 µm apart" in out
     assert "-G1 X20 Y20\n+G1 X20 Y20.5 F500\n" in out
     assert "- A:11: flood on" in out
     assert "\x1b" not in out

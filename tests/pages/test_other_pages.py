@@ -43,7 +43,7 @@ def test_two_programs_are_told_where_one_points(both):
     box = both.page.locator("#dev").bounding_box()
     text = both.point_at(both.pixel("#dev", "x", 20.0), box["y"] + 30)
     assert numbers_after(text, "s") == pytest.approx([20.0], abs=0.1)
-    assert numbers_after(text, "B off by") == pytest.approx([0.05], abs=1e-3)
+    assert numbers_after(text, "B off by") == pytest.approx([50.0], abs=1.0)  # µm
     box = both.page.locator("#feed").bounding_box()
     text = both.point_at(both.pixel("#feed", "x", 30.0), box["y"] + 30)
     assert re.findall(r"[AB] F \d+", text) == ["A F 600", "B F 300"]
@@ -116,11 +116,11 @@ def page_of(browser, folder, path, *more):
 
 def test_a_path_without_a_window_is_shown(browser, tmp_path):
     shown = page_of(browser, tmp_path, line())
-    assert "No axis turns round" in shown.page.locator("main").inner_text()
-    assert "nothing is changed" in shown.page.locator("h1").inner_text()
+    assert "No axis reverses" in shown.page.locator("main").inner_text()
+    assert "nothing changed" in shown.page.locator("h1").inner_text()
     assert shown.count("tr.go") == 0
     box = shown.page.locator("#feed").bounding_box()
-    assert "as it is: error" in shown.point_at(box["x"] + 200, box["y"] + 60)
+    assert "original: error" in shown.point_at(box["x"] + 200, box["y"] + 60)
     shown.page.mouse.wheel(0, -300)
     shown.settle()
     shown.require_quiet()

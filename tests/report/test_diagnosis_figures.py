@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from support.diagnoses import diagnosis, each_verdict, trail
 
 from ph_post.report.diagnosis_figures import draw_diagnosis
-from ph_post.report.figures import render
+from ph_post.report.figures import write_figure
 
 
 def test_the_bars_are_the_steps_in_micrometres():
@@ -14,7 +14,7 @@ def test_the_bars_are_the_steps_in_micrometres():
     gap = figure.axes[0]
     assert [bar.get_width() for bar in gap.patches] == pytest.approx([7.2, 1.9, 8.0, 3.0])
     assert [text.get_text() for text in gap.get_yticklabels()] == [
-        "the machine file as it is",
+        "original machine file",
         "+ Coulomb friction (X)",
     ]
     assert gap.lines[0].get_xdata()[0] == pytest.approx(0.2)
@@ -24,8 +24,8 @@ def test_the_bars_are_the_steps_in_micrometres():
 def test_a_row_a_channel_in_its_unit():
     figure = draw_diagnosis(diagnosis(), {"X": "N"})
     assert [axes.get_ylabel() for axes in figure.axes[1:]] == [
-        "X_act: record - model [µm]",
-        "X_force: record - model [N]",
+        "X_act: log - model [µm]",
+        "X_force: log - model [N]",
     ]
     before, after = figure.axes[1].collections[-2:]
     raw = trail()
@@ -42,11 +42,11 @@ def test_the_start_does_not_set_the_scale():
 
 @pytest.mark.parametrize("verdict", ["named", "nothing-missing", "ambiguous", "unknown", "not-identifiable"])
 def test_every_verdict_has_a_picture(verdict):
-    picture = render(draw_diagnosis(each_verdict()[verdict]), "png")
+    picture = write_figure(draw_diagnosis(each_verdict()[verdict]), "diagnosis.png")
     assert picture.startswith(b"\x89PNG")
 
 
 def test_where_no_gap_was_measured_none_is_drawn():
     gap = draw_diagnosis(each_verdict()["not-identifiable"]).axes[0]
     assert not gap.axison
-    assert [text.get_text() for text in gap.texts] == ["the gap was not measured"]
+    assert [text.get_text() for text in gap.texts] == ["the residual was not measured"]

@@ -31,12 +31,12 @@ def test_what_is_not_finite_is_null():
 def test_the_table_has_a_line_a_parameter():
     lines = identification_lines(AXES, [NOTE])
     assert [line.split() for line in lines[1:4]] == [
-        ["X", "b", "0.0001562", "±", "2e-06", "s²"],
+        ["X", "b", "0.000156", "±", "2e-06", "s²"],
         ["X", "lost_motion", "0.0301", "±", "0.0004", "mm"],
-        ["Y", "c", "0.03", "not", "known", "s"],
+        ["Y", "c", "0.03", "unknown", "s"],
     ]
     assert lines[4:] == [f"note: {NOTE}"]
 
 
 def test_a_record_that_shows_nothing_says_so():
-    assert identification_lines({}) == ["This record shows no parameter."]
+    assert identification_lines({}) == ["This log shows no parameter."]

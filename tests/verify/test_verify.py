@@ -206,7 +206,7 @@ def written(tmp_path: Path, pair) -> list[str]:
 @pytest.mark.parametrize("maker", [bracket, relative, planes])
 def test_the_command_says_that_it_holds(maker, tmp_path, capsys):
     assert main(["verify", *written(tmp_path, maker())]) == 0
-    assert capsys.readouterr().out.startswith("ok: only what is declared was changed\nchecked: ")
+    assert capsys.readouterr().out.startswith("ok: only the declared changes were made\nchecked: ")
 
 
 def test_the_command_lists_failures(tmp_path, capsys):

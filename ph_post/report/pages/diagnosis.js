@@ -2,15 +2,15 @@
 // The verdict.
 {
   D.words.forEach((text, k) => main.append(el("h1", text)));
-  const facts = [D.log && `record ${D.log}`, `machine ${D.machine}`, D.remarks].filter(Boolean);
+  const facts = [D.log && `log ${D.log}`, `machine ${D.machine}`, D.remarks].filter(Boolean);
   main.append(el("p", facts.join(" · "), "dim"));
 }
 
 // The gap per step.
 if (D.gap.steps.length) {
-  const s = section("The gap between model and record"), floor = D.gap.noise_floor;
-  const names = D.labels.map(label => label === null ? "the machine file as it is" : `+ ${label}`);
-  const micro = v => v === null ? "–" : v >= 1e-5 || v === 0 ? num(1000 * v, 2) : (1000 * v).toExponential(1);
+  const s = section("Residual between log and model"), floor = D.gap.noise_floor;
+  const names = D.labels.map(label => label === null ? "original machine file" : `+ ${label}`);
+  const micro = v => micrometres(v === null ? null : 1000 * v);
   const times = v => v === null || !floor ? "–" : v / floor < 1e5 ? num(v / floor, 1) : (v / floor).toExponential(0);
   s.append(scroll(table(["step", "fitted, µm rms", "held out, µm rms", "times the noise floor"],
     D.gap.steps.map((step, k) => [names[k], micro(step.fit_rms), micro(step.holdout_rms), times(step.holdout_rms)]))));
@@ -18,7 +18,7 @@ if (D.gap.steps.length) {
   bar.append(key("fitted", "--b", 0.45), key("held out", "--b", 1));
   if (floor) bar.append(key(`noise floor, ${micro(floor)} µm`, "--a", 1, "thin"));
   s.append(bar);
-  const svg = picture(s, "the gap per step, as bars", "", false);
+  const svg = picture(s, "the residual of each step, as bars", "", false);
   pictures.push(() => {
     svg.textContent = "";
     const width = Math.min(svg.clientWidth || 700, 800), row = 40, left = Math.min(260, width * 0.4);
@@ -39,22 +39,22 @@ if (D.gap.steps.length) {
 
 // What was found.
 if (D.effects.length) {
-  const s = section(D.verdict === "ambiguous" ? "What explains the record" : "What is missing");
+  const s = section(D.verdict === "ambiguous" ? "What explains the log" : "What is missing");
   D.effects.forEach((effect, k) => {
     s.append(el("h3", D.titles[k]));
     const about = [effect.where, effect.confidence === null ? "" : `${(100 * effect.confidence).toFixed(0)} % sure`].filter(Boolean);
     s.append(el("p", about.join(" · "), "dim"));
     s.append(scroll(table(["parameter", "value", "standard error", "unit"],
-      Object.entries(D.estimates[k]).map(([name, [value, error]]) => [name, value, error === null ? "not known" : `± ${error}`, effect.parameters[name].unit]))));
+      Object.entries(D.estimates[k]).map(([name, [value, error]]) => [name, value, error === null ? "unknown" : `± ${error}`, effect.parameters[name].unit]))));
     list(s, effect.evidence);
-    if (D.rivals[k].length) s.append(el("p", `Not told apart from: ${D.rivals[k].join(", ")}`));
+    if (D.rivals[k].length) s.append(el("p", `Not separable from: ${D.rivals[k].join(", ")}`));
   });
 }
 
 // What to run next.
 if (D.next_experiment) {
   const one = D.next_experiment, s = section(`What to run next: ${one.name}`);
-  s.append(el("p", one.why), el("p", "To record:"));
+  s.append(el("p", one.why), el("p", "To log:"));
   list(s, one.record);
   s.append(el("pre", one.program));
 }
@@ -63,7 +63,7 @@ if (D.next_experiment) {
 if (D.notes.length) list(section("What else to know"), D.notes);
 
 // Where it lies.
-for (const [title, places] of [["Where machine file and record differ", D.places], ["What remains", D.gap.steps.length > 1 ? D.remaining : []]]) {
+for (const [title, places] of [["Where machine file and log differ", D.places], ["What remains", D.gap.steps.length > 1 ? D.remaining : []]]) {
   if (!places.length) continue;
   const s = section(title), axes = [...new Set(places.map(one => one.axis))];
   // The axis with most of it comes first, as the places do.
@@ -105,7 +105,7 @@ function band(parent, one, X, Y, attributes) {
   }
   draw(parent, "path", { d: path, "stroke-width": 1, "stroke-linejoin": "round", ...attributes });
 }
-// Values where the record counts: what is left out, as the start is, does not set the scale.
+// Values that count: ignored stretches, such as the start, do not set the scale.
 const counting = trail => {
   const kept = trail.t.map(t => t >= range.low && t <= range.high && !trail.left_out.some(([a, b]) => t >= a && t <= b));
   const of = name => trail[name].flatMap(one => one.filter((_, k) => kept[k]));
@@ -127,7 +127,7 @@ function overTime(svg, trail) {
     trail.left_out.forEach(span => shade(f, ...span, { fill: "var(--paper)", opacity: 0.8 }));
     if (trail.noise) for (const y of [trail.noise, -trail.noise]) level(f, y, NOISE);
   };
-  const now = chart(svg, range, 220, "t [s]", `record − model [${trail.unit}]`, () => counting(trail), paint, {
+  const now = chart(svg, range, 220, "t [s]", `log − model [${trail.unit}]`, () => counting(trail), paint, {
     hover: (t, x, y, e) => { pointed = at(trail.t, Math.min(Math.max(t, range.low), range.high)); show(e.clientX, e.clientY, words(pointed)); },
     step: sign => {
       pointed = at(trail.t, Math.min(Math.max(trail.t[pointed] + sign * 0.01 * (range.high - range.low), range.low), range.high));
@@ -137,22 +137,22 @@ function overTime(svg, trail) {
   });
 }
 if (D.trails.length) {
-  const s = section("The residual, record less model");
+  const s = section("Residuals, log − model");
   const bar = el("div", undefined, "bar"), all = button("all", () => { range.reset(); redraw(); });
   all.className = "hand";
-  bar.append(key("the machine file as it is", "--a", 0.6));
-  if (changed) bar.append(key("the better machine", "--b", 1));
-  bar.append(key("held out of the fit", "--line", 0.4), key("noise", "--ink", 1, "thin"), all, el("span", HINT, "hand"));
+  bar.append(key("original machine file", "--a", 0.6));
+  if (changed) bar.append(key("better machine file", "--b", 1));
+  bar.append(key("held-out data", "--line", 0.4), key("noise", "--ink", 1, "thin"), all, el("span", HINT, "hand"));
   s.append(bar);
   for (const trail of D.trails) {
     const part = el("section"), [b, a] = trail.rms.held_out, [fb, fa] = trail.rms.fitted;
     part.append(el("h3", trail.name));
     const reached = changed ? `, then ${few(a)} ${trail.unit} (fitted: ${few(fb)}, then ${few(fa)} ${trail.unit})` : ` (fitted: ${few(fb)} ${trail.unit})`;
-    part.append(el("p", `rms on what was held out: ${few(b)}${changed ? "" : " " + trail.unit}${reached}`, "dim"));
+    part.append(el("p", `rms on held-out data: ${few(b)}${changed ? "" : " " + trail.unit}${reached}`, "dim"));
     overTime(picture(part, `${trail.name} over time`, "picture time"), trail);
     const pair = el("div", undefined, "pair");
     if (Object.keys(trail.position).length) {
-      const svg = picture(pair, `by the position of ${trail.axis}, mean (solid: towards plus, dashed: towards minus)`, "");
+      const svg = picture(pair, `by the position of ${trail.axis}, mean (solid: moving to +, dashed: moving to −)`, "");
       pictures.push(() => {
         const ways = Object.entries(trail.position), xs = extent(ways.map(([, one]) => one.x));
         const ys = extent(ways.flatMap(([, one]) => changed ? [one.before, one.after] : [one.before]));
@@ -165,7 +165,7 @@ if (D.trails.length) {
       });
     }
     if (trail.reversal) {
-      const svg = picture(pair, `by the time since ${trail.axis} turned back, rms`, ""), one = trail.reversal;
+      const svg = picture(pair, `by the time since ${trail.axis} reversed, rms`, ""), one = trail.reversal;
       pictures.push(() => {
         const xs = [0, one.x[one.x.length - 1]], top = Math.max(trail.noise || 0, ...one.before.map(v => v || 0), ...(changed ? one.after : []).map(v => v || 0)) || 1;
         const f = frame(svg, 200, ...xs, 0, 1.06 * top, "since the reversal [ms]", `[${trail.unit}]`);
@@ -178,11 +178,11 @@ if (D.trails.length) {
   }
 }
 
-// The record itself.
+// The log itself.
 {
-  const q = D.quality, s = section("The record");
+  const q = D.quality, s = section("The log");
   const ms = v => v === null ? "–" : few(1000 * v);
-  s.append(el("p", `A sample every ${ms(q.period)} ms${q.jitter > 1e-3 * q.period ? `, up to ${ms(q.jitter)} ms off` : ""}; the first ${few(q.first * q.period)} s are left out.`));
+  s.append(el("p", `A sample every ${ms(q.period)} ms${q.jitter > 1e-3 * q.period ? `, up to ${ms(q.jitter)} ms off` : ""}; the first ${few(q.first * q.period)} s are ignored.`));
   if (q.channels.length) {
     const micro = (one, v) => v === null ? "–" : one.unit === "mm" ? `${few(1000 * v)} µm` : `${few(v)} ${one.unit}`;
     s.append(scroll(table(["channel", "noise", "noise from", "smallest step", "missing", "late, ms"], q.channels.map(one =>

@@ -1,4 +1,4 @@
-// Two programs: the tool path of the first, the second's where it is another, and what else differs.
+// Two programs: the tool path of the first, of the second where it differs, and the other differences.
 const P = D.path, OFF = D.off, COLOURS = ["--a", "--b"], NAMES = ["x", "y", "z"];
 const span = r => r === null ? "–" : r[0] === r[1] ? `${r[0]}` : `${r[0]}–${r[1]}`;
 const most = D.geometry.max_deviation || 0;
@@ -16,14 +16,14 @@ main.append(el("h1", D.summary.join(" · ")));
   const [a, b] = D.files, T = D.time, E = D.error;
   const rows = [["file", a.name, b.name], ["lines", a.lines, b.lines], ["motions", a.motions, b.motions],
     ["path mm", num(a.length, 3), num(b.length, 3)], ["time s", num(T.a.total, 3), num(T.b.total, 3)]];
-  if (E) rows.push(["predicted error mm", ...[E.a, E.b].map(e => e ? `${num(e.max, 5)} (rms ${num(e.rms, 5)})` : "–")]);
+  if (E) rows.unshift(["predicted error µm", ...[E.a, E.b].map(e => e ? `${micrometres(1000 * e.max)} (rms ${micrometres(1000 * e.rms)})` : "–")]);
   main.append(scroll(table(["", "A", "B"], rows)));
   const declared = [...a.declares.map(t => "A: " + t), ...b.declares.map(t => "B: " + t)];
   if (declared.length) main.append(el("pre", declared.join("\n")));
 }
 
 // The path in one of three views, and charts along it.
-// B is drawn off A, its deviation magnified; where A is off B it is where it is.
+// B is drawn off A with its deviation magnified; A is drawn in place.
 const moved = (o, k) => VIEWS[view].map(n => o[NAMES[n]][k] + (o === OFF[1] ? mag.factor : 1) * o[`d${NAMES[n]}`][k]);
 const bounds = () => VIEWS[view].map(n => extent([P[NAMES[n]], ...OFF.map(o => o[NAMES[n]].map((v, k) => v + o[`d${NAMES[n]}`][k]))], 0));
 const away = (o, k) => Math.hypot(o.dx[k], o.dy[k], o.dz[k]);
@@ -39,9 +39,9 @@ const zoomTo = one => {
   bar.append(choice(Object.keys(VIEWS), view, name => { view = name; flat.whole = true; flat.fit(); redraw(); }), mag.box,
     button("all", () => { range.reset(); flat.whole = true; flat.fit(); redraw(); }));
   const legend = el("div", undefined, "bar");
-  legend.append(key("A", "--a"), key("A, where it is not B's", "--a", 0.25), key("B, where it is not A's, magnified", "--b"), key("rapid", "--dim", 1, "thin"));
+  legend.append(key("A", "--a"), key("A where B differs", "--a", 0.25), key("B where it differs, magnified", "--b"), key("rapid", "--dim", 1, "thin"));
   s.append(bar, legend, el("p", HINT, "dim hand"));
-  const svg = picture(s, "the tool path of A, and that of B where it is another", "picture plane", false);
+  const svg = picture(s, "the tool path of A, and of B where it differs", "picture plane", false);
   svg.id = "path";
   let v = null, over = null;
   const overlay = () => {
@@ -67,7 +67,7 @@ const zoomTo = one => {
       draw(v.inside, "path", { ...LINE, d, opacity: lit ? 1 : 0.35, ...look, class: "path" });
     }
     if (OFF.length) off(1, rapid => rapid ? { "stroke-width": 1, ...DASHES } : { "stroke-width": 1.8 });
-    if (most) ruler(v, "deviation", "mm", v.scale * mag.factor);
+    if (most) ruler(v, "deviation", "µm", v.scale * mag.factor / 1000);
     over = draw(v.inside, "g", {}); overlay();
   };
   flat = plane(svg, width => Math.round(Math.min(Math.max(0.5 * width, 320), 560)), () => [...view].map(n => `${n} [mm]`), bounds, paint, {
@@ -82,7 +82,7 @@ const zoomTo = one => {
       OFF.forEach((o, side) => {
         for (let k = 0; k < o.x.length; k++) {
           const [p, q] = moved(o, k), d = Math.hypot(v.X(p) - x, v.Y(q) - y);
-          if (d < best) { best = d; pointed = { s: o.s[k], at: () => moved(o, k) }; text = `${side ? "B" : "A"} line ${o.line[k]}\noff by ${num(away(o, k), 6)} mm`; }
+          if (d < best) { best = d; pointed = { s: o.s[k], at: () => moved(o, k) }; text = `${side ? "B" : "A"} line ${o.line[k]}\noff by ${micrometres(1000 * away(o, k))} µm`; }
         }
       });
       overlays.forEach(one => one()); show(e.clientX, e.clientY, text);
@@ -101,13 +101,13 @@ const zoomTo = one => {
     OFF.forEach((o, side) => {
       let best = null;
       for (let i = 0; i < o.s.length; i++) if (best === null || Math.abs(o.s[i] - s) < Math.abs(o.s[best] - s)) best = i;
-      if (best !== null && Math.abs(o.s[best] - s) < 0.01 * (range.high - range.low)) rows.push(`${"AB"[side]} off by ${num(away(o, best), 6)} mm`);
+      if (best !== null && Math.abs(o.s[best] - s) < 0.01 * (range.high - range.low)) rows.push(`${"AB"[side]} off by ${micrometres(1000 * away(o, best))} µm`);
     });
     return rows.join("\n");
   };
   const charts = [
-    ["dev", "Deviation along A", "[mm]", () => [0, Math.max(most * 1.05, 1e-6)], f => OFF.forEach((o, side) => {
-      const d = steps(o.s.length, k => f.X(o.s[k]), k => f.Y(away(o, k)), k => o.stretch[k] === o.stretch[k - 1], f.lane);
+    ["dev", "Deviation along A", "[µm]", () => [0, 1000 * Math.max(most * 1.05, 1e-6)], f => OFF.forEach((o, side) => {
+      const d = steps(o.s.length, k => f.X(o.s[k]), k => f.Y(1000 * away(o, k)), k => o.stretch[k] === o.stretch[k - 1], f.lane);
       draw(f.inside, "path", { ...LINE, d, stroke: `var(${COLOURS[side]})` });
     })],
     ["feed", "Programmed feed along A", "[mm/min]", () => [0, 1.05 * D.speed.reduce((m, p) => p.feed.reduce((n, f) => Math.max(n, f || 0), m), 1e-6)], f => D.speed.forEach((p, side) => {
@@ -141,8 +141,8 @@ const zoomTo = one => {
   const add = (title, t) => section(title).append(scroll(t));
   const devs = D.geometry.stretches, T = D.time;
   if (devs.length) {
-    const t = table(["lines of A", "lines of B", "from s", "to s", "mm", "at line", "X", "Y", "Z"],
-      devs.map(d => [span(d.a), span(d.b), num(d.s_a[0], 3), num(d.s_a[1], 3), num(d.deviation, 6), `${d.where.on.toUpperCase()}:${d.where.line}`, ...d.position.map(x => num(x, 4))]));
+    const t = table(["lines of A", "lines of B", "from s", "to s", "deviation µm", "at line", "X", "Y", "Z"],
+      devs.map(d => [span(d.a), span(d.b), num(d.s_a[0], 3), num(d.s_a[1], 3), micrometres(1000 * d.deviation), `${d.where.on.toUpperCase()}:${d.where.line}`, ...d.position.map(x => num(x, 3))]));
     [...t.tBodies[0].rows].forEach((r, k) => leads(r, () => zoomTo(devs[k])));
     add("Where the tool path deviates", t);
   }
@@ -150,12 +150,12 @@ const zoomTo = one => {
   if (D.feed.stretches.length) add("Where the feed differs (mm/min)", table(["lines of A", "lines of B", "from s", "to s", "A", "B", "ratio"],
     D.feed.stretches.map(f => [span(f.a), span(f.b), num(f.s_a[0], 3), num(f.s_a[1], 3), feeds(f.feed_a, 1), feeds(f.feed_b, 1), feeds(f.ratio, 4)])));
   if (T.stretches.length) add("Where the time differs (s)", table(["lines of A", "lines of B", "A", "B", "B − A"],
-    T.stretches.map(t => [span(t.a), span(t.b), num(t.time_a, 4), num(t.time_b, 4), num(t.time_b - t.time_a, 4)])));
-  if (D.orders.length) add("Beside the motion", table(["what", "line of A", "line of B"], D.orders.map(o => [o.what, o.a ?? "–", o.b ?? "–"])));
+    T.stretches.map(t => [span(t.a), span(t.b), num(t.time_a, 3), num(t.time_b, 3), num(t.time_b - t.time_a, 3)])));
+  if (D.orders.length) add("Other commands", table(["what", "line of A", "line of B"], D.orders.map(o => [o.what, o.a ?? "–", o.b ?? "–"])));
   if (D.notes.length) add("Compared as text", table([""], D.notes.map(n => [n])));
   const s = section("Blocks"), shown = 500;
   D.blocks.slice(0, shown).forEach(h => {
-    const d = el("div", undefined, "hunk"), p = el("pre");
+    const d = el("div", undefined, "change"), p = el("pre");
     d.append(el("b", `${h.kind}: ${span(h.a)} | ${span(h.b)}`));
     h.text_a.slice(0, 200).forEach(t => p.append(el("div", "- " + t, "gone")));
     h.text_b.slice(0, 200).forEach(t => p.append(el("div", "+ " + t, "new")));

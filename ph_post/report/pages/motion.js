@@ -1,14 +1,13 @@
-// A path or a program: its windows, its predicted error magnified, its feed before and after.
+// A path or a program: its reversals, its predicted error magnified, its feed before and after.
 const P = D.path, RUNS = D.runs, MARKS = D.points, COLOURS = ["--a", "--b"];
 const NAMES = ["x", "y", "z"].slice(0, D.axes.length);
 const seen = { runs: RUNS.map(() => true), windows: true, points: true };
-const micro = v => v === null || v === undefined ? "–" : v === 0 ? "0" : v >= 99.95 ? v.toFixed(0) : v >= 0.995 ? String(+v.toPrecision(3)) : v.toFixed(3);
 const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
 
 // The answer.
 {
   main.append(el("h1", D.summary));
-  const facts = [`machine ${D.machine.name}`, `${num(D.length, 3)} mm`, changed ? `strategy ${D.strategy}` : "nothing is changed", `ph-post ${D.version}`];
+  const facts = [`machine ${D.machine.name}`, `${num(D.length, 3)} mm`, changed ? `strategy ${D.strategy}` : "nothing changed", `ph-post ${D.version}`];
   main.append(el("p", facts.join(" · "), "dim"));
   const tiles = el("div", undefined, "tiles");
   // Values of runs have the colours of these.
@@ -18,19 +17,19 @@ const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
     t.append(title, b, el("span", below, "dim")); tiles.append(t);
   };
   const gain = (a, b) => !a || !b ? "" : Math.abs(a / b - 1) < 0.005 ? "as before" : a >= b ? `${few(a / b)} times smaller` : `${few(b / a)} times larger`;
-  const sizes = (title, of) => { const found = RUNS.map(of); tile(title, found.map(micro), gain(...found)); };
+  const sizes = (title, of) => { const found = RUNS.map(of); tile(title, found.map(micrometres), gain(...found)); };
   sizes("Largest contour error, µm", one => one.error && 1000 * one.error.max);
   sizes("Root mean square, µm", one => one.error && 1000 * one.error.rms);
-  sizes("Worst of what the file leaves open, µm", one => one.worst && 1000 * one.worst.max);
+  sizes("Worst case, µm", one => one.worst && 1000 * one.worst.max);
   const more = changed && first.time ? 100 * (last.time / first.time - 1) : null;
   tile("Cycle time, s", RUNS.map(one => num(one.time, 3)), more === null ? "" : Math.abs(more) < 0.005 ? "as before" : `${num(Math.abs(more))} % ${more < 0 ? "less" : "more"}`);
   const done = MARKS.filter(p => p.strategy !== "none").length;
-  tile("Turning points", [String(MARKS.length)], changed ? `at ${done} something is done` : "", ["span"]);
+  tile("Reversals", [String(MARKS.length)], changed ? `${done} compensated` : "", ["span"]);
   main.append(tiles);
   D.warnings.forEach(text => main.append(el("p", text, "note")));
 }
 
-// Where one is: a row of a run, and a turning point that is meant.
+// The place that is pointed at: a row of a run, and a reversal that is lit.
 const range = new Range(0, D.length);
 let pointed = null, lit = null;
 // Round, so that the largest error is a twentieth of the path.
@@ -64,11 +63,11 @@ function words(run, k) {
   RUNS.forEach((one, r) => {
     if (!seen.runs[r]) return;
     const i = one === run ? k : near(one, run.s[k]);
-    const error = one.counted[i] ? `error ${num(Math.abs(one.e[i]), 3)} µm${sideWord(one.e[i])}` : "error not counted here";
+    const error = one.counted[i] ? `error ${micrometres(Math.abs(one.e[i]))} µm${sideWord(one.e[i])}` : "error not counted here";
     rows.push(`${one.name}: ${error}, feed ${num(one.feed[i], 1)} mm/min, at ${num(one.t[i], 3)} s`);
   });
   const m = markAt(run.s[k]);
-  if (m !== null) rows.push(`in the window of #${MARKS[m].index} (${MARKS[m].axis} ${MARKS[m].sense}): ${MARKS[m].strategy === "none" ? "nothing is done" : MARKS[m].strategy}`);
+  if (m !== null) rows.push(`in the window of #${MARKS[m].index} (${MARKS[m].axis} ${MARKS[m].sense}): ${MARKS[m].strategy === "none" ? "not compensated" : MARKS[m].strategy}`);
   return rows.join("\n");
 }
 function point(run, k, x, y) {
@@ -90,10 +89,10 @@ const desk = el("div", undefined, "desk"), left = el("div"), right = el("div");
 const overlays = [];
 let flat = null;
 {
-  const s = section(changed ? "The path, and what the table makes of it before and after" : "The path, and what the table makes of it");
+  const s = section(changed ? "Programmed and executed path, before and after" : "Programmed and executed path");
   const bar = el("div", undefined, "bar hand");
   RUNS.forEach((run, r) => { bar.append(button(run.name, b => { seen.runs[r] = !seen.runs[r]; b.setAttribute("aria-pressed", seen.runs[r]); redraw(); }, true)); });
-  for (const [name, text] of [["windows", "windows"], ["points", "turning points"]])
+  for (const [name, text] of [["windows", "windows"], ["points", "reversals"]])
     bar.append(button(text, b => { seen[name] = !seen[name]; b.setAttribute("aria-pressed", seen[name]); redraw(); }, true));
   bar.append(mag.box);
   if (views.length > 1) bar.append(choice(views.map(viewName), viewName(view), name => { view = views.find(one => viewName(one) === name); flat.whole = true; flat.fit(); redraw(); }));
@@ -104,8 +103,8 @@ let flat = null;
   if (P.rapid.length) legend.append(key("rapid", "--dim", 1, "thin"));
   RUNS.forEach((run, r) => legend.append(key(`${run.name}, error magnified`, COLOURS[r])));
   if (MARKS.some(p => p.window)) legend.append(key("window", "--window"));
-  if (MARKS.length) legend.append(key("turning point", "--point", 1, "dot"));
-  legend.append(el("span", "▶ begins here"));
+  if (MARKS.length) legend.append(key("reversal", "--point", 1, "dot"));
+  legend.append(el("span", "▶ start"));
   s.append(legend, el("p", `${HINT}; arrows walk along the path`, "dim hand"), desk);
   desk.append(left, right);
 }
@@ -149,7 +148,7 @@ let flat = null;
     start(v, pu, pw); ruler(v, "error", "µm", v.scale * mag.factor / 1000);
     over = draw(v.inside, "g", {}); overlay();
   };
-  // The turning points over their numbers, of which the first is read where some stand too close to each other.
+  // The reversals over their numbers; where some are too close to each other, the first number is shown.
   function numbers(v) {
     const taken = [], places = MARKS.map(p => [v.X(p.at[view[0]] || 0), v.Y(p.at[view[1]] || 0)]);
     places.forEach(([px, py], k) => {
@@ -159,7 +158,7 @@ let flat = null;
     });
     places.forEach(([cx, cy]) => draw(v.inside, "circle", { cx, cy, r: 3.4, fill: "var(--card)", stroke: "var(--point)", "stroke-width": 1.8, class: "point" }));
   }
-  // Where the motion begins, and which way it goes.
+  // Start and direction of the motion.
   function start(v, u, w) {
     if (P.s.length < 2) return;
     const x = v.X(u(0)), y = v.Y(w(0));
@@ -260,7 +259,7 @@ let flat = null;
   }
 }
 
-// The turning points, a row each.
+// The reversals, a row each.
 const rows = [];
 function light(k) {
   if (k === lit) return;
@@ -278,24 +277,24 @@ function goTo(p) {
   desk.scrollIntoView({ block: "nearest" });
 }
 {
-  const s = section("Turning points");
-  if (!MARKS.length) s.append(el("p", "No axis turns round on this path: there is nothing that backlash could mark."));
+  const s = section("Reversals");
+  if (!MARKS.length) s.append(el("p", "No axis reverses on this path: backlash leaves no mark on it."));
   const bound = { deviation: "leaves its circle", neighbour: "its neighbour", end: "the path's end", corner: "a corner" };
-  const errors = p => p.errors.map(micro).join(" → ");
+  const errors = p => p.errors.map(micrometres).join(" → ");
   const columns = [
     ["#", p => `#${p.index}`, p => p.index],
     ...(D.kind === "program" ? [["line", p => String(p.line), p => p.line]] : []),
     ["s mm", p => num(p.s, 3), p => p.s],
     ...D.axes.map((name, k) => [`${name} mm`, p => num(p.at[k], 3), p => p.at[k]]),
-    ["turns", p => `${p.axis} ${p.sense}, ${p.kind}`, p => p.axis + p.sense],
+    ["reversal", p => `${p.axis} ${p.sense}, ${p.kind}`, p => p.axis + p.sense],
     ["window ± mm", p => num(p.half, 3), p => p.half],
-    ["bound by", p => p.limited_by === null ? "–" : bound[p.limited_by] || p.limited_by, p => p.limited_by],
+    ["limited by", p => p.limited_by === null ? "–" : bound[p.limited_by] || p.limited_by, p => p.limited_by],
     ["lag ms", p => num(p.lag, 2), p => p.lag],
-    ["held ms", p => num(p.duration, 2), p => p.duration],
-    ["what is done", p => p.strategy === "none" ? "nothing" : p.strategy, p => p.strategy],
+    ["standstill ms", p => num(p.duration, 2), p => p.duration],
+    ["strategy", p => p.strategy === "none" ? "not compensated" : p.strategy, p => p.strategy],
     ["feed × ", p => p.ratio === null ? "–" : num(p.ratio, 2), p => p.ratio],
     ["error µm", errors, p => p.errors[0]],
-    ["what to know", p => p.notes.join("; "), p => p.notes.join()],
+    ["notes", p => p.notes.join("; "), p => p.notes.join()],
   ];
   const wordy = [columns.length - 1], most = 300;
   const t = table(columns.map(() => ""), []), head = t.querySelectorAll("th"), body = t.querySelector("tbody");
@@ -328,26 +327,26 @@ function goTo(p) {
   }
   if (MARKS.length) {
     fill();
-    s.append(el("p", "A row lights up its window; a click or Enter goes there.", "dim hand"),
-      el("p", "Lag: how much later than commanded the axis turns; held: how long it then stands on the settled orbit, uncompensated.", "dim"), scroll(t), more);
+    s.append(el("p", "Pointing at a row highlights its window; a click or Enter zooms to it.", "dim hand"),
+      el("p", "Lag: delay of the axis behind the commanded reversal; standstill: time that it then stands still in the steady state, uncompensated.", "dim"), scroll(t), more);
   }
 }
 
-// The machine, and how the numbers come about.
+// The machine, and how the numbers are computed.
 const foot = el("div", undefined, "pair");
 {
   const M = D.machine, s = section(`The machine: ${M.name}`);
   main.append(foot); foot.append(s);
   s.append(el("p", `controller ${M.dialect}, servo period ${M.period} ms`, "dim"), scroll(table(["", ...M.axes], M.rows)));
   if (M.effects.length) s.append(el("h3", "Effects"), table(["axis", "effect", "parameters"], M.effects.map(one => [one.axis, one.name, Object.entries(one.parameters).map(([k, v]) => `${k} = ${v}`).join(", ")]), [1, 2]));
-  else s.append(el("p", "No further effects: servo and gap are all that acts."));
+  else s.append(el("p", "No further effects: servo and backlash only."));
 }
 {
-  const s = section("How the numbers come about");
+  const s = section("How the numbers are computed");
   foot.append(s);
   list(s, [
-    ...RUNS.map(run => `${run.name}: simulated with ${run.assumed}; the worst case with ${run.worst_words || "the same"}; ${run.samples} samples`),
-    "The error is the distance from the table to the nearest point of the path, after five servo time constants" + (D.kind === "program" ? ", while the tool cuts." : "."),
+    ...RUNS.map(run => `${run.name}: simulated with ${run.assumed}; worst case: ${run.worst_words || "the same"}; ${run.samples} samples`),
+    "The error is the distance from the executed position to the nearest point of the path, after five servo time constants" + (D.kind === "program" ? ", while the tool cuts." : "."),
     ...D.notes,
   ]);
 }

@@ -11,6 +11,14 @@ const draw = (parent, tag, attributes, text) => {
   return e;
 };
 const num = (v, n = 2) => v === null || v === undefined ? "–" : v.toFixed(n).replace(/^-(0\.?0*)$/, "$1");
+// An error in µm: three significant digits, and no finer than 0.01 µm.
+const micrometres = v => {
+  if (v === null || v === undefined) return "–";
+  const size = Math.abs(v);
+  if (size === 0) return "0";
+  if (size < 0.005) return "<0.01";
+  return v.toFixed(Math.min(Math.max(2 - Math.floor(Math.log10(+size.toPrecision(3))), 0), 2));
+};
 const few = v => v === null || v === undefined ? "–" : String(+v.toPrecision(3));
 const section = title => { const s = el("section"); s.append(el("h2", title)); main.append(s); return s; };
 const list = (parent, texts) => { if (!texts.length) return; const u = el("ul"); texts.forEach(x => u.append(el("li", x))); parent.append(u); };

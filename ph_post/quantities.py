@@ -1,0 +1,111 @@
+"""Quantities as a person reads them: the digits that mean something, in the units of the shop.
+
+Errors of the part are in µm, places and offsets in mm, times in s. JSON takes numbers as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from ph_post.units import MICROMETRE, MM
+
+NOTHING: Final = "-"
+"""Stands for a number that does not exist."""
+
+DIGITS: Final = 3
+"""Significant digits of an error in µm."""
+
+FINEST: Final = 2
+"""Decimals of an error in µm at most: what is finer than 0.01 µm is rounding."""
+
+
+def micrometres(length: float | None, sign: str = "") -> str:
+    """Write an error in µm, without its unit: three significant digits, and no finer than 0.01 µm.
+
+    Parameters
+    ----------
+    length : float or None
+        The error [m].
+    sign : {"", "+"}
+        ``"+"`` writes the sign of positive errors too.
+
+    Examples
+    --------
+    >>> [micrometres(one) for one in (1.2345e-3, 1.2345e-5, 1.2345e-6, 3.1e-7, 1e-12, 0.0, None)]
+    ['1234', '12.3', '1.23', '0.31', '<0.01', '0', '-']
+    >>> micrometres(4.4512e-6, "+"), micrometres(-4.4512e-6, "+"), micrometres(-1e-12)
+    ('+4.45', '-4.45', '<0.01')
+    """
+    if length is None or not math.isfinite(length):
+        return NOTHING
+    size = abs(length) / MICROMETRE
+    if size == 0.0:
+        return "0"
+    if size < 0.5 * 10.0**-FINEST:
+        return f"<{10.0**-FINEST:g}"
+    whole = math.floor(math.log10(float(f"{size:.{DIGITS - 1}e}"))) + 1
+    return f"{length / MICROMETRE:{sign}.{min(max(DIGITS - whole, 0), FINEST)}f}"
+
+
+def millimetres(length: float | None, sign: str = "") -> str:
+    """Write a place, an offset or a backlash in mm, without its unit: to 1 µm.
+
+    Examples
+    --------
+    >>> millimetres(0.000180009), millimetres(0.0125, "+"), millimetres(-1e-9), millimetres(None)
+    ('0.180', '+12.500', '0.000', '-')
+    """
+    if length is None or not math.isfinite(length):
+        return NOTHING
+    return f"{round(length / MM, 3) + 0.0:{sign}.3f}"
+
+
+def seconds(time: float | None) -> str:
+    """Write a time in s, without its unit: to 1 ms.
+
+    Examples
+    --------
+    >>> seconds(13.86449), seconds(None)
+    ('13.864', '-')
+    """
+    return NOTHING if time is None else f"{time:.3f}"
+
+
+def before_and_after(before: float | None, after: float | None, write: Callable[[float | None], str], unit: str) -> str:
+    """Write a quantity before and after.
+
+    Examples
+    --------
+    >>> before_and_after(11.4e-6, 4.451e-6, micrometres, "µm")
+    '11.4 µm before, 4.45 µm after'
+    """
+    return f"{write(before)} {unit} before, {write(after)} {unit} after"
+
+
+def with_error(value: float, error: float | None) -> tuple[str, str | None]:
+    """Write a value and its standard error, both to the last digit of the error; None where it is not known.
+
+    The error has one digit, or two where one would be off by more than 5 %.
+
+    Examples
+    --------
+    >>> with_error(20.4123, 0.1), with_error(0.031234, 0.00134), with_error(12.3456, None)
+    (('20.4', '0.1'), ('0.0312', '0.0013'), ('12.35', None))
+    >>> with_error(1.5623e-4, 2e-6), with_error(2.3456e-5, 1.2e-6)
+    (('0.000156', '2e-06'), ('2.35e-05', '1.2e-06'))
+    """
+    if error is None or not math.isfinite(error) or error <= 0.0:
+        return f"{value:.4g}", None
+    short = float(f"{error:.0e}")
+    digits = 1 if abs(short - error) <= 0.05 * error else 2
+    exponent = math.floor(math.log10(float(f"{error:.{digits - 1}e}")))
+    if abs(value) < 1e-3 and exponent < -5:
+        shown = digits + math.floor(math.log10(abs(value) or error)) - exponent
+        return f"{value:{'#' if shown > 1 else ''}.{max(shown, 1)}g}", f"{error:.{digits}g}"
+    if abs(value) > 1e6 * error:
+        return f"{value:.6g}", f"{error:.1g}"
+    places = digits - 1 - exponent
+    shown = max(places, 0)
+    return f"{round(value, places):.{shown}f}", f"{round(error, places):.{shown}f}"
