@@ -35,7 +35,7 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
     default="ph_post_calibration",
     show_default=True,
     metavar="FOLDER",
-    help="Where programs and plan go.",
+    help="Folder for the programs and the plan.",
 )
 @click.option(
     "--axes",
@@ -46,20 +46,20 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
     "--centre",
     callback=_numbers,
     metavar="X,Y,...",
-    help="Middle of the room in work coordinates, a number an axis [mm]. [0]",
+    help="Centre of the test volume in work coordinates, a number for each axis [mm]. [0]",
 )
 @click.option(
     "--travel",
     callback=_numbers,
     metavar="MM",
-    help="Room around it from end to end: one number, or one an axis. [100]",
+    help="Travel around it from end to end: one number, or one for each axis. [100]",
 )
-@click.option("--radius", type=float, metavar="MM", help="Of the circles. [0.3 of the smallest travel]")
+@click.option("--radius", type=float, metavar="MM", help="Radius of the circles. [0.3 of the smallest travel]")
 @click.option(
     "--feeds",
     callback=_numbers,
     metavar="F,F,...",
-    help="Feeds of the circles [mm/min]. [three, up to 0.8 of what the machine can]",
+    help="Feeds of the circles [mm/min]. [three, up to 0.8 of the limit of the machine]",
 )
 @click.option(
     "--warm-up",
@@ -67,9 +67,9 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
     default=10.0,
     show_default=True,
     metavar="MIN",
-    help="How long the run takes that warms the screws.",
+    help="Duration of the warm-up run.",
 )
-@click.option("--force", is_flag=True, help="Replace files of these names that hold something else.")
+@click.option("--force", is_flag=True, help="Overwrite existing files of these names.")
 @options.common
 def command(
     machine: str,

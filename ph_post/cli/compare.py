@@ -19,11 +19,11 @@ from ph_post.cli import options
 def command(source: str, machine: str, plot: str | None, as_json: bool, **how: Any) -> int:
     """Plan and simulate every strategy on a path, the plain program first.
 
-    Every strategy is planned with the options given here, as `convert --table` would (as `convert -o` with
-    --carrier program), and run on the machines that the machine file leaves possible, as `simulate` does. The
-    gain is how many times smaller than that of the plain program the largest error is. The slowest feed is
-    that while cutting: rapid moves, standstills and the ramps from and to them do not count. A strategy that
-    refuses the job, or whose samples break a limit, is listed with the reason.
+    Every strategy is planned with the options given here, as by `convert --table` (with --carrier program, as
+    by `convert -o`), and simulated in all cases that the machine file leaves open, as by `simulate`. The gain
+    is the largest error of the plain program over that of the strategy. The slowest feed is the lowest feed
+    while cutting: rapid moves, standstills and their ramps do not count. A strategy that refuses the job, or
+    exceeds a limit of the machine, is listed with the reason.
 
     \b
     Examples:

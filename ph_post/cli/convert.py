@@ -16,16 +16,16 @@ from ph_post.cli import options
     "-o", "--output", metavar="OUT", help="Part program; - for standard output (the default without --table)."
 )
 @click.option("--suffix", metavar="END", help="Write part.ngc to partEND.ngc. For part programs.")
-@click.option("--in-place", is_flag=True, help="Write over IN. For part programs.")
+@click.option("--in-place", is_flag=True, help="Overwrite IN. For part programs.")
 @click.option(
     "--backup",
     is_flag=False,
     flag_value=options.BACKUP,
     default=None,
     metavar="[END]",
-    help=f"With --in-place: keep what was there as part.ngcEND. [{options.BACKUP}]",
+    help=f"With --in-place: keep the original as part.ngcEND. [{options.BACKUP}]",
 )
-@click.option("--undo", is_flag=True, help="Give the original of a compensated program back, byte for byte.")
+@click.option("--undo", is_flag=True, help="Restore the original of a compensated program, byte for byte.")
 @options.force
 @options.strict
 @click.option("--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output.")
@@ -34,7 +34,7 @@ from ph_post.cli import options
 @click.option(
     "--interval-table",
     metavar="FILE",
-    help="Look backlash intervals up in a table of `ph-post sweep -o FILE.json`, not solving for them.",
+    help="Take backlash intervals from a table of `ph-post sweep -o FILE.json` in place of solving for them.",
 )
 @click.option(
     "--feed-mode",
@@ -47,8 +47,8 @@ from ph_post.cli import options
 @click.option(
     "--watch",
     metavar="FOLDER",
-    help="In place of IN: convert what is in a folder and what comes into it, until Ctrl-C, "
-    "to the folder of -o or beside it with --suffix.",
+    help="In place of IN: convert the files of a folder, also new ones, until Ctrl-C, "
+    "to the folder of -o or beside the originals with --suffix.",
 )
 @click.option(
     "--settle",
@@ -56,38 +56,38 @@ from ph_post.cli import options
     default=2.0,
     show_default=True,
     metavar="S",
-    help="With --watch: a file that has not changed for so long is wholly written.",
+    help="With --watch: time without a change after which a file counts as complete.",
 )
-@click.option("--no-simulation", is_flag=True, help="Leave the errors in the --json object null, and save their time.")
+@click.option("--no-simulation", is_flag=True, help="Skip the simulation: errors in the --json object are null.")
 @options.plot("the feed along the path, before and after; of a part program also the predicted error")
 @options.common
 def command(
     source: str | None, machine: str | None, output: str | None, table: str | None, as_json: bool, **how: Any
 ) -> int:
-    """Convert a path file or a part program into a compensated one, a path file also into a table.
+    """Compensate the backlash of a path file or a part program.
 
     IN is a path file (.json), the name of a shipped one, a part program, or - for standard input. Without -o
-    and --table the program goes to standard output. Files are written whole or not at all; what was reduced,
-    shortened or left alone is said on standard error.
+    and --table the program goes to standard output. Files are written whole or not at all. Standard error
+    has a line with the result, and warnings for everything that was reduced or is not compensated.
 
-    With --table a part program is taken as a path. With -o only what has to change of it is changed: numbers
-    of axes that carry a lasting offset, and stretches around turning points, each behind a comment that tells
-    its lines; all other bytes stay. What is not understood is passed through and named (--strict: refused).
-    The outcome is verified before it is written. Converted a second time it stays as it is, and --undo gives
-    the original back.
+    With -o, only the necessary blocks of a part program change: numbers of compensated axes, and stretches
+    around reversals, each after a comment that counts its lines. All other bytes stay. Commands that ph-post
+    does not understand are passed through and listed (--strict refuses them). The result is verified before
+    it is written. Converting it again leaves it unchanged; --undo restores the original. With --table, a part
+    program is read as a path.
 
-    A table leads the path by what the servos lag behind it (not with the strategies none, linear and step),
-    and carries axes through their gaps sample by sample. A program cannot, and jogs them at full stops; so it
-    is planned apart: where -o and --table are both given, they hold two plans.
+    A table commands the path ahead by the lag of the servos (except with the strategies none, linear and
+    step), and takes up backlash sample by sample. A program cannot do this and takes up backlash at full stops,
+    so it has a plan of its own if both -o and --table are given.
 
-    With --json the motion is simulated too, before and after. The object tells of the table, and has that of
-    the program under `program` where both are written. Where -o stands alone it tells of the program, and
-    `table_error` is what a table would reach; --no-simulation saves the time for that.
+    --json also simulates the motion before and after. The object describes the table, and has the program
+    under `program` if both are written. With -o alone it describes the program, and `table_error` is the
+    error that a table would reach; --no-simulation skips all this.
 
-    With --watch a file is taken when it has not changed for a while, again when it changes, and never what
-    was written here. Programs keep their names, that of part.json has the ending of the dialect (part.ngc,
-    part.gcode, part.mpf); a line tells of each. A bad file is named and the next has its turn; what ph-post
-    did not write is not overwritten (--force: is).
+    --watch converts a file when it has not changed for a while, and again when it changes, but never its own
+    results. Programs keep their names; part.json becomes part.ngc, part.gcode or part.mpf as the dialect has
+    it. A line reports each file, bad files too. Files that ph-post did not write are not overwritten; --force
+    overrides.
 
     \b
     Examples:
@@ -105,17 +105,17 @@ def command(
       windows        as turning_points of inspect, with strategy, profile and crossings
       cycle_time     {before, after} [s]
       error          {before, after}, each {max, rms} [mm]; null where nothing was simulated
-      offsets        largest that is added, by axis [mm]
+      offsets        largest added offset, by axis [mm]
       warnings       a list of sentences
-      carrier        what the object tells of: table or program
+      carrier        output that the object describes: table or program
       strategy       of a path: its name
       other_crossings, bias, inverse_dynamics
-                     of a path: what is added beside the windows
-      program        the same object of the program, where -o and --table are given
-      table_error    what a table would reach, where -o stands alone
-      stops, dips    of a part program: how many
-      pulses         of a part program: by axis [mm]
-      verified       of a part program: whether the judge, of --undo the hash of the original, has passed it
+                     of a path: additions outside of the windows
+      program        the same object of the program, if -o and --table are given
+      table_error    error that a table would reach, with -o alone
+      stops, dips    of a part program: their numbers
+      pulses         of a part program: largest backlash take-up move, by axis [mm]
+      verified       of a part program: whether the check has passed; with --undo, that of the hash
       unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.conversion import convert_path, convert_program

@@ -10,18 +10,18 @@ PATH, MACHINE = "oval", "mill"
 """The shipped path and machine of the demonstration."""
 
 EFFORT = 0.01
-"""Part of the search that `convert` makes: nobody waits for a demonstration."""
+"""Search effort, much less than that of `convert`: a demonstration should be quick."""
 
 
 @click.command()
-@click.option("--out", default="ph_post_demo", show_default=True, metavar="FOLDER", help="Where the files go.")
+@click.option("--out", default="ph_post_demo", show_default=True, metavar="FOLDER", help="Folder for the files.")
 @options.common
 def command(out: str, as_json: bool) -> int:
-    """Convert a shipped oval for a shipped mill, and show what was done.
+    """Compensate a shipped oval for a shipped mill.
 
-    Writes the part program, the interpolator table and a picture into FOLDER, each planned with the strategy
-    `auto` after a short search, and prints a line for every turning point of the table: lag of the reversal,
-    duration of the backlash, window, how far the feed dips, and how the gap is crossed.
+    Writes the part program, the interpolator table and a picture into FOLDER, planned with the strategy
+    `auto` after a short search, and prints a line for every reversal of the table: lag, duration of the
+    backlash, window, feed dip, backlash take-up and strategy.
 
     \b
     Examples:

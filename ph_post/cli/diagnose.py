@@ -22,31 +22,31 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     metavar="BETTER.toml",
-    help="The machine file with what was found added to it; - for standard output.",
+    help="Write the machine file with the effects found; - for standard output.",
 )
-@click.option("--html", metavar="FILE", help="A page with the residuals drawn; it needs no network.")
-@options.plot("the gap and the residuals")
-@click.option("--next", "following", metavar="FILE", help="The part program that would tell more.")
+@click.option("--html", metavar="FILE", help="Write a page with the residuals; it needs no network.")
+@options.plot("the residuals, step by step and over time")
+@click.option("--next", "following", metavar="FILE", help="Write the part program of the next test.")
 @log_options
 @options.common
 def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
-    """Find out where a record parts from the simulation, and which physical effect is missing.
+    """Find the physical effect that makes a measured log differ from the simulation.
 
-    LOG is what was measured while the machine ran: a table (.csv, LinuxCNC's halsampler, .mat, .npz,
-    .parquet) or - for standard input, with t [s], X_cmd, X_act [mm] and likewise for other axes, perhaps
-    X_motor [mm], X_force [N] or X_current [A]. Other names and units are told with --column.
+    LOG was measured while the machine ran: a table (.csv, LinuxCNC's halsampler, .mat, .npz, .parquet) or -
+    for standard input, with t [s], X_cmd, X_act [mm] and likewise for other axes, and perhaps X_motor [mm],
+    X_force [N] or X_current [A]. --column maps other names and units.
 
-    One of five verdicts is told first. An effect is missing: its name, parameters and standard errors.
-    Nothing is missing: record and model are no farther apart than the noise. Effects cannot be told apart:
-    each is named. None of the known effects explains it: what remains is described. The record cannot show
-    it: why. Below stands how far model and record are apart after every step, on what was fitted and on what
-    was held out. Where another run would tell more, --next writes its part program.
+    The first line is one of five verdicts. An effect is missing: its name, parameters and standard errors.
+    Nothing is missing: log and model differ by no more than the noise. Effects cannot be separated: all of
+    them are named. No known effect explains the residual: it is described. The log cannot show it: the reason
+    is given. Then comes the residual between log and model after every step, on fitted and on held-out data.
+    If another run would answer more, --next writes its part program.
 
-    -o writes the same machine file with what was found, standard errors and origin as comments. Where nothing
-    is added, it holds the machine file as it was, so that what reads it can go on; that is said.
+    -o writes the machine file with the effects found, with standard errors and origin as comments. If nothing
+    is added, it is the unchanged machine file, with a note on standard error.
 
-    Exit status 0: done, whatever the verdict. 2: the record or the machine file cannot be read, or they do
-    not belong together.
+    Exit status 0: done, whatever the verdict. 2: the log or the machine file cannot be read, or they do not
+    belong together.
 
     \b
     Examples:

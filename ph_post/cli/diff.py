@@ -20,10 +20,10 @@ from ph_post.cli import options
     default=1e-6,
     show_default=True,
     metavar="MM",
-    help="Tool paths that are no farther apart are the same.",
+    help="Tool paths that are no farther apart count as the same.",
 )
-@click.option("--html", metavar="FILE", help="A page with path and feed drawn; it needs no network.")
-@options.plot("the tool paths, how far they are apart, and the feeds")
+@click.option("--html", metavar="FILE", help="Write a page with path and feed; it needs no network.")
+@options.plot("the tool paths, their deviation, and the feeds")
 @click.option(
     "--color/--no-color",
     "colour",
@@ -42,19 +42,18 @@ def command(
     colour: bool | None,
     as_json: bool,
 ) -> int:
-    """Show what differs between the programs A and B, and where the tool would go another way.
+    """Show the differences between the programs A and B, and between their tool paths.
 
-    Compared is what the programs do: the tool path as exact lines, arcs and splines, in the order of travel,
-    so that a detour counts also where it runs along another part of the path; the feed along it; the time;
-    and spindle, coolant, tools, offsets and stops. What is not understood is compared as text. Either
-    program may be - for standard input, and need not be written by ph-post.
+    Compared are the tool paths, as exact lines, arcs and splines in the order of travel, so that a detour
+    along another part of the path counts too; the feeds; the times; and spindle, coolant, tools, offsets and
+    stops. Commands that ph-post does not understand are compared as text. Either program may be - for standard
+    input, and need not come from ph-post.
 
-    Exit status 0: a machine does the same with both. That they are written differently - comments, blanks,
-    N words, spelling, the order of words, a line cut in two - is shown and is no difference. 1: they differ.
-    2: one of them cannot be read.
+    Exit status 0: both make the machine do the same. Differences in spelling - comments, blanks, N words, the
+    order of words, a line cut in two - are shown, but do not count. 1: they differ. 2: a program cannot be
+    read.
 
-    With -m rapid moves count in the times, and the contour error that the machine would make is predicted
-    for both.
+    With -m, times include rapid moves, and the contour error of both is predicted.
 
     \b
     Examples:
@@ -64,14 +63,14 @@ def command(
 
     \b
     JSON:
-      same, identical  whether a machine does the same, and whether the bytes are the same
+      same, identical  whether the machine does the same, and whether the bytes are the same
       tolerance        [mm]
       files            {name, sha256, lines, motions, length, declares} of A and B
       blocks           a list of {kind, a, b, text_a, text_b}
       geometry         {max_deviation [mm], without_declared, stretches}
       feed             {stretches}, with feeds [mm/min]
       time             {a, b, stretches} [s]
-      orders, notes    other commands that differ; what was compared as text
+      orders, notes    other commands that differ; stretches compared as text
       error            with -m: contour error of A and B [mm], else null
     """
     import ph_post as ph

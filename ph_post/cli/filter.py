@@ -16,7 +16,7 @@ BESIDE: Final = "ph-post.toml"
 """Machine file beside LinuxCNC's INI file, where nothing else names one."""
 
 _INI: Final = "INI_FILE_NAME"
-"""LinuxCNC tells all that it starts where its INI file is."""
+"""Environment variable in which LinuxCNC passes the place of its INI file."""
 
 _DIALECT: Final = "linuxcnc"
 
@@ -27,8 +27,8 @@ _DIALECT: Final = "linuxcnc"
 @click.option(
     "--quiet",
     is_flag=True,
-    help="Say nothing on standard error but why it failed; no FILTER_PROGRESS: for panels of gladevcp, "
-    "which in LinuxCNC 2.9 give up on the first word there.",
+    help="Print only failures on standard error, no FILTER_PROGRESS: for panels of gladevcp, "
+    "which in LinuxCNC 2.9 stop at the first word there.",
 )
 @click.pass_context
 def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool, **how: Any) -> int:

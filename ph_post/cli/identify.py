@@ -34,7 +34,7 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     "-o",
     "--output",
     metavar="MACHINE.toml",
-    help="The machine file with what was identified; - for standard output.",
+    help="Write the machine file with the identified parameters; - for standard output.",
 )
 @click.option(
     "--feedback",
@@ -42,13 +42,13 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     callback=_loops,
     metavar="[AXIS=]LOOP",
     help="Where the loop closes, without -m: load, motor or none, for all axes or such as Y=load; may be "
-    "given several times. [assumed from which sides were read, and said]",
+    "given several times. [assumed from the sides in the log, with a note]",
 )
 @click.option(
     "--gear-ratio",
     type=options.positive,
     metavar="N",
-    help="Turns of the motor a turn of the screw; a new file for a load loop needs it.",
+    help="Motor turns per turn of the screw; a new file for a load loop needs it.",
 )
 @click.option(
     "--screw-lead",
@@ -56,7 +56,7 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
     metavar="MM",
     help="Lead of the screw; a new file for a load loop needs it.",
 )
-@options.plot("what the machine that was found leaves of the record")
+@options.plot("the residual between the log and the identified machine")
 @log_options
 @options.common
 def command(source: str, machine: str | None, output: str | None, plot: str | None, as_json: bool, **how: Any) -> int:

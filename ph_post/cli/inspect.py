@@ -15,7 +15,7 @@ from ph_post.units import MM, MM_PER_MIN
 @options.feed
 @options.dialect
 @click.option("--certify", is_flag=True, help="Count and isolate the turning points in exact rational arithmetic.")
-@options.plot("the path with its windows, and of what backlash does there")
+@options.plot("the path with its windows, and of the standstill at each reversal")
 @options.common
 def command(
     source: str,
@@ -27,10 +27,10 @@ def command(
     plot: str | None,
     as_json: bool,
 ) -> int:
-    """List the turning points of a path, their windows and, with a machine, their backlash.
+    """List the reversals of a path with their windows and, with a machine, their backlash.
 
     IN is a path file (.json), the name of a shipped one, a part program (.ngc, .nc, .tap, …), or - for
-    standard input. Of a program its longest path is taken.
+    standard input. For a program, its longest path is inspected.
 
     \b
     Examples:

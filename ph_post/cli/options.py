@@ -111,7 +111,7 @@ tolerance = click.option(
     default=DEFAULT_TOLERANCE_MM,
     show_default=True,
     metavar="MM",
-    help="How far the osculating circle may leave the path inside a window.",
+    help="Largest distance of the osculating circle from the path inside a window.",
 )
 
 feed = click.option(
@@ -119,7 +119,7 @@ feed = click.option(
     type=positive,
     default=None,
     metavar="MM/MIN",
-    help="Feed in place of the path's; segments with a feed of their own keep it.",
+    help="Feed in place of that of the path; segments with their own feed keep it.",
 )
 
 
@@ -127,7 +127,7 @@ dialect = click.option(
     "--dialect",
     default=None,
     metavar="NAME",
-    help="Controller dialect in place of the machine file's; programs are read and written by its words.",
+    help="Controller dialect in place of that of the machine file, for reading and writing programs.",
 )
 
 
@@ -176,7 +176,7 @@ def strategy(default: str | None, words: str | bool = True) -> Callable[[F], F]:
         default=default,
         show_default=words,
         metavar="NAME",
-        help="What is done at each turning point.",
+        help="Method of compensation at each reversal.",
     )
 
 
@@ -185,7 +185,7 @@ carrier = click.option(
     type=click.Choice(["table", "program"]),
     default="table",
     show_default=True,
-    help="Plan for an interpolator table, or for a part program, which cannot carry all that a table can.",
+    help="Plan for an interpolator table, or for a part program, which cannot hold everything that a table can.",
 )
 
 
@@ -226,12 +226,12 @@ _PLANNING = (
         type=click.Choice(["rest", "moving"]),
         default="rest",
         show_default=True,
-        help="Begin and end at rest, or hold the feed from end to end.",
+        help="Begin and end at rest, or keep the feed from end to end.",
     ),
     click.option(
         "--ratio",
         type=float,
-        help="V(1/2)/V_c, the feed at the turning point over the feed around it. [0.25; retrograde -0.3]",
+        help="V(1/2)/V_c, the feed at the reversal over the feed around it. [0.25; retrograde -0.3]",
     ),
     click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),
     click.option("--t-star", type=positive, metavar="S", help="Half duration of the feed profile."),
@@ -244,19 +244,19 @@ _PLANNING = (
     click.option(
         "--allow-retrograde",
         is_flag=True,
-        help="Let the feed become negative: the tool moves back for a while.",
+        help="Allow negative feed: the tool moves back for a while.",
     ),
-    click.option("--min-feed", type=positive, metavar="MM/MIN", help="No slower than this while cutting."),
+    click.option("--min-feed", type=positive, metavar="MM/MIN", help="Lowest feed while cutting."),
     click.option(
         "--max-slowdown",
         type=click.FloatRange(min=0.0),
         default=0.1,
         show_default=True,
         metavar="FRACTION",
-        help="Soften the dips until the cycle time grows by no more than this; not where --ratio is given.",
+        help="Largest relative increase of the cycle time, for which dips are softened; not with --ratio.",
     ),
-    click.option("--feed-only", is_flag=True, help="Leave the path as it is: nothing is added to its positions."),
-    click.option("--no-inverse-dynamics", is_flag=True, help="Do not lead the path by what the servos lag behind it."),
+    click.option("--feed-only", is_flag=True, help="Change feeds only, not the positions of the path."),
+    click.option("--no-inverse-dynamics", is_flag=True, help="Do not command the path ahead by the lag of the servos."),
 )
 
 
@@ -271,7 +271,7 @@ def planning_with(effort: float) -> Callable[[F], F]:
         default=effort,
         show_default=True,
         metavar="FACTOR",
-        help="How much `auto` and `takeup` search: 1 for some ten seconds, less where a first look will do.",
+        help="Search effort of `auto` and `takeup`: 1 for some ten seconds, less for a first look.",
     )
 
     def add(function: F) -> F:
@@ -284,13 +284,15 @@ planning = planning_with(effort=1.0)
 
 
 _WRITING = (
-    click.option("--chord-tolerance", type=positive, metavar="MM", help="How far a G1 chord may leave the path."),
+    click.option(
+        "--chord-tolerance", type=positive, metavar="MM", help="Largest distance of a G1 chord from the path."
+    ),
     click.option("--block-time", type=positive, metavar="MS", help="Duration of the blocks in ramps and dips."),
     click.option(
         "--safe-z",
         type=float,
         metavar="MM",
-        help="Height at which the path of a path file is approached and left.",
+        help="Height at which a path of a path file is approached and left.",
     ),
     click.option(
         "--depth",
@@ -300,9 +302,13 @@ _WRITING = (
     ),
 )
 
-force = click.option("--force", is_flag=True, help="Compensate a program anew that was compensated otherwise before.")
+force = click.option(
+    "--force",
+    is_flag=True,
+    help="Compensate again a program that was compensated with other options or for another machine.",
+)
 
-strict = click.option("--strict", is_flag=True, help="Refuse a program that holds anything which is not understood.")
+strict = click.option("--strict", is_flag=True, help="Refuse programs with commands that ph-post does not understand.")
 
 
 def writing(function: F) -> F:

@@ -15,11 +15,11 @@ def command(figures: str | None, as_json: bool) -> int:
 
     The reference is the printed number, the printed formula evaluated exactly, or more digits of it computed
     beforehand. A number agrees when, rounded to the digits of its reference, it is the reference; errors of
-    simulated motions, when they are within 2 % of it, or 3 % for the whole machine. Exit status 1 if one does
-    not.
+    simulated motions, when they are within 2 % of it, or 3 % for the whole machine. Exit status 1 if a number
+    does not agree.
 
-    Figures 5 to 10 are in the paper's mode: one gap, on x, opened by hand at t = 0. Figure 11 has beside it
-    what a machine does whose gaps open at every reversal of either axis.
+    Figures 5 to 10 follow the paper: backlash on x only, opened at t = 0. Figure 11 also shows a machine whose
+    backlash opens at every reversal of both axes.
 
     \b
     Examples:

@@ -10,7 +10,7 @@ from ph_post.cli import options
 @click.command()
 @click.argument("program", metavar="PROGRAM")
 @options.machine
-@click.option("--against", metavar="ORIGINAL", help="The program that PROGRAM was made of.")
+@click.option("--against", metavar="ORIGINAL", help="The original of PROGRAM.")
 @click.option(
     "--backlash",
     is_flag=True,
@@ -22,9 +22,9 @@ from ph_post.cli import options
     default=600.0,
     show_default=True,
     metavar="S",
-    help="How long each run on LinuxCNC may take.",
+    help="Longest duration of each run on LinuxCNC.",
 )
-@click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
+@click.option("--log", metavar="OUT.csv", help="Write commanded and executed motion; - for standard output.")
 @options.plot("contour error and feed")
 @options.common
 def command(
@@ -37,15 +37,15 @@ def command(
     plot: str | None,
     as_json: bool,
 ) -> int:
-    """Run PROGRAM on a real LinuxCNC installed here, and its commands through the machine's drives.
+    """Run PROGRAM on an installed LinuxCNC, and simulate its commands on the machine.
 
-    LinuxCNC runs without a screen and without hardware: its own interpreter, planner and servo thread, with
-    the limits and the servo period of the machine file. What it commands the joints in every servo period is
-    compared with what was planned, speed and path, and simulated on the machine: that is the contour error to
-    expect. Of a program that this tool compensated the original is run too; of others --against names it.
+    LinuxCNC runs without screen and hardware: its interpreter, planner and servo thread, with the limits and
+    the servo period of the machine file. The commands to the joints in every servo period are compared with
+    the plan, in speed and path, and simulated on the machine, which gives the contour error to expect. The
+    original of a program compensated by ph-post is run too; --against names the original of other programs.
 
-    What the machine file leaves open is tried as `simulate` does. Errors count while the tool cuts, from five
-    servo time constants after the start. PROGRAM may be - for standard input.
+    Cases that the machine file leaves open are simulated as by `simulate`. Errors count while the tool cuts,
+    from five servo time constants after the start. PROGRAM may be - for standard input.
 
     \b
     Examples:
@@ -55,11 +55,11 @@ def command(
 
     \b
     JSON:
-      speed     {rms, max, windows}: how far it is from the plan's in the windows, relative
+      speed     {rms, max, windows}: relative deviation from the plan in the windows
       path      {max, allowed} [mm]
       time      {plan, controller, before} [s]
       error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
-      lockstep  whether it was run period by period, not as time passes
+      lockstep  whether it ran period by period, not in real time
     """
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ph_post.report.product import ReportProduct
 
 QUICK: Final = 0.1
-"""Part of the search that `convert` makes: a page is looked at now."""
+"""Search effort, less than that of `convert`: a page should appear soon."""
 
 HEAD: Final = 4096
 """Bytes at the beginning of a table that hold its header."""
 
 OF_LOGS: Final = ("columns", "sides", "program")
 OF_BOTH: Final = ("machine", "output", "plot", "as_json", "source", "other")
-"""Options for records only, and for everything; all others say how a motion is planned."""
+"""Options for logs only, and for everything; all others are for planning a motion."""
 
 
 @click.command()
@@ -31,7 +31,7 @@ OF_BOTH: Final = ("machine", "output", "plot", "as_json", "source", "other")
 @click.argument("other", metavar="[OTHER]", required=False)
 @options.optional_machine
 @click.option("-o", "--output", metavar="PAGE.html", help="The page; - for standard output (the default).")
-@options.plot("the same in short")
+@options.plot("the main parts of the page")
 @options.strategy("auto")
 @options.planning_with(effort=QUICK)
 @options.carrier
@@ -46,21 +46,21 @@ def command(
     as_json: bool,
     **how: Any,
 ) -> int:
-    """Make one page of a path, a part program, two programs or a record. It needs no network.
+    """Make an HTML page of a path, a part program, two programs or a log. The page needs no network.
 
-    IN is a path file (.json), the name of a shipped one, a part program, a record of what a machine did (as
-    `ph-post diagnose --help` says), or - for standard input. With OTHER both are part programs.
+    IN is a path file (.json), the name of a shipped one, a part program, a log of a machine (see
+    `ph-post diagnose --help`), or - for standard input. With OTHER, both are part programs.
 
-    Of a path or a program the page shows where axes turn round, with their windows; how far the machine will
-    leave the path, before and after it is compensated, magnified along the path; the feed before and after; a
-    row for every turning point; and the machine. A program that is compensated already is shown beside its
-    original. Of two programs it is the page of `ph-post diff --html`, of a record that of
-    `ph-post diagnose --html`.
+    The page of a path or a program shows the reversals with their windows, the predicted error before and
+    after compensation, magnified along the path, the feed before and after, a row for every reversal, and the
+    machine. A program that is already compensated is shown beside its original. For two programs the page is
+    that of `ph-post diff --html`, for a log that of `ph-post diagnose --html`.
 
-    On the page, wheel and dragging zoom and move, a double click shows all; pointing at a picture tells the
-    numbers there, in all pictures; so does the keyboard. It is light or dark as the system is, and prints.
+    On the page, the wheel zooms, dragging moves, and a double click shows all; pointing at a picture shows the
+    numbers there, in all pictures; the keyboard does the same. The page is light or dark as the system is, and
+    can be printed.
 
-    The search for the best compensation is shorter than that of `convert`; --effort 1 makes it the same. Exit
+    The search for the best compensation is shorter than that of `convert`; --effort 1 makes it equal. Exit
     status 0: done, whatever the page shows.
 
     \b

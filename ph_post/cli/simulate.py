@@ -12,21 +12,21 @@ from ph_post.cli import options
 @click.command()
 @click.argument("source", metavar="IN")
 @options.machine
-@click.option("--path", "path_file", metavar="PATHFILE", help="The path that a table was made for.")
+@click.option("--path", "path_file", metavar="PATHFILE", help="Path file that the table was made for.")
 @options.strategy("none")
 @options.planning
 @options.carrier
 @click.option(
     "--pickup",
     type=click.Choice(["standstill", "momentum", "contact"]),
-    help="This pick-up rule, whatever the machine file says.",
+    help="Pick-up rule in place of that of the machine file.",
 )
 @click.option(
     "--flank",
     type=click.Choice(["+", "-"]),
-    help="All axes stand on this flank at first, whatever the machine file says.",
+    help="Side of the backlash on which all axes start, in place of that of the machine file.",
 )
-@click.option("--log", metavar="OUT.csv", help="Commanded and executed motion; - for standard output.")
+@click.option("--log", metavar="OUT.csv", help="Write commanded and executed motion; - for standard output.")
 @options.plot("the contour error")
 @options.common
 def command(
@@ -40,16 +40,16 @@ def command(
     as_json: bool,
     **how: Any,
 ) -> int:
-    """Run a path or an interpolator table on the machine, and show how far the table leaves the path.
+    """Simulate a path or an interpolator table on the machine, and show the errors of the part.
 
     IN is a path file (.json), the name of a shipped one, a part program (.ngc, .nc, .tap, …) or - for
-    standard input, and is planned first as `convert --table` would; or it is an interpolator table (.csv,
-    .npz, .parquet). Of a table the contour error is told where --path names the path it was made for.
+    standard input; it is planned first, as by `convert --table`. Or IN is an interpolator table (.csv, .npz,
+    .parquet); its contour error is computed if --path names the path that it was made for.
 
-    What the machine file leaves open is tried: the flank on which an axis stands at first, the pick-up rule,
-    and gap, beta and gain off by their uncertainties. `error` is the worse of the first two at the file's
-    values, `error_worst` the worst of all; log, picture and events are those of `error`. Errors count from
-    five servo time constants after the start.
+    All cases that the machine file leaves open are simulated: the side of the backlash on which an axis
+    starts, the pick-up rule, and backlash, beta and gain off by their uncertainties. `error` is the worst of
+    the first two at the values of the file, `error_worst` the worst of all cases; log, picture and events
+    belong to `error`. Errors count from five servo time constants after the start.
 
     \b
     Examples:
@@ -60,12 +60,12 @@ def command(
     \b
     JSON:
       cycle_time          [s]
-      error, error_gap    {max, rms} [mm], and what of it the gap adds
-      error_worst         {max, rms} [mm] of the worst machine
+      error, error_gap    {max, rms} [mm], and the part of it that backlash causes
+      error_worst         {max, rms} [mm] of the worst case
       per_turning_point   a list of {index, axis, sense, s, extreme, error, error_gap}
       events              a list of {t [s], axis, kind}
-      scenario            the machine that error is of
-      scenarios           every machine that was tried, with its error
+      scenario            the case that error belongs to
+      scenarios           every simulated case, with its error
       warnings            a list of sentences
     """
     import ph_post as ph

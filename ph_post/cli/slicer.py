@@ -29,8 +29,8 @@ _BINARY: Final = b"GCDE"
 @click.option(
     "--backup",
     is_flag=True,
-    help="Keep the original too, beside the program where a slicer writes a file, else beside PATH: "
-    f"part.gcode{options.BACKUP}, or with a number behind it where that holds another program.",
+    help="Keep the original too, beside the program if the slicer writes a file, else beside PATH: "
+    f"part.gcode{options.BACKUP}, with a number added if that name holds another program.",
 )
 @click.pass_context
 def command(ctx: click.Context, /, source: str, machine: str | None, backup: bool, **how: Any) -> int:
@@ -41,9 +41,9 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
     The machine file is that of -m, or else the one that the environment variable PH_POST_MACHINE names.
     `ph-post-slicer` is the same command under a name of its own.
 
-    PrusaSlicer, SuperSlicer and OrcaSlicer tell the name that the program will have in SLIC3R_PP_OUTPUT_NAME,
-    by which messages call it, and in SLIC3R_PP_HOST where it goes: where that is File, a backup is written
-    beside it. The name stays as it is. Their field for post-processing scripts takes this line:
+    PrusaSlicer, SuperSlicer and OrcaSlicer pass the final name of the program in SLIC3R_PP_OUTPUT_NAME, which
+    messages use, and its target in SLIC3R_PP_HOST: if that is File, a backup is written beside it. The name
+    does not change. Their field for post-processing scripts takes this line:
 
     \b
       /home/me/ph_post/.venv/bin/ph-post-slicer -m /home/me/printer.toml

@@ -16,8 +16,8 @@ from ph_post.cli import options
     default=options.DEFAULT_TOLERANCE_MM,
     show_default=True,
     metavar="MM",
-    help="How far the way may be off in changed stretches, and the longest excursion of an axis that need"
-    " not be followed; give the one of `convert`.",
+    help="Largest deviation of the path in changed stretches, and the longest move of an axis that may be"
+    " ignored; the value given to `convert`.",
 )
 @options.optional_machine
 @options.dialect
@@ -30,18 +30,19 @@ def command(
     dialect: str | None,
     as_json: bool,
 ) -> int:
-    """Prove that COMPENSATED is ORIGINAL but for what its header declares.
+    """Prove that COMPENSATED differs from ORIGINAL only as its header declares.
 
-    Whatever wrote the program is not asked. Outside the marked stretches every byte has to be the original's,
-    but for numbers of axes with a declared offset, which differ by exactly that. After every block the modes,
-    the feed, spindle, coolant and tool have to be the same; no command may be lost, added or moved. Less the
-    declared offsets and pulses the tool has to go the same way within the tolerance, each part of it once and
-    in order; an axis is shifted only between two dwells or by a rapid, as the direction of travel asks, and
-    not where a tool is changed, an axis is homed or probed, or the program ends. No feed may be above the
-    original's. With -m the shifts are held to the machine's limits, and the declaration to its lost motion.
+    The check is independent of the code that compensates. Outside the marked stretches every byte must be that
+    of the original, except numbers of axes with a declared offset, which differ by exactly this offset. After
+    every block, modes, feed, spindle, coolant and tool must be the same; no command may be lost, added or
+    moved. Without the declared offsets and backlash take-up moves, the tool must follow the same path within
+    the tolerance, every part of it once and in order. An axis may be shifted only between two dwells or by a
+    rapid, as the direction of travel requires, and not where a tool is changed, an axis is homed or probed, or
+    the program ends. No feed may exceed that of the original. With -m, shifts must respect the limits of the
+    machine, and offsets its lost motion.
 
-    The first failures are listed, with --json all of them. Exit status 0: it holds; 1: it does not; 2: one
-    of the programs cannot be read. Either may be - for standard input.
+    The first failures are listed, all of them with --json. Exit status 0: passed; 1: failed; 2: a program
+    cannot be read. Either program may be - for standard input.
 
     \b
     Examples:
@@ -51,10 +52,10 @@ def command(
 
     \b
     JSON:
-      ok        whether it holds
-      failures  a list of what does not
-      found     how many failures there are
-      checked   how much of each kind was looked at
+      ok        whether the check passed
+      failures  a list of failures
+      found     the number of failures
+      checked   the number of items checked, by kind
     """
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter
