@@ -8,6 +8,7 @@ from typing import Any, Final, Literal
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ph_post.diff.alignment import align, gaps_of, hash_columns
 from ph_post.diff.paths import ComparedPaths, Span
@@ -62,12 +63,7 @@ def compare_blocks(a: PartProgram, b: PartProgram) -> tuple[BlockChange, ...]:
 
 def block_keys(program: PartProgram) -> IntArray:
     """Hash what every block says: its words but for N, in any order, as numbers; 0 where it says nothing."""
-    words = program.words
-    kept = words.letter != _N
-    mixed = hash_columns(words.letter[kept].astype(np.int64), words.value[kept])
-    keys = np.zeros(program.blocks, dtype=np.uint64)
-    np.add.at(keys, words.block[kept], mixed.view(np.uint64))
-    found = keys.view(np.int64)
+    found = _hash_words(program, program.words.value).view(np.int64)
     for block in np.flatnonzero(_as_text(program)).tolist():
         found[block] = hash(block_meaning(program, block))
     return found
@@ -116,12 +112,18 @@ def _changes(
 def _shapes(program: PartProgram) -> IntArray:
     """Hash what every block does: its letters, with the numbers of G, M and T words; never below zero."""
     words = program.words
+    values = np.where(np.isin(words.letter, list(b"GMT")), words.value, 0.0)
+    return (_hash_words(program, values) >> np.uint64(1)).view(np.int64)
+
+
+def _hash_words(program: PartProgram, values: Array) -> NDArray[np.uint64]:
+    """Hash the words of every block but N, with these values, in any order."""
+    words = program.words
     kept = words.letter != _N
-    kept_values = np.isin(words.letter, list(b"GMT"))
-    mixed = hash_columns(words.letter[kept].astype(np.int64), np.where(kept_values, words.value, 0.0)[kept])
+    mixed = hash_columns(words.letter[kept].astype(np.int64), values[kept])
     keys = np.zeros(program.blocks, dtype=np.uint64)
     np.add.at(keys, words.block[kept], mixed.view(np.uint64))
-    return (keys >> np.uint64(1)).view(np.int64)
+    return keys
 
 
 def _change(says: tuple[IntArray, IntArray], row: list[int]) -> BlockChange:
@@ -164,33 +166,12 @@ _STATES: Final = {
 """Modes whose changes count as they are; all others show in motions and feeds, and are compared there."""
 
 _MODES: Final = (
-    *(
-        0.0,
-        1.0,
-        2.0,
-        3.0,
-        4.0,
-        5.0,
-        5.1,
-        5.2,
-        5.3,
-        17.0,
-        18.0,
-        19.0,
-        20.0,
-        21.0,
-        40.0,
-        41.0,
-        42.0,
-        43.0,
-        49.0,
-    ),
-    *(54.0, 55.0, 56.0, 57.0, 58.0, 59.0, 59.1, 59.2, 59.3, 61.0, 61.1, 64.0, 80.0, 90.0, 90.1, 91.0, 91.1),
-    *(93.0, 94.0, 95.0, 98.0, 99.0),
+    *(*range(6), 5.1, 5.2, 5.3, *range(17, 22), *range(40, 44), 49, *range(54, 60), 59.1, 59.2, 59.3),
+    *(61, 61.1, 64, 80, 90, 90.1, 91, 91.1, 93, 94, 95, 98, 99),
 )
 """G words that say no more than what they do to motions, to the modes above, and to the time (G4)."""
 
-_SWITCHES: Final = (3.0, 4.0, 5.0, 7.0, 8.0, 9.0)
+_SWITCHES: Final = (3, 4, 5, 7, 8, 9)
 """M words that say no more than what they do to the modes above."""
 
 

@@ -85,18 +85,12 @@ def programmed_timing(program: PartProgram, outline: CurveTable) -> PathTiming:
         time = np.where(lengths > 0.0, lengths / speed, 0.0)
     time = np.where(timed & ~rapid, motions.duration, time)
     time = np.where(np.isfinite(time), time, 0.0)
-    pause = _pauses(program)
-    cutting, dwells = float(time[~rapid].sum()), float(pause.sum())
-    timing = Timing(total=cutting + dwells, cutting=cutting, dwells=dwells, rapids=None, model="length over feed")
-    return PathTiming(speed=speed, time=time, pause=pause, timing=timing)
-
-
-def _pauses(program: PartProgram) -> Array:
-    """Dwells (G4 P) before every motion, and behind the last [s]."""
     lines, seconds = program.dwells()
     pause = np.zeros(program.motions.block.size + 1)
     np.add.at(pause, np.searchsorted(program.motions.block, lines, side="right"), np.nan_to_num(seconds))
-    return pause
+    cutting, dwells = float(time[~rapid].sum()), float(pause.sum())
+    timing = Timing(total=cutting + dwells, cutting=cutting, dwells=dwells, rapids=None, model="length over feed")
+    return PathTiming(speed=speed, time=time, pause=pause, timing=timing)
 
 
 def compare_feeds(
@@ -167,7 +161,8 @@ def compare_times(
 ) -> tuple[TimeChange, ...]:
     """Return the stretches that take another time, neighbours together."""
     rows = paired_motions(travel)
-    times = [_spent(paces[k], rows[:, 2 * k : 2 * k + 2]) for k in (0, 1)]
+    clocks = [np.concatenate([[0.0], np.cumsum(np.append(pace.time, 0.0) + pace.pause)]) for pace in paces]
+    times = [clocks[k][rows[:, 2 * k + 1]] - clocks[k][rows[:, 2 * k]] for k in (0, 1)]
     least = SAME_TIME if paces[0].timing.model == "length over feed" else SAME_PERIODS
     differs = np.abs(times[0] - times[1]) > least * np.maximum(1.0, times[0])
     spans = zip(*(ends.tolist() for ends in runs(differs)), strict=True)
@@ -193,12 +188,6 @@ def paired_motions(travel: ComparedPaths) -> IntArray:
     counts = [outline.first.size - 1 for outline in travel.outlines]
     tail = [[counts[0], counts[0] + 1, counts[1], counts[1] + 1]]
     return np.concatenate([rows[np.lexsort((rows[:, 2], rows[:, 0]))], tail])
-
-
-def _spent(pace: PathTiming, rows: IntArray) -> Array:
-    """Return the time from one motion to another, the dwells before each included [s]."""
-    clock = np.concatenate([[0.0], np.cumsum(np.append(pace.time, 0.0) + pace.pause)])
-    return np.asarray(clock[rows[:, 1]] - clock[rows[:, 0]])
 
 
 def _block_span(program: PartProgram, first: int, end: int) -> Span:

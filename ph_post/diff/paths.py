@@ -146,16 +146,10 @@ def _keys(outline: CurveTable, own: int) -> IntArray:
         table[k, FIRST] = float(hash(np.rint(control / GRID).tobytes()) % (1 << 52))
     keys = hash_columns(*table.T)
     if len(keys) != outline.first.size - 1:
-        keys = _together(keys, outline.first)
+        piece = np.arange(keys.size) - np.repeat(outline.first[:-1], np.diff(outline.first))
+        keys = np.add.reduceat(hash_columns(keys, piece), outline.first[:-1])
     number = np.arange(keys.size)
     return np.where(outline.lengths() > 0.0, keys, hash_columns(number, np.full_like(number, own)))
-
-
-def _together(keys: IntArray, first: IntArray) -> IntArray:
-    """Make one key of those of the pieces of a motion."""
-    number = np.arange(keys.size) - np.repeat(first[:-1], np.diff(first))
-    mixed = hash_columns(keys, number)
-    return np.add.reduceat(mixed, first[:-1])
 
 
 def _travelled(outline: CurveTable, gaps: IntArray) -> Array:

@@ -15,33 +15,9 @@ from ph_post.gcode.motion_parts import place, split_cubic
 from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.types import Array, IntArray
 
+_CANNED: Final = (73, 76, 80, 81, 82, 83, 84, 85, 86, 87, 88, 89)
 MOTION_WORDS: Final = {
-    0.0: "G0",
-    1.0: "G1",
-    2.0: "G2",
-    3.0: "G3",
-    5.0: "G5",
-    5.1: "G5.1",
-    5.2: "G5.2",
-    5.3: "G5.3",
-    33.0: "G33",
-    33.1: "G33.1",
-    38.2: "G38.2",
-    38.3: "G38.3",
-    38.4: "G38.4",
-    38.5: "G38.5",
-    73.0: "G73",
-    76.0: "G76",
-    80.0: "G80",
-    81.0: "G81",
-    82.0: "G82",
-    83.0: "G83",
-    84.0: "G84",
-    85.0: "G85",
-    86.0: "G86",
-    87.0: "G87",
-    88.0: "G88",
-    89.0: "G89",
+    number: f"G{number:g}" for number in (0, 1, 2, 3, 5, 5.1, 5.2, 5.3, 33, 33.1, 38.2, 38.3, 38.4, 38.5, *_CANNED)
 }
 """Words that set the motion mode, by the number behind the G."""
 

@@ -113,9 +113,8 @@ def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
 
 def _merged_dips(dips: tuple[DipEdit, ...]) -> tuple[DipEdit, ...]:
     ordered = sorted(dips, key=lambda dip: (int(dip.motion[0]), float(dip.share[0])))
-    ends = [(int(dip.motion[-1]), float(dip.share[-1])) for dip in ordered]
-    starts = [(int(dip.motion[0]), float(dip.share[0])) for dip in ordered]
-    for end, start in zip(ends[:-1], starts[1:], strict=True):
+    for before, after in pairwise(ordered):
+        end, start = ((int(dip.motion[at]), float(dip.share[at])) for dip, at in ((before, -1), (after, 0)))
         if start < end and sum(start) < sum(end):
             raise ValueError(f"two feed dips overlap in motion {start[0]}")
     return tuple(ordered)

@@ -24,10 +24,11 @@ from ph_post.edit.preconditions import (
     why_not_editable,
 )
 from ph_post.edit.reversals import CARRIED, CHAIN, MOTION, PASSED, SHARE, SIGN, chain_spans, find_reversals, motion_view
+from ph_post.gcode.motion_parts import arc_lengths
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, PartProgram, plane_columns
+from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, PartProgram
 from ph_post.simulate.controllers.run import moved_axes
-from ph_post.types import Array, Axis, BoolArray, IntArray, Machine, frozen, sealed
+from ph_post.types import Array, Axis, BoolArray, Machine, frozen, sealed
 from ph_post.units import MM
 
 
@@ -38,7 +39,7 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
         way = np.nan_to_num(np.abs(motions.end - motions.start))
         length = np.sqrt((way * way).sum(axis=1))
         arcs = np.flatnonzero(motions.kind == ARC)
-        length[arcs] = _arc_lengths(program, arcs)
+        length[arcs] = arc_lengths(motions, arcs)
         for k in np.flatnonzero(motions.kind == CUBIC).tolist():
             way_k = np.diff(np.nan_to_num(motions.control[k]), axis=0)
             length[k] = np.sqrt((way_k**2).sum(axis=1)).sum()
@@ -48,16 +49,6 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
                 rapid = np.maximum(rapid, way[:, column] / machine.axes[name].limits.velocity)
         cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
         return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
-
-
-def _arc_lengths(program: PartProgram, arcs: IntArray) -> Array:
-    """Length of arcs and helices [m]."""
-    motions = program.motions
-    planes = plane_columns(motions.plane[arcs])
-    start = np.take_along_axis(motions.start[arcs], planes[:, :2], axis=1) - motions.center[arcs]
-    rise = np.take_along_axis(motions.end[arcs] - motions.start[arcs], planes[:, 2:], axis=1)[:, 0]
-    swept = np.hypot(start[:, 0], start[:, 1]) * motions.angle[arcs]
-    return np.asarray(np.hypot(swept, np.nan_to_num(rise)))
 
 
 def least_acceleration(machine: Machine) -> float:

@@ -21,7 +21,7 @@ from ph_post.units import MM
 
 
 def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
-    """Return why a motion cannot be divided at a share of it, in words; empty where it can."""
+    """Return the reason why a motion cannot be divided at a share of it; empty where it can."""
     motions = program.motions
     line, own = int(motions.block[motion]) + 1, words_by_letter(program, int(motions.block[motion]))
     if motions.kind[motion] in (RAPID, NURBS):
@@ -38,7 +38,7 @@ def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: 
 
 
 def why_kept_whole(program: PartProgram, motion: int) -> str:
-    """Return why the program's language keeps a motion's line whole, in words; empty where it does not."""
+    """Return the reason why the program's language keeps a motion's line whole; empty where it does not."""
     bound = program.language.bound
     return "" if bound is None else bound(program.text(int(program.motions.block[motion])))
 
@@ -54,7 +54,7 @@ def _why_indivisible_cubic(program: PartProgram, dialect: Dialect, motion: int, 
 
 
 def word_decimals(dialect: Dialect, units: float) -> int:
-    """Decimals of a length in a program whose unit is so many metres.
+    """Return the number of decimals of a length in a program whose unit is `units` [m].
 
     A dialect's decimals are those of a mm; of an inch, 25 times as long, one more is taken.
 
@@ -68,7 +68,7 @@ def word_decimals(dialect: Dialect, units: float) -> int:
 
 
 def half_lost_motion(axis: Axis, dialect: Dialect, units: float) -> float:
-    """Half the lost motion of an axis on that grid [m].
+    """Half the lost motion of an axis [m], rounded to the dialect's decimals in the program's units [m].
 
     Raises
     ------
@@ -95,7 +95,7 @@ _OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", 
 
 
 def cutting_feed(program: PartProgram, times: Array) -> Array:
-    """Feed of every motion [m/s], that of timed ones from their length; NaN where it is not known."""
+    """Feed of every motion [m/s], shape (m,); from chord and time [s] in inverse time; NaN where unknown."""
     motions = program.motions
     way = np.sqrt(np.nansum((motions.end - motions.start) ** 2, axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -104,7 +104,7 @@ def cutting_feed(program: PartProgram, times: Array) -> Array:
 
 
 def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
-    """Chains that cannot be offset, by the reason; chains without a cut are in none and need nothing."""
+    """Return masks (c,) of the chains that cannot be offset, by reason; chains without a cut need no offset."""
     motions = program.motions
     low, _ = chain_spans(motions)
     cuts = motions.kind != RAPID
@@ -141,7 +141,7 @@ def program_units(program: PartProgram) -> list[float]:
 
 
 def double_compensation(program: PartProgram, dialect: Dialect) -> list[str]:
-    """Warn of a controller that compensates the backlash a second time."""
+    """Return warnings of a controller that compensates the backlash too."""
     words = program.words
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
     twice = "the backlash would be compensated twice"
@@ -180,7 +180,7 @@ def _continued(program: PartProgram) -> BoolArray:
 
 
 def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
-    """Name axes that move from places that are not known, as under G91 from where the machine stands."""
+    """Return warnings of axes that move from unknown places, as under G91 from the machine's first position."""
     words, motions = program.words, program.motions
     warnings = []
     for name in axes:
@@ -195,7 +195,7 @@ def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
 
 
 def warn_blocked(program: PartProgram, blocked: Mapping[str, BoolArray], most: int = 12) -> list[str]:
-    """Name the chains that are not compensated."""
+    """Return warnings of chains that are not compensated, at most `most` for a reason."""
     low, high = chain_spans(program.motions)
     block = program.motions.block
     warnings = []

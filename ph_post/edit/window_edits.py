@@ -17,11 +17,11 @@ from ph_post.post.timeline import Span, find_spans, sign_changes
 from ph_post.types import Array, Jog, Plan
 
 BISECTIONS = 60
-"""Halvings of a stretch of time until a double knows it no better."""
+"""Halvings of a stretch of time, down to the precision of a double."""
 
 
 class UnchangedWindow(msgspec.Struct, frozen=True, kw_only=True):
-    """A window that stays unchanged: its number, the motion it lies on, and why."""
+    """A window that stays unchanged: its number, its motion, and the reason."""
 
     window: int
     motion: int
@@ -51,13 +51,13 @@ def place_plan(
     block_time : float
         Longest block of a dip [s].
     bound : callable
-        ``bound(motion)``: why the line of a motion is not divided, in words.
+        ``bound(motion)``: the reason why the line of a motion is not divided, empty where it is.
     """
     return _PlanPlacer(motions, path, plan, block_time, bound).found()
 
 
 class _PlanPlacer:
-    """The windows of one plan."""
+    """Places the windows of one plan on the motions of its program."""
 
     def __init__(
         self, motions: Motions, path: ProgramPath, plan: Plan, block_time: float, bound: Callable[[int], str]
@@ -88,7 +88,7 @@ class _PlanPlacer:
         self.left.append(UnchangedWindow(window=window, motion=motion, why=why))
 
     def _stop(self, span: Span, jogs: Sequence[Jog], window: int) -> None:
-        """Stand still at a place, with the axes shifted as the plan jogs them."""
+        """Add a stop at a place, with the axes shifted by the plan's jogs."""
         motion, share = self._place(span.s0, window)
         inside = 0.0 < share < 1.0
         if inside and (why := self.bound(motion)):
@@ -106,10 +106,10 @@ class _PlanPlacer:
         self.stops.append(StopEdit(motion=motion, share=share, pause=times[0] - span.start, shifts=shifts))
 
     def _place(self, s: float, window: int) -> tuple[int, float]:
-        """MotionLaw and share at which to stop.
+        """Return the motion and the share at which to stop.
 
-        On moves that were fitted, the turning point of the curve lies between two ends of moves; the axis as
-        it is programmed turns in that one which goes farther.
+        On moves that were fitted, the turning point of the curve lies between two ends of moves; the programmed
+        axis turns at the farther of the two.
         """
         motions, shares = self.path.to_motions(np.array([s]))
         motion, share = int(motions[0]), float(shares[0])
@@ -180,7 +180,7 @@ class _PlanPlacer:
         return times, s
 
     def _times(self, s: Array, low: float, high: float) -> Array:
-        """When places [m] are passed between two times [s], by bisection."""
+        """Return the times at which places [m] are passed between two times [s], by bisection."""
         before, after = np.full(s.size, low), np.full(s.size, high)
         for _ in range(BISECTIONS):
             middle = 0.5 * (before + after)
@@ -190,7 +190,7 @@ class _PlanPlacer:
 
 
 def _nearest(knots: Array, t: float, within: float) -> float:
-    """Return that of some times which is nearest to `t`, or `t` itself where none is near enough."""
+    """Return the time nearest to `t`, or `t` itself where none is near enough."""
     if not knots.size:
         return t
     best = float(knots[np.argmin(np.abs(knots - t))])

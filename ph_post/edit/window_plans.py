@@ -39,14 +39,14 @@ def divide(path: ProgramPath, track: Track, places: Array, most: int) -> tuple[P
     track : Track
         Of its path.
     places : Array, shape (n,)
-        Arc lengths [m] of what is counted.
+        Arc lengths [m] of the windows.
     most : int
         A part ends at the first rest behind so many of them.
 
     Returns
     -------
     tuple of ProgramPath
-        One after the other; they are all of the path.
+        Parts in order, which together are the path.
     """
     cuts = _chosen(_rests(path, track), np.sort(places), most)
     return tuple(_part(path, track, first, last) for first, last in pairwise([0, *cuts, len(track.pieces)]))
@@ -94,7 +94,7 @@ def _part(path: ProgramPath, track: Track, first: int, last: int) -> ProgramPath
 
 
 def _within(track: Track, number: int, first: int, last: int) -> Segment:
-    """Return what of a segment lies between two pieces."""
+    """Return the part of a segment between two pieces."""
     segment = track.path.segments[number]
     low, high = np.searchsorted(track.segment, [number, number + 1]).tolist()
     if first <= low and high <= last:
@@ -103,8 +103,8 @@ def _within(track: Track, number: int, first: int, last: int) -> Segment:
 
 
 WINDOWS: Final = 10
-"""So many windows and a rest behind them make a part: what a proof by simulation finds worse than the plain
-program is given up within a part, and no part is long to simulate."""
+"""Windows of a part, which ends at the next rest: a plan that a simulation proves worse than the plain program is
+given up for its part alone, and no part is long to simulate."""
 
 
 class WindowPlan(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from typing import Final
 
 import msgspec
@@ -14,7 +13,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, declaration_lines, has_marks, marked
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
-from ph_post.edit.edits import EditOptions, Edits, StopEdit, schedule, stops_written
+from ph_post.edit.edits import EditOptions, Edits, schedule, stops_written
 from ph_post.edit.preconditions import program_units, word_decimals
 from ph_post.edit.undo import Payload, payload_lines, payload_start, restore
 from ph_post.edit.word_shifts import (
@@ -287,7 +286,8 @@ def declare(
     decimals = word_decimals(dialect, units)
     tasks = schedule(edits, program.motions, units * 10.0**-decimals)
     count, stops = stops_written(tasks, program.motions)
-    pauses = _pauses(stops, dialect)
+    asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(
         version=package_version(),
         digest=program.digest,
@@ -310,9 +310,3 @@ def declare(
         commands=dialect.notices.guard,
         notes=notes,
     )
-
-
-def _pauses(stops: Iterable[StopEdit], dialect: Dialect) -> list[float]:
-    """Return every dwell [s] as the dialect's digits have it."""
-    pauses = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    return [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in pauses if pause > 0.0]

@@ -1,4 +1,4 @@
-"""Places on a motion, and parts of it."""
+"""Places on a motion, parts of it, and their lengths."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.gcode.program import ARC, CUBIC, NURBS, PLANE_AXES, Motions
-from ph_post.types import Array
+from ph_post.gcode.program import ARC, CUBIC, NURBS, PLANE_AXES, Motions, plane_columns
+from ph_post.types import Array, IntArray
 
 
 def split_cubic(control: Array, shares: Sequence[float]) -> list[Array]:
@@ -72,13 +72,20 @@ def _on_arc(motions: Motions, k: int, share: float) -> Array:
 
 
 def part_length(motions: Motions, k: int, low: float, high: float) -> float:
-    """Length of a part of a motion [m]; of a cubic that of a fine polygon."""
+    """Length of a part of a motion [m]; for a cubic, the length of a fine polygon."""
     if motions.kind[k] == CUBIC:
         points = np.nan_to_num([place(motions, k, u) for u in np.linspace(low, high, 65)])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     way = np.nan_to_num(motions.end[k] - motions.start[k])
     if motions.kind[k] != ARC:
         return float((high - low) * np.linalg.norm(way))
-    a, b, c = PLANE_AXES[int(motions.plane[k])]
-    radius = float(np.linalg.norm(motions.start[k][[a, b]] - motions.center[k]))
-    return float((high - low) * np.hypot(radius * motions.angle[k], way[c]))
+    return float((high - low) * arc_lengths(motions, np.array([k]))[0])
+
+
+def arc_lengths(motions: Motions, arcs: IntArray) -> Array:
+    """Lengths [m] of arcs and helices by their numbers, shape (k,); an unknown rise does not count."""
+    planes = plane_columns(motions.plane[arcs])
+    start = np.take_along_axis(motions.start[arcs], planes[:, :2], axis=1) - motions.center[arcs]
+    rise = np.take_along_axis(motions.end[arcs] - motions.start[arcs], planes[:, 2:], axis=1)[:, 0]
+    swept = np.hypot(start[:, 0], start[:, 1]) * motions.angle[arcs]
+    return np.asarray(np.hypot(swept, np.nan_to_num(rise)))

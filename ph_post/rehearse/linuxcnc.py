@@ -101,11 +101,8 @@ def _ini_text(folder: pathlib.Path, machine: Machine, backlash: Mapping[str, flo
         }
         sections[f"AXIS_{name}"] = kept
         sections[f"JOINT_{number}"] = {**kept, **joint}
-    return "\n".join(_section(name, values) for name, values in sections.items())
-
-
-def _section(name: str, values: Mapping[str, object]) -> str:
-    return "\n".join([f"[{name}]", *(f"{key} = {value}" for key, value in values.items()), ""])
+    lines = ([f"[{name}]", *(f"{key} = {value}" for key, value in one.items()), ""] for name, one in sections.items())
+    return "\n".join(line for section in lines for line in section)
 
 
 def _limits(machine: Machine, name: str) -> Limits:

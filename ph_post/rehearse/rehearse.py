@@ -20,7 +20,7 @@ from ph_post.simulate.controllers.run import run_program, tolerances
 from ph_post.types import Array, BoolArray, Command, Machine, frozen, sealed
 
 OPERATOR: Final = (0, 1, 6, 60)
-"""M words that wait for somebody: how long that takes is not compared."""
+"""M words that wait for the operator; the wait is not compared."""
 
 NEAR: Final = 0.1
 """Time [s] around a change of the program that counts as its window."""
@@ -30,14 +30,14 @@ GRID: Final = 5e-6
 
 
 class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A program as one controller runs it, and what that makes of the machine's table."""
+    """Run of a program on a controller: its commands, and the error of the machine's table."""
 
     command: Command
     error: ProgramError
 
     @property
     def time(self) -> float:
-        """From rest to rest [s]."""
+        """Duration from rest to rest [s]."""
         return float(self.command.t[-1] - self.command.t[0])
 
 
@@ -46,10 +46,10 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `plan` is the model's run of the program, `real` LinuxCNC's; `before` LinuxCNC's run of the original and
     `backlash` that with LinuxCNC's own compensation of backlash, None where these were not asked for.
-    `speed` (rms) and `speed_worst` are how far the speed along the path is from the plan's in the windows,
-    relative to the feed there, `windows` how many there are. `path` [m] is how far the commands are at most
-    from the path that the program declares, where `allowed` [m] is what its path mode allows, None where that
-    is not bounded.
+    `speed` (rms) and `speed_worst` are differences of the speed along the path from the plan's in the windows,
+    relative to the feed there; `windows` is their number. `path` [m] is the largest distance of the commands
+    from the path that the program declares, `allowed` [m] the largest that its path mode allows, None where
+    that is not bounded.
     """
 
     program: PartProgram
@@ -130,8 +130,7 @@ def rehearse(
     before = execute(target, {})[0] if original is not None else None
     own = execute(target, lost)[0] if backlash else None
     progress("comparing")
-    path, near = _path(program, machine, real.command, planned)
-    speed, worst, windows = near
+    path, (speed, worst, windows) = _path(program, machine, real.command, planned)
     return Rehearsal(
         program=program,
         machine=machine,
@@ -149,7 +148,7 @@ def rehearse(
 
 
 def command_of(recording: Recording, machine: Machine) -> Command:
-    """Put what LinuxCNC commanded its joints into the form of a plan's command."""
+    """Convert LinuxCNC's commands to its joints into the form of a plan's command."""
     names = tuple(name for name in AXES if name in machine.axes)
     position = recording.motor[:, [AXES.index(name) for name in names]]
     return _command(position, names, recording.period)
@@ -172,7 +171,7 @@ def _command(position: Array, names: tuple[str, ...], period: float) -> Command:
 
 
 def _without_waits(command: Command, program: PartProgram) -> Command:
-    """Leave out the longest rests, one for every word that waits for somebody."""
+    """Leave out the longest rests, one for every M word that waits for the operator."""
     words = program.words
     waits = int(((words.letter == ord("M")) & np.isin(words.value, OPERATOR)).sum())
     if not waits:

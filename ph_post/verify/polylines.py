@@ -161,7 +161,7 @@ class Polylines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def polylines(motions: Motions, which: IntArray, sagitta: float) -> Polylines:
-    """Lay a polyline through each of the motions, its start and end included.
+    """Draw a polyline along each of the motions, from its start to its end.
 
     Parameters
     ----------
@@ -183,11 +183,7 @@ def polylines(motions: Motions, which: IntArray, sagitta: float) -> Polylines:
         pieces[place] = len(points) - 1
     first = np.concatenate([[0], np.cumsum(pieces + 1)])
     number, motion = expand(np.zeros_like(pieces), pieces + 1)
-    share = number / pieces[motion]
-    start, end = motions.start[which][motion], motions.end[which][motion]
-    points = np.asarray(start + (end - start) * share[:, None])
-    rows = np.flatnonzero(motions.kind[which[motion]] == ARC)
-    _bend(motions, which[motion[rows]], share[rows], points, rows)
+    points = places_on(motions, which[motion], number / pieces[motion])
     points[first[1:] - 1] = motions.end[which]
     for place, curve in curves.items():
         points[first[place] : first[place + 1]] = curve

@@ -67,12 +67,15 @@ def verify(
         _check_machine(declared, machine, findings)
     lines = pair_lines(original, compensated, declared, findings)
     if lines is not None:
+        bound = tolerance
+        if declared.chord is not None and declared.decimals is not None:
+            bound = min(tolerance, declared.chord + ROUNDED * MM * 10.0**-declared.decimals)
         case = VerifyCase(
             original=original,
             compensated=compensated,
             declared=declared,
             lines=lines,
-            bound=_bound(declared, tolerance),
+            bound=bound,
             band=tolerance,
             findings=findings,
         )
@@ -149,10 +152,3 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_direction(case, pairing)
     if machine is not None:
         check_jogs(case, pairing, machine)
-
-
-def _bound(declared: DeclaredChanges, tolerance: float) -> float:
-    """Bound of the deviation of the path [m]: the tolerance, or what the header promises where that is less."""
-    if declared.chord is None or declared.decimals is None:
-        return tolerance
-    return min(tolerance, declared.chord + ROUNDED * MM * 10.0**-declared.decimals)
