@@ -17,7 +17,7 @@ from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import Plant, following_error, read_table
 from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
 from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
-from ph_post.types.diagnosis import Channel, LogQuality
+from ph_post.types.diagnosis import Channel, LogQuality, recorded_channels
 
 BLOCKS: Final = (32, 128, 512)
 """Numbers of blocks that a log is cut into; by turns they are fitted and held out."""
@@ -109,15 +109,10 @@ def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProb
     """Return the problem of one axis; None where the log has no reading of it, or it does not move."""
     axis_log = log.axes[name]
     noise = {one.channel: one.noise for one in quality.channels if one.axis == name}
-    readings: dict[Channel, Array | None] = {
-        "act": axis_log.table,
-        "motor": axis_log.motor,
-        "force": axis_log.effort,
-    }
     observed = tuple(
         ObservedChannel(channel, values, np.isfinite(values), noise[channel])
-        for channel, values in readings.items()
-        if values is not None and channel in noise
+        for channel, values in recorded_channels(axis_log).items()
+        if channel in noise
     )
     positions = any(one.channel != "force" for one in observed)
     if not positions or np.ptp(axis_log.command) < MOVES:

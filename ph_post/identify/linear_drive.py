@@ -108,7 +108,7 @@ class AxisMotion(NamedTuple):
 
 def motion_of(log: Log, machine: Machine, name: str) -> AxisMotion:
     """Lay out the motion of an axis and what goes with it."""
-    position = {axis: _position(log, machine, axis) for axis in log.axes}
+    position = {axis: linear_position(log, machine, axis) for axis in log.axes}
     velocity = {axis: np.gradient(values, log.period) for axis, values in position.items()}
     acceleration = np.gradient(velocity[name], log.period)
     direction = directions(velocity[name])
@@ -141,8 +141,8 @@ def directions(velocity: Array) -> IntArray:
     return np.where(last >= 0, sign[last], 0)
 
 
-def _position(log: Log, machine: Machine, name: str) -> Array:
-    """Return where the linear drive of an axis is [m], (n,)."""
+def linear_position(log: Log, machine: Machine, name: str) -> Array:
+    """Return where the linear drive of an axis alone goes by its command [m], (n,)."""
     command, drive = log.axes[name].command, machine.axes.get(name)
     return command if drive is None else linear_response(command, drive.servo, log.period)
 

@@ -9,10 +9,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from ph_post.identify import noise
-from ph_post.identify.linear_drive import find_shift, linear_response, servo_memory, settling_time, taken_up
+from ph_post.identify.linear_drive import find_shift, linear_position, servo_memory, settling_time, taken_up
 from ph_post.identify.noise import Repeat, find_repeats
 from ph_post.types import Array, Log, Machine
-from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality
+from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality, recorded_channels
 from ph_post.units import MM, MS
 
 ON_GRID: Final = 0.97
@@ -158,14 +158,8 @@ def examine(log: Log, machine: Machine) -> LogQuality:
 def list_readings(log: Log) -> Iterator[ChannelReading]:
     """Yield the channels that were recorded, by axis."""
     for name, axis in log.axes.items():
-        found: tuple[tuple[Channel, Array | None], ...] = (
-            ("act", axis.table),
-            ("motor", axis.motor),
-            ("force", axis.effort),
-        )
-        for channel, values in found:
-            if values is not None:
-                yield ChannelReading(name, channel, values)
+        for channel, values in recorded_channels(axis).items():
+            yield ChannelReading(name, channel, values)
 
 
 def first_settled(log: Log, machine: Machine, start: int, stop: int) -> int:
@@ -179,13 +173,6 @@ def first_settled(log: Log, machine: Machine, start: int, stop: int) -> int:
         flank = taken_up(axis.command[start:stop], travel) * log.period
         behind = max(behind, settling_time(drive), flank + 3.0 * servo_memory(drive.servo) * (flank > 0.0))
     return min(math.ceil(behind / log.period), math.floor(LARGEST_START * (stop - start)))
-
-
-def explained(log: Log, machine: Machine, name: str) -> Array:
-    """Return what the linear drive of an axis alone makes of its command [m], (n,)."""
-    command = log.axes[name].command
-    drive = machine.axes.get(name)
-    return command if drive is None else linear_response(command, drive.servo, log.period)
 
 
 def _settled_repeats(log: Log, machine: Machine, first: int) -> tuple[Repeat, ...]:
@@ -210,13 +197,12 @@ def _memory(log: Log, machine: Machine) -> int:
 
 def _tolerance(log: Log, machine: Machine) -> float:
     """Most difference of two commands that are the same [m]: far below the noise of the readings."""
-    found = [noise.noise_of_differences(r.values - explained(log, machine, r.axis)) for r in _positions(log)]
+    found = [
+        noise.noise_of_differences(one.values - linear_position(log, machine, one.axis))
+        for one in list_readings(log)
+        if one.channel != "force"
+    ]
     return 0.3 * min((value for value in found if value is not None), default=0.0)
-
-
-def _positions(log: Log) -> list[ChannelReading]:
-    """List the readings that are positions."""
-    return [reading for reading in list_readings(log) if reading.channel != "force"]
 
 
 def _channel(
@@ -228,7 +214,7 @@ def _channel(
     steps = [np.abs(np.diff(axis.command, prepend=axis.command[:1])) for axis in log.axes.values()]
     travelled = np.cumsum(np.sum(steps, axis=0))
     position = reading.channel != "force"
-    smooth = explained(log, machine, reading.axis)
+    smooth = linear_position(log, machine, reading.axis)
     fast = noise.noise_of_differences((values - smooth if position else values)[first:]) or 0.0
     quantum = find_quantum(values, ROUNDING[reading.channel])
     source: NoiseFrom
@@ -308,7 +294,7 @@ def _coarse(log: Log, machine: Machine, reading: ChannelReading, quantum: float,
     gap = 0.0 if drive is None else drive.gap.lost_motion
     if quantum <= max(COARSE, gap):
         return None
-    apart = (reading.values - explained(log, machine, reading.axis))[first:]
+    apart = (reading.values - linear_position(log, machine, reading.axis))[first:]
     apart = apart[np.isfinite(apart)]
     off = float(np.std(apart)) if apart.size else 0.0
     if off > quantum:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import signal
 
+from ph_post.gcode.program import runs
 from ph_post.types import Array
 
 SHORTEST: Final = 0.5
@@ -156,11 +157,9 @@ def _stretches(commands: Array, lag: float, least: int, tolerance: float) -> tup
     for row in commands:
         same &= np.nan_to_num(np.abs(row - _delayed(row, whole, weights)), nan=np.inf) <= tolerance
         moves |= np.abs(np.gradient(row)) > 0.0
-    ends = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
-    pairs = zip(np.flatnonzero(ends == 1), np.flatnonzero(ends == -1), strict=True)
     return tuple(
         Repeat(int(start), int(stop), lag)
-        for start, stop in pairs
+        for start, stop in zip(*runs(same), strict=True)
         if stop - start >= least and np.mean(moves[start:stop]) > 0.5
     )
 
@@ -283,9 +282,7 @@ def noise_of_differences(residual: Array) -> float | None:
 
 def still_stretches(command: Array) -> Iterator[tuple[int, int]]:
     """Yield first and one past the last sample of each stretch of a constant command."""
-    still = (np.diff(command) == 0.0).astype(np.int8)
-    ends = np.diff(np.concatenate(([0], still, [0])))
-    for start, stop in zip(np.flatnonzero(ends == 1), np.flatnonzero(ends == -1), strict=True):
+    for start, stop in zip(*runs(np.diff(command) == 0.0), strict=True):
         yield int(start), int(stop) + 1
 
 

@@ -26,7 +26,7 @@ from ph_post.testprograms.builder import (
 from ph_post.testprograms.motions import PARTS, standstill
 from ph_post.testprograms.program import EVERY, build_experiment
 from ph_post.types import Array, AxisLog, Log, Machine
-from ph_post.types.diagnosis import Channel, Experiment
+from ph_post.types.diagnosis import Channel, Experiment, recorded_channels
 from ph_post.units import MM, MS
 
 
@@ -391,12 +391,11 @@ def _why(names: Sequence[str], found: Separation) -> str:
 
 def _missing_channels(axes: Sequence[str], found: Separation, log: Log) -> list[str]:
     """Say which channels the log lacks, and of which readings the side is unknown."""
-    fields = {"act": "table", "motor": "motor", "force": "effort"}
     lacking = [
         f"{axis}_{channel}"
         for axis in axes
         for channel in found.record
-        if getattr(log.axes[axis], fields[channel]) is None
+        if channel not in recorded_channels(log.axes[axis])
     ]
     lines = [f"also record: {', '.join(lacking)}"] if lacking else []
     unknown = [axis for axis in axes if log.axes[axis].side == "unknown"]

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from ph_post.types import Array, BoolArray, EffectSetting, Machine
+from ph_post.types import Array, AxisLog, BoolArray, EffectSetting, Machine
 
 Verdict = Literal["named", "nothing-missing", "ambiguous", "unknown", "not-identifiable"]
 Channel = Literal["act", "motor", "force"]
@@ -22,6 +22,12 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     value: float
     stderr: float | None
     unit: str
+
+
+def recorded_channels(axis: AxisLog) -> dict[Channel, Array]:
+    """Return the readings (n,) of an axis that were recorded, by channel."""
+    channels: dict[Channel, Array | None] = {"act": axis.table, "motor": axis.motor, "force": axis.effort}
+    return {channel: values for channel, values in channels.items() if values is not None}
 
 
 class ChannelQuality(msgspec.Struct, frozen=True, kw_only=True):
