@@ -13,6 +13,7 @@ from ph_post.diagnose.evidence.base import Evidence
 from ph_post.diagnose.findings import AxisDiagnosis, FittedEffect
 from ph_post.diagnose.fit import plant_at, residuals_of
 from ph_post.diagnose.hypotheses import barred
+from ph_post.diagnose.hypotheses.base import LogReason
 from ph_post.diagnose.residual_features import is_structured
 from ph_post.diagnose.residual_places import locate, spectral_line
 from ph_post.diagnose.search import has_structure, without_part
@@ -37,9 +38,6 @@ FIELDS: Final = {
     "beta": "the motor's rate 1 / motor_time_constant_s",
 }
 """Base values as a sentence names them."""
-
-OF_THE_RECORD: Final = ("needs ", "only a reading", "with one axis", "not beside")
-"""Words of the reasons that lie with the log, and not with the machine."""
 
 
 class Explanation(NamedTuple):
@@ -208,8 +206,7 @@ def _could_not_show(outcomes: Sequence[AxisDiagnosis]) -> Iterator[str]:
     by_axis = [barred(outcome.problem) for outcome in outcomes]
     reasons: dict[str, list[str]] = {}
     for name, why in (by_axis[0] if by_axis else {}).items():
-        everywhere = [one.get(name, "") for one in by_axis]
-        if all(any(word in one for word in OF_THE_RECORD) for one in everywhere):
+        if all(isinstance(one.get(name), LogReason) for one in by_axis):
             reasons.setdefault(why, []).append(name)
     if reasons:
         listed = "; ".join(f"{', '.join(names).replace('_', ' ')} ({why})" for why, names in reasons.items())

@@ -42,6 +42,12 @@ class HypothesisNumber(msgspec.Struct, frozen=True, kw_only=True):
     logarithm: bool = False
 
 
+class LogReason(str):
+    """A reason against a hypothesis that lies with the log: with other channels or motions it could show."""
+
+    __slots__ = ()
+
+
 def always(_problem: AxisProblem) -> str:
     """Find nothing against a hypothesis on any axis."""
     return ""
@@ -64,7 +70,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True):
     values : callable
         Numbers to the values of the effect's parameters [SI], the leading one first.
     bars : callable
-        Why it cannot act on an axis, or cannot show in its log; empty where it can.
+        Why it cannot act on an axis, or as a :class:`LogReason` cannot show in its log; empty where it can.
     within : tuple of str
         Names whose effect is a special case of this one, or as good as one where the log is poor.
     replaces : tuple of str

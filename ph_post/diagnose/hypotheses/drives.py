@@ -12,6 +12,7 @@ from ph_post.diagnose.hypotheses.base import (
     MICRON,
     Hypothesis,
     HypothesisNumber,
+    LogReason,
     Numbers,
     Residuals,
     effect_hypothesis,
@@ -35,10 +36,14 @@ LIMITS: Final = (*np.linspace(0.995, 0.8, 20), *np.linspace(0.77, 0.5, 10))
 """Torque limits that are tried, in parts of the largest torque that is asked for."""
 
 
+def _needs_table(problem: AxisProblem) -> str:
+    return "" if problem.has("act") else LogReason("behind the motor's loop only a reading of the table shows it")
+
+
 def _shows_gap(problem: AxisProblem) -> str:
     if problem.plant.loop.encloses_backlash or problem.side == "unknown":
         return ""
-    return "" if problem.has("act") else "behind the motor's loop only a reading of the table shows it"
+    return _needs_table(problem)
 
 
 def _wider(plant: Plant, numbers: Numbers) -> Plant:
@@ -160,7 +165,7 @@ def _rigid(problem: AxisProblem) -> str:
         return "the file has it already"
     if problem.plant.loop.encloses_backlash:
         return _no_servo(problem) or ("" if problem.plant.eta < 0.98 else "no table behind the spring")
-    return "" if problem.has("act") else "behind the motor's loop only a reading of the table shows it"
+    return _needs_table(problem)
 
 
 WINDUP = effect_hypothesis(

@@ -13,6 +13,7 @@ from ph_post.diagnose.hypotheses.base import (
     MICRON,
     Hypothesis,
     HypothesisNumber,
+    LogReason,
     Numbers,
     Residuals,
     effect_hypothesis,
@@ -174,7 +175,7 @@ def _needs_effort(problem: AxisProblem) -> str:
     """Say where a load shows no more than a wrong origin: it also keeps a table in the loop on a flank."""
     in_gap = problem.plant.loop.encloses_backlash and problem.plant.gap > 0.0
     shows = problem.has("force") or in_gap
-    return _no_friction(problem) or ("" if shows else "needs a force or current channel")
+    return _no_friction(problem) or ("" if shows else LogReason("needs a force or current channel"))
 
 
 LOAD = effect_hypothesis(
@@ -188,7 +189,7 @@ LOAD = effect_hypothesis(
 
 def _one_axis(problem: AxisProblem) -> str:
     moving = np.ptp(problem.velocity, axis=0) > 0.0
-    alone = "with one axis moving it is friction" if np.count_nonzero(moving) < 2 else ""
+    alone = LogReason("with one axis moving it is friction") if np.count_nonzero(moving) < 2 else ""
     return _no_friction(problem) or alone
 
 

@@ -11,6 +11,7 @@ from ph_post.diagnose.hypotheses.base import (
     MICRON,
     Hypothesis,
     HypothesisNumber,
+    LogReason,
     Numbers,
     Residuals,
     effect_hypothesis,
@@ -35,7 +36,7 @@ LONGEST_DELAY: Final = 0.1
 
 
 def _needs_table(problem: AxisProblem) -> str:
-    return "" if problem.has("act") else "needs a reading of the table"
+    return "" if problem.has("act") else LogReason("needs a reading of the table")
 
 
 SCALE = effect_hypothesis(
