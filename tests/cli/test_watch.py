@@ -218,14 +218,14 @@ def test_a_file_that_changes_while_it_is_converted_has_its_turn_later(folders, m
     source, target = folders
     part = source / "part.ngc"
     part.write_text(CIRCLE)
-    honest = watch.convert_input
+    honest = watch.converted
 
     def slow(raw, *rest):
         if part.read_text() == CIRCLE:
             part.write_text(SLOT)
         return honest(raw, *rest)
 
-    monkeypatch.setattr(watch, "convert_input", slow)
+    monkeypatch.setattr(watch, "converted", slow)
     watched = watcher(source, "-o", target)
     assert converted(watched, times=1) == 0
     assert not (target / "part.ngc").exists()
