@@ -123,7 +123,7 @@ class CircleSides(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def sides_of(track: Track, s: Array, xi: Array) -> CircleSides:
-    """Both sides of some places; see :func:`touching_circles`."""
+    """Return the osculating circles on both sides of places xi (n,) at arc lengths s (n,) [m]."""
     circles = touching_circles(track, s, xi)
     return CircleSides(track=track, circles=circles, s=np.tile(s, 2), direction=np.repeat([-1.0, 1.0], s.size))
 

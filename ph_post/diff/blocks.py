@@ -62,7 +62,7 @@ def compare_blocks(a: PartProgram, b: PartProgram) -> tuple[BlockChange, ...]:
 
 
 def block_keys(program: PartProgram) -> IntArray:
-    """Hash what every block says: its words but for N, in any order, as numbers; 0 where it says nothing."""
+    """Hash the words of every block but N, in any order, as numbers (b,); 0 for a block without words."""
     found = _hash_words(program, program.words.value).view(np.int64)
     for block in np.flatnonzero(_as_text(program)).tolist():
         found[block] = hash(block_meaning(program, block))
@@ -70,7 +70,7 @@ def block_keys(program: PartProgram) -> IntArray:
 
 
 def block_meaning(program: PartProgram, block: int) -> str:
-    """Return what a block says, without comments, blanks and its number."""
+    """Return the text of a block without comments, blanks and its number."""
     return _WRITING.sub(b"", program.text(block).strip()).decode("ascii", "replace").upper()
 
 
@@ -110,7 +110,7 @@ def _changes(
 
 
 def _shapes(program: PartProgram) -> IntArray:
-    """Hash what every block does: its letters, with the numbers of G, M and T words; never below zero."""
+    """Hash the letters of every block, with the numbers of G, M and T words; never below zero."""
     words = program.words
     values = np.where(np.isin(words.letter, list(b"GMT")), words.value, 0.0)
     return (_hash_words(program, values) >> np.uint64(1)).view(np.int64)
@@ -184,7 +184,7 @@ class ProgramCommand(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def program_commands(program: PartProgram) -> list[ProgramCommand]:
-    """List what a program does beside moving, in its order."""
+    """List the commands of a program other than motions, in its order."""
     found = [*_changes_of_state(program), *_one_shot_commands(program), *_not_understood(program)]
     found.sort(key=lambda one: one[0])
     motion = np.searchsorted(program.motions.block, [block for block, _ in found], side="left")
@@ -233,7 +233,7 @@ def _not_understood(program: PartProgram) -> list[tuple[int, str]]:
 
 
 def compare_commands(a: PartProgram, b: PartProgram, travel: ComparedPaths, apart: float) -> tuple[CommandChange, ...]:
-    """Return what only one of the programs does, and what both do at places more than `apart` [m] apart."""
+    """Return the commands of only one program, and those of both at places more than `apart` [m] apart."""
     left, right = program_commands(a), program_commands(b)
     found = align(_keys(left), _keys(right))
     changes = [

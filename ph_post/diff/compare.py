@@ -234,7 +234,7 @@ def compare_programs(
 def list_deviations(
     travel: ComparedPaths, programs: tuple[PartProgram, PartProgram], tolerance: float
 ) -> tuple[Deviation, ...]:
-    """Return the stretches on which either path is farther from the other than the tolerance, in order."""
+    """Return in order the stretches on which the paths are farther apart than the tolerance [m]."""
     if travel.sides is None:
         return ()
     spans = _stretches(travel, tolerance)

@@ -16,7 +16,7 @@ SAME_FEED: Final = 1e-9
 """Feeds that differ by no more, relatively, are the same."""
 
 CLEAR: Final = 4.0
-"""So many times what the paths are apart has a motion to run beside another for its feed to count."""
+"""A motion runs beside another where they go together for this many times their distance."""
 
 SAME_TIME: Final = 1e-9
 """Times that differ by no more are the same [s]."""
@@ -178,9 +178,9 @@ def compare_times(
 
 
 def paired_motions(travel: ComparedPaths) -> IntArray:
-    """Motions that belong together, in order: each pair of same motions, and each gap; rows as of the gaps.
+    """Return in order the pairs of same motions, and the gaps: rows (n, 4) as of the gaps.
 
-    The last row is what comes behind all motions.
+    The last row stands for what follows all motions.
     """
     here = np.flatnonzero(travel.found >= 0)
     there = travel.found[here]

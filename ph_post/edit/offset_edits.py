@@ -52,12 +52,12 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
 
 
 def least_acceleration(machine: Machine) -> float:
-    """Acceleration [m/s²] with which the path is stopped whatever its direction."""
+    """Return the acceleration [m/s²] at which the path can stop in any direction."""
     return PART * min(axis.limits.acceleration for axis in machine.axes.values())
 
 
 def jog_dwells(axis: Axis, rows: Array) -> Array:
-    """Rests [s] beside the jogs of one axis: longer where the path stands anyway, as in corners."""
+    """Return the dwells [s] of the jogs of one axis: longer where the path stands anyway, as in corners."""
     return np.where(rows[:, PASSED] == 0.0, corner_pause(axis), DWELL)
 
 
@@ -84,11 +84,11 @@ def stop_cost(changes: dict[str, Array], travel: dict[str, float], machine: Mach
 
 
 _HALVINGS: Final = 6
-"""So often the range of the dead band is halved: to a sixtieth of it."""
+"""Halvings of the range of the dead band, down to a sixtieth of it."""
 
 
 class ReversalSearch:
-    """Finds the changes of all axes for dead bands, with what all searches have in common kept.
+    """Search for the offset changes of all axes by dead band; keeps what all searches share.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class ReversalSearch:
         self.warnings: list[str] = []
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
-        """Find the changes of every axis, with those to none at the ends of chains; as in `directions`."""
+        """Find the changes of every axis, and those to no offset at the ends of chains; rows as of `find_reversals`."""
         return {name: self._one(name, width) for name, width in band.items()}
 
     def _one(self, name: str, band: float) -> Array:
@@ -138,7 +138,7 @@ class ReversalSearch:
         return self._closed(rows, axis)
 
     def _closed(self, rows: Array, axis: int) -> Array:
-        """Add the change to none at the end of every chain that has changes.
+        """Add the change to no offset at the end of every chain that has changes.
 
         The last rapid of the axis takes the offset back where nothing cuts after it; else a stop behind the
         last motion does.
@@ -161,7 +161,7 @@ class ReversalSearch:
         return np.asarray(every[np.argsort(every[:, CHAIN], kind="stable")])
 
     def cost(self, changes: dict[str, Array]) -> float:
-        """Time that changes cost [s]."""
+        """Return the time that changes cost [s]."""
         travel = {name: 2.0 * size for name, size in self.amplitude.items()}
         return stop_cost(changes, travel, self.machine)
 
@@ -186,7 +186,7 @@ class ReversalSearch:
 
 
 def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[dict[str, Array], list[str]]:
-    """Find the changes that keep within the time allowed.
+    """Find the changes that keep within the allowed slowdown.
 
     The dead band begins with the tolerance. Where the stops cost too much it is raised, up to half the lost
     motion of each axis; where that is not enough, axes are not compensated in whole chains, beginning with those
@@ -195,7 +195,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[
     Returns
     -------
     changes : dict
-        By axis, rows as in `directions`.
+        By axis, rows as of :func:`~ph_post.edit.reversals.find_reversals`.
     warnings : list of str
     """
     allowed = options.max_slowdown * float(search.times.sum())
@@ -264,7 +264,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     program : PartProgram
     machine : Machine
     dialect : Dialect
-        Whose decimals the offsets are rounded to.
+        Offsets are rounded to its decimals.
     options : EditOptions
 
     Returns
@@ -308,7 +308,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
 
 
 def _open_chains(program: PartProgram, blocked: dict[str, BoolArray]) -> BoolArray:
-    """Chains that cut, and that nothing keeps from being shifted."""
+    """Mask of the chains that cut and may be shifted (c,)."""
     low, _ = chain_spans(program.motions)
     cuts = np.logical_or.reduceat(program.motions.kind != RAPID, low)
     for marks in blocked.values():

@@ -12,15 +12,15 @@ from ph_post.gcode.program import ARC, CUBIC, LINE, RAPID, Motions, plane_column
 from ph_post.types import IntArray
 
 NEAR: Final = 1e-7
-"""A turning point inside a motion counts as its end where the axis gets no farther than this from there [m]:
-a stop a tenth of a micrometre of excursion away would leave very short arcs."""
+"""A turning point inside a motion counts as the motion's end where the axis goes no farther beyond it [m]: a stop
+a tenth of a micrometre of travel away would leave very short arcs."""
 
 SAME: Final = 1e-9
-"""Positions that differ by no more [m] are one: the axis rests."""
+"""Positions that differ by no more [m] are the same: the axis rests."""
 
 MOTION, SHARE, SIGN, CARRIED, PASSED, CHAIN = range(6)
-"""Columns of a change: the motion, the share of it, the new direction, whether a rapid carries the change
-itself, the speed with which the path passes there [m/s], the chain."""
+"""Columns of a change: the motion, the share of it, the new direction, 1 where a rapid carries the change itself,
+the speed of the path there [m/s], the chain."""
 
 _COLUMNS: Final = 6
 
@@ -52,7 +52,7 @@ def _tangent(view: Any, k: int, last: bool, out: Any) -> None:
 
 @inner
 def _passing(view: Any, feed: Any, exact: Any, k: int, high: int) -> float:
-    """Speed with which the path passes the end of motion `k`; a corner takes its part of the feed away."""
+    """Speed of the path at the end of motion `k` [m/s]: the lower feed, reduced by the corner."""
     kind = view[0]
     if k + 1 >= high or exact[k] == 1 or kind[k] == RAPID or kind[k + 1] == RAPID:
         return 0.0
@@ -134,7 +134,7 @@ def _grown(rows: Any, count: int) -> Any:
 
 @inner
 def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, sign: int, row: Any) -> None:
-    """Write down the best place for a change of direction between two places at which the axis rests.
+    """Record the best place for a change of direction between two places at which the axis rests.
 
     `span` is (first motion, its share, last motion, its share, end of the chain). A rapid that takes the axis
     away carries the change. Else it is made where the path stands or is slowest, the first of equals: behind
@@ -213,7 +213,7 @@ def _visit(spot: Any, x: float, k: int, share: float, band: float, sign: int) ->
 
 @compiled
 def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: Any, active: Any, band: Any) -> Any:
-    """Find where an axis turns back by more than a dead band, chain by chain.
+    """Find the reversals of an axis by more than a dead band, chain by chain.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
     axis : int
     feed, exact : arrays, shape (m,)
     low, high : arrays, shape (c,)
-        First motion of every chain, and the one behind its last.
+        First motion of every chain, and the motion behind its last.
     active : bool array, shape (c,)
         Chains in which reversals are sought.
     band : Array, shape (c,)
@@ -282,7 +282,7 @@ def motion_view(motions: Motions) -> tuple[Any, ...]:
 
 
 def chain_spans(motions: Motions) -> tuple[IntArray, IntArray]:
-    """First motion of every chain that has any, and the one behind its last."""
+    """Return the first motion of every chain, and the motion behind its last; both (c,)."""
     if motions.chain.size == 0:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     low = np.append(0, np.flatnonzero(np.diff(motions.chain)) + 1)

@@ -15,10 +15,10 @@ from ph_post.gcode.program import ARC, AXES, RAPID, PartProgram
 from ph_post.types import Array, IntArray
 
 MOST_DECIMALS: Final = 15
-"""Numbers with more decimals than this are not shifted."""
+"""Most decimals of a number that can be shifted."""
 
 LONGEST: Final = 48
-"""No number comes out longer than this."""
+"""Most characters of a shifted number."""
 
 
 @inner
@@ -274,7 +274,7 @@ def _delta(letter: Any, absolute: Any, arc_absolute: Any, k: Any, kind: Any, aft
 
 @compiled
 def _gather(words: Any, owner: Any, absolute: Any, arc_absolute: Any, kind: Any, after: Any, word: Any) -> Any:
-    """Words of X, Y, Z, I, J and K of motions that something is added to, and what; counted, then written."""
+    """Find the X, Y, Z, I, J and K words of shifted motions, and their shifts; counted first, then written."""
     letter, block, decimals = words
     found, delta, size = np.empty(0, np.int64), np.empty(0, np.int64), 0
     for write in range(2):

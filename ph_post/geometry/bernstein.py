@@ -206,5 +206,5 @@ def lowest_value(coefficients: Array) -> float:
 
 
 def value_rounding(coefficients: Array) -> float:
-    """Bound of the rounding error of a value: n + 1 products of no more than the largest coefficient."""
+    """Return a bound of the rounding error of a value, in its unit: n + 1 products with the largest coefficient."""
     return float(np.finfo(np.float64).eps * coefficients.size * np.abs(coefficients).max())

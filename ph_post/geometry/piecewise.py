@@ -81,7 +81,7 @@ class Group(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def stacked(arrays: Iterable[Array]) -> Array:
-    """Put many small arrays one after the other, flat and read-only."""
+    """Concatenate small arrays, flattened, to one read-only array (n,)."""
     # By way of bytes: numpy's own way takes several times as long for thousands of arrays.
     return np.frombuffer(b"".join([array.tobytes() for array in arrays]))
 
@@ -332,7 +332,7 @@ def extent(points: Array) -> float:
 
 
 def polynomial_piece(control: Array, xi0: float, xi1: float, speed: Array | None = None) -> Piece:
-    """Make a polynomial piece; one of degree 1 has a constant speed."""
+    """Make a polynomial piece from control points (n, dim) [m]; a piece of degree 1 has a constant speed."""
     if speed is None and len(control) == 2:
         speed = frozen([np.linalg.norm(control[1] - control[0])])
     return Piece(kind="polynomial", control=control, xi0=float(xi0), xi1=float(xi1), speed=speed)

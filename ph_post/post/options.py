@@ -45,7 +45,7 @@ class ProgramOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def check_options(options: ProgramOptions, path: Path, servo_period: float) -> None:
-    """Refuse what cannot be written.
+    """Refuse options with which no program can be written; `servo_period` [s].
 
     Raises
     ------

@@ -145,7 +145,7 @@ def plan_warnings(plan: Plan, options: ProgramOptions, moves: Moves) -> tuple[st
 def controller_warnings(
     plan: Plan, dialect: Dialect, options: ProgramOptions, moves: Moves, sizes: IntArray
 ) -> tuple[str, ...]:
-    """Warnings about what the controller will not be able to follow; `sizes` are the bytes of each move."""
+    """Return warnings of moves that the controller cannot follow; `sizes` are the bytes of each move."""
     warnings = []
     period = plan.machine.servo_period
     missing = np.where(moves.rapid == 0, np.maximum(period - moves.duration, 0.0), 0.0)

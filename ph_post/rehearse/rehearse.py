@@ -220,7 +220,7 @@ def _speed_at(command: Command, place: Array, where: Array) -> Array:
 
 
 def _windows(program: PartProgram, path: CutPath) -> BoolArray:
-    """Legs in and next to the stretches that were changed; all where none is marked."""
+    """Mask of the legs in and next to changed stretches; all where none is marked."""
     motion = path.legs.motion.astype(np.int64)
     block = program.motions.block[motion]
     changes = changed_blocks(program)
@@ -231,7 +231,7 @@ def _windows(program: PartProgram, path: CutPath) -> BoolArray:
 
 
 def changed_blocks(program: PartProgram) -> BoolArray:
-    """Blocks of a compensated program that stand in place of others, by the marks before them."""
+    """Mask of the blocks (b,) that stand in place of the original's, by the marks before them."""
     changed = np.zeros(program.blocks, dtype=bool)
     for found in CHANGE_MARK.finditer(program.data):
         line = int(np.searchsorted(program.lines, np.int32(found.start()), side="right")) - 1

@@ -41,8 +41,8 @@ class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Lines that belong together.
 
     `old`, `new` (k,) the lines outside changes, pair by pair, in order. `old_change`, `new_change` the change of each
-    line, :data:`NO_CHANGE` outside (markers and the header belong to none). `ends` whether the original's last
-    line has got a line end, so that the undo lines can follow it.
+    line, :data:`NO_CHANGE` outside (markers and the header belong to none). `ends` is true where the
+    original's last line was given a line end, so that the undo lines can follow it.
     """
 
     changes: ChangedLines
@@ -171,22 +171,22 @@ def _report_count(
 
 
 def _shape(line: bytes) -> bytes:
-    """Return a line without its digits: what an offset never changes."""
+    """Return a line without its digits, which is all that an offset never changes."""
     return line.translate(None, b"0123456789.+-")
 
 
 def as_mask(size: int, places: IntArray) -> BoolArray:
-    """Return a mask that is true at the places."""
+    """Return a mask (size,) that is true at the places."""
     mask = np.zeros(size, dtype=bool)
     mask[places] = True
     return mask
 
 
 class VerifyCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A program, what was made of it, and what is known about both.
+    """A program, the compensated program, and what is known about both.
 
-    `bound` [m] is how far the way may be off, `band` [m] the longest move of an axis that need not be
-    compensated. Every check adds what it finds to `findings`.
+    `bound` [m] is the largest deviation of the path, `band` [m] the longest move of an axis that need not be
+    compensated. Every check adds its failures to `findings`.
     """
 
     original: PartProgram

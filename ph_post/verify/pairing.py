@@ -20,19 +20,19 @@ EXACT = 1e-9
 
 
 _LEAST = 0.01
-"""In a shorter dwell [s] a controller may not stand still, and blend away what is between two of them."""
+"""Shortest dwell [s] in which a controller stands still; it may blend the moves between two shorter dwells."""
 
 _ROUNDING = 1e-4
-"""Part of a dwell that its last digit may take away."""
+"""Relative rounding of a dwell by its last digit."""
 
 
 class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The motions of both programs, side by side.
 
     `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside changes, and the
-    rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) which of the compensated
-    motions move an axis while the path stands still; `before`, `after` (k, 3) [m] what the axes are shifted
-    by at the start and at the end of each compensated motion.
+    rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) is true for compensated
+    motions that move an axis while the path stands still; `before`, `after` (k, 3) [m] are the shifts of the axes
+    at the start and at the end of each compensated motion.
     """
 
     old: PlaceArray
@@ -116,7 +116,7 @@ def declared_lengths(declared: DeclaredChanges) -> dict[int, tuple[float, float]
 
 
 def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
-    """Mask of lengths that are a change of the offset, or no longer than a take-up move with the offset."""
+    """Mask of lengths [m] that are a change of the offset, or no longer than a take-up move with the offset."""
     change = (offset > 0.0) & (np.minimum(np.abs(way - offset), np.abs(way - 2.0 * offset)) <= EXACT)
     return np.asarray((way > EXACT) & (change | (way <= pulse + offset + EXACT) & (pulse > 0.0)))
 
@@ -124,10 +124,7 @@ def is_declared(way: Array, offset: float, pulse: float) -> BoolArray:
 def dwell_beside(
     block: PlaceArray, change: PlaceArray, dwells: Dwells, lines: LinePairs
 ) -> tuple[BoolArray, BoolArray]:
-    """Masks of motions with a dwell between them and the one before, and the one after.
-
-    Both in the motion's own change.
-    """
+    """Return masks (k,) of the motions with a dwell before them, and after them, in their own change."""
     if not dwells.block.size or not block.size:
         nothing = np.zeros(block.size, dtype=bool)
         return nothing, nothing
@@ -174,7 +171,7 @@ def _shift_of(
 
 
 def format_shifts(shift: Array) -> str:
-    """Show the shifts of the axes that have one, in a message."""
+    """Format the shifts [m] of the axes that have one for a message."""
     parts = [f"{name} {value / MM:.6g} mm" for name, value in zip(AXES, shift, strict=True) if abs(value) > EXACT]
     return ", ".join(parts) or "0"
 
@@ -255,7 +252,7 @@ def _keys(kind: CodeArray, change: PlaceArray, without: BoolArray) -> tuple[IntA
 
 
 def unproven_stretches(original: Motions, compensated: Motions, found: Stretches, bound: float) -> Stretches:
-    """Leave out what is plainly the same: motions that were only divided, each part on its motion.
+    """Return the stretches without motions that were only divided, each part on its motion within `bound` [m].
 
     Parts of a line are lines and parts of an arc are arcs about its centre; both are measured against the
     point of their motion that lies at the same share of it. What remains are stretches of neighbours.

@@ -32,7 +32,7 @@ FailureKind = Literal[
 ]
 """Kinds of failures.
 
-`header` the declaration is damaged; `original` it speaks of another program; `undeclared` there is none, yet
+`header` the declaration is damaged; `original` it names another program; `undeclared` there is none, yet
 the bytes differ; `lines` lines are missing, too many, or not where the changes say; `text` a line differs from
 the original's; `comment` a comment or a block delete of a replaced line is lost; `offset` an axis is shifted
 by something else than what is declared; `return` a shift is not taken back where it must be; `direction` an
@@ -44,11 +44,11 @@ are not those declared; `machine` the program was made for another machine.
 """
 
 KEPT = 1000
-"""So many failures of one kind are kept; the others are counted."""
+"""Most failures of one kind that are kept; the others are counted."""
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is wrong, and the lines where it is, from 1; None where there is none."""
+    """A failure, and its lines, from 1; None where there is no line."""
 
     kind: FailureKind
     original: int | None
@@ -68,7 +68,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Verdict(msgspec.Struct, frozen=True, kw_only=True):
-    """`failures` in the order of the checks, at most :data:`KEPT` of a kind; `found` counts all of them.
+    """Result of a check: `failures` in order, at most :data:`KEPT` of a kind; `found` counts all.
 
     `checked` counts what was looked at: lines, words, motions, changes, jogs, stops.
     """
@@ -120,7 +120,7 @@ class Findings:
         return self._kinds.total()
 
     def verdict(self) -> Verdict:
-        """Return what was found, for good."""
+        """Return the verdict on all findings."""
         return Verdict(failures=tuple(self._failures), found=self.found, checked=dict(self.checked))
 
 

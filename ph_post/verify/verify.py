@@ -34,18 +34,17 @@ def verify(
     Parameters
     ----------
     original, compensated : PartProgram
-        The program, and what was made of it.
+        The program, and the compensated program.
     tolerance : float
         Bound of the path's deviation in changed stretches, and the longest move of an axis that need not be
-        compensated [m]. Where the header declares a finer chord tolerance, the way is held to
-        that.
+        compensated [m]. A finer chord tolerance in the header bounds the path instead.
     machine : Machine, optional
         The machine the program is for: jogs are held to its limits, and the declaration to its lost motion.
 
     Returns
     -------
     Verdict
-        With every failure, its place in both programs, and counts of what was looked at.
+        Every failure with its place in both programs, and counts of what was checked.
     """
     findings = Findings()
     declared = read_declared(original, compensated)
