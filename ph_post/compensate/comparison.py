@@ -17,14 +17,9 @@ from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import cycle_time, make_plan
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_traits, strategy_names
-from ph_post.compensate.violations import (
-    Violation,
-    at_rest_before_and_after,
-    check_command,
-    differences,
-    runs,
-)
+from ph_post.compensate.violations import Violation, at_rest_before_and_after, check_command, differences
 from ph_post.errors import PhPostError
+from ph_post.geometry.numeric import runs
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
 from ph_post.simulate.assess import Assessment, assess, contour_errors

@@ -13,13 +13,14 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import shapes
-from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve, largest
+from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve
 from ph_post.compensate.motion import FeedAlong, MotionLaw
 from ph_post.compensate.nominal import Schedule, add_plateaus, first_nodes, plan_feed
 from ph_post.compensate.shapes import soften
 from ph_post.compensate.strategies.base import ProfileRequest
 from ph_post.compensate.violations import ViolationSpans, find_violations, rounding
 from ph_post.errors import LimitError
+from ph_post.geometry.numeric import largest
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, Machine, Phase, ProfileShape, Window, frozen
 from ph_post.units import MM, MS

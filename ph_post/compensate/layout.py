@@ -21,10 +21,9 @@ from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, 
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.trial import SAME_PLACE, came_from
 from ph_post.drive.axes import axis_at
+from ph_post.geometry.numeric import bisect
 from ph_post.geometry.track import Track
 from ph_post.types import Axis, Crossing, FeedProfile, Jog, Machine, Phase, TurningPoint, Window, frozen
-
-BISECTIONS = 80
 
 STILL = frozen([0.0])
 
@@ -155,14 +154,7 @@ def rest_at(phases: Sequence[Phase], s: float) -> int | None:
 
 def _time_at(motion: MotionLaw, s: float) -> float:
     """First instant at which the motion is at `s` [s]."""
-    low, high = 0.0, motion.end
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        if motion.place_and_feed(np.array([middle]))[0][0] < s:
-            low = middle
-        else:
-            high = middle
-    return high
+    return bisect(lambda t: bool(motion.place_and_feed(np.array([t]))[0][0] < s), 0.0, motion.end)[1]
 
 
 def _beginning(job: Job, shifted: Sequence[str]) -> tuple[dict[str, float], list[Crossing]]:

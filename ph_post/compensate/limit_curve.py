@@ -19,34 +19,9 @@ import numpy as np
 
 from ph_post.geometry import frenet
 from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
+from ph_post.geometry.numeric import largest, norm, smallest
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, Machine, frozen
-
-
-def largest(values: Array) -> Array:
-    """Largest value of every row, shape (n,).
-
-    Examples
-    --------
-    >>> largest(np.array([[1.0, 3.0], [2.0, 0.0]])).tolist()
-    [3.0, 2.0]
-    """
-    result = values[:, 0].copy()
-    for column in values.T[1:]:
-        np.maximum(result, column, out=result)
-    return result
-
-
-def smallest(values: Array) -> Array:
-    """Smallest value of every row, shape (n,)."""
-    return -largest(-values)
-
-
-def norm(values: Array) -> Array:
-    """Euclidean norm of every row, shape (n,)."""
-    squared: Array = np.einsum("nk,nk->n", values, values)
-    return np.sqrt(squared)
-
 
 _CELLS = 8
 """Cells a curved piece begins with; each is looked at in its middle as well."""

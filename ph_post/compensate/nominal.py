@@ -14,8 +14,9 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import speed_ramps
-from ph_post.compensate.limit_curve import LimitCurve, largest
+from ph_post.compensate.limit_curve import LimitCurve
 from ph_post.errors import SolveError
+from ph_post.geometry.numeric import largest
 from ph_post.types import Array, BoolArray, IntArray
 
 _ROUNDS = 1000

@@ -337,12 +337,14 @@ def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> 
     broken = _broken(command, machine, fixed + dynamic)
     if not broken.any():
         return dynamic
+    from scipy.ndimage import maximum_filter1d
+
     unit = max(np.sqrt(machine.axes[name].servo.b) for name in command.axes)
     for depth in DEPTHS:
         out, found = np.zeros(command.t.size, dtype=np.bool_), broken
         for fade in FADES:
             samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
-            out |= _widened(found, samples // 4)
+            out |= maximum_filter1d(found, 2 * (samples // 4) + 1, mode="constant")
             kept = (1.0 - depth * (1.0 - _weight(out, samples)))[:, np.newaxis] * dynamic
             found = _broken(command, machine, fixed + kept)
             if not found.any():
@@ -365,14 +367,6 @@ def _broken(command: Command, machine: Machine, offset: Array) -> BoolArray:
             found[rows + shift] = True
     first = 3 if before else 0
     return np.asarray(found[first : first + len(position)])
-
-
-def _widened(marked: BoolArray, samples: int) -> BoolArray:
-    """Mark that many neighbours on either side too."""
-    counts = np.cumsum(np.concatenate([[0], marked]))
-    rows = np.arange(marked.size)
-    low, high = np.maximum(rows - samples, 0), np.minimum(rows + samples + 1, marked.size)
-    return np.asarray(counts[high] > counts[low])
 
 
 def _weight(out: BoolArray, samples: int) -> Array:

@@ -28,6 +28,7 @@ from ph_post.compensate.trial import flanks_before, half_distances
 from ph_post.compensate.violations import find_violations
 from ph_post.errors import InputError
 from ph_post.geometry.joints import find_stops
+from ph_post.geometry.numeric import bisect
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Array, BoolArray, FeedProfile, Machine, Phase, Plan, Window, frozen
 from ph_post.units import MM_PER_MIN, MS
@@ -37,8 +38,6 @@ _ROUNDS = 8
 
 _SAME = 1e-9
 """Relative differences below this are none."""
-
-_BISECTIONS = 60
 
 
 class FittedProfiles(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -146,13 +145,10 @@ class Fitter:
             return float(np.sum(flat * (1.0 / (1.0 - part * loss) - 1.0)))
 
         allowed = budget - (valid.motion.end - extra(1.0))
-        low, high = 0.0, 1.0
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if extra(middle) <= allowed else (low, middle)
+        kept = bisect(lambda part: extra(part) <= allowed, 0.0, 1.0)[0]
         cause = f"a cycle time at most {100.0 * self.options.max_slowdown:g} % longer"
         self._blame(valid.depth > 0.0, cause)
-        return low if low * float(valid.depth.max()) >= FLAT else 0.0
+        return kept if kept * float(valid.depth.max()) >= FLAT else 0.0
 
     def _profiles(self, valid: ValidMotion) -> tuple[FeedProfile | None, ...]:
         profiles: list[FeedProfile | None] = [None] * len(self.windows)

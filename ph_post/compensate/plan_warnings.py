@@ -8,8 +8,8 @@ import numpy as np
 
 from ph_post.compensate.layout import Layout
 from ph_post.compensate.limit_curve import UNBOUNDED, LimitCurve
-from ph_post.compensate.violations import runs
 from ph_post.drive.axes import backlash_varies
+from ph_post.geometry.numeric import runs
 from ph_post.types import Array, Axis, Machine
 from ph_post.units import MM, MM_PER_MIN
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ph_post.geometry.bernstein import evaluate, integrate, lowest_value, subdivide, value_rounding
+from ph_post.geometry.numeric import bisect
 from ph_post.types import Array, IntArray, ProfilePiece, ProfileShape, frozen
 
 
@@ -155,7 +156,9 @@ def split(shape: ProfileShape, share: float, slack: float) -> tuple[ProfileShape
             break
         before += covered
     way_left = (share * whole - before) / shape.pieces[number].share
-    return _cut(shape, number, _time_of_way(shape.pieces[number].coefficients, way_left))
+    way_so_far = distance_coefficients(shape.pieces[number].coefficients)
+    low, high = bisect(lambda tau: float(evaluate(way_so_far, tau)) < way_left, 0.0, 1.0)
+    return _cut(shape, number, 0.5 * (low + high))
 
 
 def _cut(shape: ProfileShape, number: int, tau: float) -> tuple[ProfileShape, ProfileShape]:
@@ -175,20 +178,6 @@ def _whole(pieces: Sequence[ProfilePiece]) -> ProfileShape:
     total = math.fsum(piece.share for piece in pieces)
     kept = (piece for piece in pieces if piece.share > 0.0)
     return ProfileShape(pieces=tuple(msgspec.structs.replace(piece, share=piece.share / total) for piece in kept))
-
-
-def _time_of_way(coefficients: Array, covered: float) -> float:
-    """τ at which a piece has covered that way; V >= 0, so it is bisected."""
-    way_so_far = distance_coefficients(coefficients)
-    low, high = 0.0, 1.0
-    while True:
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            return middle
-        if float(evaluate(way_so_far, middle)) < covered:
-            low = middle
-        else:
-            high = middle
 
 
 def lowest(shape: ProfileShape) -> float:

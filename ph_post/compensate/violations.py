@@ -12,11 +12,12 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from ph_post.compensate.limit_curve import AxisLimits, axis_limits, largest
+from ph_post.compensate.limit_curve import AxisLimits, axis_limits
 from ph_post.compensate.motion import MotionLaw, row_times
 from ph_post.drive.backlash import gap_constant
+from ph_post.geometry.numeric import largest, runs
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, BoolArray, Command, IntArray, Machine
+from ph_post.types import Array, Axis, BoolArray, Command, Machine
 
 Quantity = Literal["velocity", "acceleration", "jerk", "motor acceleration"]
 
@@ -140,17 +141,6 @@ def _violation(command: Command, row: int, axis: str, quantity: Quantity, value:
         value=float(value),
         limit=float(limit),
     )
-
-
-def runs(rows: IntArray) -> list[IntArray]:
-    """Cut sorted row numbers into runs of consecutive ones.
-
-    Examples
-    --------
-    >>> [run.tolist() for run in runs(np.array([3, 4, 7]))]
-    [[3, 4], [7]]
-    """
-    return np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []
 
 
 _ROWS = 1 << 19

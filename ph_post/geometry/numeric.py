@@ -1,0 +1,74 @@
+"""Row-wise reductions, runs of row numbers, and bisection to the last digit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ph_post.types import Array, IntArray
+
+
+def largest(values: Array) -> Array:
+    """Largest value of every row.
+
+    Parameters
+    ----------
+    values : Array, shape (n, k)
+
+    Returns
+    -------
+    Array, shape (n,)
+
+    Examples
+    --------
+    >>> largest(np.array([[1.0, 3.0], [2.0, 0.0]])).tolist()
+    [3.0, 2.0]
+    """
+    result = values[:, 0].copy()
+    for column in values.T[1:]:
+        np.maximum(result, column, out=result)
+    return result
+
+
+def smallest(values: Array) -> Array:
+    """Smallest value of every row of `values` (n, k), shape (n,)."""
+    return -largest(-values)
+
+
+def norm(values: Array) -> Array:
+    """Euclidean norm of every row of `values` (n, k), shape (n,)."""
+    squared: Array = np.einsum("nk,nk->n", values, values)
+    return np.sqrt(squared)
+
+
+def runs(rows: IntArray) -> list[IntArray]:
+    """Cut sorted row numbers into runs of consecutive ones.
+
+    Examples
+    --------
+    >>> [run.tolist() for run in runs(np.array([3, 4, 7]))]
+    [[3, 4], [7]]
+    """
+    return np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []
+
+
+def bisect(is_below: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
+    """Close [low, high] around the place where `is_below` turns from true to false.
+
+    Returns
+    -------
+    low, high : float
+        Neighbouring numbers, the last with `is_below` and the first without.
+
+    Examples
+    --------
+    >>> bisect(lambda x: x < 1.0 / 3.0, 0.0, 1.0)[1] == 1.0 / 3.0
+    True
+    """
+    while low < (middle := 0.5 * (low + high)) < high:
+        if is_below(middle):
+            low = middle
+        else:
+            high = middle
+    return low, high
