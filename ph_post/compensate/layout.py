@@ -41,7 +41,11 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """The input of a layout: a motion with its profiles, and the requests."""
+    """The input of a layout: a motion with its profiles, and the requests.
+
+    `written` says that the plan becomes a part program, which crosses the gap by jogs at full stops. `shifted` are
+    axes with a lasting offset whether or not a request crosses their gap.
+    """
 
     track: Track
     machine: Machine
@@ -52,6 +56,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     phases: tuple[Phase, ...]
     moving: bool
     lead: bool
+    written: bool
     shifted: tuple[str, ...] = ()
 
     @property
@@ -59,38 +64,85 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Arc length of the path [m]."""
         return self.track.length
 
+    def whole(self, axis: Axis, direction: int) -> Crossing | Jog:
+        """Cross the whole gap of an axis once, beginning at 0 s."""
+        if self.written:
+            return whole_jog(axis, direction, 0.0)
+        duration = shortest_crossing(axis, self.lead, self.machine.servo_period)
+        return whole_crossing(axis, direction, 0.5 * duration, duration)
+
+
+class _Stops:
+    """Crossings at stops of the path, and how long it rests there.
+
+    `holds` [s] is by the phase that starts from rest; `crossings` are with that phase, counted from its hold.
+    """
+
+    def __init__(self) -> None:
+        self.holds: dict[int, float] = {}
+        self.crossings: list[tuple[int, Crossing | Jog]] = []
+
+    def add(self, stop: int, one: Crossing | Jog) -> None:
+        """Add what is done at a stop: crossings side by side, jogs in turn with a dwell on either side."""
+        if isinstance(one, Jog):
+            start = self.holds.get(stop, DWELL)
+            self.holds[stop] = start + one.duration + DWELL
+        else:
+            start = 0.0
+            self.holds[stop] = max(self.holds.get(stop, 0.0), one.duration)
+        self.crossings.append((stop, _delayed(one, start)))
+
+    def delay_at(self, phases: Sequence[Phase], t: float) -> float:
+        """By how much holds delay what happens at `t` [s]."""
+        return sum(duration for number, duration in self.holds.items() if phases[number].start <= t)
+
+    def delay_before(self, number: int) -> float:
+        """By how much holds before earlier phases delay that of a phase [s]."""
+        return sum(duration for other, duration in self.holds.items() if other < number)
+
 
 def lay_out(job: Job) -> Layout:
-    """Place every crossing in time, and insert holds where the motion rests for one."""
+    """Place every crossing in time, and insert holds where the motion rests for one.
+
+    In a part program an axis with a lasting offset begins on the flank of its first motion, onto which the
+    program's approach brings it: the motion begins with that. Z comes down onto it, whatever its first motion is.
+
+    Parameters
+    ----------
+    job : Job
+
+    Returns
+    -------
+    Layout
+        With nothing but the axes `dropped` where a part program runs through one of their reversals.
+    """
     motion = MotionLaw.from_phases(job.phases)
-    requested = {one.axis for request in job.requests for one in request.crossings if is_open(job, one.axis)}
-    shifted = sorted(requested.union(job.shifted))
-    crossings, crossed = _at_windows(job, motion)
-    holds: dict[int, float] = {}
-    at_stops: list[tuple[int, Crossing]] = []
+    shifted = sorted({one.axis for one in _requested(job, *job.requests) if is_open(job, one.axis)}.union(job.shifted))
+    placed = _jogs_at_windows(job, motion) if job.written else _crossings_at_windows(job, motion)
+    served = {(k, one.axis) for one in placed for k in job.windows[one.window].members}
+    stops = _Stops()
+    dropped: set[str] = set()
     for point in job.turning_points:
-        if point.axis not in shifted or point.index in crossed or at_an_end(job, point):
+        if point.axis not in shifted or (point.index, point.axis) in served or at_an_end(job, point):
             continue
-        axis = job.machine.axes[point.axis]
-        duration = shortest_crossing(axis, job.lead, job.machine.servo_period)
-        stop = rest_at(job.phases, point.s)
-        if stop is None:
-            middle = _time_at(motion, point.s)
-            crossings.append(whole_crossing(axis, -came_from(point), middle, duration))
+        stop, whole = rest_at(job.phases, point.s), job.whole(job.machine.axes[point.axis], -came_from(point))
+        if stop is not None:
+            stops.add(stop, whole)
+        elif job.written:
+            dropped.add(point.axis)
         else:
-            holds[stop] = max(holds.get(stop, 0.0), duration)
-            at_stops.append((stop, whole_crossing(axis, -came_from(point), 0.5 * duration, duration)))
-    bias, approach = _beginning(job, shifted)
+            placed.append(_delayed(whole, _time_at(motion, point.s) - 0.5 * whole.duration))
+    if dropped:
+        return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
+    bias, approach = _at_start(job, shifted, stops)
+    placed = [_delayed(one, stops.delay_at(job.phases, one.start)) for one in placed]
+    placed += [_delayed(one, job.phases[k].start + stops.delay_before(k)) for k, one in stops.crossings]
+    phases = with_holds(job.phases, stops.holds)
     if approach:
-        holds[0] = max(one.end for one in approach)
-    delayed = [_delayed(one, delay_at(job.phases, holds, one.start)) for one in crossings]
-    delayed += [_delayed(one, job.phases[k].start + delay_before(holds, k)) for k, one in at_stops]
-    delayed += approach
-    return Layout(
-        phases=with_holds(job.phases, holds),
-        crossings=tuple(sorted(delayed, key=lambda one: (one.start, one.axis))),
-        bias=bias,
-    )
+        rest = max(one.end for one in approach) + DWELL * job.written
+        placed = approach + [_delayed(one, rest) for one in placed]
+        phases = with_holds(phases, {0: rest})
+    return Layout(phases=phases, crossings=tuple(sorted(placed, key=lambda one: (one.start, one.axis))), bias=bias)
 
 
 def is_open(job: Job, name: str) -> bool:
@@ -98,16 +150,19 @@ def is_open(job: Job, name: str) -> bool:
     return not job.machine.axes[name].loop.encloses_backlash
 
 
-def _at_windows(job: Job, motion: MotionLaw) -> tuple[list[Crossing], set[int]]:
-    """Crossings of the windows, and the turning points that they serve."""
-    found: list[Crossing] = []
-    served: set[int] = set()
+def _requested(job: Job, *requests: ProfileRequest) -> list[Crossing | Jog]:
+    """Crossings of requests that the plan can carry: jogs in a part program, and no jogs elsewhere."""
+    return [one for request in requests for one in request.crossings if isinstance(one, Jog) == job.written]
+
+
+def _crossings_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
+    """Crossings of the windows, each within its profile or around its turning point."""
+    found: list[Crossing | Jog] = []
     for number, request in enumerate(job.requests):
-        crossings = [one for one in request.crossings if isinstance(one, Crossing)]
-        if not crossings or request.stop:
+        chosen = _requested(job, request)
+        if not chosen or request.stop:
             continue
         window, middle = job.windows[number], middle_of(motion, number)
-        chosen = crossings
         if at_an_end(job, job.turning_points[window.turning_point]):
             # What is behind the loop is brought to its flank before the motion begins.
             chosen = [one for one in chosen if middle is not None and not is_open(job, one.axis)]
@@ -119,9 +174,31 @@ def _at_windows(job: Job, motion: MotionLaw) -> tuple[list[Crossing], set[int]]:
             continue
         early = max(0.0, -min(middle + one.start for one in chosen))
         found += [msgspec.structs.replace(one, start=early + middle + one.start, window=number) for one in chosen]
-        names = {one.axis for one in chosen}
-        served |= {k for k in window.members if job.turning_points[k].axis in names}
-    return found, served
+    return found
+
+
+def _jogs_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
+    """Jogs of the windows that stand still for them."""
+    found: list[Crossing | Jog] = []
+    for number, request in enumerate(job.requests):
+        middle = None if job.profiles[number] is None else middle_of(motion, number)
+        if middle is None:
+            continue
+        own = [msgspec.structs.replace(_delayed(one, middle), window=number) for one in _requested(job, request)]
+        if all(_stands_still(motion, jog) for jog in own):
+            found += own
+    return found
+
+
+NEARLY: Final = 0.99
+"""Part of the least dwell that is looked for: what is left of it where a profile was fitted to the limits."""
+
+
+def _stands_still(motion: MotionLaw, jog: Crossing | Jog) -> bool:
+    """Return whether the path rests during a jog and the least dwells around it."""
+    around = np.array([jog.start - NEARLY * DWELL, jog.end + NEARLY * DWELL])
+    s, feed = motion.place_and_feed(around)
+    return bool(np.all(feed == 0.0) and abs(s[1] - s[0]) <= SAME_PLACE)
 
 
 def middle_of(motion: MotionLaw, window: int) -> float | None:
@@ -157,31 +234,45 @@ def _time_at(motion: MotionLaw, s: float) -> float:
     return bisect(lambda t: bool(motion.place_and_feed(np.array([t]))[0][0] < s), 0.0, motion.end)[1]
 
 
-def _beginning(job: Job, shifted: Sequence[str]) -> tuple[dict[str, float], list[Crossing]]:
-    """Offsets of the first row, and what brings the axes to the flank that their first motion needs."""
+def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str, float], list[Crossing | Jog]]:
+    """Offsets of the first row [m], and the approach, from there to the flank that each axis' first motion needs."""
     bias: dict[str, float] = {}
-    approach: list[Crossing] = []
+    approach: list[Crossing | Jog] = []
     for name in shifted:
         axis, direction = job.machine.axes[name], first_direction(job, name)
-        half = 0.5 * axis.gap.lost_motion
-        bias[name] = direction * half
-        flank = {"+": 1, "-": -1}.get(axis.gap.initial_flank, 0)
-        if direction == 0 or job.moving or flank == direction:
-            continue
-        duration = shortest_crossing(axis, job.lead, job.machine.servo_period)
-        if flank:
-            bias[name] = flank * half
-            approach.append(whole_crossing(axis, direction, 0.5 * duration, duration))
-            continue
-        # From either flank: back until the other is surely touched, then forth.
-        bias[name] = 0.0
-        back = half * (1.0 + axis.uncertainty.backlash)
-        first = whole_crossing(axis, -direction, 0.5 * duration, duration)
-        first = msgspec.structs.replace(first, travel=-direction * back)
-        second = msgspec.structs.replace(first, start=duration, travel=direction * (back + half))
-        second = msgspec.structs.replace(second, duration=duration * (1.0 + axis.uncertainty.backlash))
-        approach += [first, second]
+        bias[name] = direction * 0.5 * axis.gap.lost_motion
+        if direction != 0 and not job.moving:
+            bias[name], own = (_by_jog if job.written else _by_crossings)(job, axis, direction, stops)
+            approach += own
     return bias, approach
+
+
+def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
+    """Offset of the first row [m], and the crossings that bring an axis from its flank to the other."""
+    half = 0.5 * axis.gap.lost_motion
+    flank = {"+": 1, "-": -1}.get(axis.gap.initial_flank, 0)
+    if flank == direction:
+        return direction * half, []
+    whole, more = job.whole(axis, direction), 1.0 + axis.uncertainty.backlash
+    if flank:
+        return flank * half, [whole]
+    # From either flank: back until the other is surely touched, then forth.
+    back = half * more
+    first = msgspec.structs.replace(whole, travel=-direction * back)
+    second = msgspec.structs.replace(
+        whole, start=whole.duration, travel=direction * (back + half), duration=whole.duration * more
+    )
+    return 0.0, [first, second]
+
+
+def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
+    """Offset of the first row [m], and the jog from there onto the offset of the first motion."""
+    way = -1 if axis.name == "Z" else direction
+    if way != direction:
+        stops.add(0, job.whole(axis, direction))
+    distance = approach_distance(axis.gap)
+    jog = make_jog(axis, way * distance, 0.0, min(APPROACH_FEED, job.track.path.feed))
+    return way * 0.5 * axis.gap.lost_motion - way * distance, [jog]
 
 
 def first_direction(job: Job, name: str) -> int:
@@ -208,17 +299,7 @@ def with_holds(phases: Sequence[Phase], holds: Mapping[int, float]) -> tuple[Pha
     return tuple(found)
 
 
-def delay_at(phases: Sequence[Phase], holds: Mapping[int, float], t: float) -> float:
-    """By how much holds delay what happens at `t` [s]."""
-    return sum(duration for number, duration in holds.items() if phases[number].start <= t)
-
-
-def delay_before(holds: Mapping[int, float], number: int) -> float:
-    """By how much holds before earlier phases delay that of a phase [s]."""
-    return sum(duration for other, duration in holds.items() if other < number)
-
-
-def _delayed(crossing: Crossing, delay: float) -> Crossing:
+def _delayed(crossing: Crossing | Jog, delay: float) -> Crossing | Jog:
     return msgspec.structs.replace(crossing, start=crossing.start + delay)
 
 
@@ -231,44 +312,7 @@ def reversing_axes(machine: Machine, points: Sequence[TurningPoint]) -> tuple[tu
     return tuple((axis, direction) for axis, direction in drives if axis.gap.lost_motion > 0.0)
 
 
-NEARLY: Final = 0.99
-"""Part of the least dwell that is looked for: what is left of it where a profile was fitted to the limits."""
-
 NO_OFFSET: Final = "the motion does not stop at every reversal of its axis, as a lasting offset needs it"
-
-
-def lay_out_jogs(job: Job) -> Layout:
-    """Place every jog in time, and insert holds where the motion rests for one.
-
-    An axis with a lasting offset begins on the flank of its first motion, onto which the program's approach
-    brings it: the motion begins with that. Z comes down onto it, whatever its first motion is.
-    """
-    motion = MotionLaw.from_phases(job.phases)
-    shifted = sorted({one.axis for one in _requested_jogs(job.requests) if is_open(job, one.axis)}.union(job.shifted))
-    jogs, served = _jogs_at_windows(job, motion)
-    holds: dict[int, float] = {}
-    at_stops: list[tuple[int, Jog]] = []
-    dropped: set[str] = set()
-    for point in job.turning_points:
-        if point.axis not in shifted or point.index in served or at_an_end(job, point):
-            continue
-        stop = rest_at(job.phases, point.s)
-        if stop is None:
-            dropped.add(point.axis)
-        else:
-            _add_stop(holds, at_stops, stop, whole_jog(job.machine.axes[point.axis], -came_from(point), 0.0))
-    if dropped:
-        return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
-    bias, seats = _jogs_at_start(job, shifted, holds, at_stops)
-    placed = [_later(jog, delay_at(job.phases, holds, jog.start)) for jog in jogs]
-    placed += [_later(jog, job.phases[k].start + delay_before(holds, k)) for k, jog in at_stops]
-    phases = with_holds(job.phases, holds)
-    if seats:
-        seat = Phase(start=0.0, duration=max(jog.end for jog in seats) + DWELL, s=phases[0].s, speed=STILL)
-        placed = seats + [_later(jog, seat.duration) for jog in placed]
-        later = (msgspec.structs.replace(one, start=one.start + seat.duration) for one in phases)
-        phases = (seat, *later)
-    return Layout(phases=phases, crossings=tuple(sorted(placed, key=lambda one: (one.start, one.axis))), bias=bias)
 
 
 def without_axes(result: StrategyResult, axes: Sequence[str], why: str = NO_OFFSET) -> StrategyResult:
@@ -291,64 +335,3 @@ def lacks_stops(task: PlanningTask, result: StrategyResult) -> bool:
         request.shape is None and request.crossings and not request.stop and task.feed.at(window.s) > 0.0
         for window, request in pairs
     )
-
-
-def _requested_jogs(requests: Sequence[ProfileRequest]) -> list[Jog]:
-    return [one for request in requests for one in request.crossings if isinstance(one, Jog)]
-
-
-def _jogs_at_windows(job: Job, motion: MotionLaw) -> tuple[list[Jog], set[int]]:
-    """Jogs of the windows that stand still for them, and the turning points that they serve."""
-    found: list[Jog] = []
-    served: set[int] = set()
-    for number, request in enumerate(job.requests):
-        middle = None if job.profiles[number] is None else middle_of(motion, number)
-        if middle is None:
-            continue
-        own = [msgspec.structs.replace(_later(one, middle), window=number) for one in _requested_jogs([request])]
-        if all(_stands_still(motion, jog) for jog in own):
-            found += own
-            names = {jog.axis for jog in own}
-            served |= {k for k in job.windows[number].members if job.turning_points[k].axis in names}
-    return found, served
-
-
-def _stands_still(motion: MotionLaw, jog: Jog) -> bool:
-    """Return whether the path rests during a jog and the least dwells around it."""
-    around = np.array([jog.start - NEARLY * DWELL, jog.end + NEARLY * DWELL])
-    s, feed = motion.place_and_feed(around)
-    return bool(np.all(feed == 0.0) and abs(s[1] - s[0]) <= SAME_PLACE)
-
-
-def _add_stop(holds: dict[int, float], at_stops: list[tuple[int, Jog]], stop: int, jog: Jog) -> None:
-    """Add a jog to what is done at a stop, behind what is there, with a dwell on either side."""
-    start = holds.get(stop, DWELL)
-    at_stops.append((stop, _later(jog, start)))
-    holds[stop] = start + jog.duration + DWELL
-
-
-def _jogs_at_start(
-    job: Job, shifted: Sequence[str], holds: dict[int, float], at_stops: list[tuple[int, Jog]]
-) -> tuple[dict[str, float], list[Jog]]:
-    """Offsets of the first row, and the approach, from there onto the offset of the first motion."""
-    bias: dict[str, float] = {}
-    seats: list[Jog] = []
-    feed = min(APPROACH_FEED, job.track.path.feed)
-    for name in shifted:
-        axis, direction = job.machine.axes[name], first_direction(job, name)
-        half = 0.5 * axis.gap.lost_motion
-        bias[name] = direction * half
-        if direction == 0 or job.moving:
-            continue
-        way = -1 if name == "Z" else direction
-        if way != direction:
-            bias[name] = way * half
-            _add_stop(holds, at_stops, 0, whole_jog(axis, direction, 0.0))
-        distance = approach_distance(axis.gap)
-        bias[name] -= way * distance
-        seats.append(make_jog(axis, way * distance, 0.0, feed))
-    return bias, seats
-
-
-def _later(jog: Jog, delay: float) -> Jog:
-    return msgspec.structs.replace(jog, start=jog.start + delay)

@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
-from ph_post.compensate.layout import Job, lay_out, lay_out_jogs, without_axes
+from ph_post.compensate.layout import Job, lay_out, without_axes
 from ph_post.compensate.motion import FeedAlong, MotionLaw
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
@@ -390,7 +390,6 @@ class Planner:
             *result.warnings,
             *fitted.warnings,
         ]
-        written = options.carrier == "program"
         phases = fitted.valid.motion.phases()
         if self._planned is not None:
             phases = smooth_ramps(phases, self._breaks_limits)
@@ -404,9 +403,10 @@ class Planner:
             phases=phases,
             moving=self.moving,
             lead=self.lead,
+            written=options.carrier == "program",
             shifted=result.shifted,
         )
-        layout = lay_out_jogs(job) if written else lay_out(job)
+        layout = lay_out(job)
         if layout.dropped:
             return self.plan(name, without_axes(result, layout.dropped))
         warnings += plan_warnings.offset_warnings(self.machine, layout)
