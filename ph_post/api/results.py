@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import command_of
-from ph_post.compensate.plan import cycle_time
 from ph_post.edit.edits import Edits
 from ph_post.gcode.program import AXES, PartProgram
 from ph_post.progress import Progress, no_progress

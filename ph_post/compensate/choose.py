@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from ph_post.compensate.families import DesignFamily, ReversalCase, shortest_crossing, whole_crossing
+from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, shortest_crossing, whole_crossing
 from ph_post.compensate.layout import reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import FLOOR, DesignBounds, DesignSearch, TriedDesign
@@ -108,7 +108,7 @@ class _Chooser:
 
     def __init__(self, task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> None:
         self.task, self.choice, self.offsets, self.lead = task, choice, offsets, lead
-        self.written = task.options.carrier == "program"
+        self.written = task.options.writes_program
         self.track, self.period = task.analysis.track, task.machine.servo_period
         self.nominal = Nominal(self.track)
         self.sized = task.sized
@@ -138,11 +138,6 @@ class _Chooser:
         ]
         return max(times, default=0.0)
 
-    def _lasting(self) -> tuple[str, ...]:
-        """Axes that turn back anywhere and that a program can give a lasting offset."""
-        axes = reversing_axes(self.sized, self.task.turning_points)
-        return tuple(sorted({axis.name for axis, _ in axes if may_shift(axis)}))
-
     def propose(self) -> StrategyResult:
         """Search window by window, and share the time out where it does most."""
         found = list(map(self._candidates, self.places, self.reversing))
@@ -161,6 +156,7 @@ class _Chooser:
             proven=True,
             shorter=lambda less: self._proposal(found, less),
             shifted=self._behind(),
+            crosses_by=BARE.name,
         )
 
     def _behind(self) -> tuple[str, ...]:
@@ -168,7 +164,8 @@ class _Chooser:
         if not self.offsets:
             return ()
         if self.written:
-            return self._lasting()
+            axes = reversing_axes(self.sized, self.task.turning_points)
+            return tuple(sorted({axis.name for axis, _ in axes if may_shift(axis)}))
         drives = [self.sized.axes[name] for name in self.task.path.axes]
         if self.task.options.start == "moving":
             # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.

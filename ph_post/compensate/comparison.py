@@ -12,12 +12,12 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.compensate.motion import MotionLaw, place_and_feed
+from ph_post.compensate.motion import MotionLaw, cycle_time, place_and_feed
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import cycle_time, make_plan
-from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_traits, strategy_names
-from ph_post.compensate.violations import Violation, at_rest_before_and_after, check_command, differences
+from ph_post.compensate.plan import make_plan
+from ph_post.compensate.strategies.registry import PLAIN, find_traits, strategy_names
+from ph_post.compensate.violations import Violation, at_rest_around, check_command, differences
 from ph_post.errors import PhPostError
 from ph_post.geometry.numeric import runs
 from ph_post.geometry.track import Track
@@ -67,8 +67,7 @@ def cost_of(plan: Plan, command: Command, track: Track) -> MotionCost:
 
 def peak_acceleration(command: Command) -> float:
     """Largest second difference of all axes over the period's square [m/s²]."""
-    before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
-    position = at_rest_before_and_after(command.position, before, after)
+    position = at_rest_around(command, command.position)
     return float(np.abs(differences(position, 2, command.period)).max(initial=0.0))
 
 
@@ -254,17 +253,12 @@ def crossings_at(plan: Plan, point: TurningPoint) -> tuple[Crossing | Jog, ...]:
 
 
 def strategy_at(plan: Plan, point: TurningPoint) -> str:
-    """Name what a plan does at a turning point: the plan's strategy, or what that chose there.
-
-    Where only the gap is crossed and the feed is left alone that is `takeup`, of a strategy that chooses.
-    """
+    """Name what a plan does at a turning point: the plan's strategy, or what that chose there."""
     number = window_number(plan, point)
     profile = None if number is None else plan.profiles[number]
     if profile is not None:
         return profile.strategy or plan.strategy
-    if not crossings_at(plan, point):
-        return PLAIN
-    return TAKE_UP if find_traits(plan.strategy).chooses else plan.strategy
+    return plan.crosses_by or plan.strategy if crossings_at(plan, point) else PLAIN
 
 
 def chosen_at(plan: Plan) -> dict[str, list[int]]:

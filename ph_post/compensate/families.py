@@ -51,6 +51,11 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     lead: bool
     crosses: bool = True
 
+    @property
+    def inside_loop(self) -> bool:
+        """True where the gap of an axis that turns back lies inside its loop."""
+        return any(axis.loop.encloses_backlash for axis, _ in self.reversing)
+
 
 class DesignFamily(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One family: `make` builds a design from `low` <= x <= `high`.

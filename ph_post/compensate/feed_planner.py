@@ -14,8 +14,8 @@ import numpy as np
 
 from ph_post.compensate import shapes
 from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve
-from ph_post.compensate.motion import FeedAlong, MotionLaw
-from ph_post.compensate.nominal import Schedule, add_plateaus, first_nodes, plan_feed
+from ph_post.compensate.motion import STEADY, FeedAlong, MotionLaw
+from ph_post.compensate.nominal import SAME_PLACE, Schedule, add_plateaus, first_nodes, plan_feed
 from ph_post.compensate.shapes import soften
 from ph_post.compensate.strategies.base import ProfileRequest
 from ph_post.compensate.violations import ViolationSpans, find_violations, rounding
@@ -25,14 +25,8 @@ from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, Machine, Phase, ProfileShape, Window, frozen
 from ph_post.units import MM, MS
 
-STEADY = 0.95
-"""Part of the feed at the turning point that the plain plan must keep all over a site."""
-
 SLOWEST = 0.5
-"""Likewise where a site would otherwise be too short for the backlash interval."""
-
-SAME_PLACE = 1e-12
-"""Lengths of path below this [m] are none."""
+"""The same where a site would otherwise be too short for the backlash interval."""
 
 
 class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -19,7 +19,7 @@ from ph_post.compensate.families import shortest_crossing, whole_crossing
 from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, make_jog, whole_jog
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
-from ph_post.compensate.trial import SAME_PLACE, came_from
+from ph_post.compensate.trial import SAME_TURN, came_from
 from ph_post.drive.axes import axis_at
 from ph_post.geometry.numeric import bisect
 from ph_post.geometry.track import Track
@@ -198,7 +198,7 @@ def _stands_still(motion: MotionLaw, jog: Crossing | Jog) -> bool:
     """Return whether the path rests during a jog and the least dwells around it."""
     around = np.array([jog.start - NEARLY * DWELL, jog.end + NEARLY * DWELL])
     s, feed = motion.place_and_feed(around)
-    return bool(np.all(feed == 0.0) and abs(s[1] - s[0]) <= SAME_PLACE)
+    return bool(np.all(feed == 0.0) and abs(s[1] - s[0]) <= SAME_TURN)
 
 
 def middle_of(motion: MotionLaw, window: int) -> float | None:
@@ -218,13 +218,13 @@ def middle_of(motion: MotionLaw, window: int) -> float | None:
 
 def at_an_end(job: Job, point: TurningPoint) -> bool:
     """Return whether the path begins or ends at a turning point."""
-    return point.s <= SAME_PLACE or point.s >= job.length - SAME_PLACE
+    return point.s <= SAME_TURN or point.s >= job.length - SAME_TURN
 
 
 def rest_at(phases: Sequence[Phase], s: float) -> int | None:
     """Index of the phase that starts from rest at `s`, None where the motion runs through."""
     for number, phase in enumerate(phases):
-        if number and abs(phase.s - s) <= SAME_PLACE and phase.speed[0] == 0.0:
+        if number and abs(phase.s - s) <= SAME_TURN and phase.speed[0] == 0.0:
             return number
     return None
 
@@ -279,7 +279,7 @@ def first_direction(job: Job, name: str) -> int:
     """Direction of the first motion of an axis; 0 where it does not move at all."""
     for point in job.turning_points:
         if point.axis == name:
-            return -came_from(point) if point.s <= SAME_PLACE else came_from(point)
+            return -came_from(point) if point.s <= SAME_TURN else came_from(point)
     number = job.track.path.axes.index(name)
     s = np.linspace(0.0, job.length, 129)
     place = job.track.derivatives(*job.track.locate(s))[0][:, number]

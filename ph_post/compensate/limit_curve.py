@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from ph_post.geometry import frenet
-from ph_post.geometry.joints import SHARP_CORNER_RAD, Joints, find_joints
+from ph_post.geometry.joints import SHARP_CORNER_RAD, find_joints
 from ph_post.geometry.numeric import largest, norm, smallest
 from ph_post.geometry.track import Track
 from ph_post.types import Array, BoolArray, IntArray, Machine, frozen
@@ -68,7 +68,8 @@ def build_grid(track: Track, fastest: Array, cap: Callable[[IntArray, Array], Ar
     """
     look = _Look(track, fastest, cap)
     points = [look.at(*_first_points(track))]
-    cells = _first_cells(points[0])
+    inner = np.flatnonzero(points[0].piece[1:] == points[0].piece[:-1])
+    cells = _Cells(points[0].take(inner), points[0].take(inner + 1))
     for _ in range(_ROUNDS):
         if not cells.low.piece.size:
             break
@@ -124,11 +125,6 @@ def _first_points(track: Track) -> tuple[IntArray, Array]:
     piece = np.repeat(np.arange(counts.size), counts)
     first = np.cumsum(counts) - counts
     return piece, (np.arange(piece.size) - first[piece]) / (counts[piece] - 1.0)
-
-
-def _first_cells(points: _Points) -> _Cells:
-    inner = np.flatnonzero(points.piece[1:] == points.piece[:-1])
-    return _Cells(points.take(inner), points.take(inner + 1))
 
 
 def _alike(a: _Points, b: _Points) -> BoolArray:
@@ -334,14 +330,14 @@ def _joint_room(track: Track, limits: AxisLimits, piece: IntArray, feed: Array) 
     room_a = np.tile(limits.acceleration, (piece.size, 1))
     room_j = np.tile(limits.jerk, (piece.size, 1))
     joints = find_joints(track)
-    passed = np.flatnonzero(_passed(joints))
+    # Run through are joints but for corners, the seam, and infinite curvature.
+    smooth = (joints.angle <= SHARP_CORNER_RAD) & np.all(np.isfinite(joints.curvature_jump), axis=1)
+    passed = np.flatnonzero(smooth & (joints.after != 0))
     if not passed.size:
         return cap, room_a, room_j
     jump, kink = np.abs(joints.curvature_jump[passed]), np.abs(joints.tangent_jump[passed])
-    first, last = (
-        np.searchsorted(piece, joints.after[passed]),
-        np.searchsorted(piece, joints.after[passed]) - 1,
-    )
+    first = np.searchsorted(piece, joints.after[passed])
+    last = first - 1
     v = _jump_cap(jump, kink, limits)
     at = np.minimum(v, np.maximum(feed[first], feed[last]))[:, None]
     less_a = at * kink / limits.period
@@ -352,13 +348,6 @@ def _joint_room(track: Track, limits: AxisLimits, piece: IntArray, feed: Array) 
         room_j[index] -= less_j
     # A piece of one cell has a joint at either end, but each at a point of its own: nothing is taken twice.
     return cap, room_a, room_j
-
-
-def _passed(joints: Joints) -> BoolArray:
-    """Return which joints are run through: not corners, not the seam, not infinite curvature."""
-    smooth = (joints.angle <= SHARP_CORNER_RAD) & np.all(np.isfinite(joints.curvature_jump), axis=1)
-    passed: BoolArray = smooth & (joints.after != 0)
-    return passed
 
 
 def _jump_cap(jump: Array, kink: Array, limits: AxisLimits) -> Array:

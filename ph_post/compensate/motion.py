@@ -21,6 +21,10 @@ _WHOLE = 1e-9
 """A duration this part of a period short of a whole number of periods counts as whole."""
 
 
+STEADY = 0.95
+"""Part of the feed at a place down to which the feed around it counts as the same."""
+
+
 class MotionLaw:
     """Arc length and speed as functions of time.
 
@@ -246,3 +250,8 @@ def sample(plan: Plan, track: Track, period: float) -> Command:
 def place_and_feed(phases: Sequence[Phase], t: Array) -> tuple[Array, Array]:
     """Arc length [m] and feed [m/s] of a plan's phases at any instants `t` [s]."""
     return MotionLaw.from_phases(phases).place_and_feed(t)
+
+
+def cycle_time(phases: Sequence[Phase]) -> float:
+    """Duration of phases that follow each other [s]."""
+    return phases[-1].start + phases[-1].duration if phases else 0.0

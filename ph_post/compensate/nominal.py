@@ -32,7 +32,7 @@ _SHORT = 2
 """Cells of the grid in a span that is too short for nodes inside to help."""
 
 SAME_PLACE = 1e-12
-"""Stops nearer to each other along the path than this [m] are one."""
+"""Stops nearer to each other along the path than this [m] are one, and shorter lengths none."""
 
 
 class Nodes(msgspec.Struct, frozen=True, kw_only=True, eq=False):

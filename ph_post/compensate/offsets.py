@@ -26,7 +26,7 @@ import numpy as np
 
 from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import MotionLaw, sample
-from ph_post.compensate.violations import at_rest_before_and_after, rounding, usage
+from ph_post.compensate.violations import at_rest_around, command_noise, usage
 from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.geometry.track import Track
 from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Gap, Jog, Machine, Plan, Servo, frozen
@@ -355,17 +355,15 @@ def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> 
 def _broken(command: Command, machine: Machine, offset: Array) -> BoolArray:
     """Return which samples take part in a difference that breaks a limit."""
     position = command.position + offset
-    before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
-    padded = at_rest_before_and_after(position, before, after)
+    padded = at_rest_around(command, position)
     limits = axis_limits(command.axes, machine, command.period)
-    speed = float(np.abs(command.feed).max())
-    noise = rounding(float(np.abs(position).max()), float(command.s.max()), float(command.t[-1]), speed)
+    noise = command_noise(command, position)
     found = np.zeros(len(padded), dtype=np.bool_)
     for order in (1, 2, 3):
         rows = np.flatnonzero((usage(padded, limits, order, noise) > 1.0).any(axis=1))
         for shift in range(order + 1):
             found[rows + shift] = True
-    first = 3 if before else 0
+    first = 3 if command.feed[0] == 0.0 else 0
     return np.asarray(found[first : first + len(position)])
 
 

@@ -58,6 +58,11 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     effort: float = 1.0
 
     @property
+    def writes_program(self) -> bool:
+        """True where the plan becomes a part program, not an interpolator table."""
+        return self.carrier == "program"
+
+    @property
     def chosen_by_user(self) -> bool:
         """True where the depth of the profiles is the user's own."""
         return self.ratio is not None or self.coefficients is not None

@@ -12,7 +12,7 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
 from ph_post.compensate.layout import Job, lay_out, without_axes
-from ph_post.compensate.motion import FeedAlong, MotionLaw
+from ph_post.compensate.motion import FeedAlong, MotionLaw, cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
 from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, reported_ratio, soften
@@ -213,11 +213,6 @@ LEAD_SHARE = 0.3
 __all__ = ["PlanOptions", "cycle_time", "make_plan"]
 
 
-def cycle_time(phases: Sequence[Phase]) -> float:
-    """Duration of phases that follow each other [s]."""
-    return phases[-1].start + phases[-1].duration if phases else 0.0
-
-
 def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_progress) -> Plan:
     """Plan the feed along a path.
 
@@ -288,7 +283,7 @@ class Planner:
     ) -> None:
         self.analysis, self.machine, self.options = analysis, machine, options
         self.moving = options.start == "moving"
-        self.lead = options.inverse_dynamics and not options.feed_only and options.carrier == "table"
+        self.lead = options.inverse_dynamics and not options.feed_only and not options.writes_program
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
@@ -403,7 +398,7 @@ class Planner:
             phases=phases,
             moving=self.moving,
             lead=self.lead,
-            written=options.carrier == "program",
+            written=options.writes_program,
             shifted=result.shifted,
         )
         layout = lay_out(job)
@@ -421,6 +416,7 @@ class Planner:
             nominal=self.before.motion.phases(),
             phases=layout.phases,
             crossings=layout.crossings,
+            crosses_by=result.crosses_by,
             bias=layout.bias,
             inverse_dynamics=self.lead,
             flanks=flanks_before(analysis) if feed_planner.looped else {},

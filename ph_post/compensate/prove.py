@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.layout import without_axes
+from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import approach_time, command_of
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
@@ -84,7 +85,7 @@ def _in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan
         part *= 0.97 * (planner.longest - plain) / (end - plain)
         result = result.shorter(part)
         plan = planner.plan(plan.strategy, result)
-    if planner.options.carrier == "program" and result.shifted and _takes_too_long(plan, planner):
+    if planner.options.writes_program and result.shifted and _takes_too_long(plan, planner):
         # What jogs take at stops of the path is no matter of designs.
         return _without_stops(plan, result, planner)
     return plan, result
@@ -110,8 +111,7 @@ def _takes_too_long(plan: Plan, planner: Planner) -> bool:
 
 def _ends(plan: Plan) -> tuple[float, float]:
     """Durations of a plan and of the plain one [s], without the approach."""
-    end, plain = (phases[-1].start + phases[-1].duration for phases in (plan.phases, plan.nominal))
-    return end - approach_time(plan), plain
+    return cycle_time(plan.phases) - approach_time(plan), cycle_time(plan.nominal)
 
 
 def _without(request: ProfileRequest, machine: Machine) -> ProfileRequest:

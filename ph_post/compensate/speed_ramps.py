@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import peaks, smoothstep
 from ph_post.types import Array, Limits, Machine, Phase, frozen
 
@@ -112,15 +113,18 @@ def _with_ramps(phases: Sequence[Phase], ramps: Sequence[tuple[int, int]]) -> tu
     found: list[Phase] = []
     done = 0
     for first, behind in ramps:
-        found += [*phases[done:first], _joined(phases[first:behind])]
+        ramp = phases[first:behind]
+        v0, v1 = float(ramp[0].speed[0]), float(ramp[-1].speed[-1])
+        duration = math.fsum(phase.duration for phase in ramp)
+        smooth = frozen(v0 + (v1 - v0) * smoothstep(ORDER)[0])
+        found += [*phases[done:first], Phase(start=ramp[0].start, duration=duration, s=ramp[0].s, speed=smooth)]
         done = behind
     return (*found, *phases[done:])
 
 
 def _holds(phases: Sequence[Phase], ramp: tuple[int, int], instants: Sequence[float]) -> bool:
     """Return whether one of the instants lies in a ramp, or within its length beside it."""
-    start, last = phases[ramp[0]].start, phases[ramp[1] - 1]
-    end = last.start + last.duration
+    start, end = phases[ramp[0]].start, cycle_time(phases[: ramp[1]])
     near = end - start
     return any(start - near <= t <= end + near for t in instants)
 
@@ -152,16 +156,6 @@ def _is_symmetric(ramp: Sequence[Phase]) -> bool:
     way = math.fsum(phase.duration * float(phase.speed.mean()) for phase in ramp)
     mean = 0.5 * float(ramp[0].speed[0] + ramp[-1].speed[-1])
     return abs(way - mean * time) <= FLAT * mean * time
-
-
-def _joined(ramp: Sequence[Phase]) -> Phase:
-    v0, v1 = float(ramp[0].speed[0]), float(ramp[-1].speed[-1])
-    return Phase(
-        start=ramp[0].start,
-        duration=math.fsum(phase.duration for phase in ramp),
-        s=ramp[0].s,
-        speed=frozen(v0 + (v1 - v0) * smoothstep(ORDER)[0]),
-    )
 
 
 _ROOT_STEPS = 60
@@ -287,18 +281,14 @@ def state_on_ramp(v0: Array, v1: Array, x: Array, a: Array, j: Array) -> tuple[A
     length = ramp_distance(v0, v1, a, j)
     x_low = t1 * (v0 + dv / 3.0)
     x_high = length - t1 * (v1 - dv / 3.0)
-    t_low = np.minimum(_time_from_low(v0, np.minimum(x, x_low), j), t1)
+    # From the lower end v t + j t³ / 6 = x.
+    t_low = np.minimum(_cubic_root(6.0 * v0 / j, 6.0 * np.maximum(np.minimum(x, x_low), 0.0) / j), t1)
     t_high = np.minimum(_time_to_high(v1, length - np.maximum(x, x_high), j), t1)
     between = np.sqrt((v0 + dv) ** 2 + 2.0 * a * np.clip(x - x_low, 0.0, None))
     early, late = x <= x_low, x >= x_high
     speed = np.where(early, v0 + 0.5 * j * t_low**2, np.where(late, v1 - 0.5 * j * t_high**2, between))
     acceleration = np.where(early, j * t_low, np.where(late, j * t_high, a))
     return np.clip(speed, v0, v1), acceleration
-
-
-def _time_from_low(v: Array, x: Array, j: Array) -> Array:
-    """Solve v t + j t³ / 6 = x for t >= 0."""
-    return _cubic_root(6.0 * v / j, 6.0 * np.maximum(x, 0.0) / j)
 
 
 def _time_to_high(v: Array, y: Array, j: Array) -> Array:

@@ -18,7 +18,7 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import profile as profiles
 from ph_post.compensate import shapes
 from ph_post.compensate.limit_curve import axis_limits
-from ph_post.compensate.motion import FeedAlong
+from ph_post.compensate.motion import STEADY, FeedAlong
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
 from ph_post.compensate.violations import asked_of_motor, usage
 from ph_post.drive.effects.active import plant_of
@@ -40,14 +40,11 @@ from ph_post.types import (
     frozen,
 )
 
-STEADY = 0.95
-"""Part of the feed at the turning point that counts as the same feed."""
-
 REACH = 5.0
 """Time on either side that is looked at, at the feed of the place [s]."""
 
-SAME_PLACE = 1e-9
-"""Places along the path less than this [m] apart are one."""
+SAME_TURN = 1e-9
+"""Reversals and stops less than this [m] apart along the path are at one place."""
 
 SIDEWAYS = 1e-9
 """An axis whose part of the tangent is less than this does not move at a place."""
@@ -85,15 +82,9 @@ def find_surroundings(analysis: Analysis, feed: FeedAlong, looped: bool) -> tupl
         flanks = {name: _flank(analysis, window, k) for k, name in enumerate(analysis.path.axes)}
         room = min(*sides, half)
         cruise = feed.lowest(window.s, room)
-        around = Surroundings(
-            s=window.s,
-            cruise=cruise,
-            room=room,
-            before=sides[0],
-            behind=sides[1],
-            flanks=flanks,
+        found.append(
+            Surroundings(s=window.s, cruise=cruise, room=room, before=sides[0], behind=sides[1], flanks=flanks)
         )
-        found.append(around)
     return tuple(found)
 
 
@@ -112,7 +103,7 @@ def half_distances(places: Sequence[float], length: float, looped: bool) -> list
 def flanks_before(analysis: Analysis) -> dict[str, int]:
     """Side on which each axis was pushed before the beginning of a path that is run as a loop."""
     names = analysis.path.axes
-    seam = {point.axis: point for point in analysis.turning_points if point.s <= SAME_PLACE}
+    seam = {point.axis: point for point in analysis.turning_points if point.s <= SAME_TURN}
     return {
         name: came_from(seam[name]) if name in seam else direction_at(analysis.track, 0.0, number)
         for number, name in enumerate(names)
@@ -210,7 +201,8 @@ class Trial:
         self.machine, self.scenarios, self.sized = machine, tuple(scenarios), sized
         self.axes, self.period = track.path.axes, machine.servo_period
         self.limits = axis_limits(self.axes, machine, self.period)
-        self.constant = max(_time_constant(machine, name) for name in self.axes)
+        servos = [machine.axes[name].servo for name in self.axes]
+        self.constant = max(2.0 * one.b / one.c if one.c else 0.0 for one in servos)
         self._plants = [[plant_of(machine.axes[name], one) for name in self.axes] for one in self.scenarios]
 
     @property
@@ -266,7 +258,15 @@ class Trial:
         crossings = [msgspec.structs.replace(one, start=one.start + middle) for one in design.crossings]
         if not crossings and not design.lead:
             return lead, plain, speed
-        bias = {name: self._bias(name) for name in self.axes} if crossings else {}
+        bias: dict[str, float] = {}
+        if crossings:
+            axes = ((name, self.sized.axes[name]) for name in self.axes)
+            # The lasting offset of each axis before the turning point.
+            bias = {
+                name: 0.5 * axis.gap.lost_motion * self.place.flanks[name]
+                for name, axis in axes
+                if not axis.loop.encloses_backlash
+            }
         offset = Offsets(crossings=tuple(crossings), bias=bias, lead=design.lead, fade=False)
         return lead, add_offsets(plain, speed, acceleration, self.machine, offset), speed
 
@@ -289,11 +289,6 @@ class Trial:
         """Duration of lead or tail [s], as long as wanted where the path has room for it."""
         wanted = max(constants * self.constant, LEAST * self.period)
         return max(min(wanted, room / self.place.cruise), 0.0)
-
-    def _bias(self, name: str) -> float:
-        """Lasting offset of an axis before the turning point [m]."""
-        axis = self.sized.axes[name]
-        return 0.0 if axis.loop.encloses_backlash else 0.5 * axis.gap.lost_motion * self.place.flanks[name]
 
     def _error(self, traces: Sequence[AxisCommand], velocity: Array, s: Array, plants: Sequence[Plant]) -> Array:
         """Signed contour error with the plants of one scenario, shape (n,) [m]."""
@@ -329,8 +324,3 @@ class Trial:
                 asked = asked_of_motor(command, axis, number)
                 parts.append(float(asked.max()) / axis.limits.motor_acceleration)
         return max(parts)
-
-
-def _time_constant(machine: Machine, name: str) -> float:
-    servo = machine.axes[name].servo
-    return 2.0 * servo.b / servo.c if servo.c else 0.0

@@ -73,6 +73,17 @@ def at_rest_before_and_after(position: Array, before: bool, after: bool) -> Arra
     return padded
 
 
+def at_rest_around(command: Command, position: Array) -> Array:
+    """Add the rests of a command, where its feed begins or ends with zero, to positions of its rows [m]."""
+    return at_rest_before_and_after(position, bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0))
+
+
+def command_noise(command: Command, position: Array) -> float:
+    """Bound of the rounding error of positions (n, dim) [m] of a command's rows [m], see :func:`rounding`."""
+    extent, speed = float(np.abs(position).max()), float(np.abs(command.feed).max())
+    return rounding(extent, float(command.s.max()), float(command.t[-1]), speed)
+
+
 def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
     """Find every stretch on which the samples of `command` break a limit of the machine.
 
@@ -85,12 +96,10 @@ def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
     tuple of Violation
         Ordered by axis, quantity and time; empty where all is well. Rounding is allowed for, nothing else.
     """
-    before, after = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
-    position = at_rest_before_and_after(command.position, before, after)
+    position = at_rest_around(command, command.position)
     plain = command.position if command.jogged is None else command.position - command.jogged
-    smooth = at_rest_before_and_after(plain, before, after)
-    extent, speed = float(np.abs(command.position).max()), float(np.abs(command.feed).max())
-    noise = rounding(extent, float(command.s.max()), float(command.t[-1]), speed)
+    smooth = at_rest_around(command, plain)
+    noise = command_noise(command, command.position)
     found: list[Violation] = []
     for number, axis in enumerate(command.axes):
         limits = axis_limits((axis,), machine, command.period)
@@ -100,7 +109,7 @@ def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
             broken = usage(own, limits, order, noise)[:, 0] > 1.0
             for run in runs(np.flatnonzero(broken)):
                 worst = int(run[np.argmax(value[run])])
-                row = min(max(worst - (3 if before else 0), 0), command.t.size - 1)
+                row = min(max(worst - 3 * (command.feed[0] == 0.0), 0), command.t.size - 1)
                 found.append(_violation(command, row, axis, quantity, value[worst], limits.of_order(order)[0]))
         found += _motor_violations(command, machine.axes[axis], number)
     return tuple(found)

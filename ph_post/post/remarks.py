@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from ph_post.compensate.layout import rest_at
-from ph_post.compensate.plan import cycle_time
+from ph_post.compensate.motion import cycle_time
 from ph_post.dialects.base import Dialect
 from ph_post.gcode.blocks import Moves
 from ph_post.post.feeds import FOLLOWS

@@ -11,7 +11,7 @@ import msgspec
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import chosen_at, crossings_at, strategy_at
-from ph_post.compensate.plan import cycle_time
+from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds

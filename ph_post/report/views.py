@@ -15,7 +15,7 @@ from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import crossings_at, strategy_at, window_number
-from ph_post.compensate.plan import cycle_time
+from ph_post.compensate.motion import cycle_time
 from ph_post.quantities import millimetres
 from ph_post.types import (
     Axis,

@@ -91,8 +91,10 @@ def simulate_turning_point(
     commanded = position(grid)
     executed = _follow(axis.servo, grid, commanded, np.stack([commanded[0], speed]))
     x_i = executed[grid == 0.0, 0]
-    duration = _duration(axis, position, float(x_i[0]), lead)
-    pickup = float(grid[np.searchsorted(grid, duration)])
+    interval, why = modulated_interval(axis, lambda t: position(t)[:, 0], float(x_i[0]), lead)
+    if interval is None:
+        raise SolveError(why)
+    pickup = float(grid[np.searchsorted(grid, interval.duration)])
     if pickup > 0.0:
         executed[(grid > 0.0) & (grid < pickup), 0] = x_i
         after = grid >= pickup
@@ -102,16 +104,9 @@ def simulate_turning_point(
         t=frozen(grid),
         commanded=frozen(commanded),
         executed=frozen(executed),
-        duration=duration,
+        duration=interval.duration,
         pickup=pickup,
     )
-
-
-def _duration(axis: Axis, position: Callable[[Array], Array], x_i: float, horizon: float) -> float:
-    interval, why = modulated_interval(axis, lambda t: position(t)[:, 0], x_i, horizon)
-    if interval is None:
-        raise SolveError(why)
-    return interval.duration
 
 
 def _follow(servo: Servo, t: Array, command: Array, start: Array) -> Array:

@@ -41,7 +41,7 @@ def modes_of(plant: Plant, period: float) -> kernel.ModeTables:
         moving=automaton.moving,
         static=static,
         scale=plant.stribeck_speed,
-        waves=frozen(np.reshape([_wave(*one) for one in plant.cogging], (-1, 3))),
+        waves=frozen(np.reshape([(size, math.tau / wave, phase) for size, wave, phase in plant.cogging], (-1, 3))),
         gap=frozen(() if plant.widening is None else (plant.gap, *astuple(plant.widening))),
         holds=_holds(plant),
         contacts=automaton.contacts,
@@ -63,10 +63,6 @@ def level_for(plant: Plant, command: Array) -> int:
     shortest = min(period for _, period, _ in plant.cogging)
     turn = 2.0 * math.pi * float(np.abs(np.diff(command)).max()) / shortest
     return min(max(math.ceil(math.log2(max(turn, TURN) / TURN)), 0), kernel.FINE)
-
-
-def _wave(amplitude: float, period: float, phase: float) -> tuple[float, float, float]:
-    return amplitude, 2.0 * math.pi / period, phase
 
 
 def _holds(plant: Plant) -> int:

@@ -141,7 +141,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `nominal` are the phases without any profile, for comparison. `profiles` holds one entry a window,
     None where nothing is modulated there. `crossings` are the path modifications, in the order of time, jogs
-    where the plan becomes a part program; `bias` [m] is by axis the lasting offset with which the motion
+    where the plan becomes a part program, made by the strategy `crosses_by` where no profile names one, or else
+    by `strategy`; `bias` [m] is by axis the lasting offset with which the motion
     begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind. `flanks`
     has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed
     path; empty for others.
@@ -157,6 +158,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     nominal: tuple[Phase, ...]
     phases: tuple[Phase, ...]
     crossings: tuple[Crossing | Jog, ...] = ()
+    crosses_by: str = ""
     bias: Mapping[str, float] = {}
     inverse_dynamics: bool = False
     flanks: Mapping[str, int] = {}

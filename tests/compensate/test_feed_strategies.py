@@ -16,9 +16,9 @@ from support.plans import make_plan as plan_by_hand
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.cli.main import cli
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.motion import place_and_feed, sample
+from ph_post.compensate.motion import cycle_time, place_and_feed, sample
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.dialects.registry import find_dialect

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.motions import MM, assert_continuous, circle, look, make_machine, make_path, worst_use
 
-from ph_post.compensate.motion import place_and_feed, sample
+from ph_post.compensate.motion import cycle_time, place_and_feed, sample
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.plan import make_plan
 from ph_post.compensate.violations import check_command
 from ph_post.geometry.curves import Arc, Bezier, Line, Polynomial
 from ph_post.geometry.nurbs import Nurbs

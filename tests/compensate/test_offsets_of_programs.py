@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.compensate.comparison import before_and_after, plain
-from ph_post.compensate.motion import MotionLaw
+from ph_post.compensate.motion import MotionLaw, cycle_time
 from ph_post.compensate.offsets import DWELL, command_of, jog_travel, make_jog
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.plan import make_plan
 from ph_post.compensate.violations import check_command
 from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.motions import circle, look, make_machine, make_path
 
-from ph_post.compensate.motion import MotionLaw, place_and_feed, sample
+from ph_post.compensate.motion import MotionLaw, cycle_time, place_and_feed, sample
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.plan import make_plan
 from ph_post.geometry.curves import Bezier, Line
 from ph_post.geometry.ph import PH
 from ph_post.types import Command, Phase, Plan, frozen

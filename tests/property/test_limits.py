@@ -7,9 +7,9 @@ import pytest
 from support.motions import KINDS, assert_continuous, look, make_machine, make_path, random_curves, worst_use
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.motion import sample
+from ph_post.compensate.motion import cycle_time, sample
 from ph_post.compensate.options import PlanOptions
-from ph_post.compensate.plan import cycle_time, make_plan
+from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command, rounding
 from ph_post.geometry.track import Track

@@ -37,7 +37,7 @@ class Automatic:
         options = task.options
         if options.feed_only:
             return choose(task, _feed_families, offsets=False, lead=False)
-        if options.carrier == "table":
+        if not options.writes_program:
             return choose(task, _families, offsets=True, lead=options.inverse_dynamics)
         result = choose(task, _written_families, offsets=True, lead=False)
         # Without a stop at every reversal there is no lasting offset, and the feed may be modulated instead.
@@ -48,10 +48,8 @@ class Automatic:
 
 def _families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Crossings first; a stop alone helps only inside a loop."""
-    lowest = BACKWARDS if task.options.allow_retrograde else 0.0
     crossing = crossing_families(task, case)
-    inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
-    return (*crossing, PLATEAU, dips(SIMPLE, lowest)) if inside else crossing
+    return (*crossing, PLATEAU, *_dips(task, SIMPLE)) if case.inside_loop else crossing
 
 
 def _written_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
@@ -61,8 +59,12 @@ def _written_families(task: PlanningTask, case: ReversalCase) -> Sequence[Design
 
 
 def _feed_families(task: PlanningTask, _case: ReversalCase) -> Sequence[DesignFamily]:
+    return (PLATEAU, *_dips(task, *DEGREES))
+
+
+def _dips(task: PlanningTask, *degrees: int) -> list[DesignFamily]:
     lowest = BACKWARDS if task.options.allow_retrograde else 0.0
-    return (PLATEAU, *(dips(degree, lowest) for degree in DEGREES))
+    return [dips(degree, lowest) for degree in degrees]
 
 
 STRATEGY = Automatic()

@@ -118,13 +118,15 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `proven` asks for a proof by simulation: changes that make any error larger than the plain program's are removed.
     `shorter` makes a result that takes about a part of the time that this one adds. `shifted` are axes that
     carry a lasting offset even if no request crosses their gap, as on a path whose turns are all corners; a part
-    program can only if the motion stops at each of their reversals.
+    program can only if the motion stops at each of their reversals. `crosses_by` names the strategy by which
+    crossings are made where no profile names one; by default it is the one that answers.
     """
 
     requests: tuple[ProfileRequest, ...]
     proven: bool = False
     shorter: Callable[[float], StrategyResult] | None = None
     shifted: tuple[str, ...] = ()
+    crosses_by: str = ""
     warnings: tuple[str, ...] = ()
 
 

@@ -9,7 +9,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.drive.axes import axis_at
 from ph_post.errors import InputError
-from ph_post.types import ProfileShape, TurningPoint, Window
+from ph_post.types import ProfileShape, Window
 
 DEGREE = 10
 """n of Eq. (26) by default, as in section 6."""
@@ -115,7 +115,8 @@ def _refuse_both(options: PlanOptions, degree: int) -> None:
 
 def _request(task: PlanningTask, window: Window, want: Callable[[Window, float], ProfileRequest]) -> ProfileRequest:
     members = [task.turning_points[index] for index in window.members]
-    if not any(_lost_motion(task, point) for point in members):
+    drives = (axis_at(task.machine.axes[point.axis], point.position) for point in members)
+    if not any(axis.gap.lost_motion for axis in drives):
         axes = " and ".join(sorted({point.axis for point in members}))
         return ProfileRequest(shape=None, note=f"no backlash on {axes}")
     durations = [found.duration for found in (task.intervals[p.index] for p in members) if found is not None]
@@ -124,10 +125,6 @@ def _request(task: PlanningTask, window: Window, want: Callable[[Window, float],
         why = next((task.notes[p.index] for p in members if task.notes[p.index]), "no backlash interval")
         return ProfileRequest(shape=None, note=why)
     return want(window, longest)
-
-
-def _lost_motion(task: PlanningTask, point: TurningPoint) -> float:
-    return axis_at(task.machine.axes[point.axis], point.position).gap.lost_motion
 
 
 def modulated_axes(task: PlanningTask, requests: tuple[ProfileRequest, ...]) -> list[str]:

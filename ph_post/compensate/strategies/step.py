@@ -47,15 +47,11 @@ class StepCompensation:
             requests=tuple(
                 ProfileRequest(
                     shape=None,
-                    crossings=tuple(_shift(axis, sign, order) for axis, sign in own if _fits(axis)),
+                    crossings=tuple(_shift(axis, sign, order) for axis, sign in own if axis.feedback in self.feedbacks),
                 )
                 for own in drives
             )
         )
-
-
-def _fits(axis: Axis) -> bool:
-    return axis.feedback in STRATEGY.feedbacks
 
 
 def _shift(axis: Axis, direction: int, order: int) -> Crossing:

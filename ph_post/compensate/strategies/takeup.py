@@ -30,7 +30,7 @@ class TakeUp:
         """Search for the crossing that is best in simulation at every turning point."""
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
         refuse_feed_only(task, self.name)
-        if task.options.carrier == "program":
+        if task.options.writes_program:
             return choose(task, jog_families, offsets=True, lead=False)
         return choose(task, crossing_families, offsets=True, lead=task.options.inverse_dynamics)
 
@@ -56,7 +56,7 @@ def refuse_offsets(task: PlanningTask, name: str) -> None:
         With --feed-only, and for a part program.
     """
     refuse_feed_only(task, name)
-    if task.options.carrier == "program":
+    if task.options.writes_program:
         raise InputError(
             "--strategy",
             f"{name} shifts single samples, which a part program cannot",
@@ -66,8 +66,7 @@ def refuse_offsets(task: PlanningTask, name: str) -> None:
 
 def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Return the families that cross the backlash; those that stop are left out where a least feed forbids it."""
-    inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
-    if not inside:
+    if not case.inside_loop:
         return (BARE, OFFSET)
     return () if task.options.min_feed else (CROSSING,)
 
@@ -76,8 +75,7 @@ def jog_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamil
     """Return the families that a part program can carry; all of them stop, which a least feed forbids."""
     if task.options.min_feed:
         return ()
-    inside = any(axis.loop.encloses_backlash for axis, _ in case.reversing)
-    if inside:
+    if case.inside_loop:
         return (PULSE,)
     return (JOG,) if any(may_shift(axis) for axis, _ in case.reversing) else ()
 

@@ -194,13 +194,9 @@ def _put_lines(legs: Legs, rows: BoolArray, start: Array, end: Array, limits: Ar
     whole = np.where(length > 0.0, length, 1.0)
     legs.origin[:], legs.length[:] = start, np.where(rows, length, 0.0)
     legs.first[:] = way / whole[:, None]
-    legs.most[:], legs.push[:] = (_reach(way, length, limits[:, k]) for k in range(2))
-
-
-def _reach(way: Array, length: Array, limit: Array) -> Array:
-    """Largest speed or acceleration along a straight way, shape (n,)."""
-    time = (np.abs(way) / limit).max(axis=1)
-    return np.asarray(length / np.where(time > 0.0, time, 1.0))
+    for column, limit in ((legs.most, limits[:, 0]), (legs.push, limits[:, 1])):
+        time = (np.abs(way) / limit).max(axis=1)
+        column[:] = length / np.where(time > 0.0, time, 1.0)
 
 
 def _put_arcs(legs: Legs, rows: IntArray, program: PartProgram, start: Array, end: Array, limits: Array) -> None:
@@ -369,18 +365,15 @@ def _run(legs: Array, table: Array, count: int, period: float) -> Rows:
         parts.append((part[0][:filled], part[1][:filled], part[2][:filled]))
     position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     behind = SMOOTHING.size - 1
-    return _smoothed(position), _padded(motion, 1, behind - 1), _padded(share, 1, behind - 1)
+    wide = _padded(position, behind, behind)
+    smooth = np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in wide.T], axis=1)
+    return smooth, _padded(motion, 1, behind - 1), _padded(share, 1, behind - 1)
 
 
 def _padded(values: AnyArray, before: int, behind: int) -> AnyArray:
     """Repeat the first and the last row."""
     width = [(before, behind)] + [(0, 0)] * (values.ndim - 1)
     return np.pad(values, width, mode="edge")
-
-
-def _smoothed(position: Array) -> Array:
-    wide = _padded(position, SMOOTHING.size - 1, SMOOTHING.size - 1)
-    return np.stack([np.convolve(column, SMOOTHING, mode="valid") for column in wide.T], axis=1)
 
 
 def _beginning(legs: Array, count: int) -> Array:
