@@ -8,11 +8,13 @@ that could fail. The stepped matrix is D = exp(A t) - 1, so that short steps los
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from ph_post.compiling import compiled, inner
+from ph_post.drive.automaton import STATES, WIDTH
 from ph_post.types import Array, IntArray
 
 LEVELS: Final = 30
@@ -36,14 +38,18 @@ BEND: Final = 4.0 / 27.0
 SETTLED: Final = 60
 """Most rounds in which the table is found behind a gap, as in :mod:`ph_post.drive.plant`."""
 
-STATES: Final = 5
-WIDTH: Final = 13
 PLAIN: Final = 8
 """States and inputs of an axis without forces and with one gap: its other inputs are 0."""
-_TABLE, _M, _W = 0, 2, 3
-_X, _X_DOT, _ONE, _G, _G_DOT, _Q, _Q_DOT, _HALF, _F, _F_DOT = 5, 6, 7, 8, 9, 10, 11, 12, 13, 14
-_ALL: Final = 15
-"""Behind state and inputs, F and its rate: the part of g that is given from outside."""
+
+
+Column = IntEnum(
+    "Column",
+    "TABLE TABLE_SPEED MOTOR MOTOR_SPEED INTEGRAL COMMAND COMMAND_RATE ONE G G_RATE Q Q_RATE HALF_GAP F F_RATE",
+    start=0,
+)
+"""Columns of a row: states and inputs as :mod:`ph_post.drive.automaton` has them, and F, the part of g from outside."""
+
+COLUMNS: Final = len(Column)
 
 TABLE, PLAY, SPRING = 0, 1, 2
 """The body that holds motor and table a gap apart while they touch: the table, the motor, or either."""
@@ -146,9 +152,9 @@ class ModeTables(NamedTuple):
 @inner
 def _step(table: Array, y: Array, length: float, into: Array, plain: bool) -> None:
     """Advance state and inputs by `length` [s], of which `table` is D."""
-    into[_X] = y[_X] + length * y[_X_DOT]
-    into[_X_DOT] = y[_X_DOT]
-    into[_ONE] = 1.0
+    into[Column.COMMAND] = y[Column.COMMAND] + length * y[Column.COMMAND_RATE]
+    into[Column.COMMAND_RATE] = y[Column.COMMAND_RATE]
+    into[Column.ONE] = 1.0
     if plain:
         for i in range(STATES):
             total = y[i]
@@ -161,13 +167,13 @@ def _step(table: Array, y: Array, length: float, into: Array, plain: bool) -> No
         for j in range(WIDTH):
             total += table[i, j] * y[j]
         into[i] = total
-    into[_G] = y[_G] + length * y[_G_DOT]
-    into[_G_DOT] = y[_G_DOT]
-    into[_Q] = y[_Q] + length * y[_Q_DOT]
-    into[_Q_DOT] = y[_Q_DOT]
-    into[_HALF] = y[_HALF]
-    into[_F] = y[_F] + length * y[_F_DOT]
-    into[_F_DOT] = y[_F_DOT]
+    into[Column.G] = y[Column.G] + length * y[Column.G_RATE]
+    into[Column.G_RATE] = y[Column.G_RATE]
+    into[Column.Q] = y[Column.Q] + length * y[Column.Q_RATE]
+    into[Column.Q_RATE] = y[Column.Q_RATE]
+    into[Column.HALF_GAP] = y[Column.HALF_GAP]
+    into[Column.F] = y[Column.F] + length * y[Column.F_RATE]
+    into[Column.F_RATE] = y[Column.F_RATE]
 
 
 @inner
@@ -271,19 +277,20 @@ def _set_force(
     the middle.
     """
     waved, first = waves.shape[0] > 0, 0.0
-    y[_G] = stribeck(y[moving], direction, static, scale) + y[_F]
-    y[_G_DOT] = 0.0
+    y[Column.G] = stribeck(y[moving], direction, static, scale) + y[Column.F]
+    y[Column.G_RATE] = 0.0
     if waved:
-        first = cogging(y[_M], waves)
-        y[_Q], y[_Q_DOT] = first, 0.0
+        first = cogging(y[Column.MOTOR], waves)
+        y[Column.Q], y[Column.Q_RATE] = first, 0.0
     _step(step, y, length, trial, False)
-    last = stribeck(trial[moving], direction, static, scale) + trial[_F]
-    y[_G_DOT] = (last - y[_G]) / length
+    last = stribeck(trial[moving], direction, static, scale) + trial[Column.F]
+    y[Column.G_RATE] = (last - y[Column.G]) / length
     if waved:
-        middle = cogging(0.5 * (y[_M] + trial[_M]) + 0.125 * length * (y[_W] - trial[_W]), waves)
-        last = cogging(trial[_M], waves)
-        y[_Q] = (first + 4.0 * middle + last) / 6.0 - 0.5 * (last - first)
-        y[_Q_DOT] = (last - first) / length
+        slower = y[Column.MOTOR_SPEED] - trial[Column.MOTOR_SPEED]
+        middle = cogging(0.5 * (y[Column.MOTOR] + trial[Column.MOTOR]) + 0.125 * length * slower, waves)
+        last = cogging(trial[Column.MOTOR], waves)
+        y[Column.Q] = (first + 4.0 * middle + last) / 6.0 - 0.5 * (last - first)
+        y[Column.Q_RATE] = (last - first) / length
 
 
 @inner
@@ -312,20 +319,20 @@ def _follow(modes: ModeTables, mode: int, y: Array) -> None:
     if contact == 0:
         return
     if modes.holds == PLAY:
-        x = y[_M]
+        x = y[Column.MOTOR]
         for _ in range(SETTLED):
-            before, x = x, y[_M] - contact * half_gap(x, modes.gap)
+            before, x = x, y[Column.MOTOR] - contact * half_gap(x, modes.gap)
             if x == before:
                 break
-        y[_TABLE] = x
-    y[_HALF] = half_gap(y[_TABLE], modes.gap)
+        y[Column.TABLE] = x
+    y[Column.HALF_GAP] = half_gap(y[Column.TABLE], modes.gap)
     if modes.holds == TABLE:
-        y[_M] = y[_TABLE] + contact * y[_HALF]
+        y[Column.MOTOR] = y[Column.TABLE] + contact * y[Column.HALF_GAP]
 
 
 @inner
 def _accept(y: Array, trial: Array) -> None:
-    for i in range(_ALL):
+    for i in range(COLUMNS):
         y[i] = trial[i]
 
 
@@ -429,14 +436,14 @@ def _go_on(
 @inner
 def _begin(y: Array, command: Array, k: int, period: float) -> None:
     """Set the command for the sample that begins at k."""
-    y[_X], y[_X_DOT] = command[k], (command[k + 1] - command[k]) / period
+    y[Column.COMMAND], y[Column.COMMAND_RATE] = command[k], (command[k + 1] - command[k]) / period
 
 
 @inner
 def _push(y: Array, force: Array, k: int, period: float) -> None:
     """Set the force from outside for the sample that begins at k."""
-    y[_F], y[_F_DOT] = force[k], (force[k + 1] - force[k]) / period
-    y[_G], y[_G_DOT] = y[_F], y[_F_DOT]
+    y[Column.F], y[Column.F_RATE] = force[k], (force[k + 1] - force[k]) / period
+    y[Column.G], y[Column.G_RATE] = y[Column.F], y[Column.F_RATE]
 
 
 @inner
@@ -482,7 +489,7 @@ def _cruise(
         k += 1
         if changing:
             _follow(modes, mode, y)
-        table[k], motor[k] = y[0], y[2]
+        table[k], motor[k] = y[Column.TABLE], y[Column.MOTOR]
     return k, 0
 
 
@@ -522,15 +529,15 @@ def advance(
     log : IntArray, shape (changes, 2)
         Mode before and after; CHATTERS where changes are no longer followed.
     """
-    y, trial = np.zeros(_ALL), np.zeros(_ALL)
+    y, trial = np.zeros(COLUMNS), np.zeros(COLUMNS)
     instants, log, count = np.empty(64), np.empty((64, 2), dtype=np.int64), 0
     for i in range(STATES):
         y[i] = z[i]
-    y[_ONE] = 1.0
+    y[Column.ONE] = 1.0
     if modes.gap.size > 0:
-        y[_HALF] = half_gap(y[_TABLE], modes.gap)
+        y[Column.HALF_GAP] = half_gap(y[Column.TABLE], modes.gap)
     whole = 1 << LEVELS
-    table[0], motor[0] = y[0], y[2]
+    table[0], motor[0] = y[Column.TABLE], y[Column.MOTOR]
     k, left = _cruise(y, trial, mode, modes, command, period, force, 0, table, motor)
     while left > 0:
         changes = 0
@@ -548,7 +555,7 @@ def advance(
                 mode = after
         if modes.gap.size > 0:
             _follow(modes, mode, y)
-        table[k + 1], motor[k + 1] = y[0], y[2]
+        table[k + 1], motor[k + 1] = y[Column.TABLE], y[Column.MOTOR]
         k, left = _cruise(y, trial, mode, modes, command, period, force, k + 1, table, motor)
     for i in range(STATES):
         z[i] = y[i]
