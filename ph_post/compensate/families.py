@@ -16,8 +16,9 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
-from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, peaks, whole_jog
+from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, motor_inertia, peaks, whole_jog
 from ph_post.compensate.profile import stop
+from ph_post.compensate.strategies.registry import TAKE_UP
 from ph_post.compensate.trial import Design, Surroundings
 from ph_post.types import Array, Axis, Crossing, Jog
 
@@ -80,7 +81,7 @@ def shortest_crossing(axis: Axis, lead: bool, period: float) -> float:
     gap, servo, limits = axis.gap, axis.servo, axis.limits
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     inside = axis.loop.encloses_backlash
-    inertia = (gap.inertia_fraction or 0.0) * servo.b
+    inertia = motor_inertia(axis)
 
     def fits(duration: float) -> bool:
         rate = [gap.lost_motion * peak / duration**order for order, peak in enumerate(peaks(TRAVEL))]
@@ -171,8 +172,7 @@ OVERLAP: Final = 0.8
 
 def _push_unit(axis: Axis, budget: float) -> float:
     """Return the push [m] that carries the motor over the gap in half the budget."""
-    inertia = (axis.gap.inertia_fraction or 0.0) * axis.servo.b
-    return 8.0 * inertia * axis.gap.lost_motion / budget**2
+    return 8.0 * motor_inertia(axis) * axis.gap.lost_motion / budget**2
 
 
 def whole_crossing(axis: Axis, direction: int, middle: float, duration: float) -> Crossing:
@@ -216,12 +216,9 @@ def make_bare(x: Array, case: ReversalCase) -> Design:
     return Design(crossings=crossings, lead=case.lead)
 
 
-Maker = Callable[[Array, ReversalCase], Design]
-
-
 def _family(
     name: str,
-    make: Maker,
+    make: Callable[[Array, ReversalCase], Design],
     bounds: Sequence[Sequence[float]],
     *seeds: Sequence[float],
     budgets: tuple[float, ...] = (1.0,),
@@ -238,7 +235,7 @@ def _family(
 
 
 CROSSING: Final = _family(
-    "takeup",
+    TAKE_UP,
     make_crossing,
     [
         (0.1, 0.9),
@@ -260,7 +257,7 @@ CROSSING: Final = _family(
 )
 
 OFFSET: Final = _family(
-    "takeup",
+    TAKE_UP,
     make_offset,
     [(0.1, 0.98), (0.0, 0.95), (0.02, 1.0), (1.0, 3.0), (-0.5, 0.5)],
     [0.4, 0.0, 1.0, 1.0, 0.0],
@@ -270,7 +267,7 @@ OFFSET: Final = _family(
     budgets=(0.15, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0),
 )
 
-BARE: Final = _family("takeup", make_bare, [(1.0, 3.0)], [1.0])
+BARE: Final = _family(TAKE_UP, make_bare, [(1.0, 3.0)], [1.0])
 
 PLATEAU: Final = _family(
     "dwell",
@@ -347,25 +344,24 @@ def _sequence(reversing: Sequence[tuple[Axis, int]], travel: float, out: float) 
 
 def _time_to_cross(axis: Axis, error: float) -> float:
     """Time that a motor without losses takes through its backlash under a position error [m], in seconds."""
-    inertia = (axis.gap.inertia_fraction or 0.0) * axis.servo.b
-    return math.sqrt(2.0 * inertia * axis.gap.lost_motion / error)
+    return math.sqrt(2.0 * motor_inertia(axis) * axis.gap.lost_motion / error)
 
 
-JOG: Final = DesignFamily(
-    name="takeup",
-    make=make_jog_stop,
-    low=np.array([0.1, 0.2, 0.0]),
-    high=np.array([1.0, 1.0, 1.0]),
-    seeds=(np.array([1.0, 1.0, 0.0]), np.array([0.7, 1.0, 0.2]), np.array([0.4, 1.0, 0.1])),
+JOG: Final = _family(
+    TAKE_UP,
+    make_jog_stop,
+    [(0.1, 1.0), (0.2, 1.0), (0.0, 1.0)],
+    [1.0, 1.0, 0.0],
+    [0.7, 1.0, 0.2],
+    [0.4, 1.0, 0.1],
 )
 
-PULSE: Final = DesignFamily(
-    name="takeup",
-    make=make_stop,
-    low=np.array([0.1, 0.2, 0.0, 0.002, 0.0]),
-    high=np.array([1.0, 1.0, 1.0, 2.0, 1.5]),
-    seeds=tuple(
-        np.array([share, 1.0, 0.2, travel, out])
+PULSE: Final = _family(
+    TAKE_UP,
+    make_stop,
+    [(0.1, 1.0), (0.2, 1.0), (0.0, 1.0), (0.002, 2.0), (0.0, 1.5)],
+    *(
+        [share, 1.0, 0.2, travel, out]
         for share in (0.5, 0.8)
         for out in (0.8, 1.0)
         for travel in (0.01, 0.02, 0.05, 0.1, 0.3, 1.0)

@@ -135,14 +135,17 @@ def lay_out(job: Job) -> Layout:
     if dropped:
         return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
     bias, approach = _at_start(job, shifted, stops)
+    rest = max((one.end for one in approach), default=0.0)
+    if approach and not job.written:
+        stops.holds[0] = rest
     placed = [_delayed(one, stops.delay_at(job.phases, one.start)) for one in placed]
     placed += [_delayed(one, job.phases[k].start + stops.delay_before(k)) for k, one in stops.crossings]
     phases = with_holds(job.phases, stops.holds)
-    if approach:
-        rest = max(one.end for one in approach) + DWELL * job.written
-        placed = approach + [_delayed(one, rest) for one in placed]
-        phases = with_holds(phases, {0: rest})
-    return Layout(phases=phases, crossings=tuple(sorted(placed, key=lambda one: (one.start, one.axis))), bias=bias)
+    if approach and job.written:
+        placed = [_delayed(one, rest + DWELL) for one in placed]
+        phases = with_holds(phases, {0: rest + DWELL})
+    crossings = sorted(placed + approach, key=lambda one: (one.start, one.axis))
+    return Layout(phases=phases, crossings=tuple(crossings), bias=bias)
 
 
 def is_open(job: Job, name: str) -> bool:

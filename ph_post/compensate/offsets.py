@@ -105,6 +105,11 @@ def corner_pause(axis: Axis) -> float:
     return max(DWELL, SETTLED * axis.servo.c)
 
 
+def motor_inertia(axis: Axis) -> float:
+    """Return η b [s²], the position error that a motor alone takes for each m/s² while it crosses the gap."""
+    return (axis.gap.inertia_fraction or 0.0) * axis.servo.b
+
+
 def may_shift(axis: Axis) -> bool:
     """Return whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
     return not axis.loop.encloses_backlash and axis.gap.lost_motion >= LEAST
@@ -245,8 +250,7 @@ def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, o
     motor = sum((travelled(crossing, t) for crossing in mine), np.zeros((3, t.size)))
     fixed = sum((pushed(crossing, t) for crossing in mine), np.zeros(t.size))
     if axis.loop.encloses_backlash:
-        motor_inertia = (gap.inertia_fraction or 0.0) * servo.b
-        crossing = motor_inertia * (motor[2] + (gap.beta or 0.0) * motor[1])
+        crossing = motor_inertia(axis) * (motor[2] + (gap.beta or 0.0) * motor[1])
     else:
         # What leads a crossing stays where the path's own lead fades, or it would arrive late.
         crossing = offsets.lead * (servo.b * motor[2] + servo.c * motor[1])

@@ -24,7 +24,7 @@ from ph_post.compensate.violations import asked_of_motor, usage
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import TRUE_READING, Plant, read_table
 from ph_post.geometry.track import Track
-from ph_post.simulate.contour import Nominal
+from ph_post.simulate.contour import Nominal, time_constant
 from ph_post.simulate.machine import AxisCommand, cutting_force, path_velocity, run_plant
 from ph_post.types import (
     Array,
@@ -201,8 +201,7 @@ class Trial:
         self.machine, self.scenarios, self.sized = machine, tuple(scenarios), sized
         self.axes, self.period = track.path.axes, machine.servo_period
         self.limits = axis_limits(self.axes, machine, self.period)
-        servos = [machine.axes[name].servo for name in self.axes]
-        self.constant = max(2.0 * one.b / one.c if one.c else 0.0 for one in servos)
+        self.constant = time_constant(machine, self.axes)
         self._plants = [[plant_of(machine.axes[name], one) for name in self.axes] for one in self.scenarios]
 
     @property

@@ -72,7 +72,7 @@ def assess(
     nominal : Nominal
         The path.
     turning_points : sequence of TurningPoint, optional
-        Around which the error is told.
+        Around which the error is summed up.
     tried : sequence of Scenario, optional
         In place of those of :func:`scenarios`.
     """
@@ -171,7 +171,7 @@ def backlash_scenarios(tried: Iterable[Scenario]) -> tuple[Scenario, ...]:
 
 
 def resting_axes(command: Command) -> tuple[str, ...]:
-    """Name the axes that rest at the first row, where only the file can tell the flank."""
+    """Name the axes that rest at the first row, where only the file says the flank."""
     return tuple(
         name
         for number, name in enumerate(command.axes)

@@ -144,10 +144,15 @@ class Nominal:
             raise InputError("", "a position is not finite", expected="finite numbers", got="NaN or infinity")
 
 
-def settling_time(machine: Machine, axes: Sequence[str]) -> float:
-    """Five servo time constants 2b/c of the slowest of `axes` [s]; an ideal stepper has none."""
+def time_constant(machine: Machine, axes: Sequence[str]) -> float:
+    """Servo time constant 2b/c of the slowest of `axes` [s]; 0 for ideal steppers."""
     servos = [machine.axes[name].servo for name in axes]
-    return SETTLING * max(2.0 * servo.b / servo.c if servo.c > 0.0 else 0.0 for servo in servos)
+    return max(2.0 * servo.b / servo.c if servo.c > 0.0 else 0.0 for servo in servos)
+
+
+def settling_time(machine: Machine, axes: Sequence[str]) -> float:
+    """Five of the time constants of `axes` [s], see :func:`time_constant`."""
+    return SETTLING * time_constant(machine, axes)
 
 
 def first_counted(command: Command, machine: Machine) -> int:

@@ -272,7 +272,7 @@ def _set_force(
 ) -> None:
     """Let g and q run linearly over a step.
 
-    A step that holds them tells where it ends. g runs from its value to that one; q, which the place gives,
+    A step that holds them shows where it ends. g runs from its value to that one; q, which the place gives,
     along the line with the mean and the first moment of the parabola through its values at both ends and in
     the middle.
     """

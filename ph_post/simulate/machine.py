@@ -30,7 +30,7 @@ def cutting_force(plant: Plant, velocity: Array, number: int) -> Array:
     """Return what resists one axis while the tool cuts, F/K [m].
 
     Along the path that is F (|v|/v_0)^k, and the axis has its component of it, times v_i/|v|; at a
-    standstill there is none. Nobody tells rapids and cuts apart: a rapid cuts too.
+    standstill there is none. Rapids and cuts are not distinguished: a rapid cuts too.
 
     Parameters
     ----------

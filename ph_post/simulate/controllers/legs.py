@@ -28,7 +28,7 @@ class Legs(NamedTuple):
     the acceleration that they can; `rapid` is 1 for G0. `tolerance` is how far the corner at the end may be
     rounded, 0 where that is not said, -1 where the end is to be reached (G61), -2 where it stops (G61.1).
     `motion` is the program's motion it is part of, from `share0` to `share1` of it. `pause` [s] and `drains`
-    (0 or 1) tell whether the planner's queue runs empty before it, and how long the axes rest then.
+    (0 or 1) say whether the planner's queue runs empty before it, and how long the axes rest then.
     """
 
     origin: Array
@@ -69,6 +69,12 @@ def table_of(legs: Legs) -> Array:
     """Put legs into one table, shape (n, 26): columns in the order of the fields."""
     return np.column_stack(list(legs))
 
+
+ALONG: Final = 0.5
+"""Share of the acceleration that is kept for the direction of travel in an arc."""
+
+ACROSS: Final = math.sqrt(0.75)
+"""Part of the acceleration that is left towards the centre then."""
 
 CUBIC_SPANS: Final = 16
 """Pairs of arcs for one cubic."""
@@ -176,5 +182,5 @@ def _put_limits(legs: Legs, limits: Array) -> None:
     """Let the worse axis of the plane bound speed and acceleration."""
     velocity, push = limits
     bend = np.where(legs.radius > 0.0, legs.radius, np.inf)
-    legs.most[:] = np.minimum(np.sqrt(push * math.sqrt(0.75) * bend), velocity)
+    legs.most[:] = np.minimum(np.sqrt(push * ACROSS * bend), velocity)
     legs.push[:] = push

@@ -15,6 +15,8 @@ import numpy as np
 
 from ph_post.compiling import compiled, inner
 from ph_post.simulate.controllers.legs import (
+    ACROSS,
+    ALONG,
     ASKED,
     BLEND,
     CAN,
@@ -42,12 +44,6 @@ from ph_post.types import Array, IntArray
 
 KINK = 0.1
 """Share of an axis' acceleration that the change of direction at a joint may take in one period."""
-
-ALONG = 0.5
-"""Share of the acceleration that is kept for the direction of travel in an arc."""
-
-ACROSS = math.sqrt(0.75)
-"""Part of the acceleration that is left towards the centre then."""
 
 REVERSAL = (2.0 * math.pi / 180.0) ** 2
 """Squared length of the sum of two unit tangents below which a corner is a reversal, with a stop."""

@@ -15,6 +15,7 @@ import numpy as np
 from ph_post.compiling import compiled, inner
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.legs import (
+    ACROSS,
     DRAINS,
     FIRST,
     ORIGIN,
@@ -224,7 +225,7 @@ def _put_arcs(legs: Legs, rows: IntArray, program: PartProgram, start: Array, en
 
 def _put_arc_limits(legs: Legs, here: IntArray, flat: Array, way: Array, limits: Array, axes: Sequence[int]) -> None:
     velocity, push = limits[list(axes)].min(axis=0)
-    planar = np.minimum(np.sqrt(push * math.sqrt(0.75) * legs.radius[here]), velocity)
+    planar = np.minimum(np.sqrt(push * ACROSS * legs.radius[here]), velocity)
     slowest = np.maximum((np.abs(way) / limits[:, 0]).max(axis=1), flat / planar)
     weakest = np.maximum((np.abs(way) / limits[:, 1]).max(axis=1), flat / push)
     legs.most[here], legs.push[here] = legs.length[here] / slowest, legs.length[here] / weakest
