@@ -43,7 +43,7 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
         How much strategies search that do so, 1 for some ten seconds.
     """
 
-    strategy: str = "suppress"
+    strategy: str
     start: Literal["rest", "moving"] = "rest"
     ratio: float | None = None
     degree: int | None = None

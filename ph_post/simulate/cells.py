@@ -76,7 +76,7 @@ class Cells(NamedTuple):
 
 
 class CellSpans(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """CellSpans of pieces between two arc lengths [m], with one-sided ends.
+    """Stretches of pieces between two arc lengths [m], with one-sided ends.
 
     `piece`, `s0`, `s1` (m,); `first`, `last` (2, m, 3) are position [m] and unit tangent.
     """
@@ -86,6 +86,16 @@ class CellSpans(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     s1: Array
     first: Array
     last: Array
+
+    def take(self, rows: BoolArray | IntArray) -> CellSpans:
+        """Return some of the pieces."""
+        return CellSpans(
+            piece=self.piece[rows],
+            s0=self.s0[rows],
+            s1=self.s1[rows],
+            first=self.first[:, rows],
+            last=self.last[:, rows],
+        )
 
 
 def cut_path(track: Track, tolerance: float) -> tuple[CellSpans, float]:
@@ -111,7 +121,7 @@ def cut_path(track: Track, tolerance: float) -> tuple[CellSpans, float]:
             fine[:] = True
         count += int(fine.sum())
         deviation = max(deviation, float(off.max(where=fine, initial=0.0)))
-        done.append(_take(cells, fine))
+        done.append(cells.take(fine))
         piece, s0, s1 = _subdivide(piece[~fine], s0[~fine], s1[~fine], parts[~fine])
     return _in_order(done), deviation
 
@@ -172,27 +182,15 @@ def powers(cells: CellSpans) -> Array:
     return np.stack([p, a, 3.0 * chord - 2.0 * a - b, a + b - 2.0 * chord], axis=1)
 
 
-def _take(cells: CellSpans, rows: BoolArray) -> CellSpans:
-    return CellSpans(
-        piece=cells.piece[rows],
-        s0=cells.s0[rows],
-        s1=cells.s1[rows],
-        first=cells.first[:, rows],
-        last=cells.last[:, rows],
-    )
-
-
 def _in_order(parts: list[CellSpans]) -> CellSpans:
-    piece = np.concatenate([part.piece for part in parts])
-    s0 = np.concatenate([part.s0 for part in parts])
-    order = np.lexsort((s0, piece))
-    return CellSpans(
-        piece=piece[order],
-        s0=s0[order],
-        s1=np.concatenate([part.s1 for part in parts])[order],
-        first=np.concatenate([part.first for part in parts], axis=1)[:, order],
-        last=np.concatenate([part.last for part in parts], axis=1)[:, order],
+    joined = CellSpans(
+        piece=np.concatenate([part.piece for part in parts]),
+        s0=np.concatenate([part.s0 for part in parts]),
+        s1=np.concatenate([part.s1 for part in parts]),
+        first=np.concatenate([part.first for part in parts], axis=1),
+        last=np.concatenate([part.last for part in parts], axis=1),
     )
+    return joined.take(np.lexsort((joined.s0, joined.piece)))
 
 
 def make_cells(stretches: CellSpans, loop: float, tie: float) -> Cells:

@@ -42,7 +42,7 @@ def test_slowest_feed_leaves_out_what_is_no_cut():
 
 def planned(path, machine, **options):
     analysis = analyse(read_path(or_shipped("paths", path)), read_machine(machine), 5e-6)
-    plan = make_plan(analysis, PlanOptions(**options))
+    plan = make_plan(analysis, PlanOptions(**{"strategy": "suppress", **options}))
     return cost_of(plan, command_of(plan, analysis.track, plan.machine.servo_period), analysis.track)
 
 

@@ -21,7 +21,7 @@ from ph_post.geometry.nurbs import Nurbs
 from ph_post.types import Gap, Plan
 
 RADIUS, FEED = 0.05, 0.02
-MOVING = PlanOptions(start="moving")
+MOVING = PlanOptions(strategy="suppress", start="moving")
 
 
 def ring(feed: float = FEED, **machine) -> Analysis:
@@ -60,7 +60,7 @@ def test_defaults_are_a_quarter_of_the_feed_degree_ten_and_four_intervals() -> N
 
 def test_the_dip_stands_where_the_axis_turns() -> None:
     analysis = ring()
-    plan = make_plan(analysis, PlanOptions())
+    plan = make_plan(analysis, PlanOptions(strategy="suppress"))
     for point, found in zip(analysis.turning_points[1:], plan.profiles[1:], strict=True):
         phase = next(p for p in plan.phases if p.window == found.window)
         middle = phase.start + 0.5 * phase.duration
@@ -79,7 +79,7 @@ def test_strategy_none_adds_nothing() -> None:
 
 
 def test_seam_at_rest_is_left_alone_with_a_word() -> None:
-    plan = make_plan(ring(), PlanOptions())
+    plan = make_plan(ring(), PlanOptions(strategy="suppress"))
     assert dips(plan)[0] is None
     assert dips(plan)[1:] == pytest.approx([0.25] * 3)
     assert told(plan, "turning point #0: left alone: the motion stops here")
@@ -118,7 +118,7 @@ def test_a_seam_beside_the_turning_point_cuts_the_profile_where_it_lies() -> Non
 
 
 def test_own_duration_ratio_and_degree() -> None:
-    options = PlanOptions(start="moving", ratio=0.4, degree=6, t_star=0.3)
+    options = PlanOptions(strategy="suppress", start="moving", ratio=0.4, degree=6, t_star=0.3)
     plan = make_plan(ring(), options)
     for found in plan.profiles:
         assert found.coefficients.size == 7
@@ -128,7 +128,7 @@ def test_own_duration_ratio_and_degree() -> None:
 
 def test_own_coefficients() -> None:
     values = (1.0, 1.0, 0.5, 0.0, 0.5, 1.0, 1.0)
-    plan = make_plan(ring(), PlanOptions(start="moving", coefficients=values))
+    plan = make_plan(ring(), PlanOptions(strategy="suppress", start="moving", coefficients=values))
     for found in plan.profiles:
         assert found.coefficients.tolist() == list(values)
 
@@ -138,7 +138,7 @@ def test_own_duration_may_leave_the_window_and_it_is_said() -> None:
     curve = Nurbs(2, [0, 0, 0, 1, 1, 1], [(0, 0), (0.03, 0.06), (0.06, 0)])
     analysis = look(make_path([curve], FEED), make_machine(), tolerance=1e-7)
     window = analysis.windows[0]
-    plan = make_plan(analysis, PlanOptions(t_star=0.6))
+    plan = make_plan(analysis, PlanOptions(strategy="suppress", t_star=0.6))
     found = plan.profiles[0]
     assert found.s_star > window.half_length
     assert any("longer than the window" in note for note in found.notes)
@@ -148,7 +148,7 @@ def test_own_duration_may_leave_the_window_and_it_is_said() -> None:
 def test_the_window_bounds_the_default_and_a_short_one_is_noted() -> None:
     curve = Nurbs(2, [0, 0, 0, 1, 1, 1], [(0, 0), (0.03, 0.06), (0.06, 0)])
     analysis = look(make_path([curve], FEED), make_machine(jerk=1e4, acceleration=50.0), tolerance=1e-10)
-    plan = make_plan(analysis, PlanOptions())
+    plan = make_plan(analysis, PlanOptions(strategy="suppress"))
     found = plan.profiles[0]
     assert found.s_star == analysis.windows[0].half_length
     assert found.t_star < durations(analysis)[0]
@@ -157,16 +157,16 @@ def test_the_window_bounds_the_default_and_a_short_one_is_noted() -> None:
 
 def test_cycle_time_bounds_the_depth_unless_the_user_chose_it() -> None:
     analysis = ring()
-    plan = make_plan(analysis, PlanOptions(start="moving", max_slowdown=0.01))
+    plan = make_plan(analysis, PlanOptions(strategy="suppress", start="moving", max_slowdown=0.01))
     growth = cycle_time(plan.phases) / cycle_time(plan.nominal)
     assert growth == pytest.approx(1.01, rel=1e-6)
     assert growth <= 1.01 * (1.0 + 1e-9)
     assert len({round(ratio, 9) for ratio in dips(plan)}) == 1
     assert 0.25 < dips(plan)[0] < 1.0
     assert told(plan, "softened for a cycle time at most 1 % longer: V(1/2)/V_c = ")
-    free = make_plan(analysis, PlanOptions(start="moving", max_slowdown=0.01, ratio=0.25))
+    free = make_plan(analysis, PlanOptions(strategy="suppress", start="moving", max_slowdown=0.01, ratio=0.25))
     assert cycle_time(free.phases) > 1.01 * cycle_time(free.nominal)
-    none = make_plan(analysis, PlanOptions(start="moving", max_slowdown=0.0))
+    none = make_plan(analysis, PlanOptions(strategy="suppress", start="moving", max_slowdown=0.0))
     assert dips(none) == [None] * 4
     assert cycle_time(none.phases) == pytest.approx(cycle_time(none.nominal), rel=1e-12)
     assert told(none, "nothing worth having is left by a cycle time at most 0 % longer")
@@ -174,27 +174,27 @@ def test_cycle_time_bounds_the_depth_unless_the_user_chose_it() -> None:
 
 def test_least_feed() -> None:
     analysis = ring()
-    plan = make_plan(analysis, PlanOptions(start="moving", min_feed=0.6 * FEED))
+    plan = make_plan(analysis, PlanOptions(strategy="suppress", start="moving", min_feed=0.6 * FEED))
     assert dips(plan) == pytest.approx([0.6] * 4, rel=1e-6)
     feed = place_and_feed(plan.phases, np.linspace(0.0, cycle_time(plan.phases), 20001))[1]
     assert feed.min() >= 0.6 * FEED * (1.0 - 1e-12)
     assert told(plan, "softened for the least feed")
-    none = make_plan(analysis, PlanOptions(start="moving", min_feed=FEED))
+    none = make_plan(analysis, PlanOptions(strategy="suppress", start="moving", min_feed=FEED))
     assert dips(none) == [None] * 4
     assert told(none, "nothing worth having is left by the least feed")
 
 
 def test_retrograde_only_where_allowed() -> None:
     with pytest.raises(InputError, match=r"--ratio: the feed would become negative; expected V >= 0"):
-        make_plan(ring(), PlanOptions(ratio=-0.4))
+        make_plan(ring(), PlanOptions(strategy="suppress", ratio=-0.4))
     analysis = ring()
-    plan = make_plan(analysis, PlanOptions(ratio=-0.4, allow_retrograde=True))
+    plan = make_plan(analysis, PlanOptions(strategy="suppress", ratio=-0.4, allow_retrograde=True))
     command = sample(plan, analysis.track, 1e-3)
     assert command.feed.min() == pytest.approx(-0.4 * FEED, rel=1e-3)
     assert (np.diff(command.s) < 0.0).any()
     assert check_command(command, plan.machine) == ()
     # On the seam the motion would have to begin backwards.
-    moving = make_plan(analysis, PlanOptions(start="moving", ratio=-0.4, allow_retrograde=True))
+    moving = make_plan(analysis, PlanOptions(strategy="suppress", start="moving", ratio=-0.4, allow_retrograde=True))
     assert dips(moving)[0] is None
     assert told(moving, "turning point #0: left alone: the feed would become negative on the seam")
 
@@ -202,11 +202,17 @@ def test_retrograde_only_where_allowed() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (PlanOptions(degree=5), "--degree: not a degree"),
-        (PlanOptions(coefficients=(1, 1, -2, 1, 1)), "--coefficients: the feed would become negative"),
-        (PlanOptions(coefficients=(1, 1, 0, 1, 1), ratio=0.3), "given twice"),
-        (PlanOptions(coefficients=(1, 1, 0, 1, 1), degree=6), "of another degree; expected 4; got 6"),
-        (PlanOptions(ratio=-2.0, allow_retrograde=True), "would not get through"),
+        (PlanOptions(strategy="suppress", degree=5), "--degree: not a degree"),
+        (
+            PlanOptions(strategy="suppress", coefficients=(1, 1, -2, 1, 1)),
+            "--coefficients: the feed would become negative",
+        ),
+        (PlanOptions(strategy="suppress", coefficients=(1, 1, 0, 1, 1), ratio=0.3), "given twice"),
+        (
+            PlanOptions(strategy="suppress", coefficients=(1, 1, 0, 1, 1), degree=6),
+            "of another degree; expected 4; got 6",
+        ),
+        (PlanOptions(strategy="suppress", ratio=-2.0, allow_retrograde=True), "would not get through"),
         (
             PlanOptions(strategy="dance"),
             "no such strategy; expected auto or dwell or linear or none or retrograde or step or suppress or takeup",
@@ -241,7 +247,9 @@ def test_a_ramp_from_rest_shortens_a_profile_or_leaves_no_room() -> None:
         angle = math.pi / 2 - before * MM / 0.02
         start = 0.02 * np.array([math.cos(angle), math.sin(angle)])
         arc = Arc(start, np.array([-0.02, 0.0]), np.zeros(2), "ccw")
-        return make_plan(look(make_path([arc], FEED), make_machine(jerk=20.0)), PlanOptions(t_star=0.1))
+        return make_plan(
+            look(make_path([arc], FEED), make_machine(jerk=20.0)), PlanOptions(strategy="suppress", t_star=0.1)
+        )
 
     far, near, nearer, none = arch(15.0), arch(1.8), arch(1.2), arch(0.05)
     assert far.profiles[0].t_star == pytest.approx(0.1, rel=1e-9)
@@ -272,7 +280,7 @@ def test_open_loops_are_warned_of_the_offset_that_stays() -> None:
 def test_a_plan_needs_a_machine() -> None:
     analysis = msgspec.structs.replace(ring(), machine=None)
     with pytest.raises(InputError, match="needs a machine"):
-        make_plan(analysis, PlanOptions())
+        make_plan(analysis, PlanOptions(strategy="suppress"))
 
 
 class Halve:

@@ -276,5 +276,7 @@ def test_nothing_is_spliced_into_one() -> None:
     program = read_as("siemens", (BEGIN + "X10\nX0\nM30\n").encode(), "part.mpf")
     with pytest.raises(InputError, match="programs of siemens cannot be edited: values there may be"):
         compensate_program(
-            program, make_machine(dialect="siemens"), ProgramRequest(plan=PlanOptions(), edit=EditOptions())
+            program,
+            make_machine(dialect="siemens"),
+            ProgramRequest(plan=PlanOptions(strategy="suppress"), edit=EditOptions()),
         )

@@ -166,7 +166,7 @@ def test_a_trial_knows_what_the_simulation_knows(tmp_path, effect):
     axes = {name: replace(axis, effects=(effect,)) for name, axis in machine.axes.items()}
     machine = replace(machine, axes=axes)
     analysis = oval(tmp_path, machine)
-    task = Planner(analysis, machine, PlanOptions(start="moving")).task
+    task = Planner(analysis, machine, PlanOptions(strategy="suppress", start="moving")).task
     nominal, scenario = Nominal(analysis.track), Scenario(pickup="standstill")
     tried = 0
     for place in find_surroundings(analysis, task.feed, task.looped):

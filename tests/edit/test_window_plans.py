@@ -41,7 +41,7 @@ def program_of(text: str) -> PartProgram:
 def planned(text: str, machine: str | Machine, **how: object) -> WindowEdits:
     program = program_of(text)
     drives = read_machine(machine) if isinstance(machine, str) else machine
-    options = PlanOptions(**{"effort": 0.02, **how})  # type: ignore[arg-type]
+    options = PlanOptions(**{"strategy": "suppress", "effort": 0.02, **how})  # type: ignore[arg-type]
     return plan_windows(program, paths_of(program), drives, options, 5e-6)
 
 

@@ -22,7 +22,7 @@ from ph_post.types import Scenario
 
 def job(path, machine, **options):
     analysis = analyse(read_path(or_shipped("paths", path)), read_machine(machine), 5e-6)
-    plan = make_plan(analysis, PlanOptions(**options))
+    plan = make_plan(analysis, PlanOptions(**{"strategy": "suppress", **options}))
     return analysis, plan, command_of(plan, analysis.track, plan.machine.servo_period)
 
 
