@@ -24,7 +24,8 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
 from ph_post.api.results import MotionResult, PlannedMotion, ProgramMotion, Reversals
 from ph_post.api.reversals import ProgramReversal, program_reversals
-from ph_post.compensate.comparison import chosen_at, plain
+from ph_post.compensate.comparison import chosen_at
+from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
@@ -195,7 +196,7 @@ class PathCompensation(Compensation):
     @cached_property
     def before(self) -> PlannedMotion:
         """The plain motion, without compensation."""
-        return PlannedMotion(self.analysis, plain(self.plan(self.output)))
+        return PlannedMotion(self.analysis, without_strategy(self.plan(self.output)))
 
     @property
     def after(self) -> PlannedMotion:

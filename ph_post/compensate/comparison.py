@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.compensate.motion import MotionLaw, cycle_time, place_and_feed
+from ph_post.compensate.motion import MotionLaw, cycle_time, place_and_feed, without_strategy
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
@@ -192,27 +192,13 @@ def without_backlash(analysis: Analysis, contender: Contender) -> ContourError |
     return contour_errors(contender.command, contender.plan.machine, nominal, (gapless,))[0]
 
 
-def plain(plan: Plan) -> Plan:
-    """Return the plan as it would be without any strategy."""
-    return msgspec.structs.replace(
-        plan,
-        strategy=PLAIN,
-        profiles=(None,) * len(plan.profiles),
-        phases=plan.nominal,
-        crossings=(),
-        bias={},
-        inverse_dynamics=False,
-        warnings=(),
-    )
-
-
 def before_and_after(analysis: Analysis, *plans: Plan) -> tuple[Assessment, ...]:
     """Simulate the motion without any strategy, and that of each plan of the same job."""
     nominal = Nominal(analysis.track)
     machine, period = plans[0].machine, plans[0].machine.servo_period
     return tuple(
         assess(command_of(one, analysis.track, period), machine, nominal, analysis.turning_points)
-        for one in (plain(plans[0]), *plans)
+        for one in (without_strategy(plans[0]), *plans)
     )
 
 

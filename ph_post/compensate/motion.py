@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
+from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.geometry.bernstein import integrate
 from ph_post.geometry.track import Track
 from ph_post.types import Array, Command, IntArray, Phase, Plan, frozen
@@ -255,3 +257,17 @@ def place_and_feed(phases: Sequence[Phase], t: Array) -> tuple[Array, Array]:
 def cycle_time(phases: Sequence[Phase]) -> float:
     """Duration of phases that follow each other [s]."""
     return phases[-1].start + phases[-1].duration if phases else 0.0
+
+
+def without_strategy(plan: Plan) -> Plan:
+    """Return the plan as it would be without any strategy."""
+    return msgspec.structs.replace(
+        plan,
+        strategy=PLAIN,
+        profiles=(None,) * len(plan.profiles),
+        phases=plan.nominal,
+        crossings=(),
+        bias={},
+        inverse_dynamics=False,
+        warnings=(),
+    )

@@ -23,7 +23,7 @@ from ph_post.compensate.strategies.base import (
     StrategyResult,
     require_loop,
 )
-from ph_post.compensate.strategies.registry import PLAIN, find_strategy
+from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.trial import flanks_before, half_distances
 from ph_post.compensate.violations import find_violations
 from ph_post.errors import InputError
@@ -363,12 +363,6 @@ class Planner:
             and not any(self.machine.axes[one.axis].loop.encloses_backlash for one in request.crossings)
             and (found is None or found.ratio > reported_ratio(request.shape) + AS_DEEP)
         }
-
-    def plain(self, why: str = "") -> Plan:
-        """Return the plain program, nothing added, and say why."""
-        requests = tuple(ProfileRequest(shape=None, note=why) for _ in self.analysis.windows)
-        plan = self.plan(PLAIN, StrategyResult(requests=requests))
-        return msgspec.structs.replace(plan, phases=plan.nominal, inverse_dynamics=False)
 
     def plan(self, name: str, result: StrategyResult) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""

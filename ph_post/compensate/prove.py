@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.layout import without_axes
-from ph_post.compensate.motion import cycle_time
+from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import approach_time, command_of
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
@@ -57,7 +57,7 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
         Nowhere worse than the plain program.
     """
     plan, result = _in_time(plan, result, planner)
-    checker = _Checker(planner)
+    checker = _Checker(planner, without_strategy(plan))
     for _ in range(ROUNDS):
         if _takes_too_long(plan, planner):
             break
@@ -72,7 +72,9 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
             break
         result = replace(result, requests=requests)
         plan = planner.plan(plan.strategy, result)
-    return replace(planner.plain(GIVEN_UP), strategy=plan.strategy)
+    nothing = tuple(ProfileRequest(shape=None, note=GIVEN_UP) for _ in result.requests)
+    left = planner.plan(plan.strategy, StrategyResult(requests=nothing))
+    return replace(left, phases=left.nominal, inverse_dynamics=False)
 
 
 def _in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
@@ -138,15 +140,15 @@ def _largest(error: Array) -> tuple[float, int]:
 class _Checker:
     """The plain program in every scenario, and how others compare."""
 
-    def __init__(self, planner: Planner) -> None:
+    def __init__(self, planner: Planner, before: Plan) -> None:
         self.planner = planner
         self.track = planner.analysis.track
         self.period = planner.machine.servo_period
         self.nominal = Nominal(self.track)
-        plain = command_of(planner.plain(), self.track, self.period)
-        self.scenarios = scenarios(planner.machine, plain.axes)
+        command = command_of(before, self.track, self.period)
+        self.scenarios = scenarios(planner.machine, command.axes)
         self.plain: dict[object, float] = {}
-        for scenario, (error, _) in zip(self.scenarios, self._largest(plain), strict=True):
+        for scenario, (error, _) in zip(self.scenarios, self._largest(command), strict=True):
             key = _case(scenario)
             self.plain[key] = max(self.plain.get(key, 0.0), error)
 

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from scipy.integrate import solve_ivp
 
 from ph_post.analysis.path_analysis import Analysis, analyse
-from ph_post.compensate.comparison import before_and_after, plain
-from ph_post.compensate.motion import MotionLaw, cycle_time
+from ph_post.compensate.comparison import before_and_after
+from ph_post.compensate.motion import MotionLaw, cycle_time, without_strategy
 from ph_post.compensate.offsets import DWELL, command_of, jog_travel, make_jog
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
@@ -122,7 +122,7 @@ def test_the_gain_over_none_of_loops_that_are_not_closed_over_the_table(machine)
     analysis, plan = written(read_path(shipped("paths", "oval")), machine)
     before, after = before_and_after(analysis, plan)
     # A program cannot lead the path: what the servos lag behind it stays, and is no matter of the gap.
-    still = command_of(plain(plan), analysis.track, plan.machine.servo_period)
+    still = command_of(without_strategy(plan), analysis.track, plan.machine.servo_period)
     lag = assess(still, plan.machine, Nominal(analysis.track), tried=[Scenario(gap=0.0)]).error.max
     assert before.error.max - lag > 40 * (after.error.max - lag)
     assert after.error_worst.max < before.error_worst.max / 3
