@@ -82,7 +82,7 @@ class _Curves(NamedTuple):
 
 
 def first_nodes(length: float, stops: Array, moving: tuple[bool, bool]) -> Nodes:
-    """Nodes at both ends of the path and at the stops; each end is at rest unless `moving`."""
+    """Nodes at both ends of a path and at its stops [m]; each end is at rest unless `moving`."""
     inside = np.unique(stops[(stops > SAME_PLACE) & (stops < length - SAME_PLACE)])
     inside = inside[np.diff(inside, prepend=-1.0) > SAME_PLACE]
     s = np.concatenate([[0.0], inside, [length]])
@@ -92,7 +92,7 @@ def first_nodes(length: float, stops: Array, moving: tuple[bool, bool]) -> Nodes
 
 
 def add_plateaus(nodes: Nodes, s0: Array, s1: Array, level: Array, window: IntArray) -> Nodes:
-    """Add plateaus; point nodes that lie on one give way to it."""
+    """Add plateaus between `s0` and `s1` [m] at `level` [m/s]; point nodes that lie on one give way to it."""
     covered = np.zeros(nodes.s0.size, dtype=bool)
     for low, high in zip(s0, s1, strict=True):
         covered |= (nodes.s0 >= low) & (nodes.s1 <= high)

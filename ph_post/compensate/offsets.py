@@ -193,6 +193,10 @@ def command_of(plan: Plan, track: Track, period: float) -> Command:
         Of the plan's path.
     period : float
         Servo period [s].
+
+    Returns
+    -------
+    Command
     """
     plain = sample(plan, track, period)
     if not (plan.inverse_dynamics or plan.crossings or any(plan.bias.values())):
@@ -226,6 +230,11 @@ def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Ma
         Of the path's points [m/s, m/s²].
     machine : Machine
     offsets : Offsets
+
+    Returns
+    -------
+    Command
+        With what was added as its `offset`.
     """
     fixed, dynamic = np.empty_like(speed), np.empty_like(speed)
     for number, name in enumerate(command.axes):

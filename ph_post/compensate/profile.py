@@ -135,6 +135,10 @@ def plateau(ramp_down: float, hold: float, ramp_up: float, floor: float, order: 
     order : int
         k; a ramp is of degree 2 k + 1.
 
+    Returns
+    -------
+    ProfileShape
+
     Examples
     --------
     >>> [piece.share for piece in plateau(1.0, 2.0, 1.0, floor=0.5, order=3).pieces]
@@ -169,6 +173,11 @@ def ramp_duration(change: float, acceleration: float, jerk: float, order: int) -
         [m/s²], [m/s³].
     order : int
         k, at least 1: the acceleration of straight ramps jumps.
+
+    Returns
+    -------
+    float
+        [s].
 
     Examples
     --------

@@ -86,6 +86,10 @@ def smooth_ramps(
     phases : sequence of Phase
     breaks : callable
         The instants [s] at which phases break a limit.
+
+    Returns
+    -------
+    tuple of Phase
     """
     ramps = _find_ramps(phases)
     for _ in range(ATTEMPTS):

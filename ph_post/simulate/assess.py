@@ -75,6 +75,10 @@ def assess(
         Around which the error is summed up.
     tried : sequence of Scenario, optional
         In place of those of :func:`scenarios`.
+
+    Returns
+    -------
+    Assessment
     """
     tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
     first = first_counted(command, machine)
@@ -196,6 +200,10 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
         Those that the command moves.
     resting : collection of str, optional
         Those that rest at the beginning; all by default.
+
+    Returns
+    -------
+    tuple of Scenario
 
     Examples
     --------

@@ -75,6 +75,10 @@ def simulate_turning_point(
     step : float
         δt [s].
 
+    Returns
+    -------
+    PaperRun
+
     Raises
     ------
     InputError

@@ -50,6 +50,10 @@ def find_strategy(name: str, where: str = "--strategy") -> Strategy:
     where : str, optional
         What named it, for the refusal.
 
+    Returns
+    -------
+    Strategy
+
     Raises
     ------
     InputError

@@ -173,6 +173,10 @@ def program_error(
         The program that says where the path is.
     tried : sequence of Scenario, optional
         In place of those that the machine file leaves open.
+
+    Returns
+    -------
+    ProgramError
     """
     command = moving_axes(command)
     path = CutPath(program, machine)

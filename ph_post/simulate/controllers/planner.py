@@ -461,6 +461,10 @@ def plan_legs(moves: Array, legs: Array, table: Array, limits: Array, period: fl
         Velocity [m/s] and acceleration [m/s²] of the axes.
     period : float
         [s]
+
+    Returns
+    -------
+    int
     """
     count, begin = 0, 0
     tangents = np.empty((2, 3))

@@ -116,6 +116,10 @@ def moves_of(program: PartProgram, limits: Array) -> Legs:
     program : PartProgram
     limits : Array, shape (3, 2)
         Of :func:`limit_table`.
+
+    Returns
+    -------
+    Legs
     """
     return _with_length(_linked(programmed(program, limits), program, limits))
 
