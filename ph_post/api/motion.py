@@ -26,7 +26,6 @@ from ph_post.edit.edits import TOLERANCE
 from ph_post.errors import OptionsError
 from ph_post.files.storage import write_atomically
 from ph_post.files.table import FORMATS, log_content, read_table, require_path
-from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate import machine as simulated
 from ph_post.simulate.assess import Assessment, assess, scenario_words, scenarios
@@ -43,6 +42,7 @@ from ph_post.types import (
     TurningPoint,
     Window,
 )
+from ph_post.version import package_version
 
 
 class Inspection(msgspec.Struct, frozen=True, kw_only=True, eq=False):

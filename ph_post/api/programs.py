@@ -24,12 +24,12 @@ from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
-from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
 from ph_post.verify.verdict import Verdict
 from ph_post.verify.verify import verify
+from ph_post.version import package_version
 
 SHOWN: Final = 3
 """Failures that the error names where a program does not pass its check."""

@@ -46,7 +46,7 @@ def _path_mode(tolerance: float | None) -> str:
 
 
 def spline_deviation(control: Array) -> Array:
-    """How far LinuxCNC's own rendering of a G5 leaves the curve [m].
+    """Return the distance [m] by which LinuxCNC's own rendering of a G5 leaves the curve.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ def spline_deviation(control: Array) -> Array:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         knots = np.arange(_SPANS + 1) / _SPANS
-        point, tangent = _bezier(control, knots), _unit(_hodograph(control, knots))
+        point, tangent = basis(3, knots) @ control, _unit(basis(2, knots) @ np.diff(control, axis=1))
         p0, p4, ts, te = point[:, :-1], point[:, 1:], tangent[:, :-1], tangent[:, 1:]
-        turn = np.arctan2(_cross(ts, te), (ts * te).sum(-1))
+        turn = np.arctan2(ts[..., 0] * te[..., 1] - ts[..., 1] * te[..., 0], (ts * te).sum(-1))
         p2, tm = _biarc_joint(p0, p4, ts, te)
         places = (knots[:-1, None] + _PROBES / _SPANS).ravel()
-        curve = _bezier(control, places).reshape(*p0.shape[:2], _PROBES.size, 2)
+        curve = (basis(3, places) @ control).reshape(*p0.shape[:2], _PROBES.size, 2)
         first = _distance_to_arc(curve, p0, ts, p2)
         second = _distance_to_arc(curve, p2, tm, p4)
         before = ((curve - p2[:, :, None]) * tm[:, :, None]).sum(-1) < 0
@@ -78,7 +78,7 @@ def spline_deviation(control: Array) -> Array:
 
 
 def _biarc_joint(p0: Array, p4: Array, ts: Array, te: Array) -> tuple[Array, Array]:
-    """Where the two arcs of a span meet, and their direction there; names as in LinuxCNC's ``biarc``."""
+    """Return the joint of the two arcs of a span, and their direction there; names as in LinuxCNC's ``biarc``."""
     v = p0 - p4
     c = (v * v).sum(-1)
     b = 2 * (v * (ts + te)).sum(-1)
@@ -97,16 +97,6 @@ def _distance_to_arc(points: Array, start: Array, tangent: Array, end: Array) ->
     center = start + radius[..., None] * normal
     offset = points - center[..., None, :]
     return np.asarray(np.abs(np.hypot(offset[..., 0], offset[..., 1]) - np.abs(radius)[..., None]))
-
-
-def _bezier(control: Array, u: Array) -> Array:
-    weights = np.stack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3], axis=-1)
-    return np.asarray(weights @ control, dtype=np.float64)
-
-
-def _hodograph(control: Array, u: Array) -> Array:
-    weights = np.stack([(1 - u) ** 2, 2 * u * (1 - u), u**2], axis=-1)
-    return np.asarray(weights @ np.diff(control, axis=1), dtype=np.float64)
 
 
 def _unit(vectors: Array) -> Array:

@@ -20,10 +20,11 @@ from ph_post.edit.edits import DipEdit, Edits, StopEdit
 from ph_post.edit.preconditions import blocked_chains, why_kept_whole, why_not_editable
 from ph_post.edit.reversals import chain_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
-from ph_post.gcode.paths import SAME_PLACE, ProgramPath, line_words
+from ph_post.gcode.paths import ProgramPath, line_words
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.curves import Composite
 from ph_post.geometry.joints import find_stops
+from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.post.options import BLOCK_TIME
 from ph_post.progress import Progress, no_progress, prefixed
@@ -60,8 +61,8 @@ def _rests(path: ProgramPath, track: Track) -> tuple[IntArray, Array]:
     segment = track.segment[piece]
     apart = track.segment[piece - 1] != segment
     curves = [isinstance(one.curve, Composite) for one in track.path.segments]
-    row = np.clip(np.searchsorted(path.s, s - SAME_PLACE), 0, path.s.size - 1)
-    good = (apart | np.array(curves, dtype=np.bool_)[segment]) & (np.abs(path.s[row] - s) <= SAME_PLACE)
+    row = np.clip(np.searchsorted(path.s, s - MEETS), 0, path.s.size - 1)
+    good = (apart | np.array(curves, dtype=np.bool_)[segment]) & (np.abs(path.s[row] - s) <= MEETS)
     return piece[good], s[good]
 
 
@@ -79,7 +80,7 @@ def _part(path: ProgramPath, track: Track, first: int, last: int) -> ProgramPath
     """Cut out the pieces from `first` to before `last`."""
     if (first, last) == (0, len(track.pieces)):
         return path
-    low, high = np.searchsorted(path.s, track.starts[[first, last]] - SAME_PLACE).tolist()
+    low, high = np.searchsorted(path.s, track.starts[[first, last]] - MEETS).tolist()
     segments = tuple(
         _within(track, number, first, last)
         for number in range(int(track.segment[first]), int(track.segment[last - 1]) + 1)

@@ -28,9 +28,9 @@ from ph_post.edit.word_shifts import (
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
-from ph_post.post.remarks import package_version
 from ph_post.types import Array, IntArray, Machine, sealed
 from ph_post.units import MM
+from ph_post.version import package_version
 
 _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _WIDEST: Final = 10**7

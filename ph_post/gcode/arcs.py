@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ph_post.compiling import compiled, inner
+from ph_post.types import Array, IntArray
 from ph_post.units import INCH, MM
 
 RADII_DIFFER, ZERO_RADIUS, NO_WAY, RADIUS_TOO_SMALL, RADIUS_ZERO = range(40, 45)
@@ -23,6 +24,12 @@ _SMALLEST = 0.00005 * INCH
 """Radii below are none (RADIUS_TOLERANCE, the same in mm and inch)."""
 _HALF = 1.0 - 1e-12
 """An R that is no more than this share off half the way is a half circle."""
+
+
+def swept_angle(a: Array, b: Array, sense: Array | IntArray | float = 1.0) -> Array:
+    """Return the angle [rad] in [0, 2π) from directions `a` to `b`, shape (..., 2); `sense` -1 is clockwise."""
+    cross, dot = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1)
+    return np.asarray(np.mod(sense * np.arctan2(cross, dot), 2.0 * np.pi))
 
 
 @inner

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from ph_post.geometry.joints import find_joints
-from ph_post.geometry.piecewise import Piece
+from ph_post.geometry.piecewise import MEETS, Piece
 from ph_post.geometry.track import Track
 from ph_post.types import Array, IntArray
 
@@ -94,9 +94,6 @@ class Moves(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 LINE, ARC, SPLINE, CURVE, POLYNOMIAL = range(5)
 """What a piece is to the writer: one G1, G2 or G3, one or more G5, many chords, or polynomials of it."""
 
-SNAP = 1e-9
-"""Places closer than this [m] are one: 1 nm, the last decimal any dialect writes."""
-
 
 class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The pieces of a track, grouped for the writer.
@@ -135,7 +132,7 @@ class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         after = np.clip(np.searchsorted(joints, place), 1, joints.size - 1)
         nearer = place - joints[after - 1] < joints[after] - place
         joint = np.where(nearer, joints[after - 1], joints[after])
-        return np.where(np.abs(place - joint) <= SNAP, base + joint, s)
+        return np.where(np.abs(place - joint) <= MEETS, base + joint, s)
 
     def piece_at(self, s: Array) -> IntArray:
         """Return the number of the piece at each place."""
@@ -188,10 +185,10 @@ def between(shape: TrackShape, marks: Array, s0: float, s1: float) -> Array:
     low, high = min(s0, s1), max(s0, s1)
     if shape.track.closed:
         length = shape.track.length
-        marks = np.append(marks, length) if high > length + SNAP or low < -SNAP else marks
+        marks = np.append(marks, length) if high > length + MEETS or low < -MEETS else marks
         rounds = np.arange(np.floor(low / length), np.ceil(high / length) + 1)
         marks = (marks[None, :] + length * rounds[:, None]).ravel()
-    inside = np.sort(marks[(marks > low + SNAP) & (marks < high - SNAP)])
+    inside = np.sort(marks[(marks > low + MEETS) & (marks < high - MEETS)])
     return inside if s1 > s0 else inside[::-1]
 
 

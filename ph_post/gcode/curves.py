@@ -127,9 +127,6 @@ most, which a drive does in one or two periods of a controller."""
 SHARE: Final = 0.25
 """Part of the motions and pieces on either side that a bend takes at most."""
 
-SAME_PLACE: Final = 1e-9
-"""Arc lengths [m] that differ by less are one place."""
-
 
 class Rounded(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Segments with the bends between them, and the new arc lengths [m] of the places asked for."""
@@ -169,7 +166,7 @@ def round_corners(track: Track, s: Array, marked: BoolArray, tolerance: float) -
     shorter = 2.0 * half[chosen] - np.array([bend.length for bend in bends])
     corner = joints.s[chosen]
     before = np.concatenate([[0.0], np.cumsum(shorter)])
-    passed, reached = (np.searchsorted(corner, s + off) for off in (-SAME_PLACE, SAME_PLACE))
+    passed, reached = (np.searchsorted(corner, s + off) for off in (-MEETS, MEETS))
     return Rounded(segments=segments, s=s - 0.5 * (before[passed] + before[reached]))
 
 
@@ -182,7 +179,7 @@ def _half_lengths(track: Track, joints: Joints, s: Array, marked: BoolArray, tol
     half = np.zeros(joints.s.size)
     for k in np.flatnonzero(right).tolist():
         place = float(joints.s[k])
-        low, high = np.searchsorted(s, [place - SAME_PLACE, place + SAME_PLACE])
+        low, high = np.searchsorted(s, [place - MEETS, place + MEETS])
         if not 0 < low < high < s.size:
             continue
         jump = float(np.linalg.norm(joints.curvature_jump[k]))

@@ -13,7 +13,7 @@ from ph_post.types import Array, IntArray
 
 
 def split_cubic(control: Array, shares: Sequence[float]) -> list[Array]:
-    """Control points (4, d) of the parts of a cubic Bézier between parameters, by de Casteljau.
+    """Return the control points (4, d) of the parts of a cubic Bézier between parameters, by de Casteljau.
 
     Examples
     --------
@@ -21,12 +21,9 @@ def split_cubic(control: Array, shares: Sequence[float]) -> list[Array]:
     >>> [part.ravel().tolist() for part in split_cubic(line, [0.0, 0.5, 1.0])]
     [[0.0, 0.5, 1.0, 1.5], [1.5, 2.0, 2.5, 3.0]]
     """
-    return [_between(control, low, high) for low, high in pairwise(shares)]
-
-
-def _between(control: Array, low: float, high: float) -> Array:
-    rows = [_blossom(control, [low] * (3 - n) + [high] * n) for n in range(4)]
-    return np.array(rows)
+    return [
+        np.array([_blossom(control, [low] * (3 - n) + [high] * n) for n in range(4)]) for low, high in pairwise(shares)
+    ]
 
 
 def _blossom(control: Array, parameters: Sequence[float]) -> Array:
@@ -37,7 +34,7 @@ def _blossom(control: Array, parameters: Sequence[float]) -> Array:
 
 
 def place(motions: Motions, k: int, share: float) -> Array:
-    """Point of a motion [m], shape (3,).
+    """Return the point [m] of a motion at a share of it, shape (3,).
 
     Raises
     ------

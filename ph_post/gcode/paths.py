@@ -16,9 +16,6 @@ from ph_post.geometry.piecewise import MEETS, PiecewiseCurve
 from ph_post.types import Array, IntArray, Path
 from ph_post.units import MM
 
-SAME_PLACE = 1e-6 * MM
-"""Places closer than this along the path [m] are one: an end of a motion counts to the earlier motion."""
-
 
 class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The path of one chain of a program, and where on it each motion is.
@@ -43,9 +40,9 @@ class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         At a joint the earlier motion answers, with share 1.
         """
         s = np.clip(np.asarray(s, dtype=np.float64), self.s[0], self.s[-1])
-        row = np.clip(np.searchsorted(self.s, s - SAME_PLACE, side="right") - 1, 0, self.motion.size - 1)
+        row = np.clip(np.searchsorted(self.s, s - MEETS, side="right") - 1, 0, self.motion.size - 1)
         share = (s - self.s[row]) / (self.s[row + 1] - self.s[row])
-        near = np.abs(s - self.s[row + 1]) <= SAME_PLACE
+        near = np.abs(s - self.s[row + 1]) <= MEETS
         share = np.where(near, 1.0, np.clip(share, 0.0, 1.0))
         for number, curve in self._on_cubics(row):
             on = (row == number) & ~near
@@ -93,7 +90,8 @@ def paths_of(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[Pr
     found = []
     for chain, every in _chains(program.motions):
         rows, warnings = _known(program, every)
-        if _cuts(program.motions, rows) and not _lacks_feed(program.motions, rows):
+        cuts = (program.motions.kind[_goes(program.motions, rows)] != RAPID).any()
+        if cuts and not _lacks_feed(program.motions, rows):
             found.append(_path(program, chain, rows, tolerance, warnings))
     return tuple(found)
 
@@ -175,10 +173,6 @@ def _goes(motions: Motions, rows: IntArray) -> IntArray:
     return np.asarray(rows[apart | bent])
 
 
-def _cuts(motions: Motions, rows: IntArray) -> bool:
-    return bool((motions.kind[_goes(motions, rows)] != RAPID).any())
-
-
 def _lacks_feed(motions: Motions, rows: IntArray) -> bool:
     cutting = rows[motions.kind[rows] != RAPID]
     return bool((np.isnan(motions.feed[cutting]) & ~(motions.duration[cutting] > 0.0)).any())
@@ -188,9 +182,8 @@ def _columns(motions: Motions, rows: IntArray) -> tuple[int, ...]:
     """Columns of the axes that move, at least two."""
     moving = (motions.start[rows] != motions.end[rows]) & ~np.isnan(motions.end[rows])
     found = set(np.flatnonzero(moving.any(axis=0)).tolist())
-    for kind, axes in ((CUBIC, (0, 1)), (NURBS, (0, 1))):
-        if (motions.kind[rows] == kind).any():
-            found |= set(axes)
+    if np.isin(motions.kind[rows], (CUBIC, NURBS)).any():
+        found |= {0, 1}
     for plane in set(motions.plane[rows[motions.kind[rows] == ARC]].tolist()):
         found |= {*PLANE_AXES[plane][:2]}
     for axis in (0, 1, 2):

@@ -15,7 +15,7 @@ import numpy as np
 
 from ph_post.gcode.blocks import POLYNOMIAL, Blocks, TrackShape
 from ph_post.gcode.numbers import to_counts
-from ph_post.geometry.bernstein import elevate, subdivide, to_power
+from ph_post.geometry.bernstein import elevate, restrict, to_power
 from ph_post.types import Array, BoolArray, IntArray, join_rows, take
 from ph_post.units import MM
 
@@ -27,7 +27,7 @@ DENOMINATOR_DECIMALS: Final = 14
 def polynomial_words(
     blocks: Blocks, shape: TrackShape, piece: IntArray, offset: Array, decimals: int
 ) -> dict[int, IntArray]:
-    """Coefficients of all blocks that are polynomials, by their number.
+    """Return the coefficients of all blocks that are polynomials, by their number.
 
     Parameters
     ----------
@@ -54,26 +54,12 @@ def polynomial_words(
     found: dict[int, IntArray] = {}
     for row, number, low, high in zip(rows.tolist(), of.tolist(), u0.tolist(), u1.tolist(), strict=True):
         one = shape.track.pieces[number]
-        part = restricted(one.control.T, low, high)
+        part = restrict(one.control.T, low, high)
         if one.kind == "rational":
             found[row] = _quotient(part, offset[row], decimals)
         else:
             found[row] = to_counts(to_power(part)[:, 2:], decimals)
     return found
-
-
-def restricted(net: Array, u0: float, u1: float) -> Array:
-    """Bernstein coefficients on the part from `u0` to `u1`, backwards where `u1` is the smaller one.
-
-    Examples
-    --------
-    >>> restricted(np.array([[0.0, 0.0, 1.0]]), 1.0, 0.5).tolist()
-    [[1.0, 0.5, 0.25]]
-    """
-    low, high = min(u0, u1), max(u0, u1)
-    right = subdivide(net, low)[1] if low > 0.0 else net
-    part = subdivide(right, (high - low) / (1.0 - low))[0] if high < 1.0 else right
-    return part if u0 <= u1 else part[..., ::-1]
 
 
 def _quotient(net: Array, offset: Array, decimals: int) -> IntArray:
@@ -186,9 +172,4 @@ def cubic_control(shape: TrackShape, piece: IntArray, u0: Array, u1: Array) -> A
     which, row = np.unique(piece, return_inverse=True)
     nets = [shape.track.pieces[number].control.T for number in which]
     cubics = [net if net.shape[1] == 4 else elevate(net, 4 - net.shape[1]) for net in nets]
-    low, high = np.minimum(u0, u1)[:, None], np.maximum(u0, u1)[:, None]
-    right = subdivide(np.reshape(cubics, (-1, 2, 4))[row], low)[1]
-    # `high` as seen from [low, 1]; nothing is left to see where low = 1, but then high is 1 too
-    at = np.divide(high - low, 1.0 - low, out=np.ones_like(high), where=low < 1.0)
-    part = np.swapaxes(subdivide(right, at)[0], 1, 2)
-    return np.asarray(np.where((u1 < u0)[:, None, None], part[:, ::-1], part))
+    return np.swapaxes(restrict(np.reshape(cubics, (-1, 2, 4))[row], u0[:, None], u1[:, None]), 1, 2)

@@ -226,17 +226,14 @@ def _spans(statements: list[_Statement], end: int) -> list[tuple[int, int]]:
         closer = _OPENS.get(first.keyword)
         last = number
         if closer is not None:
-            ends = (k for k in range(number + 1, len(statements)) if _closes(statements[k], first, closer))
-            last = next(ends, -1)
+            later = range(number + 1, len(statements))
+            closing = (first.label, closer)
+            last = next((k for k in later if (statements[k].label, statements[k].keyword) == closing), -1)
         if last < 0:
             return [*spans, (first.block, max(first.block, end - 1))]
         spans.append((first.block, statements[last].block))
         number = last + 1
     return spans
-
-
-def _closes(statement: _Statement, first: _Statement, closer: bytes) -> bool:
-    return statement.label == first.label and statement.keyword == closer
 
 
 def _words_set(lexed: Lexed, inside: np.ndarray) -> int:

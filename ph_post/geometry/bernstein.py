@@ -131,6 +131,24 @@ def subdivide(coefficients: ArrayLike, at: ArrayLike = 0.5) -> tuple[Array, Arra
     return left, right
 
 
+def restrict(coefficients: ArrayLike, u0: ArrayLike, u1: ArrayLike) -> Array:
+    """Return the coefficients of the parts from `u0` to `u1`, which run backwards where `u1` < `u0`.
+
+    `u0` and `u1` are numbers, or broadcast against the leading axes of `coefficients`.
+
+    Examples
+    --------
+    >>> restrict([[0.0, 0.0, 1.0]], 1.0, 0.5).tolist()
+    [[1.0, 0.5, 0.25]]
+    """
+    u0, u1 = np.asarray(u0, dtype=np.float64), np.asarray(u1, dtype=np.float64)
+    low, high = np.minimum(u0, u1), np.maximum(u0, u1)
+    # `high` as seen from [low, 1]; nothing is left to see where low = 1, but then high is 1 too
+    at = np.divide(high - low, 1.0 - low, out=np.ones_like(high), where=low < 1.0)
+    part = subdivide(subdivide(coefficients, low)[1], at)[0]
+    return np.where((u1 < u0)[..., None], part[..., ::-1], part)
+
+
 def elevate(coefficients: ArrayLike, times: int = 1) -> Array:
     """Raise the degree without changing the polynomial.
 

@@ -17,7 +17,6 @@ from ph_post.gcode.blocks import (
     DWELL,
     LINE,
     POLYNOMIAL,
-    SNAP,
     SPLINE,
     Blocks,
     TrackShape,
@@ -25,6 +24,7 @@ from ph_post.gcode.blocks import (
 )
 from ph_post.gcode.polynomials import cut_cubics
 from ph_post.gcode.program import plane_of
+from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.post.feeds import cut_stretches, feed_blocks
 from ph_post.post.options import ProgramOptions
@@ -182,7 +182,7 @@ def _open_boundaries(blocks: Blocks, shape: TrackShape) -> BoolArray:
     """Find where a block and the next may be one: no stop, reversal, dwell or end of rapids between them."""
     way = np.sign(blocks.s1 - blocks.s0)
     place = shape.wrap(blocks.s1[:-1])
-    near = np.searchsorted(shape.stops, [place - SNAP, place + SNAP])
+    near = np.searchsorted(shape.stops, [place - MEETS, place + MEETS])
     dwells = blocks.kind == DWELL
     alike = (way[:-1] == way[1:]) & (blocks.rapid[:-1] == blocks.rapid[1:])
     return np.asarray(alike & (near[0] == near[1]) & ~dwells[:-1] & ~dwells[1:])
@@ -349,7 +349,7 @@ def _with_curves(blocks: Blocks, shape: TrackShape, dialect: Dialect) -> Blocks:
     (measured: from 40 to 20 mm/s at the ends of a dip on R 20 mm), while arcs run into arcs at full speed.
     """
     piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
-    inwards = np.clip(0.5 * (blocks.s1 - blocks.s0), -SNAP, SNAP)  # so that a joint counts as either side
+    inwards = np.clip(0.5 * (blocks.s1 - blocks.s0), -MEETS, MEETS)  # so that a joint counts as either side
     same = (shape.piece_at(blocks.s0 + inwards) == piece) & (shape.piece_at(blocks.s1 - inwards) == piece)
     timed = (blocks.timed == 1) & (blocks.kind == LINE) & same
     quantum = dialect.numbers.quantum

@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.motion import MotionLaw
-from ph_post.gcode.blocks import DWELL, JOG, LINE, SNAP, Blocks, Feed, TrackShape, between
+from ph_post.gcode.blocks import DWELL, JOG, LINE, Blocks, Feed, TrackShape, between
 from ph_post.gcode.numbers import significant_text
+from ph_post.geometry.piecewise import MEETS
 from ph_post.post.timeline import MotionStretch, Span, time_at
 from ph_post.types import Array, BoolArray
 from ph_post.units import MM, MM_PER_MIN
@@ -122,7 +123,8 @@ def schedule_feeds(blocks: Blocks, motion: MotionLaw, feed: Array, digits: int) 
                 continue
             found.feed[i] = constant_feed(motion, t0, t1)
             if planned is not None:
-                found.off[i] = _off(motion, t0, t1, float(found.feed[i]))
+                speed = np.abs(motion.place_and_feed(t0 + (t1 - t0) * _NODES)[1])
+                found.off[i] = float(np.abs(float(found.feed[i]) / speed - 1.0).max())
         now = written(float(found.feed[i]), digits)
     return found
 
@@ -135,11 +137,6 @@ def _changes(blocks: Blocks, motion: MotionLaw) -> BoolArray:
     differs = np.ptp(speed, axis=0) > _MEETS * np.abs(speed[1])
     moves = ~np.isin(blocks.kind, (DWELL, JOG))
     return np.asarray(moves & ((blocks.timed == 1) | differs))
-
-
-def _off(motion: MotionLaw, t0: float, t1: float, feed: float) -> float:
-    speed = np.abs(motion.place_and_feed(t0 + (t1 - t0) * _NODES)[1])
-    return float(np.abs(feed / speed - 1.0).max())
 
 
 def written(speed: float, digits: int) -> float:
@@ -244,7 +241,7 @@ def _joined(before: MotionStretch, after: MotionStretch, shape: TrackShape, moti
     if before.rapid or after.rapid or "dwell" in (before.span.kind, after.span.kind):
         return False
     place = float(shape.wrap(np.array([after.s0]))[0])
-    near = np.searchsorted(shape.stops, [place - SNAP, place + SNAP])
+    near = np.searchsorted(shape.stops, [place - MEETS, place + MEETS])
     speed = abs(float(motion.place_and_feed(np.array([after.start]))[1][0]))
     moves = speed > AT_REST * max(abs(before.span.speed), abs(after.span.speed))
     return bool(near[0] == near[1]) and moves and (before.s1 > before.s0) == (after.s1 > after.s0)
@@ -274,7 +271,7 @@ def _joints(one: MotionStretch, shape: TrackShape, motion: MotionLaw) -> list[fl
     """Instants in a stretch at which the kind of the path's pieces changes, its beginning included."""
     places = between(shape, shape.kind_changes, one.s0, one.s1).tolist()
     times = (time_at(motion, one.span, place) for place in places)
-    begins = between(shape, shape.kind_changes, one.s0 - 2.0 * SNAP, one.s0 + 2.0 * SNAP).size
+    begins = between(shape, shape.kind_changes, one.s0 - 2.0 * MEETS, one.s0 + 2.0 * MEETS).size
     return [*([one.start] if begins else []), *(t for t in times if one.start < t < one.end)]
 
 
@@ -394,17 +391,12 @@ def _halved(motion: MotionLaw, t0: float, t1: float, least: float) -> list[float
     fit = fit_feed(motion, t0, t1)
     if t1 - t0 < 2.0 * least or (fit is not None and fit.error <= AIM):
         return [t1]
-    if fit is None and _travel(motion, t0, t1) <= _SHORT:
+    if fit is None and abs(float(np.diff(motion.place_and_feed(np.array([t0, t1]))[0])[0])) <= _SHORT:
         return [t1]
     halves = [*_halved(motion, t0, middle, least), *_halved(motion, middle, t1, least)]
     if fit is None and t1 - t0 < _BESIDE_REST * least and not _followed(motion, [t0, *halves]):
         return [t1]
     return halves
-
-
-def _travel(motion: MotionLaw, t0: float, t1: float) -> float:
-    s0, s1 = motion.place_and_feed(np.array([t0, t1]))[0].tolist()
-    return abs(float(s1 - s0))
 
 
 def _followed(motion: MotionLaw, times: Sequence[float]) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from ph_post.compensate.motion import MotionLaw
 from ph_post.dialects.base import Dialect
 from ph_post.errors import InputError
+from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.blocks import ARC, DWELL, JOG, POLYNOMIAL, SPLINE, Blocks, Moves, TrackShape
 from ph_post.gcode.numbers import to_counts
 from ph_post.gcode.polynomials import cubic_control, polynomial_words
@@ -39,8 +40,8 @@ class CarriedOffset(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 class Jogs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The jogs of a plan that are written, in the order of time, and the `phases` in which they lie.
 
-    `first` (dim,) [m] is the offset with which the path begins. What a plan begins with to come onto it is
-    left out: it is the program's approach.
+    `first` (dim,) [m] is the offset with which the path begins. The jogs by which a plan comes onto it are not
+    among them: they are the program's approach.
     """
 
     phases: tuple[Phase, ...]
@@ -53,15 +54,15 @@ def read_jogs(plan: Plan) -> Jogs:
     axes = plan.path.axes
     jogs = tuple(one for one in plan.crossings if isinstance(one, Jog))
     first = np.array([plan.bias.get(axis, 0.0) if jogs else 0.0 for axis in axes])
-    seats = [jog for jog in jogs if jog.start == 0.0]
-    if not seats:
+    approach = [jog for jog in jogs if jog.start == 0.0]
+    if not approach:
         return Jogs(phases=plan.phases, jogs=jogs, first=first)
-    for jog in seats:
+    for jog in approach:
         first[axes.index(jog.axis)] += jog.travel
     past = plan.phases[0].duration
     return Jogs(
         phases=tuple(msgspec.structs.replace(one, start=one.start - past) for one in plan.phases[1:]),
-        jogs=tuple(msgspec.structs.replace(one, start=one.start - past) for one in jogs[len(seats) :]),
+        jogs=tuple(msgspec.structs.replace(one, start=one.start - past) for one in jogs[len(approach) :]),
         first=first,
     )
 
@@ -212,9 +213,7 @@ def _lengths(blocks: Blocks, points: IntArray, center: IntArray, turn: IntArray,
     arc = blocks.kind == ARC
     start = (points[:-1, :2] - center)[arc].astype(np.float64)
     end = (points[1:, :2] - center)[arc].astype(np.float64)
-    cross = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
-    angle = np.mod(turn[arc] * np.arctan2(cross, (start * end).sum(axis=1)), 2.0 * np.pi)
-    length[arc] = 0.5 * (np.hypot(*start.T) + np.hypot(*end.T)) * angle
+    length[arc] = 0.5 * (np.hypot(*start.T) + np.hypot(*end.T)) * swept_angle(start, end, turn[arc])
     length *= MM * 10.0**-decimals
     own = np.isin(blocks.kind, (SPLINE, POLYNOMIAL))
     length[own] = np.abs(blocks.s1 - blocks.s0)[own]

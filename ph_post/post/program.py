@@ -15,8 +15,9 @@ import numpy as np
 from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance
 from ph_post.dialects.base import Dialect
 from ph_post.errors import InputError
-from ph_post.gcode.blocks import DWELL, JOG, SNAP, Moves, TrackShape
+from ph_post.gcode.blocks import DWELL, JOG, Moves, TrackShape
 from ph_post.gcode.program import plane_of
+from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.post.blocks import cut_blocks
 from ph_post.post.moves import check_jogs, read_jogs, round_blocks, with_jogs
@@ -56,10 +57,10 @@ def first_directions(
     it does not reverse, it follows from the ends.
     """
     origin, last = shape.positions(np.array([s, end]))
-    senses: Array = np.where(np.abs(last - origin) > SNAP, np.sign(last - origin), 0.0)
+    senses: Array = np.where(np.abs(last - origin) > MEETS, np.sign(last - origin), 0.0)
     for column, axis in enumerate(axes):
         for point in points:
-            moved = s < point.s < end and abs(point.position - origin[column]) > SNAP
+            moved = s < point.s < end and abs(point.position - origin[column]) > MEETS
             if point.axis == axis and moved:
                 senses[column] = 1.0 if point.sense == "max" else -1.0
                 break
@@ -124,7 +125,9 @@ class _Job:
         blocks, carried = with_jogs(blocks, found, self.axes)
         self.moves = round_blocks(blocks, self.shape, dialect, carried, found.phases)
         self.out = dialect.line_writer(self.axes, options.chord_tolerance)
-        self.out.rapid_speed = _rapid_speed(plan)
+        # rapids in which no axis is too fast; at the feed of the path where no limit is known
+        fastest = min((axis.limits.velocity for axis in plan.machine.axes.values()), default=math.inf)
+        self.out.rapid_speed = fastest if math.isfinite(fastest) else plan.path.feed
         self.safe = self._height(options.safe_z)
         self.depth = self._height(options.depth)
 
@@ -208,13 +211,6 @@ class _Job:
 
     def _height(self, z: float | None) -> int | None:
         return None if z is None else self.dialect.numbers.count(z)
-
-
-def _rapid_speed(plan: Plan) -> float:
-    """Speed of rapids [m/s] that no axis exceeds; the feed of the path where no limit is known."""
-    speeds = [axis.limits.velocity for axis in plan.machine.axes.values()]
-    speed = min(speeds, default=math.inf)
-    return speed if math.isfinite(speed) else plan.path.feed
 
 
 def _groups(moves: Moves) -> Iterator[tuple[int, int, bool]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
-
 import numpy as np
 
 from ph_post.compensate.layout import rest_at
@@ -13,8 +11,9 @@ from ph_post.gcode.blocks import Moves
 from ph_post.post.feeds import FOLLOWS
 from ph_post.post.moves import read_jogs
 from ph_post.post.options import ProgramOptions
-from ph_post.types import Array, FeedProfile, IntArray, Plan, Window
+from ph_post.types import Array, IntArray, Plan
 from ph_post.units import MM, MM_PER_MIN, MS
+from ph_post.version import package_version
 
 _DIGEST = 16
 """So many hexadecimal digits of an input's hash: enough to distinguish inputs."""
@@ -25,19 +24,11 @@ def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[
     remarks = [
         *_origin(plan),
         *_manner(plan, dialect, options),
-        *_windows(plan),
+        *(_window(plan, number) for number in range(len(plan.windows))),
         *_offsets(plan),
         *_assumptions(plan, dialect, options),
     ]
     return [line for remark in remarks for line in dialect.comment(remark)]
-
-
-def package_version() -> str:
-    """Version of the installed package, or a word for a source tree."""
-    try:
-        return version("ph-post")
-    except PackageNotFoundError:
-        return "source tree"
 
 
 def _origin(plan: Plan) -> list[str]:
@@ -55,27 +46,20 @@ def _manner(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     feed = "inverse time, F in 1/min" if options.feed_mode == "inverse-time" else "F in mm/min"
     chord, block = options.chord_tolerance / MM, options.block_time / MS
     rounding = "" if dialect.syntax.path_mode is None else f", joints rounded by at most {chord:g} mm more"
+    dips = f"blocks of at most {block:g} ms in ramps and dips"
+    if dialect.abilities.feed_degree:
+        part = 100.0 * FOLLOWS
+        dips = f"feed in ramps and dips within {part:g} percent but for the last milliseconds beside a stop"
     return [
         f"dialect {dialect.name}, lengths in mm, {feed}",
         f"planned time {cycle_time(plan.nominal):.4f} s without feed dips,"
         f" {cycle_time(read_jogs(plan).phases):.4f} s with them",
-        f"chords within {chord:g} mm of the path{rounding}, {_dips(dialect, block)}",
+        f"chords within {chord:g} mm of the path{rounding}, {dips}",
     ]
 
 
-def _dips(dialect: Dialect, block: float) -> str:
-    if dialect.abilities.feed_degree:
-        part = 100.0 * FOLLOWS
-        return f"feed in ramps and dips within {part:g} percent but for the last milliseconds beside a stop"
-    return f"blocks of at most {block:g} ms in ramps and dips"
-
-
-def _windows(plan: Plan) -> list[str]:
-    rows = zip(plan.windows, plan.profiles, strict=True)
-    return [_window(plan, number, window, profile) for number, (window, profile) in enumerate(rows)]
-
-
-def _window(plan: Plan, number: int, window: Window, profile: FeedProfile | None) -> str:
+def _window(plan: Plan, number: int) -> str:
+    window, profile = plan.windows[number], plan.profiles[number]
     point = plan.turning_points[window.turning_point]
     place = f"segment {point.segment}, s {window.s / MM:.3f} mm, {point.axis} {point.sense}"
     if profile is None:

@@ -10,7 +10,7 @@ import numpy as np
 from ph_post.dialects.base import CubicAbility, Dialect
 from ph_post.errors import SolveError
 from ph_post.gcode.blocks import read_shape
-from ph_post.gcode.polynomials import CubicParts, cubic_control, cut_cubics
+from ph_post.gcode.polynomials import cubic_control, cut_cubics
 from ph_post.geometry.bernstein import elevate, evaluate
 from ph_post.geometry.curves import Bezier
 from ph_post.geometry.nurbs import Nurbs
@@ -128,23 +128,19 @@ def _steps(track: Track, trace: CurveTrace, run: StraightRun, ability: CubicAbil
         tolerance=CHORD_TOLERANCE,
     )
     control = cubic_control(shape, piece[parts.run], parts.u0, parts.u1)
+    ends = piece[parts.run][:, np.newaxis] + np.stack([parts.u0, parts.u1], axis=1)
     steps = [
         step
         for row in range(parts.run.size)
-        for step in _part(track, trace, run, control[row], _range(piece, parts, row), bool(parts.smooth[row]))
+        for step in _part(track, trace, run, control[row], ends[row].tolist(), bool(parts.smooth[row]))
     ]
     return [*steps[:-1], TracedMove(end=run.points[trace.last], inner=steps[-1].inner)]
 
 
-def _range(piece: IntArray, parts: CubicParts, row: int) -> tuple[float, float]:
-    base = float(piece[parts.run[row]])
-    return base + float(parts.u0[row]), base + float(parts.u1[row])
-
-
 def _part(
-    track: Track, trace: CurveTrace, run: StraightRun, control: Array, at: tuple[float, float], smooth: bool
+    track: Track, trace: CurveTrace, run: StraightRun, control: Array, at: Sequence[float], smooth: bool
 ) -> Iterator[TracedMove]:
-    """One spline, or the points of the run on this part and its end."""
+    """Yield one spline, or the points of the run on this part and its end."""
     end = place_on(track, np.array([at[1]]))[0][0]
     if smooth:
         yield TracedMove(end=end, inner=control[1:3])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -95,16 +95,11 @@ def _joins(before: Span, after: Span) -> bool:
 
 
 def time_at(motion: MotionLaw, span: Span, s: float) -> float:
-    """When a span passes a place inside it [s]: bisection to the last bit, as s(t) is monotone there."""
+    """Return the instant [s] at which a span passes the place `s` [m] inside it, where s(t) is monotone."""
     if span.kind == "steady":
         return span.start + (s - span.s0) / span.speed
-    low, high = span.start, span.end
-    while low < (middle := 0.5 * (low + high)) < high:
-        if (motion.place_and_feed(np.array([middle]))[0][0] < s) == (span.s1 > span.s0):
-            low = middle
-        else:
-            high = middle
-    return high
+    rises = span.s1 > span.s0
+    return _bisect(lambda t: (motion.place_and_feed(np.array([t]))[0][0] < s) == rises, span.start, span.end)
 
 
 def span_kind(speed: Array) -> SpanKind:
@@ -137,13 +132,18 @@ def sign_changes(speed: Array) -> list[float]:
     value = evaluate(speed, _SCAN)
     solid = np.flatnonzero(np.abs(value) > noise)
     flips = np.flatnonzero(np.diff(np.sign(value[solid])) != 0)
-    return [_bisect(speed, float(_SCAN[solid[i]]), float(_SCAN[solid[i + 1]])) for i in flips]
+    return [_sign_change(speed, float(_SCAN[solid[i]]), float(_SCAN[solid[i + 1]])) for i in flips]
 
 
-def _bisect(speed: Array, low: float, high: float) -> float:
+def _sign_change(speed: Array, low: float, high: float) -> float:
     rises = float(evaluate(speed, low)) < 0.0
+    return _bisect(lambda u: (float(evaluate(speed, u)) < 0.0) == rises, low, high)
+
+
+def _bisect(is_before: Callable[[float], bool], low: float, high: float) -> float:
+    """Bisect to the last bit: return the first number for which `is_before` no longer holds."""
     while low < (middle := 0.5 * (low + high)) < high:
-        if (float(evaluate(speed, middle)) < 0.0) == rises:
+        if is_before(middle):
             low = middle
         else:
             high = middle

@@ -12,12 +12,12 @@ from ph_post.dialects.declaration import mark_text
 from ph_post.edit.undo import CHANGE_MARK
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs
-from ph_post.post.remarks import package_version
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
 from ph_post.simulate.controllers.run import run_program, tolerances
 from ph_post.types import Array, BoolArray, Command, Machine, frozen, sealed
+from ph_post.version import package_version
 
 OPERATOR: Final = (0, 1, 6, 60)
 """M words that wait for the operator; the wait is not compared."""

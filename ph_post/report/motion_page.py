@@ -20,6 +20,7 @@ from ph_post.simulate.assess import scenario_words
 from ph_post.simulate.contour import TurningError
 from ph_post.types import IntArray
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
+from ph_post.version import package_version
 
 ROWS: Final = 10_000
 """Rows that a motion is drawn with at most, apart from those that show the error of a turning point."""

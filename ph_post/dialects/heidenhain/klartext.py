@@ -46,22 +46,7 @@ _CALLS: Final = {
 _QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
 _TURNS: Final = frozenset((8, 10, 11, 19, 26))
 _SHIFTS: Final = frozenset((7, 247))
-_OTHERS: Final = (
-    "CTP",
-    "CT",
-    "CP",
-    "LP",
-    "LCT",
-    "LN",
-    "FPOL",
-    "FLT",
-    "FL",
-    "FCT",
-    "FC",
-    "APPR",
-    "DEP",
-    "SPL",
-)
+_OTHERS: Final = re.compile(r"CTP|CT|CP|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _INCLINED: Final = "PLANE"
 
 
@@ -132,7 +117,7 @@ class _KlartextFollower:
             functions = [int(number) for number in _FUNCTION.findall(source)]
             text = self.tnc.straight({}, rapid=False, feed="", functions=functions)
             return joined("M0" if word == "STOP" else "", text)
-        what = "path function" if word in _OTHERS else "block delete" if word[0] == "/" else "unknown word"
+        what = "path function" if _OTHERS.fullmatch(word) else "block delete" if word[0] == "/" else "unknown word"
         raise NotFollowed(what, source)
 
     def _straight(self, text: str) -> str:

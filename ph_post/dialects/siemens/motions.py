@@ -13,12 +13,13 @@ from msgspec.structs import replace
 from ph_post.dialects.reading import motion_rows
 from ph_post.dialects.siemens.words import CircleWords, Extras, FeedProfileWords, PolynomialWords
 from ph_post.errors import InputError
+from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.blocks import Feed
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.motion_parts import place
-from ph_post.gcode.polynomials import restricted
 from ph_post.gcode.program import ARC, AXES, NURBS, PLANE_AXES, Motions, NurbsData, PartProgram
-from ph_post.geometry.bernstein import from_power
+from ph_post.geometry.bernstein import from_power, restrict
+from ph_post.geometry.piecewise import MEETS
 from ph_post.types import Array, IntArray, sealed
 from ph_post.units import MINUTE, MS
 
@@ -29,8 +30,6 @@ _LONGEST_PART: Final = 5.0 * MS
 """Longest part of a motion whose feed changes [s]."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_FLAT: Final = 1e-9
-"""A third coordinate that is off the plane by no more than this [m] is in it."""
 
 
 def with_extras(program: PartProgram, extras: Extras) -> PartProgram:
@@ -108,21 +107,15 @@ def _through(motions: Motions, row: int, given: CircleWords, units: float) -> tu
     first, second, third = PLANE_AXES[int(motions.plane[row])]
     a, b, c = (one[[first, second]] for one in (start, point, end))
     off = np.abs([point[third] - start[third], end[third] - start[third]])
-    if (off > _FLAT).any() or np.isnan([*a, *b, *c]).any():
+    if (off > MEETS).any() or np.isnan([*a, *b, *c]).any():
         return None
     across = 2.0 * float(np.linalg.det(np.stack([b - a, c - a])))
-    if abs(across) <= _FLAT * float(np.linalg.norm(c - a) + np.linalg.norm(b - a)):
+    if abs(across) <= MEETS * float(np.linalg.norm(c - a) + np.linalg.norm(b - a)):
         return None
     p, q = float((b - a) @ (b - a)), float((c - a) @ (c - a))
     middle = a + np.array([p * (c - a)[1] - q * (b - a)[1], q * (b - a)[0] - p * (c - a)[0]]) / across
-    turned = _angle(a - middle, c - middle)
+    turned = float(swept_angle(a - middle, c - middle))
     return middle, turned if across > 0.0 else turned - math.tau
-
-
-def _angle(ray: Array, last: Array) -> float:
-    """Angle from one direction to another, 0 to a whole turn."""
-    cross = float(ray[0] * last[1] - ray[1] * last[0])
-    return math.atan2(cross, float(ray @ last)) % math.tau
 
 
 class _Parts(msgspec.Struct, frozen=True, kw_only=True):
@@ -209,6 +202,6 @@ def _pieces(motions: Motions, row: int, edges: Array) -> list[NurbsData]:
     net = np.vstack([(control * weights[:, None]).T, weights])
     found = []
     for low, high in zip(places[:-1].tolist(), places[1:].tolist(), strict=True):
-        part = restricted(net, low, high)
+        part = restrict(net, low, high)
         found.append((order, (part[:-1] / part[-1]).T, part[-1]))
     return found

@@ -20,11 +20,8 @@ SAME: Final = (0, 1, 2, 3, 17, 18, 19, 40, 41, 42, 53, 54, 55, 56, 57, 64, 93, 9
 G_WORDS: Final[Mapping[str, str]] = {
     **{f"G{number}": f"G{number}" for number in SAME},
     **{f"G64{kind}": "G64" for kind in range(1, 7)},
+    **dict.fromkeys(["G9", "G601", "G602", "G603", "G290", "G450", "G451", "G460", "G461", "G462"], ""),
     "G60": "G61",
-    "G9": "",
-    "G601": "",
-    "G602": "",
-    "G603": "",
     "G71": "G21",
     "G710": "G21",
     "G700": "G20",
@@ -36,12 +33,6 @@ G_WORDS: Final[Mapping[str, str]] = {
     "G97": "G95",
     "G961": "G94",
     "G971": "G94",
-    "G290": "",
-    "G450": "",
-    "G451": "",
-    "G460": "",
-    "G461": "",
-    "G462": "",
 }
 """What G words are in RS274; those of measures (G90, G91), dwells and frames are read by themselves."""
 
@@ -55,50 +46,12 @@ ENDS: Final = frozenset((17,))
 QUIET_M: Final = frozenset((40, 41, 42, 43, 44, 45, 70))
 """M words of the spindle's gears."""
 
-QUIET: Final = frozenset(
-    (
-        "COMPOF",
-        "COMPON",
-        "COMPCURV",
-        "COMPCAD",
-        "COMPSURF",
-        "SOFT",
-        "BRISK",
-        "DRIVE",
-        "SPATH",
-        "FFWON",
-        "FFWOF",
-        "CFC",
-        "CFTCP",
-        "CFIN",
-        "DYNNORM",
-        "DYNPOS",
-        "DYNROUGH",
-        "DYNSEMIFIN",
-        "DYNFINISH",
-        "DYNPREC",
-        "NORM",
-        "KONT",
-        "CDOF",
-        "CDON",
-        "STOPRE",
-        "STARTFIFO",
-        "STOPFIFO",
-        "FIFOCTRL",
-        "WALIMON",
-        "WALIMOF",
-        "RTLION",
-        "RTLIOF",
-        "TRAFOOF",
-        "SAVE",
-        "DISPLOF",
-        "DISPLON",
-        "SBLOF",
-        "SBLON",
-        "CPRECON",
-        "CPRECOF",
-    )
-)
+_QUIET_WORDS: Final = """
+COMPOF COMPON COMPCURV COMPCAD COMPSURF SOFT BRISK DRIVE SPATH FFWON FFWOF CFC CFTCP CFIN DYNNORM DYNPOS
+DYNROUGH DYNSEMIFIN DYNFINISH DYNPREC NORM KONT CDOF CDON STOPRE STARTFIFO STOPFIFO FIFOCTRL WALIMON WALIMOF
+RTLION RTLIOF TRAFOOF SAVE DISPLOF DISPLON SBLOF SBLON CPRECON CPRECOF
+"""
+QUIET: Final = frozenset(_QUIET_WORDS.split())
 """Words that change how the axes follow: none of them is a motion."""
 
 QUIET_CALLS: Final = frozenset(("MSG", "WORKPIECE", "GROUP_BEGIN", "GROUP_END", "GROUP_ADDEND", "CYCLE832", "SETMS"))
@@ -107,6 +60,10 @@ DECLARATIONS: Final = frozenset(["DEF", "PROC", "EXTERN"])
 CYCLES: Final = ("CYCLE", "HOLES", "POCKET", "SLOT", "LONGHOLE", "E_")
 """How the names of cycles begin that leave the modes as they were."""
 
+_TURNING_WORDS: Final = """
+ROT AROT ROTS AROTS CROTS SCALE ASCALE MIRROR AMIRROR TRAORI TRANSMIT TRACYL TRAANG TRAFOON CYCLE800 TOFRAME
+TOFRAMEX TOFRAMEY TOFRAMEZ TOROT TOROTX TOROTY TOROTZ PAROT
+"""
 FRAMES: Final[Mapping[str, str]] = {
     "TRANS": "G69",
     "ATRANS": "",
@@ -114,35 +71,7 @@ FRAMES: Final[Mapping[str, str]] = {
     "G59": "",
     "TOROTOF": "",
     "PAROTOF": "",
-    **dict.fromkeys(
-        (
-            "ROT",
-            "AROT",
-            "ROTS",
-            "AROTS",
-            "CROTS",
-            "SCALE",
-            "ASCALE",
-            "MIRROR",
-            "AMIRROR",
-            "TRAORI",
-            "TRANSMIT",
-            "TRACYL",
-            "TRAANG",
-            "TRAFOON",
-            "CYCLE800",
-            "TOFRAME",
-            "TOFRAMEX",
-            "TOFRAMEY",
-            "TOFRAMEZ",
-            "TOROT",
-            "TOROTX",
-            "TOROTY",
-            "TOROTZ",
-            "PAROT",
-        ),
-        "G68",
-    ),
+    **dict.fromkeys(_TURNING_WORDS.split(), "G68"),
 }
 """Words that move the frame (empty), turn it (G68), or replace it by one that is only moved (G69)."""
 
@@ -233,7 +162,7 @@ def without_comment(line: str) -> str:
 
 
 def read_words(line: str) -> list[Word] | None:
-    """Words of a line without its comment; None where it holds something that is none.
+    """Read the words of a line without its comment; None where it holds something that is none.
 
     Examples
     --------
@@ -255,30 +184,13 @@ def read_words(line: str) -> list[Word] | None:
 
 
 def _word_at(line: str, place: int) -> tuple[Word, int] | None:
-    for read in (_polynomial, _function, _value, _address, _computed, _named):
-        if (found := read(line, place)) is not None:
-            return found
-    return None
-
-
-def _polynomial(line: str, place: int) -> tuple[Word, int] | None:
-    found = _POLYNOMIAL.match(line, place)
-    return None if found is None else _listed(found, found[1], "PO", found[2])
-
-
-def _function(line: str, place: int) -> tuple[Word, int] | None:
-    found = _FUNCTION.match(line, place)
-    return None if found is None else _listed(found, found[1], found[2].upper(), found[3])
-
-
-def _value(line: str, place: int) -> tuple[Word, int] | None:
-    found = _VALUE.match(line, place)
-    return None if found is None else _made(found, "number", found[1], (plain_number(found[2]),))
-
-
-def _address(line: str, place: int) -> tuple[Word, int] | None:
-    found = _ADDRESS.match(line, place)
-    return None if found is None else _made(found, "number", found[1], (plain_number(found[2]),))
+    if found := _POLYNOMIAL.match(line, place):
+        return _listed(found, found[1], "PO", found[2])
+    if found := _FUNCTION.match(line, place):
+        return _listed(found, found[1], found[2].upper(), found[3])
+    if found := _VALUE.match(line, place) or _ADDRESS.match(line, place):
+        return _made(found, "number", found[1], (plain_number(found[2]),))
+    return _computed(line, place) or _named(line, place)
 
 
 def _computed(line: str, place: int) -> tuple[Word, int] | None:
@@ -352,7 +264,7 @@ def _past(line: str, place: int, until: str) -> int:
 
 
 def _closed(line: str, opened: int) -> int:
-    """Behind the parenthesis that belongs to the one at `opened`; the end of the line where there is none."""
+    """Return the place behind the parenthesis that closes the one at `opened`, or the end of the line."""
     depth, quoted = 0, False
     for place in range(opened, len(line)):
         letter = line[place]

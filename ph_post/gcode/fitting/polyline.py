@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.compiling import compiled, inner
+from ph_post.gcode.arcs import swept_angle
 from ph_post.gcode.fitting.arcs import find_arcs
 from ph_post.gcode.fitting.hermite import fill_pieces, write_interpolants
 from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT, PolylineFit, mark_corners
@@ -232,12 +233,6 @@ def _place_feet(points: Array, kind: IntArray, first: IntArray, last: IntArray, 
     foot[straight] = ((here - start)[straight] * way).sum(axis=1) / (way * way).sum(axis=1)
     bent = np.flatnonzero(kind[piece] == ROUND)
     center, sense = circle[piece[bent], :2], circle[piece[bent], 3]
-    total, part = (_angle(start[bent, :2] - center, one[bent, :2] - center, sense) for one in (end, here))
+    total, part = (swept_angle(start[bent, :2] - center, one[bent, :2] - center, sense) for one in (end, here))
     foot[bent] = part / total
     foot[first], foot[-1] = 0.0, 1.0
-
-
-def _angle(a: Array, b: Array, sense: Array) -> Array:
-    """Angle [rad] in [0, 2π) from a to b in the given sense."""
-    cross, dot = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)
-    return np.asarray(np.mod(sense * np.arctan2(cross, dot), 2.0 * np.pi))
