@@ -75,7 +75,7 @@ class DwellWords(msgspec.Struct, frozen=True, kw_only=True):
         return decimal_text(math.ceil(count * 10**self.decimals - _ROUNDING), self.decimals)
 
     def words(self, seconds: float, digits: int) -> list[str]:
-        """Words of a dwell."""
+        """Return the words of a dwell of `seconds`."""
         return [self.word, self.letter + self.number(seconds, digits)]
 
     def written(self, seconds: float, digits: int) -> float:
@@ -251,7 +251,7 @@ class NumberFormat(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Notices(msgspec.Struct, frozen=True, kw_only=True):
-    """What users of a dialect have to know.
+    """Notices to users of a dialect.
 
     Parameters
     ----------
@@ -342,7 +342,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         return comment_lines(text, self.syntax.max_line, self.syntax.comments)
 
     def dwell_words(self, seconds: float) -> list[str]:
-        """Words of a dwell."""
+        """Return the words of a dwell of `seconds`."""
         return self.syntax.dwell.words(seconds, self.numbers.feed_digits)
 
     def line_writer(self, axes: Sequence[str], tolerance: float) -> LineWriter:

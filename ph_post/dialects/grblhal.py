@@ -41,7 +41,7 @@ _STEPS: Final = 10
 
 
 def spline_deviation(control: Array) -> Array:
-    """How far straight moves over the widest step leave cubic Béziers [m] at most, (m, 4, 2) to (m,).
+    """Return the largest distances [m], (m,), by which moves over the widest step leave cubic Béziers (m, 4, 2).
 
     A chord over a step h leaves a curve by no more than h² / 8 times its largest second derivative, which a
     cubic has at an end.

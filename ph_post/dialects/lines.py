@@ -184,7 +184,7 @@ class LineWriter:
         ]
 
     def _left(self, moves: Moves, i: int) -> bool:
-        """Whether an arc is counterclockwise in its plane."""
+        """Return True if an arc is counterclockwise in its plane."""
         return bool(moves.turn[i] * self._sense > 0)
 
     def _place(self, counts: IntArray) -> list[str]:

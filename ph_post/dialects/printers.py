@@ -52,7 +52,7 @@ def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bo
 
 
 def why_bound(line: bytes) -> str:
-    """Say why the motion of a line cannot be divided, in words."""
+    """Return why the motion of a line cannot be divided, in words; empty where it can."""
     command = line.partition(b";")[0]
     return "extrudes (E), and is not divided" if _EXTRUDED.search(command) else ""
 
@@ -89,7 +89,7 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
 
 
 def _says_nothing(word: bytes, rest: bytes) -> bool:
-    """Whether a command has no meaning for the path: G4 that only waits for moves, G92 of the extruder."""
+    """Return True if a command does not concern the path: G4 that only waits for moves, G92 of the extruder."""
     if word == b"G4":
         return not _letters(rest) & set(b"PS")
     return word == b"G92" and _letters(rest) == set(b"E")

@@ -25,7 +25,7 @@ from ph_post.errors import InputError
 from ph_post.files.storage import STDIO, reading_errors
 from ph_post.gcode.program import RS274, Language, Motions, Note, PartProgram, PlaceArray, WordTable
 from ph_post.gcode.read import read_program, shortened
-from ph_post.gcode.words import excerpt, fault_error, find_lines
+from ph_post.gcode.words import excerpt
 from ph_post.types import Machine, sealed, take
 
 NOT_UNDERSTOOD: Final = "M98"
@@ -39,26 +39,10 @@ _GOT: Final = re.compile(r"; got (\S+)$")
 
 
 class Remark(msgspec.Struct, frozen=True, kw_only=True):
-    """What is not understood on a line, and the column (from 1) where it stands."""
+    """Something on a line that is not understood, and the column (from 1) where it stands."""
 
     what: str
     column: int = 1
-
-
-def lines_of(data: bytes, name: str) -> PlaceArray:
-    """Find the places at which lines begin.
-
-    Raises
-    ------
-    InputError
-        Where the text is empty, or no text.
-    """
-    if not data.strip():
-        raise InputError(name, "the file is empty")
-    lines, fault = find_lines(data)
-    if fault is not None:
-        raise fault_error(name, data, lines, fault)
-    return lines
 
 
 def text_of(data: bytes, lines: PlaceArray, number: int) -> bytes:
@@ -90,7 +74,7 @@ def read_translated(
     Parameters
     ----------
     data, lines, name
-        The program; see :func:`lines_of`.
+        The program; see :func:`ph_post.gcode.words.lines_of`.
     texts : sequence of bytes
         The translation of each line, without line ends.
     remarks : mapping
@@ -140,7 +124,7 @@ def _retold_error(error: InputError, data: bytes, lines: PlaceArray) -> InputErr
 
 
 def _placed(found: PartProgram, data: bytes, lines: PlaceArray, texts: Sequence[bytes], in_place: bool) -> WordTable:
-    """WordTable of the lines whose places are those of the original."""
+    """Return the words of the lines whose words stand at the places of the original."""
     words = found.words
     same = np.array([in_place and len(text) == len(text_of(data, lines, number)) for number, text in enumerate(texts)])
     kept = np.flatnonzero(same[words.block]) if words.block.size else np.zeros(0, np.int64)
@@ -192,15 +176,15 @@ def read_as(dialect: str, data: bytes, name: str, *, strict: bool = False) -> Pa
     Parameters
     ----------
     dialect : str
-        Its name; empty for the words that most controllers share, or for the dialect that alone has the
-        ending of `name`.
+        Its name; empty for the dialect of the ending of `name`, or else for the words that most controllers
+        share.
     data, name, strict
         As for :func:`ph_post.gcode.read.read_program`.
 
     Raises
     ------
     InputError
-        Where there is no such dialect, or the text is not understood as a program of it.
+        If there is no such dialect, or the text is no program of it.
     """
     language = _language_of(dialect, name)
     if language.read is None:

@@ -23,7 +23,7 @@ controllers follow a feed no better, and a curve would fall apart where every li
 def assemble(
     motions: Motions, rows: IntArray, columns: tuple[int, ...], tolerance: float
 ) -> tuple[tuple[Segment, ...], Array, dict[int, PiecewiseCurve]]:
-    """Segments of the motions `rows`, in the axes `columns`; and the arc length at their beginnings and end.
+    """Make the segments of motions, and find the arc length at their beginnings and end.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class _Assembly:
         return _grouped(feed, self.is_line)
 
     def _fit(self) -> PolylineFit:
-        """PolylineFit all straight moves at once; whatever is beside another motion is a corner of the polyline."""
+        """Fit all straight moves at once; whatever is beside another motion is a corner of the polyline."""
         other = ~self.is_line[self.step_motion]
         sharp = np.zeros(len(self.points), dtype=np.bool_)
         sharp[:-1] |= other
@@ -159,7 +159,7 @@ class _Assembly:
         self.first_piece[self.step_motion[steps]] = shift[piece[steps]]
 
     def _breaks(self, fit: PolylineFit) -> IntArray:
-        """Piece numbers behind which a segment ends."""
+        """Return the numbers of the pieces behind which a segment ends."""
         single = (fit.kind == ROUND) | ~self.is_line[self.step_motion[fit.first]]
         feed = self.feed[self.step_motion[fit.first]]
         loops = np.isin(fit.first[1:], list(self.loops))

@@ -50,7 +50,7 @@ class Feed(msgspec.Struct, frozen=True, kw_only=True):
     error: float = 0.0
 
     def at(self, p: Array) -> Array:
-        """Feed [m/s] at shares of the way.
+        """Return the feed [m/s] at shares of the way.
 
         Examples
         --------
@@ -121,9 +121,9 @@ class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return np.where((s < 0.0) | (s > length), np.mod(s, length), s)
 
     def snap(self, s: Array) -> Array:
-        """Move places that are as good as at a joint, or an end, onto it: sums of a motion's phases are off.
+        """Move places next to a joint, or an end, onto it: sums of a motion's phases are off.
 
-        Of a block that is a polynomial the end lay beside its own piece else.
+        Otherwise the end of a block that is a polynomial would lie beside its own piece.
         """
         length = self.track.length
         base = np.floor(s / length) * length if self.track.closed else np.zeros(s.size)
@@ -145,7 +145,7 @@ class TrackShape(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return np.asarray(self.track.derivatives(piece, u, 0)[0])
 
     def parameter_on(self, piece: IntArray, s: Array) -> Array:
-        """Parameter u of places on those pieces, their ends included."""
+        """Return the parameters u of places [m] on their pieces, the ends of the pieces included."""
         starts = self.track.starts
         wrapped = self.wrap(s)
         found, u = self.track.locate(np.clip(wrapped, starts[piece], starts[piece + 1]))
@@ -181,7 +181,7 @@ def read_shape(track: Track, *, arcs: bool, splines: bool, degree: int = 1) -> T
 
 
 def between(shape: TrackShape, marks: Array, s0: float, s1: float) -> Array:
-    """Select the marks between two places of the motion, in the order of travel, on any round of a loop."""
+    """Select the marks [m] between two places [m] of the motion, in the order of travel, on any round of a loop."""
     low, high = min(s0, s1), max(s0, s1)
     if shape.track.closed:
         length = shape.track.length

@@ -32,7 +32,7 @@ they agree; where that is not enough, nearly a full turn, the radius changes alo
 
 
 def curves_of(motions: Motions, number: int, columns: tuple[int, ...]) -> list[PiecewiseCurve]:
-    """Curves of one motion that goes somewhere, in the axes whose columns are named.
+    """Return the curves of one motion that goes somewhere, in the axes whose columns are named.
 
     Arcs are exact where they lie in the plane of the path's first two axes, cubics and NURBS always; helices
     and arcs in other planes are quintics (see SPAN). An axis that is nowhere known does not move, and is

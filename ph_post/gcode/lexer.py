@@ -58,7 +58,7 @@ def split_lines(data: Any) -> Any:
 
 @compiled
 def count_letters(data: Any, everywhere: bool) -> Any:
-    """How many letters stand outside comments, or `everywhere`: then no fewer than there are words."""
+    """Count the letters outside comments, or `everywhere`: then no fewer than there are words."""
     count, closer = 0, 0
     for c in data:
         if closer:
@@ -158,7 +158,7 @@ def _skip_expression(data: Any, i: int, end: int) -> Any:
 
 @inner
 def _is_expression(data: Any, i: int, end: int) -> Any:
-    """Whether no plain number begins at `i`, but something that has to be computed."""
+    """Return True if something that has to be computed begins at `i`, and no plain number."""
     i = _skip_blanks(data, i, end)
     if i >= end:
         return False
@@ -195,7 +195,7 @@ def _skip_comments(data: Any, i: Any, end: Any) -> Any:
 
 @inner
 def _is_keyword(data: Any, i: int, end: int) -> Any:
-    """Whether a word of letters stands at `i`: two letters in a row."""
+    """Return True if a word of letters stands at `i`: two letters in a row."""
     i = _skip_blanks(data, i, end)
     return i + 1 < end and _is_letter(data[i]) and _is_letter(data[i + 1])
 
@@ -217,7 +217,7 @@ def _read_word(data: Any, i: int, end: int) -> Any:
 
 @inner
 def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
-    """Whether an E directly behind the number of a word, with the letter `before`, may be its exponent."""
+    """Return True if an E directly behind the number of a word with the letter `before` may be its exponent."""
     whole = before in (71, 77, 78, 79, 84, 0)  # M66E0: G, M, N, O and T have none
     if whole or data[i] & 0xDF != 69 or not _is_numeric(data[i - 1]):
         return False

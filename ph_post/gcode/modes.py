@@ -219,9 +219,9 @@ def _apply_numbers(values: Any, present: int, given: Any, was: float, mode_was: 
     if (present >> LETTER_T) & 1:
         state[PREPARED] = _plain(values[LETTER_T])
     if given[13] >= 0:
-        told = present if given[13] == 640 else 0
-        state[PATH_P] = _plain(values[LETTER_P]) if (told >> LETTER_P) & 1 else NONE
-        state[PATH_Q] = _plain(values[LETTER_Q]) if (told >> LETTER_Q) & 1 else NONE
+        own = present if given[13] == 640 else 0
+        state[PATH_P] = _plain(values[LETTER_P]) if (own >> LETTER_P) & 1 else NONE
+        state[PATH_Q] = _plain(values[LETTER_Q]) if (own >> LETTER_Q) & 1 else NONE
 
 
 @inner
@@ -271,7 +271,7 @@ def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> Non
 
 @inner
 def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
-    """Why a line with such a trait is not understood, whatever else stands on it."""
+    """Return why a line with a trait is not understood, whatever else stands on it."""
     if trait & lexer.SYSTEM:
         return CONTROLLER_LINE
     if trait & lexer.DELETE:
@@ -319,7 +319,7 @@ def _after(state: Any, given: Any, before: Any) -> Any:
 
 @inner
 def _flags(given: Any, state: Any) -> Any:
-    """Tell what else a block has, in bits."""
+    """Return what else a block has, in bits."""
     lenient = given[7] >= 0 or given[8] >= 0 or given[13] == 640 or given[14] >= 0 or given[0] in (40, 100)
     flags = (EXPLICIT if given[1] >= 0 else 0) | (LENIENT_LINE if lenient else 0)
     flags |= (OFFSET_LINE if given[8] in (431, 432) else 0) | (FRAMED if state[FRAME] != 0.0 else 0)
@@ -328,7 +328,7 @@ def _flags(given: Any, state: Any) -> Any:
 
 @inner
 def _is_row(table: Any, row: int, state: Any) -> Any:
-    """Whether a row of `table` holds the state's modes; in a loop, as whole arrays take long to compile."""
+    """Return True if a row of `table` holds the state's modes; a loop, as whole arrays take long to compile."""
     for column in range(MODES):  # noqa: SIM110 - compiled
         if table[row, column] != state[column]:
             return False

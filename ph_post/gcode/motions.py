@@ -103,21 +103,21 @@ def _copy(source: Any, target: Any) -> None:
 
 @inner
 def _aim(values: Any, modes: Any, position: Any, target: Any) -> None:
-    """Where a block's X, Y and Z lead from a position [m]."""
+    """Find the target [m] to which a block's X, Y and Z lead from a position."""
     for axis in range(3):
-        told = values[LETTER_X + axis] * modes[UNITS]
+        value = values[LETTER_X + axis] * modes[UNITS]
         target[axis] = position[axis]
-        if not np.isnan(told):
-            target[axis] = told if modes[ABSOLUTE] == 1.0 else position[axis] + told
+        if not np.isnan(value):
+            target[axis] = value if modes[ABSOLUTE] == 1.0 else position[axis] + value
 
 
 @inner
 def _named(values: Any, modes: Any, position: Any, task: int) -> None:
     """Forget the named axes, or give their places the numbers that stand there (G92)."""
     for axis in range(3):
-        told = values[LETTER_X + axis]
-        if not np.isnan(told):
-            position[axis] = told * modes[UNITS] if task == PRESET else np.nan
+        value = values[LETTER_X + axis]
+        if not np.isnan(value):
+            position[axis] = value * modes[UNITS] if task == PRESET else np.nan
 
 
 @inner
@@ -128,15 +128,15 @@ def _plane_axes(plane: float) -> Any:
 
 @inner
 def _write_arc(values: Any, modes: Any, position: Any, row: int, task: int, out: Any) -> None:
-    """Write down what an arc's words tell: offsets of the centre or the centre itself, radius, turns."""
+    """Write down the words of an arc: offsets of the centre or the centre itself, radius, turns."""
     center, angle, turns = out
     first, second = _plane_axes(modes[PLANE])
     for column, axis in ((0, first), (1, second)):
-        told = values[LETTER_I + axis] * modes[UNITS]
+        value = values[LETTER_I + axis] * modes[UNITS]
         if modes[ARC_ABSOLUTE] == 1.0:
-            center[row, column] = told
+            center[row, column] = value
         else:
-            center[row, column] = position[axis] + (0.0 if np.isnan(told) else told)
+            center[row, column] = position[axis] + (0.0 if np.isnan(value) else value)
     angle[row] = values[LETTER_R] * modes[UNITS]
     count = 1 if np.isnan(values[LETTER_P]) else int(values[LETTER_P])
     turns[row] = -count if task == ARC_CW else count
@@ -144,7 +144,7 @@ def _write_arc(values: Any, modes: Any, position: Any, row: int, task: int, out:
 
 @inner
 def _known(task: int, modes: Any, position: Any, target: Any) -> Any:
-    """Whether the places that a curve needs are known."""
+    """Return True if the places that a curve needs are known."""
     first, second = _plane_axes(modes[PLANE]) if ARC_CW <= task <= ARC_CCW else (0, 1)
     return not np.isnan(position[first] + position[second] + target[first] + target[second])
 
@@ -181,12 +181,12 @@ def _write_motion(
 
 @compiled
 def trace_motions(words: Any, modal: Any, end: int, columns: Any, curves: Any) -> Any:  # noqa: C901
-    """Follow the position through all blocks before `end` and write down the motions: their number.
+    """Follow the position through all blocks before `end`, write down the motions and return their number.
 
     `words` are the columns block, letter and value; `modal` the distinct states, and for each block its
     state, F, task and why it is not understood, to which arcs and splines from unknown places are added.
     `columns` to fill: block, kind, start, end, plane, feed, duration, exact; `curves`: centre, angle and
-    turns as the words have them. Durations and curves are zeros, and stay so where there is nothing to tell:
+    turns as the words have them. Durations and curves are zeros, and stay so where nothing is written:
     memory that nothing is written to takes no room.
     """
     blocks, letter, value = words
@@ -236,7 +236,7 @@ def trace_motions(words: Any, modal: Any, end: int, columns: Any, curves: Any) -
 
 @inner
 def _spread(letter: Any, value: Any, low: int, high: int, values: Any, where: Any) -> Any:
-    """Put a block's words in their letters' places: the letters present, a bit each."""
+    """Put a block's words in their letters' places, and return the letters present, a bit each."""
     present = np.int64(0)
     for word in range(low, high):
         index = np.int64(letter[word]) - 65
@@ -247,7 +247,7 @@ def _spread(letter: Any, value: Any, low: int, high: int, values: Any, where: An
 
 @inner
 def _arc_fault(values: Any, present: int, where: Any, modes: Any) -> Any:  # noqa: PLR0911
-    """Why the centre of an arc is refused, and the word; 0 where it is told once and whole."""
+    """Return why the centre of an arc is refused, and the word; 0 where it is given once and whole."""
     plane = modes[PLANE]
     third = LETTER_K if plane == 17.0 else LETTER_J if plane == 18.0 else LETTER_I
     inside = present & CENTER & ~(1 << third)
@@ -272,7 +272,7 @@ def _arc_fault(values: Any, present: int, where: Any, modes: Any) -> Any:  # noq
 
 @inner
 def _feed_fault(present: int, where: Any, modes: Any, feed: float, known: int) -> Any:
-    """Why the feed of a cut is refused, and the word, 0 where it is known or may be."""
+    """Return why the feed of a cut is refused, and the word; 0 where it is known or may be."""
     word = where[LETTER_F] if (present >> LETTER_F) & 1 else -1
     if modes[FEED_MODE] == 93.0 and not (present >> LETTER_F) & 1:
         return NO_INVERSE_FEED, -1
@@ -285,13 +285,13 @@ def _feed_fault(present: int, where: Any, modes: Any, feed: float, known: int) -
 
 @inner
 def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any) -> Any:
-    """Tell what a word of group 0 does: task (-1: the motion's), break, why not understood, refused."""
+    """Return what a word of group 0 does: task (-1: the motion's), break, why not understood, refused."""
     axes = present & (AXES | FURTHER)
     task, mark, why, refused = -1, 0, 0, 0
     if code == 40:
-        told = (present >> LETTER_P) & 1 or ((present >> LETTER_S) & 1 and not explicit)
-        apart = axes and not (told and explicit)
-        why, refused = DWELL_AXES if apart else 0, 0 if told or apart else NO_DWELL
+        timed = (present >> LETTER_P) & 1 or ((present >> LETTER_S) & 1 and not explicit)
+        apart = axes and not (timed and explicit)
+        why, refused = DWELL_AXES if apart else 0, 0 if timed or apart else NO_DWELL
         task = -1 if axes and explicit else REST
     elif code in (100, 520):
         task, mark = FORGET, FRAME_CHANGE
@@ -313,7 +313,7 @@ def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any)
 
 @inner
 def _motion_task(code: int, explicit: int, present: int) -> Any:
-    """Tell what the motion mode makes of a block: task, break, why not understood, letters it uses."""
+    """Return what the motion mode makes of a block: task, break, why not understood, letters it uses."""
     axes = present & (AXES | FURTHER)
     arcs = code in (20, 30)
     task, mark, why, used = FORGET, 0, 0, AXES
@@ -340,7 +340,7 @@ def _motion_task(code: int, explicit: int, present: int) -> Any:
 
 @inner
 def _doubt(task: int, used: int, present: int, flags: int, modes: Any) -> Any:
-    """Why a motion is not understood, 0 where it is."""
+    """Return why a motion is not understood, 0 where it is."""
     rest = present & ~(used | ALWAYS)
     if flags & LENIENT_LINE:
         rest &= ~LENIENT
@@ -362,7 +362,7 @@ def _doubt(task: int, used: int, present: int, flags: int, modes: Any) -> Any:
 
 @inner
 def _is_odd(present: int, flags: int) -> Any:
-    """Whether a block without a motion has letters that none of its words uses."""
+    """Return True if a block without a motion has letters that none of its words uses."""
     rest = present & ~ALWAYS
     if flags & LENIENT_LINE or (present >> LETTER_M) & 1:
         rest &= ~LENIENT
@@ -371,7 +371,7 @@ def _is_odd(present: int, flags: int) -> Any:
 
 @inner
 def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> Any:
-    """Tell what a block does: task, break, why not understood, why refused, the word."""
+    """Return what a block does: task, break, why not understood, why refused, the word."""
     zero, motion, flags, feed = block
     explicit, word = flags & EXPLICIT, -1
     task, mark, why, refused = _zero_group(zero, motion, explicit, present, modes)
@@ -396,7 +396,7 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> An
 
 @compiled
 def choose_tasks(words: Any, table: Any, columns: Any, traits: Any, end: int, tasks: Any) -> Any:
-    """Decide what each block before `end` does: the block at which that ends, why it is refused, the word.
+    """Decide what each block before `end` does; return the block at which that ends, why it is refused, the word.
 
     `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks and why a
     block is not understood are added to them, `tasks` (n,) is filled.

@@ -24,7 +24,7 @@ COMMENT_WIDTH = 100
 
 
 class Comments(msgspec.Struct, frozen=True, kw_only=True):
-    """How a language writes a comment on a line of its own.
+    """Form of a comment on a line of its own.
 
     Parameters
     ----------
@@ -52,13 +52,13 @@ class Comments(msgspec.Struct, frozen=True, kw_only=True):
         text = text.upper() if self.upper else text
         return "".join(letter if letter in self.allowed else "_" for letter in text)
 
-    def line(self, words: str) -> str:
-        """Put words that may stand in a comment into one."""
-        return f"{self.before}{words}{self.after}"
+    def line(self, text: str) -> str:
+        """Write a comment of a text that may stand in one."""
+        return f"{self.before}{text}{self.after}"
 
     @property
     def extra(self) -> int:
-        """Number of characters of a line that are not its words."""
+        """Number of characters of a line besides its text."""
         return len(self.before) + len(self.after)
 
 

@@ -35,7 +35,7 @@ class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...] = ()
 
     def to_motions(self, s: Array) -> tuple[IntArray, Array]:
-        """Motions and shares (0 to 1) of them at arc lengths `s` [m], shape (n,).
+        """Return the motions at arc lengths `s` [m], shape (n,), and the share (0 to 1) of each.
 
         At a joint the earlier motion answers, with share 1.
         """
@@ -50,7 +50,7 @@ class ProgramPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.motion[row], share
 
     def to_path(self, motion: IntArray, share: Array) -> Array:
-        """Arc lengths [m] of shares of motions; of a motion that goes nowhere, the end of the one before."""
+        """Return the arc lengths [m] of shares of motions; of a motion that goes nowhere, the end of the one before."""
         row = np.searchsorted(self.motion, motion)
         found = (row < self.motion.size) & (self.motion[np.minimum(row, self.motion.size - 1)] == motion)
         share = np.array(share, dtype=np.float64)
@@ -85,7 +85,7 @@ def paths_of(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[Pr
     Returns
     -------
     tuple of ProgramPath
-        In the order of the program; what :func:`left_out` names is not among them.
+        In the order of the program; without those that :func:`chains_without_feed` names.
     """
     found = []
     for chain, every in _chains(program.motions):
@@ -96,7 +96,7 @@ def paths_of(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[Pr
     return tuple(found)
 
 
-def left_out(program: PartProgram) -> tuple[str, ...]:
+def chains_without_feed(program: PartProgram) -> tuple[str, ...]:
     """Name the chains whose motion is known but not its speed: they have no path."""
     motions = program.motions
     return tuple(
@@ -115,7 +115,7 @@ def main_path(program: PartProgram, tolerance: float = FIT_TOLERANCE) -> tuple[P
         Where the program cuts nothing whose path and feed are known.
     """
     paths = paths_of(program, tolerance)
-    words = left_out(program)
+    words = chains_without_feed(program)
     if not paths:
         got = words[0] if words else "no such motion"
         raise InputError(program.name, "no path", expected="motions G1, G2, G3 or G5 with a feed", got=got)

@@ -54,7 +54,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         return data if self.hide is None else self.hide(data)
 
     def start(self) -> Array:
-        """State that no line changes, shape (STATE,), NaN where lines do; and whether F is known at first."""
+        """Return the state that no line changes, shape (STATE,), NaN where lines do, with the state of F at first."""
         state = np.full(codes.STATE, np.nan)
         for column, value in self.fixed.items():
             state[column] = value
@@ -62,7 +62,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         return state
 
     def dwells(self, letter: NDArray[np.uint8], value: Array) -> tuple[IntArray, Array]:
-        """Rows of words with the time of a G4, where one stands beside them, and the times [s]."""
+        """Return the rows of words with the time of a G4, if a G4 stands beside them, and the times [s]."""
         units = np.full(256, np.nan)
         for name, unit in self.dwell:
             units[ord(name)] = unit
@@ -98,7 +98,7 @@ CodeArray = NDArray[np.int8]
 
 
 def plane_columns(plane: CodeArray) -> CodeArray:
-    """First, second and third axis of planes 17 to 19, shape (n, 3).
+    """Return the first, second and third axis of planes 17 to 19, shape (n, 3).
 
     Examples
     --------
@@ -110,7 +110,7 @@ def plane_columns(plane: CodeArray) -> CodeArray:
 
 
 def plane_of(axes: Sequence[str]) -> tuple[str, int]:
-    """Word of the plane of the first two axes, and +1 or -1 as their order is the plane's or not.
+    """Return the word of the plane of the first two axes, and +1 or -1 as their order is the plane's or not.
 
     Examples
     --------
@@ -136,7 +136,7 @@ class WordTable(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `block` the line a word stands on (from 0); `letter` its letter, upper case, as a byte; `start`, `end` its
     bytes in the program, letter included; `value` its number; `digits` and `decimals` the same number
-    exactly, digits / 10^decimals. WordTable whose value is no plain number (`#5`, `[1+2]`) have a NaN and
+    exactly, digits / 10^decimals. Words whose value is no plain number (`#5`, `[1+2]`) have a NaN and
     `decimals` -1.
     """
 
@@ -180,7 +180,7 @@ class Motions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class Break(msgspec.Struct, frozen=True, kw_only=True):
-    """Why a chain ends: nothing that was added to the motion may last into the block of a break.
+    """End of a chain: nothing that was added to the motion may last into the block of a break.
 
     `block` is the first line that must see the axes where the program has them; `motion` the number of the
     first motion after it (m at the end of the program).
@@ -235,8 +235,8 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     with its line end (LF, CR LF or CR), the last one perhaps without. `modal` the distinct modal states,
     `state` (n,) the number of the one after each block, `feed_word` (n,) the F in force after each block as
     the program has it, NaN before the first. `breaks` in order, the first at the beginning, the last at the
-    end. `notes` name what was passed through. `language` is the one it was read in: what is made of it has
-    to be read in the same.
+    end. `notes` name what was passed through. `language` is the one it was read in, and the one for all
+    that is made of it.
     """
 
     name: str
@@ -258,15 +258,15 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return self.lines.size - 1
 
     def text(self, block: int) -> bytes:
-        """Bytes of a line, its line end included."""
+        """Return the bytes of a line, its line end included."""
         return self.data[self.lines[block] : self.lines[block + 1]]
 
     def modal_after(self, block: int) -> Modal:
-        """Modal state after a line; before the first one for -1."""
+        """Return the modal state after a line; -1 is before the first."""
         return self.modal[self.state[block]] if block >= 0 else Modal()
 
     def dwells(self) -> tuple[PlaceArray, Array]:
-        """Lines of all G4, and their times [s], NaN where that is no plain number."""
+        """Return the lines of all G4, and their times [s], NaN where the time is no plain number."""
         words = self.words
         seconds = np.full(self.blocks, np.nan)
         rows, times = self.language.dwells(words.letter, words.value)
@@ -275,19 +275,19 @@ class PartProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return lines, seconds[lines]
 
     def words_of(self, block: int) -> range:
-        """Numbers of the words on a line."""
+        """Return the numbers of the words on a line."""
         return range(*span_of(self.words.block, block))
 
 
 def span_of(blocks: PlaceArray, block: int) -> tuple[int, int]:
-    """First row of a block in a column of rising blocks, and the one behind its last."""
+    """Return the first row of a block in a column of rising blocks, and the row behind its last."""
     # Of the same type: what is looked for in another would be a copy of the whole column.
     low, high = np.searchsorted(blocks, np.array([block, block + 1], dtype=blocks.dtype))
     return int(low), int(high)
 
 
 def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:
-    """First places of the runs of a mask (n,) that are true, and the places behind their ends; (k,) each.
+    """Return the first places of the true runs of a mask (n,), and the places behind their ends; (k,) each.
 
     Examples
     --------
@@ -299,7 +299,7 @@ def runs(mask: BoolArray) -> tuple[IntArray, IntArray]:
 
 
 def expand(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
-    """All numbers of ranges ``[first, last)`` one after the other, and which range each is of.
+    """Return all numbers of ranges ``[first, last)`` in order, and the number of the range of each.
 
     Examples
     --------
@@ -325,7 +325,7 @@ def number_text(value: float) -> str:
 
 
 def make_modal(row: Array) -> Modal:
-    """Record of one row of the distinct states; what may be anything is as if the program had not said it."""
+    """Make the record of a row of the distinct states; what may be anything counts as not set."""
     plane, units, absolute, arc_absolute, feed_mode = (float(row[c]) for c in range(codes.PLANE, codes.FEED_MODE + 1))
     return Modal(
         motion=_word(row[codes.MOTION]),

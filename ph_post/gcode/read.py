@@ -31,7 +31,7 @@ from ph_post.gcode.program import (
     number_text,
     span_of,
 )
-from ph_post.gcode.words import NOT_UNDERSTOOD, Lexed, ProgramFault, fault_error, find_lines, find_stretches, read_words
+from ph_post.gcode.words import NOT_UNDERSTOOD, Lexed, ProgramFault, fault_error, find_stretches, lines_of, read_words
 from ph_post.types import Array, sealed
 from ph_post.units import INCH, MM
 
@@ -85,7 +85,7 @@ _NOT_UNDERSTOOD: Final = len(_KINDS)
 
 
 def find_notes(lexed: Lexed, data: bytes, whys: ByteArray) -> tuple[Note, ...]:
-    """One note for each stretch of blocks that are passed through for the same reason."""
+    """Make a note for each stretch of blocks that are passed through for one reason."""
     blocks = np.flatnonzero(whys)
     if not blocks.size:
         return ()
@@ -115,7 +115,7 @@ def shortened(text: str) -> str:
 
 
 def find_place(lexed: Lexed, data: bytes, block: int, why: int) -> tuple[int, int]:
-    """Bytes of the word that a note is about; of the line where it is about no word."""
+    """Return the first byte of the word, or else of the line, that a note is about, and the byte behind its last."""
     words = lexed.words
     rows = range(*span_of(words.block, block))
     named = [row for row in rows if _is_meant(chr(words.letter[row]), float(words.value[row]), why)]
@@ -127,7 +127,7 @@ def find_place(lexed: Lexed, data: bytes, block: int, why: int) -> tuple[int, in
 
 
 def _is_meant(letter: str, value: float, why: int) -> bool:
-    """Whether a word is one for which a block is passed through."""
+    """Return True if a block is passed through because of this word."""
     if why in (codes.EXPRESSION, codes.O_WORD):
         return np.isnan(value) if why == codes.EXPRESSION else letter == "O"
     if why == codes.UNKNOWN_G:
@@ -161,12 +161,9 @@ def find_breaks(motion_block: PlaceArray, marks: ByteArray, whys: ByteArray, end
 _OPENED: Final = re.compile(rb"\s*%")
 """A program between two percent signs."""
 
-_LARGEST = np.iinfo(np.int32).max
-"""Bytes of the longest program."""
-
 
 class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What was found of each block: its state, F, task, breaks and why it is not understood."""
+    """Findings on each block: its state, F, task, breaks and why it is not understood."""
 
     states: PlaceArray
     feeds: Array
@@ -191,12 +188,12 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     strict : bool
         Refuse what would be passed through with a note.
     language : Language, optional
-        That of the controller, where it is not RS274/NGC.
+        Language of the controller; RS274/NGC by default.
 
     Raises
     ------
     InputError
-        Where the text is no program, or means different things to different controllers, or nothing to any.
+        If the text is no program, or is ambiguous or meaningless to controllers.
 
     Examples
     --------
@@ -209,13 +206,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         if strict:
             refuse_notes(program)
         return program
-    if not data.strip():
-        raise InputError(name, "the file is empty")
-    if len(data) > _LARGEST:
-        raise InputError(name, "the file is too long", expected="less than 2 GiB", got=f"{len(data)} bytes")
-    lines, fault = find_lines(data)
-    if fault is not None:
-        raise fault_error(name, data, lines, fault)
+    lines = lines_of(data, name)
     plain = language.hidden(data)
     lexed = read_words(plain, lines)
     blocks = _resolve(lexed, plain, language.start())
@@ -227,15 +218,11 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
         raise _refuse_note(name, data, lexed, notes[0], int(blocks.whys[notes[0].first]))
     if first is not None:
         raise fault_error(name, data, lines, first, _word_end(lexed, first))
-    breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
-    if breaks[-1].block == lines.size - 1 and not notes and _OPENED.match(data):
+    if blocks.end == lines.size - 1 and not notes and _OPENED.match(data):
         # What is passed through may hold the end; without an opening % many programs have none.
-        raise InputError(
-            f"{name}:{lines.size - 1}",
-            "the program breaks off",
-            expected="M2, M30 or the % that belongs to the first one",
-            got="the end of the file",
-        )
+        expected = "M2, M30 or the % that belongs to the first one"
+        raise InputError(f"{name}:{blocks.end}", "the program breaks off", expected=expected, got="the end of the file")
+    breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
     number = np.arange(len(breaks) - 1, dtype=np.int32)
     chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(
@@ -294,7 +281,7 @@ def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:
 
 
 def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> ProgramFault:
-    """ProgramFault of a word, or of the word of a block that sets its motion, or of its first one."""
+    """Make the fault of a word, or of the word of a block that sets its motion, or of its first word."""
     words = lexed.words
     if word < 0:
         low, high = span_of(words.block, block)
@@ -305,7 +292,7 @@ def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> 
 
 
 def _word_end(lexed: Lexed, fault: ProgramFault) -> int | None:
-    """Behind the word that a fault is about."""
+    """Return the place behind the word that a fault is about, None if it is about no word."""
     word = int(np.searchsorted(lexed.words.start, np.int32(fault.place)))
     if word < lexed.words.start.size and lexed.words.start[word] == fault.place:
         return int(lexed.words.end[word])
@@ -319,12 +306,12 @@ def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> 
 
 
 def refuse_notes(program: PartProgram) -> None:
-    """Refuse a program of which something is passed through.
+    """Refuse a program with a note.
 
     Raises
     ------
     InputError
-        Telling the first of it.
+        For the first note.
     """
     if program.notes:
         note = program.notes[0]

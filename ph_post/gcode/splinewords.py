@@ -15,7 +15,7 @@ from ph_post.types import Array, frozen
 
 
 class SplineBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """What is needed of the blocks to draw splines: their task, and of each its modes."""
+    """Columns of the blocks that splines need: the task of each, and its modes."""
 
     tasks: ByteArray
     table: Array
@@ -23,13 +23,13 @@ class SplineBlocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def letters_of(lexed: Lexed, block: int) -> dict[str, float]:
-    """Values of a block's words by letter."""
+    """Return the values of a block's words by letter."""
     low, high = span_of(lexed.words.block, block)
     return {chr(lexed.words.letter[k]): float(lexed.words.value[k]) for k in range(low, high)}
 
 
 def cubic(words: dict[str, float], units: float, start: Array, end: Array, before: Array | None) -> Array | None:
-    """Control points (4, 3) of a G5, None where I and J or P and Q are missing.
+    """Return the control points (4, 3) [m] of a G5, None where I and J or P and Q are missing.
 
     Without I and J it goes on in the direction of the G5 `before` it, whose P and Q it mirrors.
     """
@@ -45,7 +45,7 @@ def cubic(words: dict[str, float], units: float, start: Array, end: Array, befor
 
 
 def quadratic(words: dict[str, float], units: float, start: Array, end: Array) -> Array | None:
-    """Control points (4, 3) of a G5.1 raised to a cubic, None where I or J is missing."""
+    """Return the control points (4, 3) [m] of a G5.1 raised to a cubic, None where I or J is missing."""
     if not {"I", "J"} <= words.keys():
         return None
     middle = start + np.array([words["I"] * units, words["J"] * units, 0.0])
@@ -53,7 +53,7 @@ def quadratic(words: dict[str, float], units: float, start: Array, end: Array) -
 
 
 def nurbs(lexed: Lexed, blocks: SplineBlocks, last: int, start: Array) -> NurbsData | None:
-    """Order, control points (k, 3) and weights of the NURBS that G5.3 on line `last` ends; None if not whole.
+    """Return order, control points (k, 3) [m] and weights of the NURBS that ends with G5.3 on line `last`, or None.
 
     The first control point is where it begins; its weight is the P of a first block without X and Y.
     """

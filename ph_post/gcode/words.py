@@ -53,7 +53,7 @@ _TEXTS = {
 
 
 class ProgramFault(msgspec.Struct, frozen=True, kw_only=True):
-    """What is refused on line `block` at the byte `place`: the number of its kind, and what was got."""
+    """A refused place, byte `place` on line `block`: the number of its kind, and the text there."""
 
     block: int
     place: int
@@ -72,7 +72,11 @@ def fault_error(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, 
         The program, and where its lines begin.
     fault : ProgramFault
     end : int, optional
-        Behind the last byte of the word; one byte where it is not given.
+        The place behind the word; the word is one byte long where it is not given.
+
+    Returns
+    -------
+    InputError
     """
     first = int(lines[fault.block])
     column = len(data[first : fault.place].decode("utf-8", "replace")) + 1
@@ -117,6 +121,10 @@ LONGEST_LINE = 16384
 """No controller takes lines of more bytes than this, comments included."""
 
 
+_LARGEST = np.iinfo(np.int32).max
+"""Bytes of the longest program."""
+
+
 class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A program's text as words.
 
@@ -131,8 +139,26 @@ class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     fault: ProgramFault | None
 
 
-def find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
-    """Places at which lines begin, and the fault of a text that is none: binary, or a line without end."""
+def lines_of(data: bytes, name: str) -> PlaceArray:
+    """Return the places at which the lines of a program begin, and its end, shape (lines + 1,).
+
+    Raises
+    ------
+    InputError
+        If the program is empty, too long, or no text.
+    """
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    if len(data) > _LARGEST:
+        raise InputError(name, "the file is too long", expected="less than 2 GiB", got=f"{len(data)} bytes")
+    lines, fault = _find_lines(data)
+    if fault is not None:
+        raise fault_error(name, data, lines, fault)
+    return lines
+
+
+def _find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
+    """Return the places at which lines begin, and the fault of what is no text: binary, or a line without end."""
     stop = min([place for place in (data.find(b"\n"), data.find(b"\r"), len(data)) if place >= 0])
     if stop > LONGEST_LINE:
         return np.array([0, len(data)], dtype=np.int32), ProgramFault(block=0, place=0, code=LONG_LINE)
@@ -191,7 +217,7 @@ class _Statement(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def find_stretches(lexed: Lexed, data: bytes) -> IntArray:
-    """First and last line of each stretch under O-words, and the state it may change (a bit a column).
+    """Return the first and last line of each stretch under O-words, and the state it may change (a bit a column).
 
     A stretch goes from an O-word to the one that ends it (`sub` to `endsub`), calls stand alone. What is
     called lies in the program, so its words are those of all bodies, or may be anything.

@@ -83,7 +83,7 @@ class ChordGauge:
 
 
 def chord_counts(shape: TrackShape, s0: Array, s1: Array, tolerance: float) -> IntArray:
-    """Into how many parts the chords from `s0` to `s1` have to be cut, 1 where they hold the tolerance.
+    """Count the parts into which chords have to be cut, 1 where a chord holds the tolerance.
 
     Parameters
     ----------
@@ -92,13 +92,17 @@ def chord_counts(shape: TrackShape, s0: Array, s1: Array, tolerance: float) -> I
         Ends of the chords, as places along the motion [m].
     tolerance : float
         Largest distance of the path between them from the straight move [m].
+
+    Returns
+    -------
+    IntArray, shape (n,)
     """
     ratio = deviation(shape, s0, s1) / (tolerance * _RESERVE)
     return np.where(ratio > 1.0, np.maximum(2, np.ceil(np.sqrt(ratio))), 1).astype(np.int64)
 
 
 def deviation(shape: TrackShape, s0: Array, s1: Array) -> Array:
-    """Largest distance [m] of the path from the straight moves between `s0` and `s1`, shape (n,)."""
+    """Return the largest distances [m] of the path from the straight moves between `s0` and `s1`, all (n,)."""
     start, end = shape.positions(s0), shape.positions(s1)
     inner = shape.positions((s0[:, None] + (s1 - s0)[:, None] * _PROBES).ravel())
     offset = inner.reshape(s0.size, _PROBES.size, -1) - start[:, None]
@@ -114,13 +118,13 @@ _ROUNDING = 1.0 - 1e-9
 
 
 def join_short_blocks(blocks: Blocks, shape: TrackShape, period: float, block_time: float) -> Blocks:
-    """Join blocks shorter than a servo period to a neighbour, where one can take them.
+    """Join blocks shorter than a servo `period` [s] to a neighbour, where one can take them.
 
-    They come from stretches that are hardly any, and from pieces of a path that are passed in less than a
-    period. LinuxCNC spends a period on each, and nearly stops where rounding has turned its direction.
+    They come from very short stretches, and from pieces of a path that are passed in less than a period.
+    LinuxCNC spends a period on each, and nearly stops where rounding has turned its direction.
 
-    A neighbour takes `block_time` of them at most, nothing across a stop or a reversal, and only what lies on
-    its own piece unless it is a chord: those are checked and cut afterwards.
+    A neighbour takes `block_time` [s] of them at most, nothing across a stop or a reversal, and only what lies
+    on its own piece unless it is a chord: chords are checked and cut afterwards.
     """
     merger = _BlockJoiner(blocks, shape, block_time)
     short = (blocks.end - blocks.start < period * _ROUNDING) & (blocks.kind != DWELL)
@@ -144,7 +148,7 @@ class _BlockJoiner:
         self.gained = np.zeros(blocks.kind.size)
 
     def duration(self, i: int) -> float:
-        """Time that a block has by now."""
+        """Return the time [s] that a block has by now."""
         return float(self.blocks.end[self.last[i]] - self.blocks.start[self.first[i]])
 
     def give_away(self, i: int) -> None:

@@ -74,7 +74,7 @@ def fit_feed(
 
 
 def constant_feed(motion: MotionLaw, t0: float, t1: float) -> float:
-    """Feed of a block that rests at an end [m/s]: that of its other end, or what its length and time make."""
+    """Return the feed [m/s] of a block that rests at one end: of its other end, or its length over its time."""
     s, speed = motion.place_and_feed(np.array([t0, t1]))
     ends = np.abs(speed)
     mean = abs(float(s[1] - s[0])) / (t1 - t0)
@@ -107,6 +107,10 @@ def schedule_feeds(blocks: Blocks, motion: MotionLaw, feed: Array, digits: int) 
         Of blocks with one feed [m/s].
     digits : int
         Significant digits of a written feed in mm/min.
+
+    Returns
+    -------
+    FeedSchedule
     """
     found = FeedSchedule(feed=feed.copy(), profiles={}, off={})
     changes = _changes(blocks, motion)
@@ -130,7 +134,7 @@ def schedule_feeds(blocks: Blocks, motion: MotionLaw, feed: Array, digits: int) 
 
 
 def _changes(blocks: Blocks, motion: MotionLaw) -> BoolArray:
-    """Find in which blocks the planned feed changes, steady ones that took a sliver of a ramp included."""
+    """Find the blocks in which the planned feed changes, also steady ones that took a short block of a ramp."""
     middle = 0.5 * (blocks.start + blocks.end)
     times = np.concatenate([blocks.start, middle, blocks.end])
     speed = motion.place_and_feed(times)[1].reshape(3, -1)
@@ -202,10 +206,7 @@ def cut_stretches(
 
 
 def feed_blocks(cuts: Sequence[FeedCut]) -> Blocks:
-    """Blocks of ramps, dips and dwells.
-
-    Their places are left at zero: they follow from the times.
-    """
+    """Return the blocks of ramps, dips and dwells; their places are zero, as they follow from the times."""
     rows = [
         (number, DWELL if one.stretch.span.kind == "dwell" else LINE, t0, t1)
         for number, one in enumerate(cuts)
@@ -318,10 +319,11 @@ def _ramp(motion: MotionLaw, start: float, end: float) -> MotionStretch:
 
 
 def thinned(motion: MotionLaw, fixed: Sequence[float], free: Sequence[float], least: float) -> list[float]:
-    """Put instants in order, and keep the free ones at least so far away from their neighbours [s].
+    """Put instants in order, and keep the free ones at least `least` [s] away from their neighbours.
 
-    One that is too close to a fixed one is moved two such distances away from it where there is room and no
-    rest, and left out else; of two free ones that is left out without which a cubic follows the feed better.
+    A free instant that is too close to a fixed one is moved to twice that distance where there is room and no
+    rest, and dropped otherwise; of two free ones the one is dropped without which a cubic follows the feed
+    better.
     """
     loose = set(free) - set(fixed)
     marks = sorted(loose | set(fixed))

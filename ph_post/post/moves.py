@@ -146,8 +146,8 @@ def round_blocks(
     """Put blocks on the grid; those that come out with no length give their time to a neighbour.
 
     All points of one circle share one centre, so that radii at the start and at the end of an arc differ by
-    no more than the rounding of the two points. `phases` are the motion's, for dialects whose feed can change
-    within a block.
+    no more than the rounding of the two points. `phases` are the phases of the motion, for dialects whose feed
+    can change within a block.
     """
     decimals = dialect.numbers.decimals
     path = shape.positions(np.append(blocks.s0[:1], blocks.s1))

@@ -27,7 +27,7 @@ from ph_post.types import Array, BoolArray, Plan, TurningPoint
 
 
 def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float) -> Array:
-    """Offset [m] from the start of a cut to the point from which it is approached, shape (dim,).
+    """Return the offset [m] from the start of a cut to the point from which it is approached, shape (dim,).
 
     Each axis against its first motion, an axis that stands still at first against the first one later, 0
     where it never moves; Z upwards whatever it does, so that the tool comes down onto the start.
@@ -51,7 +51,7 @@ def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float) -> Arra
 def first_directions(
     shape: TrackShape, points: Sequence[TurningPoint], axes: tuple[str, ...], s: float, end: float
 ) -> Array:
-    """Sign of each axis' first travel after `s`, 0 where there is none up to `end`.
+    """Return the sign of each axis' first travel after `s` [m], 0 where there is none up to `end`, shape (dim,).
 
     An axis rises up to a maximum and falls down to a minimum, however soon after the start that comes; where
     it does not reverse, it follows from the ends.
@@ -100,7 +100,7 @@ def make_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOpt
     Raises
     ------
     InputError
-        Where an option cannot be, or the dialect cannot do what was asked for.
+        If an option has an impossible value, or the dialect cannot do what was asked for.
     """
     chosen = options or ProgramOptions()
     inverse = chosen.feed_mode == "inverse-time"
@@ -132,7 +132,7 @@ class _Job:
         self.depth = self._height(options.depth)
 
     def program(self) -> Program:
-        """Header, opening, the cuts each with its approach, and the end."""
+        """Write the header, the opening, the cuts each with its approach, and the end."""
         self.out.add(header_lines(self.plan, self.dialect, self.options))
         self.out.add(self.dialect.syntax.opening(plane_of(self.axes)[0]))
         for first, last, rapid in _groups(self.moves):

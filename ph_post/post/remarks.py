@@ -20,7 +20,7 @@ _DIGEST = 16
 
 
 def header_lines(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
-    """Comment lines: inputs and their hashes, what was done, and what the program takes for granted."""
+    """Return comment lines: inputs and their hashes, the method, and what the program takes for granted."""
     remarks = [
         *_origin(plan),
         *_manner(plan, dialect, options),
@@ -114,7 +114,7 @@ _LATE = 1e-3
 
 
 def plan_warnings(plan: Plan, options: ProgramOptions, moves: Moves) -> tuple[str, ...]:
-    """Warnings about what the program leaves to the user and to the controller."""
+    """Return warnings about what the program leaves to the user and to the controller."""
     warnings = []
     if "Z" not in plan.path.axes and options.depth is None:
         warnings.append("no Z word is written, as neither --safe-z nor --depth is given: the tool keeps its height")

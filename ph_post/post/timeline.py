@@ -103,7 +103,7 @@ def time_at(motion: MotionLaw, span: Span, s: float) -> float:
 
 
 def span_kind(speed: Array) -> SpanKind:
-    """Say whether a speed in Bernstein form is constant, zero, or neither.
+    """Return the kind of a speed in Bernstein form: constant, zero, or neither.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def span_kind(speed: Array) -> SpanKind:
 
 
 def sign_changes(speed: Array) -> list[float]:
-    """Find where on (0, 1) a speed in Bernstein form changes sign.
+    """Return the places on (0, 1) at which a speed in Bernstein form changes sign.
 
     Examples
     --------

@@ -99,7 +99,7 @@ def find_traces(points: Array, tracks: Sequence[Track], tolerance: float) -> lis
 
 
 def place_on(track: Track, at: Array, order: int = 0) -> Array:
-    """Values and derivatives by u at places on a track, shape (order + 1, n, 2)."""
+    """Return values and derivatives by u at places on a track, shape (order + 1, n, 2)."""
     piece = np.clip(np.floor(at).astype(np.int64), 0, len(track.pieces) - 1)
     return track.derivatives(piece, at - piece, order)
 

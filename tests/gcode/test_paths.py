@@ -13,7 +13,7 @@ from ph_post.analysis.certification import certify
 from ph_post.analysis.turning_points import find_turning_points
 from ph_post.edit.window_plans import divide
 from ph_post.errors import InputError
-from ph_post.gcode.paths import ProgramPath, left_out, main_path, paths_of
+from ph_post.gcode.paths import ProgramPath, chains_without_feed, main_path, paths_of
 from ph_post.geometry.track import Track
 from ph_post.types import Array
 
@@ -207,7 +207,7 @@ def test_cuts_from_an_unknown_place_are_named() -> None:
 def test_an_unknown_feed_leaves_the_chain_out() -> None:
     tape = Tape((0, 0, 0)).line((5, 5, 0), feed=np.nan)
     assert paths_of(tape.program()) == ()
-    (word,) = left_out(tape.program())
+    (word,) = chains_without_feed(tape.program())
     assert word.startswith("tape.ngc:1: from here on the feed is not known")
     with pytest.raises(InputError, match=r"tape\.ngc: no path"):
         main_path(tape.program())

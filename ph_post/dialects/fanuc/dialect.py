@@ -94,7 +94,7 @@ def finish(lines: Sequence[str], name: str) -> Sequence[str]:
 
 
 def spline_deviation(control: Array) -> Array:
-    """How far G06.2 leaves cubic Béziers, (m, 4, 2) to (m,): it is the same curve."""
+    """Return the distances (m,) by which G06.2 leaves cubic Béziers (m, 4, 2): zero, it is the same curve."""
     return np.zeros(control.shape[0])
 
 

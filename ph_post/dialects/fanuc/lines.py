@@ -49,7 +49,7 @@ class PassedLines(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def masked(data: bytes) -> bytes:
-    """Text in capitals with blanks in the place of its comments.
+    """Return a text in capitals, with blanks in the place of its comments.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def masked(data: bytes) -> bytes:
 
 
 def words_of(bare: bytes) -> list[tuple[bytes, bytes, int, int]]:
-    """Words of a masked text: the letter, the number without its blanks, and where it begins and ends.
+    """Return the words of a masked text: letter, number without blanks, and the places of begin and end.
 
     Examples
     --------

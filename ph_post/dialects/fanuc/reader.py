@@ -21,12 +21,12 @@ from ph_post.dialects.reading import (
     FORGOTTEN,
     NOT_UNDERSTOOD,
     Remark,
-    lines_of,
     motion_rows,
     read_translated,
     text_of,
 )
 from ph_post.gcode.program import AXES, NURBS, NurbsData, PartProgram, PlaceArray
+from ph_post.gcode.words import lines_of
 from ph_post.geometry.exact_polynomials import floats
 from ph_post.geometry.nurbs import bezier_spans
 from ph_post.types import frozen, sealed
@@ -110,7 +110,7 @@ def find_nurbs(bare: bytes, lines: PlaceArray, numbers: Sequence[int], *, calcul
 
 
 def _fault(found: Sequence[tuple[int, dict[str, bytes]]], *, absolute: bool, calculator: bool) -> str:
-    """Why blocks are no NURBS that is understood, empty where they are."""
+    """Return why blocks are no NURBS that is understood, empty where they are."""
     if not absolute:
         return "NURBS in incremental positions: G06.2 under G91"
     order = float(found[0][1].get("P", b"4"))
@@ -208,7 +208,7 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgr
     Raises
     ------
     InputError
-        As that, and for a jump whose target is not in the program.
+        As there, and for a jump whose target is not in the program.
     """
     lines = lines_of(data, name)
     texts = [text_of(data, lines, number) for number in range(lines.size - 1)]

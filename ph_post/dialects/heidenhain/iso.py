@@ -19,20 +19,15 @@ from ph_post.dialects.heidenhain.tnc import (
     NotFollowed,
     Places,
     Tnc,
+    TncLanguage,
     TncSource,
     joined,
     number_of,
 )
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
 
-_HEAD: Final = re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$")
 _WORD: Final = re.compile(rf"([A-Z])\s*({NUMBER}|[-+]?Q[LRS]?\d+|MAX)")
-_LABEL: Final = re.compile(r"G98\s*L\s*(\d+)")
 _IF: Final = r"D\s*(?:09|9|10|11|12)(?!\d)"
-_CALLS: Final = {
-    REPEATED: re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*[1-9]"),
-    JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
-}
 _CALL: Final = re.compile(rf"(?<![A-Z])L\s*\d+\s*,\s*\d|{_IF}")
 _CENTRES: Final = {letter: axis for axis, letter in CENTERS.items()}
 _SIDES: Final = {40: False, 41: True, 42: True}
@@ -46,6 +41,25 @@ _CUTS: Final = frozenset((5, 6, 7, 10, 11, 12, 13, 15, 16))
 _FOLLOWED: Final = frozenset((4, 17, 18, 19, 29, 30, 31, 38, 40, 41, 42, 51, 62, 70, 71, 90, 91, 98, 99))
 
 
+def _plain(line: str) -> str:
+    """Return a line without its comment and the asterisk that ends it."""
+    return re.sub(r"\s*\*\s*$", "", line.partition(";")[0].rstrip()).strip()
+
+
+_LANGUAGE: Final = TncLanguage(
+    plain=_plain,
+    head=re.compile(r"%\s*(\S+)\s+G(70|71)\s*\*?\s*$"),
+    refusal="not an ISO program of Heidenhain",
+    expected_head="%, a name, and G71 or G70",
+    label=re.compile(r"G98\s*L\s*(\d+)"),
+    calls={
+        REPEATED: re.compile(r"(?<![A-Z])L\s*(\d+)\s*,\s*[1-9]"),
+        JUMPED: re.compile(rf"{_IF}.*P03\s*(\+*(\S+))"),
+    },
+    label_words="G98 L",
+)
+
+
 def read_tnc_iso(data: bytes, name: str) -> PartProgram:
     """Read a program in Heidenhain's ISO language.
 
@@ -54,17 +68,12 @@ def read_tnc_iso(data: bytes, name: str) -> PartProgram:
     InputError
         Where the text is no such program, or repeats a label that is not in it.
     """
-    source = TncSource(data, name, _plain)
-    first, head = source.head(_HEAD, "not an ISO program of Heidenhain", "%, a name, and G71 or G70")
+    source = TncSource(data, name, _LANGUAGE)
+    first, head = source.head()
     follower = _IsoFollower(Tnc("G21" if head[2] == "71" else "G20"))
     for number, text in enumerate(source.texts):
         follower.line(text, begins=number == first)
-    return source.program(follower.tnc, _LABEL, _CALLS, "G98 L")
-
-
-def _plain(line: str) -> str:
-    """Return a line without its comment and the asterisk that ends it."""
-    return re.sub(r"\s*\*\s*$", "", line.partition(";")[0].rstrip()).strip()
+    return source.program(follower.tnc)
 
 
 class _Block:
@@ -170,7 +179,7 @@ class _IsoFollower:
 
     @staticmethod
     def _turns(code: int, block: _Block, places: Places) -> bool:
-        """Whether a word turns, mirrors, scales or tilts the frame, and does not end that."""
+        """Return True if a word turns, mirrors, scales or tilts the frame, False if it ends that."""
         plain = Decimal(1) if code == _SCALING else Decimal(0)
         numbers = [number_of(number) for letter, number in block.words if letter not in "GN"]
         return (code == _MIRROR and bool(places)) or any(number != plain for number in numbers)

@@ -21,13 +21,13 @@ from ph_post.dialects.heidenhain.tnc import (
     NotFollowed,
     Places,
     Tnc,
+    TncLanguage,
     TncSource,
     joined,
     number_of,
 )
 from ph_post.gcode.program import PartProgram
 
-_HEAD: Final = re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)")
 _PLACE: Final = re.compile(rf"(?<![A-Z])(I?)([XYZABCUVW])\s*({NUMBER}|[-+]?Q[LRS]?\d+)")
 _FEED: Final = re.compile(rf"F\s*(MAX|AUTO|[ZTU]?\s*{NUMBER}|[ZTU]?\s*Q[LRS]?\d+)?")
 _FUNCTION: Final = re.compile(r"M\s*(\d+)")
@@ -38,16 +38,31 @@ _SENSE: Final = re.compile(r"DR\s*([-+])")
 _CYCLE: Final = re.compile(r"CYCL\s+DEF\s+(\d+)(?:\.(\d+))?(.*)")
 _LAST_NUMBER: Final = re.compile(rf"({NUMBER})\s*$")
 _TOOL: Final = re.compile(r"TOOL\s+CALL\b\s*(\"[^\"]*\"|Q[LRS]?\d+|\d+(?:\.\d+)?)?\s*([XYZ])?(.*)")
-_LABEL: Final = re.compile(r"^LBL\s+(\"[^\"]*\"|\d+)")
-_CALLS: Final = {
-    REPEATED: re.compile(r"^CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP"),
-    JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
-}
 _QUIET: Final = ("BLK FORM", "TOOL DEF", "BEGIN PGM")
 _TURNS: Final = frozenset((8, 10, 11, 19, 26))
 _SHIFTS: Final = frozenset((7, 247))
 _OTHERS: Final = re.compile(r"CTP|CT|CP|LP|LCT|LN|FPOL|FLT|FL|FCT|FC|APPR|DEP|SPL")
 _INCLINED: Final = "PLANE"
+
+
+def _plain(line: str) -> str:
+    """Return a line without its number and its comment."""
+    text = re.sub(r"^\s*\d+(?=\s|$)", "", line)
+    return text.partition(";")[0].replace("~", " ").strip()
+
+
+_LANGUAGE: Final = TncLanguage(
+    plain=_plain,
+    head=re.compile(r"BEGIN\s+PGM\s+(.*?)\s*(MM|INCH)"),
+    refusal="not a conversational program",
+    expected_head="0 BEGIN PGM, a name, and MM or INCH",
+    label=re.compile(r"^LBL\s+(\"[^\"]*\"|\d+)"),
+    calls={
+        REPEATED: re.compile(r"^CALL\s+LBL\s+(\"[^\"]*\"|\d+)\s+REP"),
+        JUMPED: re.compile(r"GOTO\s+LBL\s+(\S+)"),
+    },
+    label_words="LBL",
+)
 
 
 def read_klartext(data: bytes, name: str) -> PartProgram:
@@ -58,18 +73,12 @@ def read_klartext(data: bytes, name: str) -> PartProgram:
     InputError
         Where the text is no such program, or jumps to where nobody knows.
     """
-    source = TncSource(data, name, _plain)
-    _, head = source.head(_HEAD, "not a conversational program", "0 BEGIN PGM, a name, and MM or INCH")
+    source = TncSource(data, name, _LANGUAGE)
+    _, head = source.head()
     follower = _KlartextFollower(Tnc("G21" if head[2] == "MM" else "G20"))
     for text in source.texts:
         follower.line(text)
-    return source.program(follower.tnc, _LABEL, _CALLS, "LBL")
-
-
-def _plain(line: str) -> str:
-    """Return a line without its number and its comment."""
-    text = re.sub(r"^\s*\d+(?=\s|$)", "", line)
-    return text.partition(";")[0].replace("~", " ").strip()
+    return source.program(follower.tnc)
 
 
 class _KlartextFollower:
@@ -213,7 +222,7 @@ class _KlartextFollower:
 
     @staticmethod
     def _turns(number: int, part: str | None, rest: str) -> bool:
-        """Whether a cycle turns the frame, and does not end that."""
+        """Return True if a cycle turns the frame, False if it ends that."""
         if part in (None, "0"):
             return True
         numbers = [number_of(found) for found in re.findall(NUMBER, rest)]

@@ -10,9 +10,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from decimal import Decimal
 from typing import Final
 
-from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, lines_of, read_translated, text_of
+import msgspec
+
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, CENTERS, PLANE_AXES, PartProgram
+from ph_post.gcode.words import lines_of
 
 NUMBER: Final = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)"
 """A number, with a point or a comma."""
@@ -100,10 +103,10 @@ class Tnc:
         """Follow a line; what is not understood gets a note, and the position is forgotten."""
         try:
             text = follow()
-        except NotFollowed as puzzle:
+        except NotFollowed as found:
             self.forget(AXES)
-            column = source.find(puzzle.text) + 1 if puzzle.text else 1
-            self.remarks[len(self.texts)] = Remark(what=str(puzzle), column=max(column, 1))
+            column = source.find(found.text) + 1 if found.text else 1
+            self.remarks[len(self.texts)] = Remark(what=str(found), column=max(column, 1))
             text = FORGOTTEN
         self.add(text)
 
@@ -205,7 +208,7 @@ class Tnc:
         (self._turned.add if on else self._turned.discard)(way)
         return "G68" if self._turned else "G69"
 
-    def said(self) -> list[str]:
+    def with_modes(self) -> list[str]:
         """Return the lines, each with the modes of RS274 wherever they are others, or may be lost."""
         texts, before = [], ""
         for text, state in zip(self.texts, self._states, strict=True):
@@ -229,6 +232,35 @@ REPEATED: Final = "repeated part"
 JUMPED: Final = "part that is jumped over or back to"
 
 
+class TncLanguage(msgspec.Struct, frozen=True, kw_only=True):
+    """Frame, labels and jumps of one of the two languages.
+
+    Parameters
+    ----------
+    plain : callable
+        ``plain(line)``: a line in capitals without its number, comment and end.
+    head : pattern
+        Of the first line.
+    refusal, expected_head : str
+        What a program is called whose first line does not match, and what is expected there.
+    label : pattern
+        Of a label, its name the group.
+    calls : mapping of str to pattern
+        By what becomes of the lines between, what repeats or jumps: the label as it stands there is the
+        first group, its name the last.
+    label_words : str
+        Words that set a label.
+    """
+
+    plain: Callable[[str], str]
+    head: re.Pattern[str]
+    refusal: str
+    expected_head: str
+    label: re.Pattern[str]
+    calls: Mapping[str, re.Pattern[str]]
+    label_words: str
+
+
 class TncSource:
     """The lines of a program.
 
@@ -236,13 +268,12 @@ class TncSource:
     ----------
     data, name
         As for :func:`ph_post.gcode.read.read_program`.
-    plain : callable
-        ``plain(line)``: what a line in capitals says, without its number, comment and end.
+    language : TncLanguage
 
     Attributes
     ----------
     texts : list of str
-        What each line says.
+        The plain text of each line.
 
     Raises
     ------
@@ -250,71 +281,57 @@ class TncSource:
         Where the text is empty, or no text.
     """
 
-    def __init__(self, data: bytes, name: str, plain: Callable[[str], str]) -> None:
-        self._data, self._name, self._lines = data, name, lines_of(data, name)
+    def __init__(self, data: bytes, name: str, language: TncLanguage) -> None:
+        self._data, self._name, self._lines, self._language = data, name, lines_of(data, name), language
         whole = (text_of(data, self._lines, number) for number in range(self._lines.size - 1))
-        self.texts = [plain(line.decode("utf-8", "replace").upper()) for line in whole]
+        self.texts = [language.plain(line.decode("utf-8", "replace").upper()) for line in whole]
 
-    def head(self, pattern: re.Pattern[str], what: str, expected: str) -> tuple[int, re.Match[str]]:
-        """Return the number of the first line that says anything, and what it matches.
+    def head(self) -> tuple[int, re.Match[str]]:
+        """Return the number of the first line that is not empty, and its match as a head.
 
         Raises
         ------
         InputError
-            Where it does not match, or nothing is said at all.
+            If it does not match, or all lines are empty.
         """
+        what, expected = self._language.refusal, self._language.expected_head
         first = next((number for number, text in enumerate(self.texts) if text), None)
         if first is None:
             raise InputError(self._name, what, expected=expected, got="comments alone")
-        head = pattern.match(self.texts[first])
+        head = self._language.head.match(self.texts[first])
         if head is None:
             raise self._refused(first, what, expected, self.texts[first][:40])
         return first, head
 
-    def program(
-        self, tnc: Tnc, label: re.Pattern[str], calls: Mapping[str, re.Pattern[str]], expected: str
-    ) -> PartProgram:
-        """Read the translation; what is repeated or jumped over is passed through.
-
-        Parameters
-        ----------
-        tnc : Tnc
-            That has followed all lines.
-        label : pattern
-            Of a label, its name the group.
-        calls : mapping of str to pattern
-            By what becomes of the lines between, what repeats or jumps: the label as it stands there is the
-            first group, its name the last.
-        expected : str
-            How a label is set.
+    def program(self, tnc: Tnc) -> PartProgram:
+        """Read the translation by `tnc`, which has followed all lines; pass repeats and jumps through.
 
         Raises
         ------
         InputError
-            Where a label is not in the program, or computed.
+            If a label is not in the program, or computed.
         """
-        for first, last, what in self._stretches(label, calls, expected):
+        for first, last, what in self._stretches():
             for number in range(first, last + 1):
                 if text_of(self._data, self._lines, number).strip():
                     tnc.texts[number] = NOT_UNDERSTOOD
                     tnc.remarks[number] = Remark(what=what)
-        texts = [text.encode() for text in tnc.said()]
+        texts = [text.encode() for text in tnc.with_modes()]
         return read_translated(self._data, self._lines, self._name, texts, tnc.remarks, in_place=False)
 
-    def _stretches(
-        self, label: re.Pattern[str], calls: Mapping[str, re.Pattern[str]], expected: str
-    ) -> Iterator[tuple[int, int, str]]:
+    def _stretches(self) -> Iterator[tuple[int, int, str]]:
         """Find the lines that repeats run more than once, and jumps perhaps not, or more than once."""
-        set_at = [label.search(text) for text in self.texts]
+        set_at = [self._language.label.search(text) for text in self.texts]
         labels = {found[1]: number for number, found in enumerate(set_at) if found}
         for number, text in enumerate(self.texts):
-            for what, pattern in calls.items():
+            for what, pattern in self._language.calls.items():
                 call = None if set_at[number] else pattern.search(text)
                 if call is None:
                     continue
                 place = labels.get(call.groups()[-1])
                 if place is None:
-                    raise self._refused(number, "label that is not known", f"{expected} in the program", call[1])
+                    expected = f"{self._language.label_words} in the program"
+                    raise self._refused(number, "label that is not known", expected, call[1])
                 yield min(place, number), max(place, number), what
 
     def _refused(self, number: int, what: str, expected: str, got: str) -> InputError:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, lines_of, read_translated, text_of
+from ph_post.dialects.reading import FORGOTTEN, NOT_UNDERSTOOD, Remark, line_error, read_translated, text_of
 from ph_post.dialects.siemens import words as tables
 from ph_post.dialects.siemens.motions import with_extras
 from ph_post.dialects.siemens.words import (
@@ -26,6 +26,7 @@ from ph_post.dialects.siemens.words import (
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, CENTERS, PartProgram, PlaceArray
 from ph_post.gcode.read import shortened
+from ph_post.gcode.words import lines_of
 
 _LEADING: Final = re.compile(r"[ \t]*(/\d?)?[ \t]*(?::\d+|N\d+)?[ \t]*(?:[A-Z_]\w+[ \t]*:(?!=)[ \t]*)?", re.IGNORECASE)
 """Block delete, number and label of a line."""
@@ -38,7 +39,7 @@ _SHAPES: Final = frozenset((*AXES, *_CENTERS, "I1", "J1", "K1", "", "PL", "CR", 
 
 
 class SiemensModes:
-    """What is in force: `motion` G0 to G3, POLY, CIP or "other", measures, and whether F comes linearly."""
+    """Modes in force: `motion` G0 to G3, POLY, CIP or "other", measures, and whether F comes linearly."""
 
     def __init__(self) -> None:
         self.motion = ""
@@ -312,7 +313,7 @@ def read_siemens(data: bytes, name: str) -> PartProgram:
     Raises
     ------
     InputError
-        As that, and for jumps, circles in space, and feeds or denominators that are not positive.
+        As there, and for jumps, circles in space, and feeds or denominators that are not positive.
 
     Examples
     --------

@@ -32,7 +32,7 @@ tolerance it has run on into what comes next."""
 
 WIDEST: Final = 0.6
 """Distance of a circle's centre from the chord, over its radius, on the side of the arc: at most 1.4 half
-turns in one arc, beyond which its ends come too near to each other to tell the circle."""
+turns in one arc, beyond which its ends are too near to each other to determine the circle."""
 
 MEETS_AT: Final = 5e-4
 """Angle [rad] by which neighbouring arcs may miss each other's tangents: half of what counts as a corner."""
@@ -40,7 +40,7 @@ MEETS_AT: Final = 5e-4
 
 @inner
 def _circle(points: Array, i: int, j: int, out: Array) -> bool:
-    """Circle through i and j nearest to what lies between: out = centre, radius and sense; whether there is.
+    """Find the circle through i and j nearest to what lies between, in `out`: centre, radius, sense; False if none.
 
     With y across the chord c and y_c the centre's place on its bisector, x² + y² - c²/4 = 2 y y_c on the
     circle: one unknown, by least squares.
@@ -69,7 +69,7 @@ def _circle(points: Array, i: int, j: int, out: Array) -> bool:
 
 @inner
 def _round_holds(points: Array, i: int, j: int, tolerance: float, out: Array) -> bool:
-    """Whether one arc from i to j explains what is between, each vertex ahead of the one before."""
+    """Return True if one arc from i to j explains what is between, each vertex ahead of the one before."""
     if not _circle(points, i, j, out):
         return False
     cx, cy, radius, sense = out[0], out[1], out[2], out[3]
@@ -165,7 +165,7 @@ def _bulge(points: Array, i: int, j: int) -> float:
 
 @inner
 def _is_wide(points: Array, i: int, j: int, kind: int, out: Array) -> bool:
-    """Whether an arc ends only because it is as long as one arc may be: more than half a turn."""
+    """Return True if an arc ends only because it is as long as an arc may be: more than half a turn."""
     if kind == STRAIGHT or not _circle(points, i, j, out):
         return False
     ex, ey = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
@@ -273,7 +273,7 @@ def _scan(
 
 @inner
 def _ends_of(points: Array, i: int, j: int, kind: int, circle: Array, tolerance: float, ends: Array) -> bool:
-    """Whether one line or arc from i to j holds, and its tangents."""
+    """Write the end tangents of a line or an arc from i to j, and return True if it holds."""
     good = _holds(points, i, j, tolerance, kind, circle)
     _end_tangents(points, i, j, kind, circle, ends)
     return good

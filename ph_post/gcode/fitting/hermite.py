@@ -136,7 +136,7 @@ def _fits(
     tolerance: float,
     foot: Array,
 ) -> bool:
-    """Whether all vertices are near the curve in their order, and the curve between them near the chords."""
+    """Return True if all vertices are near the curve, in order, and the curve between them near the chords."""
     value, slope = np.empty(3), np.empty(3)
     before, size = 0.0, along[j] - along[i]
     for k in range(i + 1, j + 1):

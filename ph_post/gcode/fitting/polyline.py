@@ -24,7 +24,7 @@ MOST: Final = 5
 
 @inner
 def _stencil(along: Array, first: int, last: int, k: int, base: float, out: IntArray) -> int:
-    """Choose up to MOST vertices about k in first … last, `base` apart if there is room; how many."""
+    """Choose up to MOST vertices about k in first … last, `base` apart if there is room; return their number."""
     out[0], left, right = k, 0, 0
     low, high, count = k, k, 1
     while count < MOST:
@@ -160,7 +160,7 @@ def find_tangents(points: Array, corners: BoolArray, lines: BoolArray, tolerance
 def fit_polyline(
     points: Array, tolerance: float, cuts: BoolArray | None = None, sharp: BoolArray | None = None
 ) -> PolylineFit:
-    """PolylineFit a polyline with lines, arcs and smooth curves.
+    """Fit lines, arcs and smooth curves to a polyline.
 
     Corners stay corners and straight lines stay lines. What samples a smooth curve becomes arcs where one
     circle explains it, else PH quintics (in a plane of the first two axes) or cubics, each as long as the

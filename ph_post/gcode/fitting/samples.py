@@ -112,7 +112,7 @@ def _corners(node: IntArray, length: Array, turn: Array, sharp: BoolArray, toler
 def _leaves(
     points: Array, node: IntArray, length: Array, corner: BoolArray, k: int, step: int, tolerance: float
 ) -> bool:
-    """Whether, on one side, stretch k is long beside the next, and the curve there turns away from it."""
+    """Return True if, on one side, stretch k is long beside the next and the curve turns away from it."""
     near, far = (k + 1, k) if step > 0 else (k, k + 1)
     if corner[near]:
         return True
