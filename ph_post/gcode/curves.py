@@ -193,19 +193,7 @@ def _bend(track: Track, s: float, half: float) -> Composite:
     """Quintic from `half` [m] before a place to as far behind it."""
     jet = track.arc_derivatives(*track.locate(np.array([s - half, s + half])), 2)
     chord = float(np.linalg.norm(jet[0, 1] - jet[0, 0]))
-    first, second = jet[1] * chord / 5.0, jet[2] * chord**2 / 20.0
-    start, end = jet[0]
-    control = frozen(
-        [
-            start,
-            start + first[0],
-            start + 2.0 * first[0] + second[0],
-            end - 2.0 * first[1] + second[1],
-            end - first[1],
-            end,
-        ]
-    )
-    return Composite([polynomial_piece(control, 0.0, 1.0)])
+    return Composite([polynomial_piece(frozen(_quintics(jet, chord)[0]), 0.0, 1.0)])
 
 
 def _with_bends(track: Track, number: IntArray, half: Array, bends: list[Composite]) -> tuple[Segment, ...]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.compiling import compiled, inner
-from ph_post.gcode.fitting.samples import ROUND, STRAIGHT
+from ph_post.gcode.fitting.samples import ROUND, STRAIGHT, is_flat
 from ph_post.types import Array, BoolArray, IntArray
 
 STEPS: Final = 5
@@ -196,14 +196,6 @@ def _apart(a: Array, b: Array) -> float:
 
 
 @inner
-def _is_flat(points: Array, first: int, last: int) -> bool:
-    flat = True
-    for k in range(first + 1, last + 1):
-        flat = flat and points[k, 2] == points[first, 2]
-    return flat
-
-
-@inner
 def _set_tangents(tangent: Array, ends: Array, a: int, b: int, first: int, last: int) -> None:
     """Give the vertices a and b the tangents of what runs between them, on both sides inside a run."""
     for axis in range(3):
@@ -237,7 +229,7 @@ def _scan(
         if lines[first]:
             first = last
             continue
-        flat = _is_flat(points, first, last)
+        flat = is_flat(points, first, last)
         i, joined = first, corners[first]
         while i < last:
             kind = STRAIGHT

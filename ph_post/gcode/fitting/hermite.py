@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.compiling import compiled, inner
-from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT
+from ph_post.gcode.fitting.samples import ROUND, SMOOTH, STRAIGHT, is_flat
 from ph_post.types import Array, BoolArray, IntArray
 
 AHEAD: Final = 0.3
@@ -218,9 +218,7 @@ def _fill(
             last = i + 1
             while last < n - 1 and not lines[last] and not stops[last] and taken[last] == 0:
                 last += 1
-            flat, kind = True, SMOOTH
-            for k in range(i + 1, last + 1):
-                flat = flat and points[k, 2] == points[i, 2]
+            flat, kind = is_flat(points, i, last), SMOOTH
             j = _longest(points, along, turn, tangent, i, last, flat, tolerance, control, speed, foot)
             if j == i:
                 j, kind = i + 1, STRAIGHT
@@ -246,9 +244,7 @@ def _write(
 ) -> None:
     for number in range(len(firsts)):
         i, j = firsts[number], lasts[number]
-        flat = True
-        for k in range(i + 1, j + 1):
-            flat = flat and points[k, 2] == points[i, 2]
+        flat = is_flat(points, i, j)
         degree[number] = _interpolate(points, along, tangent, i, j, flat, control[number], speed[number])
         _fits(points, along, turn, i, j, control[number], degree[number], tolerance, foot)
 

@@ -45,6 +45,15 @@ COLLINEAR: Final = 1e-10
 
 
 @inner
+def is_flat(points: Array, first: int, last: int) -> bool:
+    """Return True if vertices `first` to `last` have the same third coordinate."""
+    flat = True
+    for k in range(first + 1, last + 1):
+        flat = flat and points[k, 2] == points[first, 2]
+    return flat
+
+
+@inner
 def _turn(points: Array, i: int, j: int, k: int) -> float:
     """Angle [rad] between the straight lines from vertex i to j and from j to k."""
     along, ax, ay, az = 0.0, 0.0, 0.0, 0.0
