@@ -19,6 +19,7 @@ from ph_post.dialects.base import (
 )
 from ph_post.gcode.numbers import decimal_text, to_counts
 from ph_post.gcode.program import AXES
+from ph_post.geometry.bernstein import basis
 from ph_post.types import Array, Machine
 
 _DECIMALS = 6
@@ -101,10 +102,6 @@ def _distance_to_arc(points: Array, start: Array, tangent: Array, end: Array) ->
 
 def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.hypot(vectors[..., 0], vectors[..., 1])[..., None])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 MARGIN = 60.0

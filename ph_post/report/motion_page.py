@@ -9,7 +9,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.strategies.registry import PLAIN
-from ph_post.post.remarks import package_version
 from ph_post.quantities import NOTHING, before_and_after, micrometres, millimetres, seconds
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
 from ph_post.report.simulations import error_view
