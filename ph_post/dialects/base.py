@@ -255,8 +255,9 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
 
     Parameters
     ----------
-    assumed : tuple of str
-        Remarks for the head of a program: what has to be set before, and what the end does.
+    assumed : tuple of str or None
+        Remarks for the head of a program: what has to be set before, and what the end does. None for those of
+        most machine tools, with the word that ends the dialect's programs; see :attr:`Dialect.assumed`.
     cautions : tuple of str
         What a user should know about lasting offsets on such controllers.
     guard : tuple of str
@@ -269,7 +270,7 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
         The settings of all that the controller compensates by itself, for test programs; empty as above.
     """
 
-    assumed: tuple[str, ...] = (PRECONDITIONS, end_remark("M2"))
+    assumed: tuple[str, ...] | None = None
     cautions: tuple[str, ...] = ()
     guard: tuple[str, ...] = ()
     own_compensation: str = ""
@@ -352,6 +353,13 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     def finished(self, lines: Sequence[str], name: str) -> Sequence[str]:
         """Return the lines of a whole program as the controller is to have them."""
         return lines if self.syntax.finish is None else self.syntax.finish(lines, name)
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """Remarks for the head of a program: what has to be set before, and what its end does."""
+        if self.notices.assumed is not None:
+            return self.notices.assumed
+        return (PRECONDITIONS, end_remark(self.syntax.closing[-1]))
 
     def require_editable(self, where: str) -> None:
         """Raise unless programs of the dialect can be edited; `where` names the program, or who asks for it.

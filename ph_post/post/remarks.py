@@ -95,7 +95,7 @@ def _offsets(plan: Plan) -> list[str]:
 
 def _assumptions(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     """Say what has to hold for the program to do what it was planned for."""
-    facts = list(dialect.notices.assumed)
+    facts = list(dialect.assumed)
     if dialect.syntax.path_mode is not None:
         facts.append("the path mode of the last cut stays in force after the program")
     if "Z" in plan.path.axes:

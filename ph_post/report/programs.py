@@ -82,7 +82,7 @@ def program_view(result: ProgramCompensation, simulated: bool) -> dict[str, Any]
         "pulses": {} if edits is None else {axis: size / MM for axis, size in edits.pulse.items()},
         "verified": result.verdict is not None and result.verdict.ok,
         "unchanged": result.unchanged,
-        "warnings": list(result.edited.warnings),
+        "warnings": list(result.warnings),
     }
 
 

@@ -84,7 +84,9 @@ def default_strategy(*, described: bool) -> str:
     ('auto', 'suppress')
     """
     wanted = "profile" if described else "job"
-    return next(name for name in BUILT_IN if find_traits(name).default_for == wanted)
+    # One strategy, or none can be named: a copy that keeps the trait of its model is found here.
+    (name,) = (name for name in BUILT_IN if find_traits(name).default_for == wanted)
+    return name
 
 
 def _is_strategy(found: object) -> TypeGuard[Strategy]:
