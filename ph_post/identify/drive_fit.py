@@ -41,30 +41,38 @@ DAMPED: Final = 0.98
 """Largest part of the axis' damping that the motor may have: the load keeps some."""
 
 
+LENGTHS: Final = {"gap": ("gap",), "friction": ("coulomb_plus", "coulomb_minus")}
+"""Free numbers that are lengths, and the fields of the plant that they set."""
+
+
 class FreeNumber(NamedTuple):
-    """One number of a plant while it is fitted: how it is read and set, its bounds and its natural size."""
+    """One number of a plant while it is fitted: how it is read and set, and its bounds."""
 
     name: str
     read: Callable[[Plant], float]
-    turn: Callable[[Plant, float], Plant]
+    put: Callable[[Plant, float], Plant]
     low: float
     high: float
-    scale: float
 
 
 def free_number(name: str, plant: Plant) -> FreeNumber:
-    """Return the knob of `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres)."""
-    if name == "gap":
-        return FreeNumber(name, lambda p: p.gap / MICROMETRE, _with_gap, 0.0, MOST / MICROMETRE, 1.0)
-    if name == "friction":
-        return FreeNumber(name, lambda p: p.coulomb_plus / MICROMETRE, _dry, 0.0, MOST / MICROMETRE, 1.0)
+    """Return the free number `b`, `c`, `eta`, `beta` (logarithms), `gap` or `friction` (micrometres)."""
+    if name in LENGTHS:
+        fields = LENGTHS[name]
+        return FreeNumber(
+            name,
+            lambda p: getattr(p, fields[0]) / MICROMETRE,
+            lambda p, value: replace(p, **dict.fromkeys(fields, value * MICROMETRE)),
+            0.0,
+            MOST / MICROMETRE,
+        )
     start = math.log(getattr(plant, name))
     high = start + FAR
     if name == "eta":
         high = min(high, math.log(0.99))
     elif name == "beta":
         high = max(min(high, math.log(DAMPED * plant.c / (plant.b * plant.eta))), start + 0.1)
-    return FreeNumber(name, partial(_logarithm, name), partial(_set, name), start - FAR, high, 1.0)
+    return FreeNumber(name, partial(_logarithm, name), partial(_set, name), start - FAR, high)
 
 
 def _logarithm(name: str, plant: Plant) -> float:
@@ -75,18 +83,10 @@ def _set(name: str, plant: Plant, value: float) -> Plant:
     return replace(plant, **{name: math.exp(value)})
 
 
-def _with_gap(plant: Plant, value: float) -> Plant:
-    return replace(plant, gap=value * MICROMETRE)
-
-
-def _dry(plant: Plant, value: float) -> Plant:
-    return replace(plant, coulomb_plus=value * MICROMETRE, coulomb_minus=value * MICROMETRE)
-
-
 class DriveFit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A plant at its best.
 
-    `jacobian` (rows, names) is that of the weighted residuals by the knobs of `names`; `left` (n,) is what
+    `jacobian` (rows, names) is that of the weighted residuals by the numbers of `names`; `left` (n,) is what
     the free run leaves by channel, `worth` how many samples count as one, as they are not independent.
     """
 
@@ -158,63 +158,62 @@ def _values(plant: Plant, names: Sequence[str]) -> Array:
 
 
 def _fit_once(problem: AxisProblem, plant: Plant, names: Sequence[str], known: DrivePrior) -> Plant:
-    knobs = [free_number(name, plant) for name in names]
+    numbers = [free_number(name, plant) for name in names]
     weights = weights_of(problem, residuals(problem, plant), problem.fit)
 
     def rows(unknowns: Array) -> Array:
-        there = with_numbers(plant, knobs, unknowns)
+        there = with_numbers(plant, numbers, unknowns)
         return np.concatenate(
             [weighted_residuals(problem, residuals(problem, there), weights, problem.fit), known.rows(there)]
         )
 
-    low, high = np.array([one.low for one in knobs]), np.array([one.high for one in knobs])
+    low, high = np.array([one.low for one in numbers]), np.array([one.high for one in numbers])
     start = np.clip(_values(plant, names), low + 1e-6, high - 1e-6)
     found = least_squares(
         rows,
         start,
         bounds=(low, high),
-        jac=partial(_slopes, rows, knobs),
+        jac=partial(_slopes, rows, numbers),
         x_scale=np.maximum(np.where(np.array(names) == "gap", np.abs(start), 1.0), 1.0),
         max_nfev=25,
         ftol=1e-10,
         xtol=1e-8,
         gtol=1e-10,
     )
-    return with_numbers(plant, knobs, found.x)
+    return with_numbers(plant, numbers, found.x)
 
 
-def with_numbers(plant: Plant, knobs: Sequence[FreeNumber], unknowns: Array) -> Plant:
-    """Return a plant with its knobs set."""
-    for knob, value in zip(knobs, unknowns, strict=True):
-        plant = knob.turn(plant, float(value))
+def with_numbers(plant: Plant, numbers: Sequence[FreeNumber], unknowns: Array) -> Plant:
+    """Return a plant with its free numbers set."""
+    for number, value in zip(numbers, unknowns, strict=True):
+        plant = number.put(plant, float(value))
     return plant
 
 
-def _slopes(rows: Callable[[Array], Array], knobs: Sequence[FreeNumber], unknowns: Array) -> Array:
+def _slopes(rows: Callable[[Array], Array], numbers: Sequence[FreeNumber], unknowns: Array) -> Array:
     """Central differences, one-sided where a bound is near."""
     columns = []
-    for k, knob in enumerate(knobs):
-        size = abs(unknowns[k]) if knob.name in ("gap", "friction") else knob.scale
-        step = STEP * max(size, knob.scale)
+    for k, number in enumerate(numbers):
+        step = STEP * (max(abs(unknowns[k]), 1.0) if number.name in LENGTHS else 1.0)
         above, below = unknowns.copy(), unknowns.copy()
-        above[k] = min(unknowns[k] + step, knob.high)
-        below[k] = max(unknowns[k] - step, knob.low)
+        above[k] = min(unknowns[k] + step, number.high)
+        below[k] = max(unknowns[k] - step, number.low)
         columns.append((rows(above) - rows(below)) / (above[k] - below[k]))
     return np.stack(columns, axis=1)
 
 
 def tangent(problem: AxisProblem, plant: Plant, names: Sequence[str]) -> DriveFit:
     """Return the sensitivities of a plant as it is by some of its numbers."""
-    knobs = [free_number(name, plant) for name in names]
+    numbers = [free_number(name, plant) for name in names]
     left = residuals(problem, plant)
     weights = weights_of(problem, left, problem.fit)
 
     def rows(unknowns: Array) -> Array:
         return weighted_residuals(
-            problem, residuals(problem, with_numbers(plant, knobs, unknowns)), weights, problem.fit
+            problem, residuals(problem, with_numbers(plant, numbers, unknowns)), weights, problem.fit
         )
 
-    jacobian = _slopes(rows, knobs, _values(plant, names)) if names else np.zeros((0, 0))
+    jacobian = _slopes(rows, numbers, _values(plant, names)) if names else np.zeros((0, 0))
     return DriveFit(
         problem=problem,
         plant=plant,
