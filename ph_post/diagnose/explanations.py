@@ -95,10 +95,8 @@ def _evidence_for(log: Log, quality: LogQuality, outcome: AxisDiagnosis, number:
 
 def _where(log: Log, machine: Machine, evidence: Evidence, found: FittedEffect) -> str:
     """Say in a phrase where an effect shows: in what it adds to the readings, on its own."""
-    channel = evidence.channel
-    added = evidence.before[channel] - evidence.after[channel]
-    noise = evidence.noise(channel)
-    places = locate(log, evidence.axis, added, evidence.use(), noise, machine)
+    added = evidence.residual - evidence.after[evidence.channel]
+    places = locate(log, evidence.axis, added, evidence.use(), evidence.noise(evidence.channel), machine)
     return best_phrase(found.part.hypothesis.name, evidence.axis, places, evidence.values)
 
 

@@ -61,6 +61,16 @@ class Evidence(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         return "act" if self.has("act") else "motor"
 
     @property
+    def residual(self) -> Array:
+        """Residual of that position without the effect, (n,) [m]."""
+        return self.before[self.channel]
+
+    @property
+    def both_sides(self) -> bool:
+        """True if both the motor and the table were read."""
+        return self.has("motor") and self.has("act")
+
+    @property
     def reading(self) -> str:
         """Column of that position."""
         return self.column(self.channel)

@@ -23,7 +23,6 @@ from ph_post.diagnose.evidence.base import (
 from ph_post.diagnose.residual_features import by_speed, reversal_sizes
 from ph_post.diagnose.sentences import length, velocity
 from ph_post.identify.free_run import PRIOR
-from ph_post.types import Array
 from ph_post.units import MICROMETRE, MM, MS
 
 AFTER: Final = 0.06
@@ -39,7 +38,7 @@ def backlash(evidence: Evidence) -> Iterator[str]:
     if evidence.problem.plant.loop.encloses_backlash:
         yield from _crossing(evidence)
         return
-    levels = settled_levels(evidence, _before(evidence), evidence.use())
+    levels = settled_levels(evidence, evidence.residual, evidence.use())
     if levels:
         words = ", ".join(f"{length(-2.0 * one.half)} at {velocity(one.speed)}" for one in levels)
         yield compared(
@@ -82,7 +81,7 @@ def servo(evidence: Evidence) -> Iterator[str]:
         said.append(f"{name} is {100.0 * abs(ratio):.3g} % {word}, {abs(ratio) / PRIOR:.2g} times that")
     yield compared(f"the file's values are good to {100.0 * PRIOR:g} %", " and ".join(said))
     motion = evidence.motion
-    late, bend, _ = slopes(_before(evidence), evidence.use(), motion.velocity, motion.acceleration)
+    late, bend, _ = slopes(evidence.residual, evidence.use(), motion.velocity, motion.acceleration)
     yield compared(
         "a wrong c shows with the velocity, a wrong b with the acceleration",
         f"{evidence.reading} {lag_words(late, bend)}",
@@ -94,21 +93,21 @@ def windup(evidence: Evidence) -> Iterator[str]:
     gives = 1.0 / evidence.values["resonance"] ** 2
     physics = f"a spring of this resonance gives way by the acceleration, {gives / MICROMETRE:.3g} µm per m/s²"
     motion = evidence.motion
-    if evidence.has("motor") and evidence.has("act"):
+    if evidence.both_sides:
         apart = evidence.values_of("motor") - evidence.values_of("act")
         use = evidence.use("motor", "act")
         way = motion.direction.astype(np.float64)
         slope = slopes(apart, use, motion.acceleration, motion.velocity, way)[0]
         yield compared(physics, f"motor and table part by {slope / MICROMETRE:.3g} µm per m/s²")
         return
-    slope = -slopes(_before(evidence), evidence.use(), motion.acceleration, motion.velocity)[0]
+    slope = -slopes(evidence.residual, evidence.use(), motion.acceleration, motion.velocity)[0]
     yield compared(physics, f"{evidence.reading} lags by {slope / MICROMETRE:.3g} µm per m/s²")
     yield f"only {evidence.reading} was recorded: motor and table cannot be compared"
 
 
 def impact(evidence: Evidence) -> Iterator[str]:
     """Yield what shows that the table jumps ahead once the backlash is crossed."""
-    motion, use, residual = evidence.motion, evidence.use(), _before(evidence)
+    motion, use, residual = evidence.motion, evidence.use(), evidence.residual
     near = use & (motion.since < AFTER)
     inside, outside = rms(residual, near), rms(residual, use & ~near)
     if inside is not None and outside is not None:
@@ -129,7 +128,7 @@ def impact(evidence: Evidence) -> Iterator[str]:
 
 def saturation(evidence: Evidence) -> Iterator[str]:
     """Yield whether the error is only where the motor would have to do more than it can."""
-    problem, residual, use = evidence.problem, _before(evidence), evidence.use()
+    problem, residual, use = evidence.problem, evidence.residual, evidence.use()
     asked = np.abs(problem.plant.c * evidence.motion.velocity + problem.plant.b * evidence.motion.acceleration)
     limit = evidence.values["limit"]
     above, below = rms(residual, use & (asked > limit)), rms(residual, use & (asked <= limit))
@@ -157,13 +156,9 @@ def _beside(evidence: Evidence) -> str:
     return f", beside the {length(gap)} that the file has" if gap > 0.0 else ""
 
 
-def _before(evidence: Evidence) -> Array:
-    return evidence.before[evidence.channel]
-
-
 def _between_sides(evidence: Evidence) -> Iterator[str]:
     """Yield what is between the readings of both sides."""
-    if not (evidence.has("motor") and evidence.has("act")):
+    if not evidence.both_sides:
         return
     apart = evidence.values_of("motor") - evidence.values_of("act")
     gap = between_ways(evidence, apart, evidence.use("motor", "act"))
@@ -186,7 +181,7 @@ def _between_sides(evidence: Evidence) -> Iterator[str]:
 
 def _crossing(evidence: Evidence) -> Iterator[str]:
     """Yield how a gap shows behind a loop over the table: while it is crossed."""
-    motion, use, residual = evidence.motion, evidence.use(), _before(evidence)
+    motion, use, residual = evidence.motion, evidence.use(), evidence.residual
     near = use & (motion.since < AFTER)
     inside, outside = rms(residual, near), rms(residual, use & ~near)
     if inside is None or outside is None:
@@ -205,7 +200,7 @@ def _crossing(evidence: Evidence) -> Iterator[str]:
 
 def _at_places(evidence: Evidence) -> list[tuple[float, float]]:
     """Places along the travel [m], and the size of what goes with the direction there [m]."""
-    motion, use, residual = evidence.motion, evidence.use(), _before(evidence)
+    motion, use, residual = evidence.motion, evidence.use(), evidence.residual
     if evidence.problem.plant.loop.encloses_backlash:
         size, _, at, _ = reversal_sizes(residual, motion, AFTER, use)
         if at.size < 2 * MOST or np.ptp(at) < MM:

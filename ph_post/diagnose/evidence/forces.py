@@ -45,7 +45,7 @@ def wave_words(evidence: Evidence, physics: str, same: bool = False) -> Iterator
     same : bool
         Whether its size is predicted to be the same at all speeds.
     """
-    residual, use, x = evidence.before[evidence.channel], evidence.use(), evidence.motion.position
+    residual, use, x = evidence.residual, evidence.use(), evidence.motion.position
     found = best_period(residual, x, use)
     if found is None:
         return
@@ -147,7 +147,7 @@ def viscous(evidence: Evidence) -> Iterator[str]:
         yield compared("viscous friction grows in proportion to speed", numbers, similar_sizes(times, faster))
     motion, use = evidence.motion, evidence.use()
     way = motion.direction.astype(np.float64)
-    per_speed, step, *_ = slopes(_before(evidence), use, motion.velocity, way, motion.acceleration)
+    per_speed, step, *_ = slopes(evidence.residual, use, motion.velocity, way, motion.acceleration)
     yield compared(
         "it is nothing at standstill",
         f"{evidence.reading} is late by {-per_speed / MS:.3g} ms times the speed, and {length(abs(step))} go "
@@ -157,7 +157,7 @@ def viscous(evidence: Evidence) -> Iterator[str]:
 
 def asymmetry(evidence: Evidence) -> Iterator[str]:
     """Yield the lag in proportion to speed each way."""
-    motion, residual = evidence.motion, _before(evidence)
+    motion, residual = evidence.motion, evidence.residual
     found = []
     for way in (1, -1):
         use = evidence.use() & (motion.direction == way)
@@ -184,7 +184,7 @@ def load(evidence: Evidence) -> Iterator[str]:
         if still is not None:
             numbers += f", at standstill {evidence.effort(still)}"
         yield compared("a constant load is held by the motor all the time", numbers)
-    shift = float(np.mean(_before(evidence)[evidence.use()]))
+    shift = float(np.mean(evidence.residual[evidence.use()]))
     if abs(shift) > evidence.noise(evidence.channel):
         yield compared("it pushes the axis off its place", f"{evidence.reading} is off by {length(shift)}")
 
@@ -203,7 +203,7 @@ def cogging(evidence: Evidence) -> Iterator[str]:
 
 def cutting(evidence: Evidence) -> Iterator[str]:
     """Yield whether the residual goes with the direction of the path, not with that of the axis alone."""
-    problem, residual, use = evidence.problem, _before(evidence), evidence.use()
+    problem, residual, use = evidence.problem, evidence.residual, evidence.use()
     path = np.sqrt(np.sum(problem.velocity**2, axis=1))
     along = np.divide(problem.speed, path, out=np.zeros(path.size), where=path > 1e-6)
     by_path, by_sign = (correlation(residual, use, one) for one in (along, np.sign(along)))
@@ -220,12 +220,8 @@ def cutting(evidence: Evidence) -> Iterator[str]:
         yield "it acts on all axes that cut; here it was found on this axis alone"
 
 
-def _before(evidence: Evidence) -> Array:
-    return evidence.before[evidence.channel]
-
-
 def _levels(evidence: Evidence, groups: int = 2) -> tuple[SpeedLevel, ...]:
-    return settled_levels(evidence, _before(evidence), evidence.use(), groups)
+    return settled_levels(evidence, evidence.residual, evidence.use(), groups)
 
 
 def _where(evidence: Evidence, levels: tuple[SpeedLevel, ...]) -> str:
@@ -244,7 +240,7 @@ def _step_of_effort(evidence: Evidence) -> Iterator[str]:
 
 def _both_sides(evidence: Evidence) -> Iterator[str]:
     """Yield whether motor and table are both held back."""
-    if evidence.has("motor") and evidence.has("act"):
+    if evidence.both_sides:
         motor = between_ways(evidence, evidence.before["motor"], evidence.use("motor"))
         table = between_ways(evidence, evidence.before["act"], evidence.use("act"))
         if motor is not None and table is not None:

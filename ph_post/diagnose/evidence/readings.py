@@ -20,7 +20,7 @@ SPAN = 100.0 * MM
 def cyclic(evidence: Evidence) -> Iterator[str]:
     """Yield what an error of the screw shows: its period, whatever the feed."""
     yield from wave_words(evidence, "a cyclic error repeats with the screw, the same at every feed", True)
-    if evidence.has("motor") and evidence.has("act"):
+    if evidence.both_sides:
         period, x = evidence.values["period"], evidence.motion.position
         sides = (amplitude(evidence.before[one], x, period, evidence.use(one)) for one in ("motor", "act"))
         motor, table = sides
@@ -92,7 +92,7 @@ def squareness(evidence: Evidence) -> Iterator[str]:
 def delay(evidence: Evidence) -> Iterator[str]:
     """Yield whether the lag is one time at any speed and acceleration."""
     motion, use = evidence.motion, evidence.use()
-    late, bend, _ = slopes(evidence.before[evidence.channel], use, motion.velocity, motion.acceleration)
+    late, bend, _ = slopes(evidence.residual, use, motion.velocity, motion.acceleration)
     yield compared(
         "a delay is a lag in proportion to the velocity, hardly to the acceleration",
         f"{evidence.reading} {lag_words(late, bend)}",
