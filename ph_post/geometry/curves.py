@@ -215,7 +215,7 @@ class Bezier(PiecewiseCurve):
         return (ExactPiece(kind="polynomial", control=points),)
 
 
-class Line(PiecewiseCurve):
+class Line(Bezier):
     """A straight line between two points, xi in [0, 1].
 
     Parameters
@@ -234,21 +234,9 @@ class Line(PiecewiseCurve):
     kind: ClassVar[str] = "line"
 
     def __init__(self, points: ArrayLike, *, exact: FractionRows | None = None) -> None:
-        control = frozen(points)
-        require(len(control) == 2, "wrong number of points", expected="2", got=str(len(control)))
-        require_length(extent(control))
-        self._exact = exact
-        super().__init__((polynomial_piece(control, 0.0, 1.0),))
-
-    @property
-    def built_exactly(self) -> bool:
-        """True where the control points are the given numbers."""
-        return self._exact is None
-
-    def exact_pieces(self) -> tuple[ExactPiece]:
-        """Return both ends in exact numbers."""
-        points = self._exact if self._exact is not None else exact_polynomials.rows(self.pieces[0].control)
-        return (ExactPiece(kind="polynomial", control=points),)
+        count = len(frozen(points))
+        require(count == 2, "wrong number of points", expected="2", got=str(count))
+        super().__init__(points, exact=exact)
 
 
 class Polynomial(PiecewiseCurve):
