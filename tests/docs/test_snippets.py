@@ -36,7 +36,8 @@ def blocks(document: Path, language: str) -> list[str]:
 
 
 def shell_lines(document: Path) -> list[str]:
-    return [line for block in blocks(document, "sh") for line in block.splitlines() if line.strip()]
+    joined = [block.replace("\\\n", " ") for block in blocks(document, "sh")]
+    return [line for block in joined for line in block.splitlines() if line.strip()]
 
 
 WITH_SHELL = [document for document in DOCUMENTS if document.name != "cli.md" and shell_lines(document)]

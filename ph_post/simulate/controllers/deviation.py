@@ -13,7 +13,6 @@ from typing import Final
 import msgspec
 import numpy as np
 from msgspec.structs import replace
-from scipy.ndimage import maximum_filter1d
 
 from ph_post.drive.axes import gaps_of
 from ph_post.errors import InputError
@@ -143,6 +142,8 @@ class CutPath:
 
     def _lag(self, run: Run) -> Array:
         """Return the distance that the table may be behind the command in every row [m]."""
+        from scipy.ndimage import maximum_filter1d
+
         late = 2.0 * max(self._machine.axes[name].servo.c for name in run.axes)
         rows = 1 + math.ceil((late + settling_time(self._machine, run.axes)) / run.period)
         steps = np.sqrt((np.diff(run.commanded, axis=0, prepend=run.commanded[:1]) ** 2).sum(axis=1))
