@@ -375,7 +375,7 @@ def test_certificate_tells_what_floating_point_got_wrong(fault: str, monkeypatch
         axis, piece = np.append(right.axis, 1), np.append(right.piece, 0)
         return StationaryPoints(axis=axis, piece=piece, u=np.append(right.u, 0.9))
 
-    monkeypatch.setattr("ph_post.geometry.reversals.find_stationary_points", wrong)
+    monkeypatch.setattr("ph_post.analysis.certification.find_stationary_points", wrong)
     certificate = certify(Track.from_curves([Bezier([[0.0, 0.0], [0.01, 0.02], [0.02, 0.0]])]))
     assert not certificate.ok
     assert len(certificate.words) > 2

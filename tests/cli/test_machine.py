@@ -44,7 +44,7 @@ def test_machines_are_listed_a_line_each(capsys):
     assert status == 0
     assert [line.split()[0] for line in out.splitlines()] == ["name", *shipped_names("machines")]
     stepper = next(line for line in out.splitlines() if line.startswith("stepper"))
-    assert " ".join(stepper.split()) == "stepper none grbl X 0.06 Y 0.08 Z 0.03 stepper router"
+    assert " ".join(stepper.split()) == "stepper none grbl X 0.060 Y 0.080 Z 0.030 stepper router"
     assert str(shipped("machines", "mill").parent) in err
 
 

@@ -24,7 +24,7 @@ from support.engine_cases import (
 )
 
 from ph_post.drive.effects.active import plant_of
-from ph_post.simulate import kernel
+from ph_post.simulate import kernel, machine
 from ph_post.simulate.machine import AxisCommand, run_plant, simulate
 from ph_post.simulate.slow import level_for, modes_of
 from ph_post.types import EffectSetting, Feedback, Pickup, Run, Scenario
@@ -89,7 +89,7 @@ def test_a_period_in_degrees_of_the_motor() -> None:
 
 def test_the_error_is_of_the_third_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without halving, on samples half, a quarter and an eighth as long."""
-    monkeypatch.setattr("ph_post.simulate.machine.level_for", lambda plant, command: 0)
+    monkeypatch.setattr(machine, "level_for", lambda plant, command: 0)
     axis = make_axis("motor", **{**SOFT, "gap": 0.0}, effects=[COGGING])
     expected = reference(Case(axis, WAVES, PERIOD)).motor
     plant = plant_of(axis, Scenario())
