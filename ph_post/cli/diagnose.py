@@ -63,9 +63,9 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
       gap              {unit, noise_floor, steps}
       next_experiment  what would tell more, else null
       words            the evidence, in sentences
-      places           where the record parts from the model
+      places           where the log departs from the model
       remaining        what is left that nothing explains
-      quality          what the record can show
+      quality          what the log can show
       notes, warnings  lists of sentences
     """
     import ph_post as ph

@@ -60,23 +60,23 @@ def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, .
 @log_options
 @options.common
 def command(source: str, machine: str | None, output: str | None, plot: str | None, as_json: bool, **how: Any) -> int:
-    """Identify b, c and the gap of every axis from a record, with standard errors.
+    """Identify b, c and the backlash of every axis from a log, with standard errors.
 
-    LOG is what was measured while the machine ran, as `ph-post diagnose --help` says. With -m the machine
-    file gives limits, controller, effects and what the record does not show; -o then writes the same file
-    with the new numbers. Without -m it writes a new file, whose limits are what the record reached, to be put
-    right by hand.
+    LOG holds what was measured while the machine ran; `ph-post diagnose --help` describes its columns. With -m
+    the machine file gives limits, controller, effects and what the log does not show, and -o writes the same
+    file with the new numbers. Without -m it writes a new file. Its limits are the largest values in the log;
+    replace them by the machine's.
 
-    A gap is taken where it explains samples that it was not fitted to; else it is said how wide it could be
-    unseen. A load loop shows more: the motor's part of the inertia and its time constant, where both sides
-    were read. A stretch in which the axis coasts down without drive gives the time constant too. With a force
-    or current the servo's stiffness is told.
+    Backlash is accepted where it explains samples that it was not fitted to; otherwise the report says how
+    wide it could be unseen. A load loop shows more, where both sides were read: the motor's share of the
+    inertia and its time constant. A stretch in which the axis coasts down without drive gives the time constant
+    too. A force or a current gives the stiffness of the servo.
 
-    What a record cannot separate is said, and the file's value is kept: from positions on one side a load
-    loop's gap is known only as Δθ_m/C.
+    What a log cannot separate is reported, and the file's value is kept: from positions on one side the
+    backlash of a load loop is known only as Δθ_m/C.
 
-    Exit status 0: done. 2: the record or the machine file cannot be read, they do not belong together, or the
-    record shows no parameter at all.
+    Exit status 0: done. 2: the log or the machine file cannot be read, they do not belong together, or the
+    log shows no parameter at all.
 
     \b
     Examples:
@@ -89,7 +89,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
     JSON:
       axes             parameters with value, stderr and unit, by axis
       fit              {unit, rms, noise_floor} by axis
-      identifiability  what the record separates, by axis
+      identifiability  what the log separates, by axis
       notes, warnings  lists of sentences
     """
     import ph_post as ph

@@ -68,10 +68,10 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="ph-post", prog_name="ph-post")
 def cli() -> None:
-    """Take the mark out of the part where an axis reverses.
+    """Remove the marks that backlash leaves where an axis reverses.
 
-    ph-post finds the turning points of a toolpath, works out how long backlash holds the axis there, and
-    writes a part program or an interpolator table whose feed dips around each of them.
+    ph-post finds the reversals of a toolpath or a part program, computes what backlash does there, and writes
+    a part program or an interpolator table in which the axes take up their backlash at the right places.
 
     Start with:  ph-post demo
     """

@@ -117,7 +117,7 @@ def _made(
 
 
 def _refuse_table(raw: SourceBytes) -> None:
-    """Refuse an interpolator table, which looks like a record and is none."""
+    """Refuse an interpolator table, which looks like a log and is not."""
     from ph_post.errors import InputError
 
     if b"segment,xi,s" in raw.data[:HEAD]:
