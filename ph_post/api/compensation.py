@@ -22,7 +22,7 @@ from ph_post.api.inputs import (
 )
 from ph_post.api.options import CompensateOptions
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
-from ph_post.api.results import MotionResult, PlannedMotion, ProgramMotion, Reversals
+from ph_post.api.results import MotionResult, PlannedMotion, ProgramMotion, ReversalCount
 from ph_post.api.reversals import ProgramReversal, program_reversals
 from ph_post.compensate.comparison import chosen_at
 from ph_post.compensate.motion import without_strategy
@@ -73,7 +73,7 @@ class Compensation(ABC):
 
     @property
     @abstractmethod
-    def reversals(self) -> Reversals:
+    def reversals(self) -> ReversalCount:
         """Numbers of compensated reversals and of all."""
 
     @property
@@ -212,12 +212,12 @@ class PathCompensation(Compensation):
         return tuple(dict.fromkeys((*self.notes, *said)))
 
     @property
-    def reversals(self) -> Reversals:
+    def reversals(self) -> ReversalCount:
         """Numbers of compensated reversals and of all."""
         chosen = chosen_at(self.plan(self.output))
         left = len(chosen.pop(PLAIN, ()))
         done = sum(map(len, chosen.values()))
-        return Reversals(compensated=done, all=done + left)
+        return ReversalCount(compensated=done, all=done + left)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -368,11 +368,11 @@ class ProgramCompensation(Compensation):
         return self.longest.warnings if self.output == "table" else self.edited.warnings
 
     @property
-    def reversals(self) -> Reversals:
+    def reversals(self) -> ReversalCount:
         """Numbers of compensated reversals and of all."""
         if self.output == "table":
             return self.longest.reversals
-        return Reversals(compensated=sum(one.strategy != PLAIN for one in self.places), all=len(self.places))
+        return ReversalCount(compensated=sum(one.strategy != PLAIN for one in self.places), all=len(self.places))
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -547,7 +547,7 @@ def compensate(
     >>> import ph_post as ph
     >>> result = ph.compensate("circle", "paper", output="table", strategy="suppress")
     >>> result.reversals
-    Reversals(compensated=3, all=4)
+    ReversalCount(compensated=3, all=4)
     >>> result.after.error_gap.max < result.before.error_gap.max
     True
     """

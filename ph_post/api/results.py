@@ -26,7 +26,7 @@ OFFSETS_FROM_JOG: Final = 4.0
 """Rows this many offsets from a jog along the path may belong to it: the offset moves the place that is found."""
 
 
-class Reversals(NamedTuple):
+class ReversalCount(NamedTuple):
     """Numbers of compensated reversals and of all."""
 
     compensated: int

@@ -184,7 +184,7 @@ class NotInstalledError(PhPostError):
     """LinuxCNC is not installed; the message says how to."""
 
 
-class Recording(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class PlannerRecording(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Commands of LinuxCNC, one row a servo period, from the last row before the first motion on.
 
     `position` (n, 3) [m]: X, Y and Z as planned; `motor` (n, 3) [m]: with LinuxCNC's own compensation of
@@ -214,7 +214,7 @@ def run_on_linuxcnc(
     backlash: Mapping[str, float] | None = None,
     limit: float = TIME_LIMIT,
     progress: Progress = no_progress,
-) -> Recording:
+) -> PlannerRecording:
     """Run a program on LinuxCNC's own interpreter, planner and servo thread.
 
     The machine begins at the origin of all systems. Of several callers one runs at a time, the others wait.
@@ -371,7 +371,7 @@ def _tool(folder: pathlib.Path, *words: str) -> subprocess.CompletedProcess[byte
     return subprocess.run(words, env=environment, capture_output=True, timeout=_SHUT_DOWN, check=False)  # noqa: S603
 
 
-def _recording(folder: pathlib.Path, period: float, name: str, lockstep: bool) -> Recording:
+def _recording(folder: pathlib.Path, period: float, name: str, lockstep: bool) -> PlannerRecording:
     lines = (folder / "rows.txt").read_bytes().splitlines()
     lost = sum(b"overrun" in line for line in lines)
     if lost:
@@ -382,7 +382,7 @@ def _recording(folder: pathlib.Path, period: float, name: str, lockstep: bool) -
     if moving.size == 0:
         raise InputError(name, "the program moves nothing")
     rows = slice(int(moving[0]), int(moving[-1]) + 2)
-    return Recording(
+    return PlannerRecording(
         period=period,
         position=sealed(position[rows].copy()),
         motor=sealed(motor[rows].copy()),

@@ -13,7 +13,7 @@ from ph_post.edit.undo import CHANGE_MARK
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs
 from ph_post.progress import Progress, no_progress
-from ph_post.rehearse.linuxcnc import TIME_LIMIT, Recording, run_on_linuxcnc
+from ph_post.rehearse.linuxcnc import TIME_LIMIT, PlannerRecording, run_on_linuxcnc
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
 from ph_post.simulate.controllers.run import run_program, tolerances
 from ph_post.types import Array, BoolArray, Command, Machine, frozen, sealed
@@ -116,7 +116,7 @@ def rehearse(
     """
     target = program if original is None else original
 
-    def execute(which: PartProgram, own: Mapping[str, float]) -> tuple[Execution, Recording]:
+    def execute(which: PartProgram, own: Mapping[str, float]) -> tuple[Execution, PlannerRecording]:
         progress(f"running {which.name} on LinuxCNC" + (" with its own compensation" if own else ""))
         recording = run_on_linuxcnc(which.data, which.name, machine, backlash=own, limit=limit, progress=progress)
         command = _without_waits(command_of(recording, machine), which)
@@ -147,7 +147,7 @@ def rehearse(
     )
 
 
-def command_of(recording: Recording, machine: Machine) -> Command:
+def command_of(recording: PlannerRecording, machine: Machine) -> Command:
     """Convert LinuxCNC's commands to its joints into the form of a plan's command."""
     names = tuple(name for name in AXES if name in machine.axes)
     position = recording.motor[:, [AXES.index(name) for name in names]]
