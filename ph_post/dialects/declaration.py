@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any, Final
@@ -71,15 +72,27 @@ _DIGEST: Final = 64
 _PLACES: Final = 9
 
 
+_CROSSING_PLACES: Final = 4
+"""Length and error of crossings are bounds: they are rounded up to 0.1 µm."""
+
+
 _UNITS: Final = {"mm": MM, "inch": INCH}
+
+
+_SIGNS: Final = {0: "", 1: "+", -1: "-"}
+"""An offset to either side is written without a sign."""
 
 
 class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     """Declaration in the header of a compensated program.
 
     `version` of this package; `digest` the SHA-256 of the original; `machine` its name, and `machine_digest`
-    and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, `units` [m]
-    of the program; numbers of `stops` and `dips`; `dwell` [s], `decimals`, `chord_tolerance` [m],
+    and `options_digest` the beginnings of the hashes of both. `offset` and `pulse` [m] by axis, never negative,
+    `units` [m] of the program; `one_sided` by axis +1 or -1: such an axis carries 0 or its offset to that
+    side, and the offset is the whole lost motion, where others carry it to either side; numbers of `stops`,
+    `dips` and `crossings`; `crossing_length` [m] of the longest stretch of the original that a crossing
+    replaces, `crossing_error` [m] the largest distance by which an axis with ideal backlash leaves the
+    original there, both rounded up as they are written; `dwell` [s], `decimals`, `chord_tolerance` [m],
     `block_time` [s] and `path_mode` as they were chosen for the dialect; `dialect` its name where it is read
     otherwise than RS274/NGC; `commands` that stand behind the header; `notes` in free text.
     """
@@ -91,9 +104,13 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     options_digest: str = ""
     units: float = MM
     offset: Mapping[str, float] = {}
+    one_sided: Mapping[str, int] = {}
     pulse: Mapping[str, float] = {}
     stops: int = 0
     dips: int = 0
+    crossings: int = 0
+    crossing_length: float = 0.0
+    crossing_error: float = 0.0
     dwell: float = 0.0
     longest: float = 0.0
     dwelt: float = 0.0
@@ -116,9 +133,20 @@ def declaration_lines(declaration: Declaration, max_line: int, style: Comments =
         f"machine {one.machine}, sha256 {one.machine_digest}",
         f"options sha256 {one.options_digest}",
         *([f"dialect {one.dialect}"] if one.dialect else []),
-        *(f"offset {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.offset.items())),
+        *(
+            f"offset {axis} {_SIGNS[one.one_sided.get(axis, 0)]}{_length(size, one.units)} {name}"
+            for axis, size in sorted(one.offset.items())
+        ),
         *(f"take-up {axis} {_length(size, one.units)} {name}" for axis, size in sorted(one.pulse.items())),
         f"{one.stops} stops, {one.dips} dips",
+        *(
+            [
+                f"{one.crossings} crossings, up to {_bound(one.crossing_length)} mm long,"
+                f" within {_bound(one.crossing_error)} mm"
+            ]
+            if one.crossings
+            else []
+        ),
         f"dwell {_seconds(one.dwell)} s, decimals {one.decimals},"
         f" chord tolerance {one.chord_tolerance / MM:g} mm, block time {one.block_time / MS:g} ms{mode}",
         *(
@@ -141,6 +169,11 @@ def _length(size: float, units: float) -> str:
     return decimal_text(round(size / units * 10**_PLACES), _PLACES)
 
 
+def _bound(size: float) -> str:
+    """Write a length [m] in mm, rounded up."""
+    return decimal_text(math.ceil(size / MM * 10**_CROSSING_PLACES - 1e-6), _CROSSING_PLACES)
+
+
 _HEAD = comment_pattern(r"ph-post (\S[^\r\n]*?) compensated this program", alone=True)
 
 
@@ -160,7 +193,7 @@ _NUMBER = r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)"
 
 
 # Version 0.1.0 wrote "pulse" for "take-up".
-_LENGTH = re.compile(rf"(offset|take-up|pulse) ([XYZ]) {_NUMBER} (mm|inch)", re.IGNORECASE)
+_LENGTH = re.compile(rf"(offset|take-up|pulse) ([XYZ]) ((?<=^offset . )[-+]|){_NUMBER} (mm|inch)", re.IGNORECASE)
 
 
 _FACTS = (
@@ -169,6 +202,10 @@ _FACTS = (
     (re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE), ("options_digest",)),
     (re.compile(r"dialect (\S+)", re.IGNORECASE), ("dialect",)),
     (re.compile(r"(\d+) stops, (\d+) dips", re.IGNORECASE), ("stops", "dips")),
+    (
+        re.compile(rf"(\d+) crossings, up to {_NUMBER} mm long, within {_NUMBER} mm", re.IGNORECASE),
+        ("crossings", "crossing_length", "crossing_error"),
+    ),
     (
         re.compile(
             rf"dwell {_NUMBER} s, decimals (\d+), chord tolerance {_NUMBER} mm, block time {_NUMBER} ms"
@@ -204,6 +241,7 @@ def read_declaration(data: bytes) -> Declaration | None:
     fields: dict[str, Any] = {
         "version": _words(head),
         "offset": {},
+        "one_sided": {},
         "pulse": {},
         "commands": (),
         "notes": (),
@@ -227,8 +265,10 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
         if found:
             fields.update(zip(names, map(_value, names, found.groups()), strict=True))
     if found := _LENGTH.fullmatch(fact):
-        kind, axis, size, unit = found.groups()
+        kind, axis, sign, size, unit = found.groups()
         fields["offset" if kind.lower() == "offset" else "pulse"][axis.upper()] = float(size) * _UNITS[unit.lower()]
+        if sign:
+            fields["one_sided"][axis.upper()] = -1 if sign == "-" else 1
         fields["units"] = _UNITS[unit.lower()]
     elif found := _COMMAND.fullmatch(fact):
         fields["commands"] += (found.group(1),)
@@ -236,12 +276,23 @@ def _read_fact(fact: str, fields: dict[str, Any]) -> None:
         fields["notes"] += (found.group(1),)
 
 
+_SCALES: Final = {
+    "dwell": 1.0,
+    "longest": 1.0,
+    "dwelt": 1.0,
+    "chord_tolerance": MM,
+    "block_time": MS,
+    "crossing_length": MM,
+    "crossing_error": MM,
+}
+
+
 def _value(name: str, text: str | None) -> Any:
-    if name in ("stops", "dips", "decimals"):
+    if name in ("stops", "dips", "decimals", "crossings"):
         return int(str(text))
     if name in ("digest", "machine_digest", "options_digest", "dialect"):
         return str(text).lower()
-    scale = {"dwell": 1.0, "longest": 1.0, "dwelt": 1.0, "chord_tolerance": MM, "block_time": MS}.get(name)
+    scale = _SCALES.get(name)
     return (text or "") if scale is None else float(str(text)) * scale
 
 

@@ -31,10 +31,11 @@ _KNOWN = {
     "original": re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE),
     "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE),
     "options": re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE),
-    "offset": re.compile(r"offset ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
+    "offset": re.compile(r"offset ([XYZ]) ([-+]?\d*\.?\d+) (mm|inch)", re.IGNORECASE),
     # Version 0.1.0 wrote "pulse".
     "pulse": re.compile(r"(?:take-up|pulse) ([XYZ]) (\d*\.?\d+) (mm|inch)", re.IGNORECASE),
     "edits": re.compile(r"(\d+) stops?, (\d+) dips?", re.IGNORECASE),
+    "crossings": re.compile(r"(\d+) crossings?, up to (\d*\.?\d+) mm long, within (\d*\.?\d+) mm", re.IGNORECASE),
     "dwell": re.compile(
         r"dwell ([-+.\de]+) s, decimals (\d+), chord tolerance ([-+.\de]+) mm, block time ([-+.\de]+) ms.*",
         re.IGNORECASE,
@@ -48,10 +49,14 @@ _KNOWN = {
 
 
 class DeclaredLength(msgspec.Struct, frozen=True, kw_only=True):
-    """A declared length: the exact number, as it is written, and the unit [m]."""
+    """A declared length: the exact number, as it is written, and the unit [m].
+
+    `side` +1 or -1 where an axis carries nothing or this offset to that side only, 0 where to either side.
+    """
 
     number: Decimal
     unit: float
+    side: int = 0
 
     @property
     def metres(self) -> float:
@@ -65,7 +70,9 @@ class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
     `first`, `last` its lines, `tail` the first of the undo lines at the end (the number of lines where there
     are none). `offsets` and `pulses` by axis; `dwell` [s], where they are not all alike with the
     `longest` and their sum `dwelt` [s]; `block_time` [s]; `decimals` of lengths;
-    `chord` tolerance [m]; `stops`, `dips` their numbers. `faults` what could not be read, with its line.
+    `chord` tolerance [m]; `stops`, `dips`, `crossings` their numbers; `crossing_length` [m] of the longest
+    stretch that a crossing replaces, `within` [m] how far the table may be from the original there.
+    `faults` what could not be read, with its line.
     """
 
     first: int
@@ -78,6 +85,9 @@ class DeclaredChanges(msgspec.Struct, frozen=True, kw_only=True):
     pulses: Mapping[str, DeclaredLength] = {}
     stops: int | None = None
     dips: int | None = None
+    crossings: int = 0
+    crossing_length: float = 0.0
+    within: float = 0.0
     dwell: float | None = None
     longest: float | None = None
     dwelt: float | None = None
@@ -181,9 +191,13 @@ def _set_fact(fields: dict[str, Any], name: str, match: re.Match[str]) -> None:
         fields["machine"], fields["machine_digest"] = match[1], match[2].lower()
     elif name in ("offset", "pulse"):
         unit = float(LENGTHS[match[3].lower()])
-        fields[f"{name}s"][match[1].upper()] = DeclaredLength(number=Decimal(match[2]), unit=unit)
+        side = (match[2][0] == "+") - (match[2][0] == "-")
+        fields[f"{name}s"][match[1].upper()] = DeclaredLength(number=abs(Decimal(match[2])), unit=unit, side=side)
     elif name == "edits":
         fields["stops"], fields["dips"] = int(match[1]), int(match[2])
+    elif name == "crossings":
+        fields["crossings"] = int(match[1])
+        fields["crossing_length"], fields["within"] = float(match[2]) * MM, float(match[3]) * MM
     elif name == "dwell":
         fields["dwell"], fields["decimals"] = float(match[1]), int(match[2])
         fields["chord"], fields["block_time"] = float(match[3]) * MM, float(match[4]) * MS

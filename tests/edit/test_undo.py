@@ -31,10 +31,14 @@ FULL = Declaration(
     machine_digest="ab" * 8,
     options_digest="cd" * 8,
     units=INCH,
-    offset={"X": 0.001181 * INCH, "Y": 0.0005 * INCH},
+    offset={"X": 0.001181 * INCH, "Y": 0.0005 * INCH, "Z": 0.002 * INCH},
+    one_sided={"X": 1, "Z": -1},
     pulse={"Z": 0.0012 * INCH},
     stops=12,
     dips=3,
+    crossings=8,
+    crossing_length=0.62 * MM,
+    crossing_error=0.0012 * MM,
     dwell=0.01,
     decimals=5,
     chord_tolerance=0.001 * MM,
@@ -54,8 +58,21 @@ def test_a_head_is_read_as_it_was_written(width: int, before: str) -> None:
     assert found.offset == pytest.approx(FULL.offset, rel=1e-12)
     assert found.pulse == pytest.approx(FULL.pulse, rel=1e-12)
     exact = {"offset": {}, "pulse": {}, "chord_tolerance": 0.0, "block_time": 0.0}
+    exact |= {"crossing_length": 0.0, "crossing_error": 0.0}
     assert replace(found, **exact) == replace(FULL, **exact)
     assert (found.chord_tolerance, found.block_time) == pytest.approx((1e-6, 5e-3))
+    assert (found.crossing_length, found.crossing_error) == pytest.approx((0.62 * MM, 0.0012 * MM))
+
+
+def test_bounds_of_crossings_are_rounded_up_and_signs_of_offsets_kept() -> None:
+    text = "\n".join(declaration_lines(replace(FULL, crossing_length=0.61234 * MM, crossing_error=1.0000001e-7), 255))
+    assert "(ph-post: 8 crossings, up to 0.6124 mm long, within 0.0001 mm)" in text
+    assert "(ph-post: offset X +0.001181 inch)" in text
+    assert "(ph-post: offset Y 0.0005 inch)" in text
+    assert "(ph-post: offset Z -0.002 inch)" in text
+    signed = "take-up Z -0.0012"
+    assert read_declaration(text.replace("take-up Z 0.0012", signed).encode()).pulse == {}
+    assert "crossings" not in "\n".join(declaration_lines(replace(FULL, crossings=0), 255))
 
 
 def test_the_head_stands_behind_percent_and_number() -> None:
