@@ -23,8 +23,43 @@ def backlash_varies(axis: Axis) -> bool:
 
 
 def has_backlash(axis: Axis) -> bool:
-    """Whether an axis has a gap anywhere."""
-    return axis.gap.lost_motion > 0.0 or backlash_varies(axis)
+    """Whether an axis has a gap anywhere that opens: gravity may keep it closed."""
+    return axis.gravity_side is None and (axis.gap.lost_motion > 0.0 or backlash_varies(axis))
+
+
+def side_offsets(axis: Axis) -> tuple[float, float]:
+    """Lasting offsets of an axis' command while it moves to minus and while it moves to plus.
+
+    Behind its loop the table is half the gap late, to either side of the middle. Positions are referred to the
+    side in which the zero was taken, f (-1, 0 for the middle, 1), and the command is exact there without an offset:
+    (d - f) g/2 in direction d.
+
+    Parameters
+    ----------
+    axis : Axis
+        With one gap, see :func:`axis_at` and :func:`sized_machine`.
+
+    Returns
+    -------
+    minus, plus : float
+        [m]. Both are 0 where a scale on the table, or gravity, leaves no lasting offset.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> machine = read_machine("stepper")
+    >>> [[round(1e3 * one, 6) for one in side_offsets(machine.axes[name])] for name in ("X", "Z")]
+    [[-0.03, 0.03], [0.0, 0.03]]
+    """
+    if axis.loop.encloses_backlash or axis.gravity_side is not None:
+        return 0.0, 0.0
+    half, side = 0.5 * axis.gap.lost_motion, axis.reference_side
+    return (-1 - side) * half + 0.0, (1 - side) * half
+
+
+def lasting_offset(axis: Axis, direction: int) -> float:
+    """Return which of :func:`side_offsets` [m] a direction of motion (1, -1) has; 0 for an axis that rests."""
+    return side_offsets(axis)[direction > 0] if direction else 0.0
 
 
 def gaps_of(axis: Axis, places: Array) -> Array:

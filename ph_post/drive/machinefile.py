@@ -30,7 +30,7 @@ from ph_post.errors import InputError
 from ph_post.files.check import Keys, Refused, checked, one_line, one_of, place, quoted, shown
 from ph_post.files.machine import AxisRecord, MachineRecord
 from ph_post.files.storage import SourceText, or_shipped, read_source
-from ph_post.types import MACHINE_AXES, Axis, EffectSetting, Gap, Limits, Machine, Servo, Uncertainty
+from ph_post.types import MACHINE_AXES, USUAL_REFERENCE, Axis, EffectSetting, Gap, Limits, Machine, Servo, Uncertainty
 from ph_post.units import MM, MS
 
 
@@ -254,6 +254,8 @@ def _axis(name: str, record: AxisRecord, file: str) -> Axis:
             beta=record.beta_uncertainty,
             gain=record.gain_uncertainty,
         ),
+        reference_direction=record.reference_direction or USUAL_REFERENCE[name],
+        gravity_side=record.gravity_side,
     )
     return replace(axis, effects=effect_settings(record.effects, axis, file, ("axes", name, "effects")))
 
@@ -320,6 +322,8 @@ def _gap(given: _Given, ratio: float | None, travel: float | None) -> Gap:
     lost = given.agreed(("backlash_motor_rad", at_axis), ("lost_motion_mm", in_metres))
     if lost is None:
         raise given.missing("lost_motion_mm", "lost_motion_mm or backlash_motor_rad (0 if there is no backlash)")
+    if record.gravity_side is not None:
+        lost, angle = 0.0, None  # it never opens
     if angle is None and travel is not None and ratio is not None:
         angle = lost * ratio / travel
     tau = record.motor_time_constant_s

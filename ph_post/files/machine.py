@@ -13,7 +13,7 @@ import msgspec
 import tomlkit
 from tomlkit.items import AoT, Item, Table
 
-from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, Loop
+from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, GravitySide, Loop, ReferenceDirection
 
 DIGITS: Final = 7
 """Significant digits of a number that is written."""
@@ -351,6 +351,8 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     motor_time_constant_s: Positive | None = None
     pickup: Literal["standstill", "momentum", "contact"] | None = None
     initial_flank: Literal["+", "-", "unknown"] = "unknown"
+    reference_direction: ReferenceDirection | None = None
+    gravity_side: GravitySide | None = None
     backlash_uncertainty: Relative = 0.2
     beta_uncertainty: Relative = 0.2
     gain_uncertainty: Relative = 0.2

@@ -47,7 +47,20 @@ from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of, residuals
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
 from ph_post.progress import Progress, no_progress
-from ph_post.types import LOOPS, Array, Axis, AxisLog, Feedback, Gap, Limits, Log, Loop, Machine, Servo
+from ph_post.types import (
+    LOOPS,
+    USUAL_REFERENCE,
+    Array,
+    Axis,
+    AxisLog,
+    Feedback,
+    Gap,
+    Limits,
+    Log,
+    Loop,
+    Machine,
+    Servo,
+)
 from ph_post.types.diagnosis import Identification, IdentifiedDrive, LogQuality
 
 ASSUMED_ETA: Final = 0.5
@@ -135,7 +148,15 @@ def _starting_axis(
     if transmission is not None:
         ratio, travel = transmission
         gap = replace(gap, motor_angle=0.0, gear_ratio=ratio, travel_per_rad=travel)
-    return Axis(name=name, feedback=feedback, servo=servo, gap=gap, limits=_limits(log, axis_log)), tuple(notes)
+    axis = Axis(
+        name=name,
+        feedback=feedback,
+        servo=servo,
+        gap=gap,
+        limits=_limits(log, axis_log),
+        reference_direction=USUAL_REFERENCE[name],
+    )
+    return axis, tuple(notes)
 
 
 def _starting_servo(log: Log, name: str, axis_log: AxisLog, loop: Loop) -> Servo:

@@ -19,7 +19,7 @@ from ph_post.errors import InputError, SolveError
 from ph_post.files.machine import AxisChange, EffectChange, Row, edit_axes, machine_document
 from ph_post.files.storage import SourceText, source_of
 from ph_post.identify.estimates import KEYS
-from ph_post.types import Axis, EffectSetting, Log, Machine, Uncertainty
+from ph_post.types import USUAL_REFERENCE, Axis, EffectSetting, Log, Machine, Uncertainty
 from ph_post.types.diagnosis import PRODUCT, Diagnosis, Estimate, Finding, Identification, IdentifiedDrive
 from ph_post.units import MICROMETRE, MM, MS
 
@@ -167,6 +167,8 @@ def _quantities(
         ("inertia_fraction", before.gap.inertia_fraction, gap.inertia_fraction),
         ("pickup", before.gap.pickup, gap.pickup),
         ("initial_flank", before.gap.initial_flank, gap.initial_flank),
+        ("reference_direction", before.reference_direction, after.reference_direction),
+        ("gravity_side", before.gravity_side, after.gravity_side),
         ("backlash_uncertainty", before.uncertainty.backlash, after.uncertainty.backlash),
         ("beta_uncertainty", before.uncertainty.beta, after.uncertainty.beta),
         ("gain_uncertainty", before.uncertainty.gain, after.uncertainty.gain),
@@ -302,6 +304,8 @@ def _acting(axis: Axis) -> list[Any]:
         gap.beta,
         gap.pickup,
         gap.initial_flank,
+        axis.reference_direction,
+        axis.gravity_side,
         spread.backlash,
         spread.beta,
         spread.gain,
@@ -411,6 +415,8 @@ def _axis_rows(axis: Axis, drive: IdentifiedDrive) -> Iterator[Row | str]:
     for name in ("backlash", "beta", "gain"):
         if getattr(uncertainty, name) != getattr(usual, name):
             yield Row(f"{name}_uncertainty", getattr(uncertainty, name))
+    if axis.reference_direction != USUAL_REFERENCE[axis.name]:
+        yield Row("reference_direction", axis.reference_direction)
     yield "limits: the largest values in the log; replace them by the machine's"
     yield Row("max_velocity_mm_s", limits.velocity / MM)
     yield Row("max_acceleration_mm_s2", limits.acceleration / MM)

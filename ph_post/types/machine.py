@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Final, Generic, Literal, TypeVar, get_args
 
 import msgspec
@@ -15,6 +16,10 @@ MACHINE_AXES: Final[tuple[str, ...]] = get_args(AxisName)
 
 Flank = Literal["+", "-", "unknown"]
 Pickup = Literal["standstill", "momentum", "contact"]
+ReferenceDirection = Literal["+", "-", "both"]
+GravitySide = Literal["+", "-"]
+USUAL_REFERENCE: Final[Mapping[str, ReferenceDirection]] = MappingProxyType({"X": "both", "Y": "both", "Z": "-"})
+"""From which side the zero of an axis is taken where its file does not say it: tools are touched off downwards."""
 
 
 class Servo(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,7 +105,12 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Axis(msgspec.Struct, frozen=True, kw_only=True):
-    """One axis of a machine: its drive and its limits."""
+    """One axis of a machine: its drive and its limits.
+
+    `reference_direction` is the direction of motion in which its zero was taken: positions are referred to that
+    side of the backlash, with "both" to its middle. `gravity_side` is the side to which gravity pulls the axis, so
+    that its backlash never opens; None where it does not.
+    """
 
     name: str
     feedback: Feedback
@@ -109,11 +119,20 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
     limits: Limits
     uncertainty: Uncertainty = Uncertainty()
     effects: tuple[EffectSetting, ...] = ()
+    reference_direction: ReferenceDirection = "both"
+    gravity_side: GravitySide | None = None
 
     @property
     def loop(self) -> Loop:
         """The loop by the name that `feedback` gives it."""
         return LOOPS[self.feedback]
+
+    @property
+    def reference_side(self) -> int:
+        """Side to which positions are referred (1, -1), 0 for the middle; a scale on the table knows no other."""
+        if self.loop.encloses_backlash:
+            return 0
+        return {"+": 1, "-": -1, "both": 0}[self.reference_direction]
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
