@@ -1,6 +1,7 @@
 """Write a plan as a part program: head, approach, cuts, retreat.
 
-Every axis is approached so that it starts on the side of its backlash that its first motion needs.
+Every axis is approached so that it starts on the side of its backlash that the plan counts on: that of the offset
+it carries, or else that of its first motion.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance
 from ph_post.dialects.base import Dialect
+from ph_post.drive.axes import side_offsets, sized_machine
 from ph_post.errors import InputError
 from ph_post.gcode.blocks import DWELL, JOG, Moves, TrackShape
 from ph_post.gcode.program import plane_of
@@ -23,13 +25,14 @@ from ph_post.post.blocks import cut_blocks
 from ph_post.post.moves import check_jogs, read_jogs, round_blocks, with_jogs
 from ph_post.post.options import ProgramOptions, check_options
 from ph_post.post.remarks import controller_warnings, header_lines, plan_warnings
-from ph_post.types import Array, BoolArray, Plan, TurningPoint
+from ph_post.types import Array, BoolArray, Jog, Plan, TurningPoint
 
 
-def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float) -> Array:
+def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float, carried: Array) -> Array:
     """Return the offset [m] from the start of a cut to the point from which it is approached, shape (dim,).
 
-    Each axis against its first motion, an axis that stands still at first against the first one later, 0
+    An axis that the plan shifts arrives on the side of its backlash to which the offset belongs that it carries
+    there. Others against their first motion, an axis that stands still at first against the first one later, 0
     where it never moves; Z upwards whatever it does, so that the tool comes down onto the start.
 
     Parameters
@@ -40,12 +43,26 @@ def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float) -> Arra
         not have counts as one without.
     s, end : float
         The cut, as places along the motion [m].
+    carried : Array, shape (dim,)
+        Offset from the path that each axis carries at the start [m].
     """
     axes, machine = plan.path.axes, plan.machine
     drives = machine.axes
     distance = np.array([approach_distance(drives[axis].gap) if axis in drives else LEAST_APPROACH for axis in axes])
     upwards = np.array([axis == "Z" for axis in axes])
-    return np.where(upwards, distance, -first_directions(shape, plan.turning_points, axes, s, end) * distance)
+    senses = first_directions(shape, plan.turning_points, axes, s, end)
+    for column, axis in enumerate(axes):
+        if axis in shifted_axes(plan):
+            minus, plus = side_offsets(sized_machine(machine, plan.turning_points).axes[axis])
+            senses[column] = 1.0 if abs(carried[column] - plus) < abs(carried[column] - minus) else -1.0
+    return np.asarray(np.where(upwards, 1.0, -senses) * distance)
+
+
+def shifted_axes(plan: Plan) -> tuple[str, ...]:
+    """Axes behind whose loop a plan for a program shifts the path by a lasting offset."""
+    drives = plan.machine.axes
+    jogged = {one.axis for one in plan.crossings if isinstance(one, Jog)}
+    return tuple(axis for axis in plan.path.axes if axis in jogged and not drives[axis].loop.encloses_backlash)
 
 
 def first_directions(
@@ -157,10 +174,20 @@ class _Job:
         if self.depth is not None:
             self._lift()
         if first == 0:
-            self.out.straight("G0", self._point(0))
+            self._wind_up(first, last)
         if (self.moves.kind[first:last] == JOG).any():
             self.out.feed_mode(inverse=self.options.feed_mode == "inverse-time")
         self.out.moves(self.moves, first, last)
+
+    def _wind_up(self, first: int, last: int) -> None:
+        """Go to the start of a path that begins with a rapid, each axis that carries an offset onto its side."""
+        start, offset = self._point(first), self._offset(first, last)
+        shifted = shifted_axes(self.plan)
+        self.out.straight("G0", start | {axis: start[axis] + offset[axis] for axis in shifted})
+        if shifted:
+            self.out.feed_mode(inverse=False)
+            feed = min(APPROACH_FEED, self.plan.path.feed)
+            self.out.straight("G1", {axis: start[axis] for axis in shifted}, feed)
 
     def _cut(self, first: int, last: int) -> None:
         """Write the moves between rapids; only the first are approached where nothing lifts the tool."""
@@ -206,8 +233,14 @@ class _Job:
 
     def _offset(self, first: int, last: int) -> dict[str, int]:
         s, end = float(self.moves.s0[first]), float(self.moves.s1[last - 1])
-        offset = approach_offset(self.shape, self.plan, s, end)
+        offset = approach_offset(self.shape, self.plan, s, end, self._carried(first))
         return dict(zip(self.axes, self.dialect.numbers.counts(offset).tolist(), strict=True))
+
+    def _carried(self, number: int) -> Array:
+        """Offset from the path that the axes carry at the start of a move [m], rounded."""
+        plain = self.shape.positions(self.moves.s0[number : number + 1])[0]
+        away = self.moves.points[number] - self.dialect.numbers.counts(plain)
+        return np.asarray(away * self.dialect.numbers.quantum)
 
     def _height(self, z: float | None) -> int | None:
         return None if z is None else self.dialect.numbers.count(z)

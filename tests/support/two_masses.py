@@ -1,0 +1,177 @@
+"""A machine of the tests' own: axes of two masses with a gap, by Runge and Kutta in steps of some microseconds.
+
+Written from section 3 of the paper (doi:10.1007/s00170-021-08515-z) and Eq. (9) with P, PI and PID control, and from
+nothing in ph_post. In units of the table, with the controller's output u = e + k_i ∫e + k_d ė:
+
+    together   b v̇ + c v = u
+    apart      η b (ẇ + β w) = u        (the motor)
+               (1 - η) b v̇ + (c - η β b) v = 0        (the table)
+
+With the loop around the motor, or none, the motor alone obeys the first, and the table is a play behind it. Here is
+no friction but the viscous one in c and β.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Floats = NDArray[np.float64]
+
+FINE = 100
+"""Steps of the integration between two rows, 10 µs at 1 kHz."""
+
+SETTLED = 5.0
+"""Servo time constants 2b/c that do not count at the beginning, as the contract of errors has it."""
+
+
+class Body(NamedTuple):
+    """One axis; `rule` is 0 where the pick-up stands still, 1 where momentum is kept, 2 by the contact force."""
+
+    feedback: str
+    b: float
+    c: float
+    ki: float
+    kd: float
+    gap: float
+    eta: float
+    beta: float
+    rule: int
+
+
+def body_of(axis, rule: str = "standstill", factor: float = 1.0) -> Body:
+    """The numbers of an axis of a machine file."""
+    rules = ("standstill", "momentum", "contact")
+    servo, gap = axis.servo, axis.gap
+    return Body(
+        feedback=axis.feedback,
+        b=servo.b,
+        c=servo.c,
+        ki=servo.ki_over_kp,
+        kd=servo.kd_over_kp,
+        gap=factor * gap.lost_motion,
+        eta=gap.inertia_fraction or 0.5,
+        beta=gap.beta or 0.0,
+        rule=rules.index(gap.pickup or rule),
+    )
+
+
+def table_of(body: Body, command: Floats, period: float, side: int, place: float, speed: float = 0.0) -> Floats:
+    """Where the table is in every row [m]; at first it stands on `side` of its gap, or moves at `speed`."""
+    side = int(np.sign(speed)) or side
+    half = 0.5 * body.gap
+    if body.feedback == "load":
+        return _two_masses(command, period, side, place, speed, *body[1:])
+    motor = command
+    if body.b or body.c:
+        start = command[0] - body.c * speed * (body.ki == 0.0)
+        rigid = body._replace(gap=0.0)
+        motor = _two_masses(command, period, side, start, speed, *rigid[1:])
+    return play(motor, half, side)
+
+
+def play(motor: Floats, half: float, side: int) -> Floats:
+    """The play operator: a table that stays until the motor has come to one of its sides."""
+    table, place = np.empty(motor.size), motor[0] - side * half
+    for row, here in enumerate(motor.tolist()):
+        place = min(max(place, here - half), here + half)
+        table[row] = place
+    return table
+
+
+@numba.njit
+def _two_masses(command, period, side, place, speed, b, c, ki, kd, gap, eta, beta, rule):  # type: ignore[no-untyped-def]
+    half = 0.5 * gap
+    numbers = (b, c, ki, kd, eta, beta)
+    table = np.empty(command.size)
+    table[0] = place
+    total = c * speed / ki if ki else 0.0
+    y = (place, speed, place + side * half, speed, total)
+    touch, h = side, period / FINE
+    for row in range(command.size - 1):
+        slope = (command[row + 1] - command[row]) / period
+        for step in range(FINE):
+            begin, before = command[row] + slope * h * step, y[1]
+            y = _stepped(y, h, begin, slope, touch, numbers)
+            if gap > 0.0 and touch:
+                y, touch = _after_contact(y, before, begin + h * slope, slope, touch, numbers, rule)
+            elif gap > 0.0 and abs(y[2] - y[0]) >= half:
+                touch = 1 if y[2] > y[0] else -1
+                y = _meet(y, half, touch, eta, rule)
+        table[row + 1] = y[0]
+    return table
+
+
+@numba.njit
+def _stepped(y, h, begin, slope, touch, numbers):  # type: ignore[no-untyped-def]
+    """One step of Runge and Kutta of the places and speeds of table and motor, and of the sum of the error."""
+    first = _rates(y, begin, slope, touch, numbers)
+    second = _rates(_along(y, first, 0.5 * h), begin + 0.5 * h * slope, slope, touch, numbers)
+    third = _rates(_along(y, second, 0.5 * h), begin + 0.5 * h * slope, slope, touch, numbers)
+    fourth = _rates(_along(y, third, h), begin + h * slope, slope, touch, numbers)
+    y = _along(_along(y, first, h / 6.0), second, h / 3.0)
+    return _along(_along(y, third, h / 3.0), fourth, h / 6.0)
+
+
+@numba.njit
+def _along(y, rate, h):  # type: ignore[no-untyped-def]
+    return (y[0] + h * rate[0], y[1] + h * rate[1], y[2] + h * rate[2], y[3] + h * rate[3], y[4] + h * rate[4])
+
+
+@numba.njit
+def _rates(y, command, slope, touch, numbers):  # type: ignore[no-untyped-def]
+    b, c, ki, kd, eta, beta = numbers
+    u = command - y[0] + ki * y[4] + kd * (slope - y[1])
+    table = (u - c * y[1]) / b if touch else -(c - eta * beta * b) * y[1] / ((1.0 - eta) * b)
+    motor = table if touch else u / (eta * b) - beta * y[3]
+    return (y[1], table, y[3], motor, command - y[0])
+
+
+@numba.njit
+def _after_contact(y, before, command, slope, touch, numbers, rule):  # type: ignore[no-untyped-def]
+    """State, and the side that is still touched: none once the contact force, or else the speed, changes its sign."""
+    b, c, ki, kd, eta, beta = numbers
+    if rule == 2:
+        u = command - y[0] + ki * y[4] + kd * (slope - y[1])
+        return y, (touch if touch * ((1.0 - eta) * u + eta * (c - beta * b) * y[1]) >= 0.0 else 0)
+    if touch * y[1] < 0.0 and touch * before >= 0.0:
+        return (y[0], 0.0, y[2], 0.0, y[4]), 0
+    return y, touch
+
+
+@numba.njit
+def _meet(y, half, touch, eta, rule):  # type: ignore[no-untyped-def]
+    """The motor has come to a side: both stand, or go on with their common momentum."""
+    together = 0.0 if rule == 0 else y[1] + eta * (y[3] - y[1])
+    if rule == 1 and touch * together < 0.0:
+        together = 0.0
+    return (y[0], together, y[0] + touch * half, together, y[4])
+
+
+class Nominal:
+    """Distance from a path that is known by many points of it."""
+
+    def __init__(self, points: Floats) -> None:
+        self.points = points
+        self.tree = cKDTree(points)
+
+    def distance(self, places: Floats) -> Floats:
+        """Distance (n,) of places from the nearest of the straight lines between neighbouring points [m]."""
+        nearest = self.tree.query(places)[1]
+        last = len(self.points) - 1
+        found = np.full(len(places), np.inf)
+        for first in (np.maximum(nearest - 1, 0), np.minimum(nearest, last - 1)):
+            begin, way = self.points[first], self.points[first + 1] - self.points[first]
+            square = np.maximum((way * way).sum(axis=1), 1e-30)
+            share = np.clip(((places - begin) * way).sum(axis=1) / square, 0.0, 1.0)
+            found = np.minimum(found, np.linalg.norm(places - begin - share[:, None] * way, axis=1))
+        return found
+
+
+def settling(bodies) -> float:
+    """Time at the beginning of a motion that does not count [s]."""
+    return SETTLED * max(2.0 * one.b / one.c if one.c else 0.0 for one in bodies)
