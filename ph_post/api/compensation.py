@@ -32,7 +32,7 @@ from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
-from ph_post.edit.edits import TOLERANCE, Edits
+from ph_post.edit.edits import TOLERANCE
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceBytes, is_program, or_shipped, read_raw, write_atomically
 from ph_post.files.table import table_content
@@ -352,15 +352,9 @@ class ProgramCompensation(Compensation):
             return self.longest.after
         if self.unchanged:
             return self.before
+        assert isinstance(self.before, ProgramMotion)
         name = "compensated program"
-        return ProgramMotion(self.edited.after, self.original, self.machine, name, self._progress, self._edits)
-
-    def _edits(self) -> Edits | None:
-        """Return what was added to the original; of a program that was compensated before it is found again."""
-        if not self.already_compensated:
-            return self.edited.edits
-        anew = msgspec.structs.replace(self.request, force=True)
-        return compensate_program(self.original, self.machine, anew, self._progress).edits
+        return ProgramMotion(self.edited.after, self.original, self.machine, name, self._progress, self.before)
 
     @property
     def warnings(self) -> tuple[str, ...]:

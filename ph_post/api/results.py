@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import msgspec
-import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import command_of
-from ph_post.edit.edits import Edits
-from ph_post.gcode.program import AXES, PartProgram
+from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.assess import Assessment, assess, backlash_scenarios, gap_error
 from ph_post.simulate.contour import ContourError, Nominal
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
 from ph_post.simulate.controllers.run import run_program
-from ph_post.types import Array, Command, Machine, Plan, Scenario, frozen
-
-OFFSETS_FROM_JOG: Final = 4.0
-"""Rows this many offsets from a jog along the path may belong to it: the offset moves the place that is found."""
+from ph_post.types import Command, Machine, Plan, Scenario
 
 
 class ReversalCount(NamedTuple):
@@ -141,8 +136,8 @@ class ProgramMotion(MotionResult):
     name : str
         Name of the motion, for the progress.
     progress : callable, optional
-    edits : callable, optional
-        Returns what was added to the original; None where it is the original.
+    plain : ProgramMotion, optional
+        The motion of the original; left out where it is this one.
     """
 
     def __init__(
@@ -152,10 +147,11 @@ class ProgramMotion(MotionResult):
         machine: Machine,
         name: str,
         progress: Progress = no_progress,
-        edits: Callable[[], Edits | None] = lambda: None,
+        plain: ProgramMotion | None = None,
     ) -> None:
         self.program, self.original, self.machine = program, original, machine
-        self._name, self._progress, self._edits = name, progress, edits
+        self._name, self._progress = name, progress
+        self._plain = self if plain is None else plain
 
     @property
     def time(self) -> float:
@@ -196,49 +192,4 @@ class ProgramMotion(MotionResult):
 
     def _gap_error(self, found: ProgramError, tried: Sequence[Scenario]) -> ContourError | None:
         path = CutPath(self.original, self.machine)
-        edits = self._edits()
-        plain = self.command if edits is None else without_offsets(self.command, path, found.place, edits)
-        return program_gap_error(found, self.command, self.machine, path, tried, plain)
-
-
-def without_offsets(command: Command, path: CutPath, place: Array, edits: Edits) -> Command:
-    """Return the command of a compensated program without the offsets that its axes carry.
-
-    Parameters
-    ----------
-    command : Command
-        Of the compensated program, n rows.
-    path : CutPath
-        Of the original.
-    place : array, shape (n,)
-        Where along the original every row belongs [m].
-    edits : Edits
-        Edits of the original.
-    """
-    motion = np.arange(len(edits.offset))
-    starts, ends = path.place_of(motion, np.zeros(motion.size)), path.place_of(motion, np.ones(motion.size))
-    begin = np.vstack([np.zeros((1, len(AXES))), edits.offset[:-1]])
-    knots: dict[int, list[tuple[float, Array]]] = {k: [(starts[k], begin[k])] for k in motion.tolist()}
-    jogs: list[tuple[float, Array]] = []
-    for stop in edits.stops:
-        at = float(path.place_of(np.array([stop.motion]), np.array([stop.share]))[0])
-        rows = [knots[stop.motion][-1][1]]
-        for shift in stop.shifts:
-            rows.append(rows[-1] + shift.travel * np.eye(len(AXES))[AXES.index(shift.axis)])
-        knots[stop.motion] += [(at, rows[0]), (at, rows[-1])]
-        jogs.append((at, np.array(rows)))
-    pairs = [pair for k in motion.tolist() for pair in (*knots[k], (ends[k], edits.offset[k]))]
-    known, values = np.array([at for at, _ in pairs]), np.array([row for _, row in pairs])
-    low = np.stack([np.interp(place, known, column) for column in values.T], axis=1)
-    high = low.copy()
-    # A jog is under way while the path stands: there it is what the command is off the path.
-    reach = OFFSETS_FROM_JOG * max([*edits.amplitude.values(), *edits.pulse.values(), 0.0])
-    order = np.argsort(place, kind="stable")
-    for at, carried in jogs:
-        first, last = np.searchsorted(place[order], (at - reach, at + reach))
-        near = order[first:last]
-        low[near], high[near] = np.minimum(low[near], carried.min(axis=0)), np.maximum(high[near], carried.max(axis=0))
-    columns = [AXES.index(name) for name in command.axes]
-    away = command.position - path.points(place, command.axes)
-    offset = np.clip(away, low[:, columns], high[:, columns])
-    return msgspec.structs.replace(command, position=frozen(command.position - offset))
+        return program_gap_error(found, self.command, self.machine, path, tried, self._plain.command)

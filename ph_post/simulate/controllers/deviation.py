@@ -215,12 +215,14 @@ def program_gap_error(
     machine: Machine,
     path: CutPath,
     tried: Sequence[Scenario],
-    plain: Command,
+    original: Command,
 ) -> ContourError | None:
     """Return the largest error in some scenarios that backlash causes.
 
-    As :func:`ph_post.simulate.assess.gap_error` in space: the length of the difference between the two runs'
-    distances from the path, as vectors.
+    Two motions have no part of backlash: that of the original program on a machine without any, at the same place
+    of the path, and that along the exact path as fast as this command follows it. Between them lie the lag of the
+    drives and the rounding of joints. The distance of the table, as a vector from the path, to what lies between
+    them is what backlash adds. Nothing has to be known of what a compensation did to the program.
 
     Parameters
     ----------
@@ -232,26 +234,49 @@ def program_gap_error(
         Of the original program.
     tried : sequence of Scenario
         See :func:`ph_post.simulate.assess.backlash_scenarios`.
-    plain : Command
-        The same rows without what `command` adds to the path to cross backlash.
+    original : Command
+        Of the original program; `command` itself where that is the original.
     """
     moved = moving_axes(command)
-    columns = [plain.axes.index(name) for name in moved.axes]
-    bare = replace(moved, position=np.ascontiguousarray(plain.position[:, columns]))
+    exact = replace(moved, position=np.ascontiguousarray(path.points(found.place, moved.axes)))
+    plain = moved if original is command else moving_axes(original)
+    place = found.place if original is command else path.follow(plain)[1]
 
-    def distance(scenario: Scenario) -> Array:
-        run = simulate(moved if scenario.gap else bare, machine, scenario)
-        _, places = path.closest_points(run, found.place)
-        return np.asarray((run.executed - path.points(places, run.axes))[found.counted])
+    def from_path(rows: Command, scenario: Scenario, at: Array) -> tuple[Array, Array]:
+        run = simulate(rows, machine, scenario)
+        _, places = path.closest_points(run, at)
+        away = np.zeros((len(places), len(AXES)))
+        away[:, [AXES.index(name) for name in run.axes]] = run.executed - path.points(places, run.axes)
+        return away, places
+
+    def free(scenario: Scenario) -> tuple[Array, tuple[Array, Array]]:
+        return from_path(exact, scenario, found.place)[0], from_path(plain, scenario, place)
 
     gapless = tuple(dict.fromkeys(replace(one, gap=0.0) for one in tried))
-    without = dict(zip(gapless, run_scenarios(distance, gapless), strict=True))
+    without = dict(zip(gapless, run_scenarios(free, gapless), strict=True))
 
     def added(scenario: Scenario) -> ContourError | None:
-        difference = distance(scenario) - without[replace(scenario, gap=0.0)]
-        return contour_error(np.asarray(np.linalg.norm(difference, axis=1)))
+        away, places = from_path(moved, scenario, found.place)
+        own, (theirs, along) = without[replace(scenario, gap=0.0)]
+        if original is not command:
+            theirs = _at_places(places, along, theirs)
+        return contour_error(_distance_to_segment(away, own, theirs)[found.counted])
 
     return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
+
+
+def _at_places(places: Array, known: Array, values: Array) -> Array:
+    """Read values (m, axes), given at known places (m,) of the path, at other places (n,)."""
+    order = np.argsort(known, kind="stable")
+    return np.stack([np.interp(places, known[order], column[order]) for column in values.T], axis=1)
+
+
+def _distance_to_segment(points: Array, a: Array, b: Array) -> Array:
+    """Distances (n,) of points from the straight segments between `a` and `b`, all of shape (n, axes)."""
+    way = b - a
+    square = (way * way).sum(axis=1)
+    share = np.divide(((points - a) * way).sum(axis=1), square, out=np.zeros_like(square), where=square > 0.0)
+    return np.asarray(np.linalg.norm(points - a - np.clip(share, 0.0, 1.0)[:, None] * way, axis=1))
 
 
 def moving_axes(command: Command) -> Command:
