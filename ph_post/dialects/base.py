@@ -12,9 +12,11 @@ To add a dialect:
    RS274/NGC in a few words says so there; one of another grammar brings its own reader.
 7. :class:`Notices`: what a user has to know, and what keeps the controller from compensating a second time.
 8. :class:`Recording`: the log that the controller itself can make of its axes.
-9. `writer`: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>` of its own where moves are no RS274
+9. `planner`: whether the controller rounds corners, as LinuxCNC does, or follows the path exactly; with the
+   defaults of its firmware.
+10. `writer`: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>` of its own where moves are no RS274
    words; it overrides what differs.
-10. `variants`: what a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``).
+11. `variants`: what a machine may have besides, by the word behind a plus sign (``fanuc+nurbs``).
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from ph_post.dialects.lines import LineWriter
 from ph_post.errors import InputError
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text, significant_text, to_counts
 from ph_post.gcode.program import RS274, Language
-from ph_post.types import Array, IntArray, Machine
+from ph_post.types import Array, ControllerPlanner, IntArray, Machine, RoundedPath
 from ph_post.units import MM
 
 _ROUNDING = 1e-6
@@ -316,6 +318,8 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
         How its programs are read.
     notices : Notices
     recording : Recording
+    planner : ExactPath or RoundedPath
+        How the controller moves along the path, with the defaults of its firmware.
     writer : callable
         ``writer(dialect, axes, tolerance)``: a :class:`LineWriter <ph_post.dialects.lines.LineWriter>`.
     variants : mapping of str to callable
@@ -333,6 +337,7 @@ class Dialect(msgspec.Struct, frozen=True, kw_only=True):
     language: Language = RS274
     notices: Notices = Notices()
     recording: Recording = Recording()
+    planner: ControllerPlanner = RoundedPath()
     writer: Callable[[Dialect, Sequence[str], float], LineWriter] = LineWriter
     variants: Mapping[str, Callable[[Dialect], Dialect]] = {}
     options: frozenset[str] = frozenset()

@@ -4,7 +4,9 @@ Where the facts are from, in the repository "grbl" of gnea. README.md lists the 
 G93 and G94, G61 but no G61.1, G91.1 as it is that way anyhow, G40 as there is no other, and F, I, J, K, L, N,
 P, R, S, T, X, Y, Z each once a line; it refuses G5, G64, G90.1, G43 but for G43.1, and Q. `grbl/protocol.h`
 has a line buffer of 80 characters with the end, in which blanks and comments are not kept; `grbl/serial.h`
-and `config.h` have a receive buffer of 128 and 115,200 baud.
+and `config.h` have a receive buffer of 128 and 115,200 baud. `planner.c` has the rule of corners and a ring of
+16 blocks, one of them empty and one under way; `motion_control.c` the chords of an arc; `defaults.h` $11 (0.01 mm) and $12
+(0.002 mm); `nuts_bolts.c` and `config.h` dwells in steps of 50 ms, always rounded up, and a least feed of 1 mm/min.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from ph_post.dialects.base import (
     Syntax,
     metric_opening,
 )
-from ph_post.types import Machine
+from ph_post.types import ExactPath, GrblChords, GrblCorner, Machine
+from ph_post.units import MM, MM_PER_MIN, MS
 
 _DECIMALS = 4
 """0.1 µm. Grbl computes in single precision, which has no more at the size of such machines, and a shorter
@@ -34,6 +37,16 @@ _STREAM_RATE = 11_520.0
 
 _PLANNER_BLOCKS = 16
 """Moves that Grbl holds in its planner."""
+
+
+PLANNER = ExactPath(
+    corner=GrblCorner(deviation=0.01 * MM),
+    chords=GrblChords(tolerance=0.002 * MM),
+    blocks=_PLANNER_BLOCKS - 2,
+    least_feed=1.0 * MM_PER_MIN,
+    dwell_step=50.0 * MS,
+)
+"""Grbl's planner, by its generic defaults."""
 
 
 def status_reports(_machine: Machine, axes: Sequence[str], _seconds: float, name: str, _gauge: bool) -> list[str]:
@@ -57,5 +70,6 @@ DIALECT = Dialect(
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
     recording=Recording(lines=status_reports),
+    planner=PLANNER,
 )
 """The Grbl dialect."""

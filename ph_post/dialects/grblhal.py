@@ -4,7 +4,8 @@ Where the facts are from, in grblHAL's own repository "core": README.md lists th
 G91.1 and no G90.1; G64 is there in gcode.c, but only with ENABLE_PATH_BLENDING, which config.h says not to
 enable yet); protocol.h has a line buffer of 256 characters; motion_control.c computes in single precision,
 breaks an arc into chords with F times their number under G93, as Grbl does, and a G5 into moves that each
-would take the whole time of a G93; config.h has the steps of that.
+would take the whole time of a G93; config.h has the steps of that, and a planner of 100 blocks; corners, chords
+and dwells are Grbl's.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.dialects.base import (
     Abilities,
@@ -23,7 +25,7 @@ from ph_post.dialects.base import (
     Syntax,
     metric_opening,
 )
-from ph_post.dialects.grbl import status_reports
+from ph_post.dialects.grbl import PLANNER, status_reports
 from ph_post.types import Array
 
 _DECIMALS: Final = 4
@@ -31,6 +33,9 @@ _DECIMALS: Final = 4
 
 _MAX_LINE: Final = 255
 """One less than the line buffer holds."""
+
+_PLANNER_BLOCKS: Final = 100
+"""Moves that its planner holds (DEFAULT_PLANNER_BUFFER_BLOCKS)."""
 
 _WIDEST_STEP: Final = 0.2
 """A G5 is played as straight moves over steps of the parameter, twice 0.1 wide at most. They are shortened
@@ -59,5 +64,6 @@ DIALECT = Dialect(
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
     notices=Notices(own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,"),
     recording=Recording(lines=status_reports),
+    planner=replace(PLANNER, blocks=_PLANNER_BLOCKS - 2),
 )
 """The grblHAL dialect."""

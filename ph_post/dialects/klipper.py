@@ -8,7 +8,10 @@ section [gcode_arcs], which few have and which draws them in chords of its `reso
 within the tolerance asked for. G5, G40, G49, G54, G61, G64, G80, G91.1, G93, G94 and M2 are unknown, and F
 would be mm/min whatever they say. `klippy/gcode.py` takes one command a line, and only `;` begins a comment.
 G4 (`klippy/toolhead.py`): P in milliseconds, no S; the axes stand still in it. G0 is G1: it moves at F, which
-has to be positive. Klipper has no compensation of backlash of its own.
+has to be positive. `Move` and `LookAheadQueue` there have the rule of corners and the look-ahead, `ToolHead` the
+defaults: square corner velocity 5 mm/s, half of the acceleration as accel-to-decel; one velocity and acceleration
+for X and Y (`kinematics/cartesian.py` has others of Z); `gcode_move.py` begins with 25 mm/s. Klipper has no
+compensation of backlash of its own.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from ph_post.dialects.printers import reader_of, why_bound
 from ph_post.gcode import codes
 from ph_post.gcode.numbers import SEMICOLON
 from ph_post.gcode.program import Language
+from ph_post.types import ExactPath, KlipperChords, KlipperCorner
 from ph_post.units import MM, MS
 
 _DECIMALS: Final = 5
@@ -61,6 +65,12 @@ DIALECT = Dialect(
     abilities=Abilities(arc_planes=()),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
     notices=Notices(assumed=_ASSUMED),
+    planner=ExactPath(
+        corner=KlipperCorner(velocity=5.0 * MM),
+        chords=KlipperChords(length=1.0 * MM),
+        rapid_feed=25.0 * MM,
+        shared_limits=True,
+    ),
     ending=".gcode",
     language=Language(
         name="klipper",

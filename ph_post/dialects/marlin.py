@@ -13,7 +13,10 @@ whole milliseconds, S in seconds. `G0_G1.cpp`: G0 moves at F as G1 does, unless 
 it says that it does not know the word, and goes on. `src/module/planner.cpp` joins moves of fewer steps than
 MIN_STEPS_PER_SEGMENT to the next one. `Configuration_adv.h`: a command has fewer than 96 characters
 (MAX_CMD_SIZE), of which a host takes some for line number and checksum; arcs are drawn in chords of up to
-MAX_ARC_SEGMENT_MM, 1 mm.
+MAX_ARC_SEGMENT_MM, 1 mm, at least MIN_CIRCLE_SEGMENTS, 72, a turn, and not below MIN_ARC_SEGMENT_MM, 0.1 mm.
+`planner.cpp` has both rules of corners: junction deviation with JUNCTION_DEVIATION_MM, 0.013 mm, and
+JD_HANDLE_SMALL_SEGMENTS (`Configuration.h`), or CLASSIC_JERK with 10 mm/s in X and Y and 0.3 in Z; `motion.cpp`
+begins with 1500 mm/min.
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ from ph_post.dialects.printers import reader_of, why_bound
 from ph_post.gcode import codes
 from ph_post.gcode.numbers import SEMICOLON
 from ph_post.gcode.program import Language
-from ph_post.units import MS
+from ph_post.types import ExactPath, MarlinChords, MarlinCorner
+from ph_post.units import MM, MS
 
 _DECIMALS: Final = 4
 """0.1 µm: single precision has no more at the size of such machines."""
@@ -85,6 +89,12 @@ DIALECT = Dialect(
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
     notices=Notices(assumed=_ASSUMED, cautions=(_JOINED,), guard=(_OWN_OFF,)),
+    planner=ExactPath(
+        corner=MarlinCorner(deviation=0.013 * MM),
+        chords=MarlinChords(longest=1.0 * MM, shortest=0.1 * MM, per_turn=72),
+        blocks=_PLANNER_BLOCKS - 2,
+        rapid_feed=25.0 * MM,
+    ),
     ending=".gcode",
     language=Language(
         name="marlin",

@@ -59,6 +59,17 @@ def dialect_names() -> tuple[str, ...]:
     return _REGISTRY.names()
 
 
+def is_dialect(name: str) -> bool:
+    """Return True if a dialect of that name is registered; words behind plus signs are variants.
+
+    Examples
+    --------
+    >>> is_dialect("fanuc+nurbs"), is_dialect("custom")
+    (True, False)
+    """
+    return _REGISTRY.has(name.split("+", maxsplit=1)[0])
+
+
 def find_dialect(name: str, where: str = "dialect") -> Dialect:
     """Return the dialect with a name.
 
@@ -84,12 +95,12 @@ def find_dialect(name: str, where: str = "dialect") -> Dialect:
     return replace(dialect, name=name, options=dialect.options | {*words}) if words else dialect
 
 
-def _is_dialect(found: object) -> TypeGuard[Dialect]:
+def _fits(found: object) -> TypeGuard[Dialect]:
     from ph_post.dialects.base import Dialect
 
     return isinstance(found, Dialect)
 
 
 _REGISTRY: Registry[Dialect] = Registry(
-    group=GROUP, noun="dialect", wanted="a Dialect record", fits=_is_dialect, built_in=BUILT_IN
+    group=GROUP, noun="dialect", wanted="a Dialect record", fits=_fits, built_in=BUILT_IN
 )

@@ -24,13 +24,26 @@ from msgspec import UNSET, Struct, defstruct
 from msgspec.structs import replace
 
 from ph_post.consistency import consistent_value
+from ph_post.dialects.planners import settings_of
+from ph_post.dialects.registry import find_dialect, is_dialect
 from ph_post.drive.effects.base import Effect, Parameter, effect_values
 from ph_post.drive.effects.registry import find_effect, is_effect, known_names
 from ph_post.errors import InputError
 from ph_post.files.check import Keys, Refused, checked, one_line, one_of, place, quoted, shown
-from ph_post.files.machine import AxisRecord, MachineRecord
+from ph_post.files.machine import PLANNER_KEYS, AxisRecord, ControllerRecord, MachineRecord
 from ph_post.files.storage import SourceText, or_shipped, read_source
-from ph_post.types import MACHINE_AXES, USUAL_REFERENCE, Axis, EffectSetting, Gap, Limits, Machine, Servo, Uncertainty
+from ph_post.types import (
+    MACHINE_AXES,
+    USUAL_REFERENCE,
+    Axis,
+    EffectSetting,
+    Gap,
+    Limits,
+    Machine,
+    PlannerSettings,
+    Servo,
+    Uncertainty,
+)
 from ph_post.units import MM, MS
 
 
@@ -163,8 +176,27 @@ def machine_of(text: SourceText) -> Machine:
         dialect=one_line(record.controller.dialect, text.name, ("controller", "dialect")),
         servo_period=record.controller.servo_period_ms * MS,
         axes=axes,
+        planner=_planner_settings(record.controller, text.name),
         digest=text.digest,
     )
+
+
+def _planner_settings(record: ControllerRecord, file: str) -> PlannerSettings:
+    """Take the planner's settings, which have to be those of the dialect's; an unknown dialect may have any."""
+    given = {
+        name: value * unit for name, (key, unit) in PLANNER_KEYS.items() if (value := getattr(record, key)) is not None
+    }
+    if given and is_dialect(record.dialect):
+        known = settings_of(find_dialect(record.dialect).planner)
+        for name in given:
+            if name not in known:
+                where = place(file, ("controller", PLANNER_KEYS[name][0]))
+                expected = one_of(PLANNER_KEYS[one][0] for one in known)
+                raise InputError(where, f"the planner of {record.dialect} has no such setting", expected=expected)
+    if "jerk" in given and "junction_deviation" in given:
+        where = place(file, ("controller", PLANNER_KEYS["jerk"][0]))
+        raise InputError(where, "a second rule of corners", expected="one of junction_deviation_mm, jerk_mm_s")
+    return PlannerSettings(**given)
 
 
 def _parse(source: SourceText) -> dict[str, Any]:

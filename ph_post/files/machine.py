@@ -14,6 +14,7 @@ import tomlkit
 from tomlkit.items import AoT, Item, Table
 
 from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, GravitySide, Loop, ReferenceDirection
+from ph_post.units import MM, MS
 
 DIGITS: Final = 7
 """Significant digits of a number that is written."""
@@ -303,10 +304,33 @@ class MachineTableRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
 
 
 class ControllerRecord(MachineTableRecord, frozen=True, kw_only=True):
-    """``[controller]``."""
+    """``[controller]``: what it reads, how often it commands, and its planner's settings, each of some dialects."""
 
     dialect: str
     servo_period_ms: Annotated[float, msgspec.Meta(ge=0.001, le=1000)]
+    junction_deviation_mm: NotNegative | None = None
+    arc_tolerance_mm: Annotated[float, msgspec.Meta(ge=1e-6)] | None = None
+    square_corner_velocity_mm_s: NotNegative | None = None
+    arc_resolution_mm: Annotated[float, msgspec.Meta(ge=1e-3)] | None = None
+    max_accel_to_decel: Positive | None = None  # mm/s², by Klipper's own name
+    jerk_mm_s: Positive | None = None
+    arc_segment_mm: Annotated[float, msgspec.Meta(ge=1e-3)] | None = None
+    path_tolerance_mm: NotNegative | None = None
+    dwell_step_ms: Annotated[float, msgspec.Meta(ge=0, le=10_000)] | None = None
+
+
+PLANNER_KEYS: Final[Mapping[str, tuple[str, float]]] = {
+    "junction_deviation": ("junction_deviation_mm", MM),
+    "arc_tolerance": ("arc_tolerance_mm", MM),
+    "square_corner_velocity": ("square_corner_velocity_mm_s", MM),
+    "arc_resolution": ("arc_resolution_mm", MM),
+    "max_accel_to_decel": ("max_accel_to_decel", MM),
+    "jerk": ("jerk_mm_s", MM),
+    "arc_segment": ("arc_segment_mm", MM),
+    "path_tolerance": ("path_tolerance_mm", MM),
+    "dwell_step": ("dwell_step_ms", MS),
+}
+"""Key of ``[controller]`` and its unit in SI, by the field of :class:`ph_post.types.planner.PlannerSettings`."""
 
 
 class ControlRecord(MachineTableRecord, frozen=True, kw_only=True):

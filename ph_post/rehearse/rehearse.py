@@ -16,7 +16,7 @@ from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, PlannerRecording, run_on_linuxcnc
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
 from ph_post.simulate.controllers.run import run_program, tolerances
-from ph_post.types import Array, BoolArray, Command, Machine, frozen, sealed
+from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, frozen, sealed
 from ph_post.version import package_version
 
 OPERATOR: Final = (0, 1, 6, 60)
@@ -123,7 +123,7 @@ def rehearse(
         return Execution(command=command, error=program_error(command, machine, target)), recording
 
     progress("planning")
-    planned = run_program(program, machine)
+    planned = run_program(program, machine, RoundedPath())
     plan = Execution(command=planned, error=program_error(planned, machine, target))
     real, recording = execute(program, {})
     lost = {name: axis.gap.lost_motion for name, axis in machine.axes.items()}

@@ -9,6 +9,7 @@ from typing import Any, Final, Generic, Literal, TypeVar, get_args
 import msgspec
 
 from ph_post.types.loops import LOOPS, Feedback, Loop
+from ph_post.types.planner import PlannerSettings
 
 AxisName = Literal["X", "Y", "Z"]
 MACHINE_AXES: Final[tuple[str, ...]] = get_args(AxisName)
@@ -136,12 +137,13 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
-    """A machine: axes by name, controller dialect and servo period [s]."""
+    """A machine: axes by name, controller dialect and servo period [s], and what the file says of its planner."""
 
     name: str
     dialect: str
     servo_period: float
     axes: Mapping[str, Axis]
+    planner: PlannerSettings = PlannerSettings()
     digest: str = ""
 
 

@@ -55,6 +55,9 @@ class Legs(NamedTuple):
 ORIGIN, FIRST, SECOND, RISE = range(0, 12, 3)
 RADIUS, SWEEP, EXTENT, LEAD, ASKED, CAN, PUSH, RAPID, TOLERANCE, MOTION, SHARE0, SHARE1, PAUSE, DRAINS = range(12, 26)
 
+SHORTEST: Final = 1e-15
+"""Moves up to this [m] are none."""
+
 VECTORS = 4
 """The first so many columns are vectors."""
 

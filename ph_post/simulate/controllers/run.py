@@ -1,7 +1,9 @@
 """Run a part program on a model of its controller: its moves as legs, linked lines, stops, and the command.
 
-LinuxCNC's NaiveCAM makes one line of lines of one feed that are within a tolerance of it, and takes flat arcs
-in the XY plane for lines, too. A feed on every line, or ``Q0``, keeps it from linking.
+What the controller is like, its planner says: :class:`ph_post.types.planner.ExactPath` or
+:class:`ph_post.types.planner.RoundedPath`, which is LinuxCNC's. Its NaiveCAM makes one line of lines of one
+feed that are within a tolerance of it, and takes flat arcs in the XY plane for lines, too. A feed on every line,
+or ``Q0``, keeps it from linking.
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ from typing import Final, TypeVar
 import numpy as np
 
 from ph_post.compiling import compiled, inner
+from ph_post.dialects.planners import planner_of
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
+from ph_post.simulate.controllers.chords import straight_blocks
+from ph_post.simulate.controllers.exact_path import exact_rows
 from ph_post.simulate.controllers.legs import (
     ACROSS,
     DRAINS,
@@ -21,13 +26,26 @@ from ph_post.simulate.controllers.legs import (
     ORIGIN,
     PAUSE,
     RADIUS,
+    SHORTEST,
     Legs,
     make_legs,
     table_of,
     with_splines,
 )
 from ph_post.simulate.controllers.planner import COLUMNS, plan_legs, run_legs
-from ph_post.types import Array, BoolArray, Command, IntArray, Limits, Machine, frozen, sealed
+from ph_post.types import (
+    Array,
+    BoolArray,
+    Command,
+    ControllerPlanner,
+    ExactPath,
+    IntArray,
+    Limits,
+    Machine,
+    RoundedPath,
+    frozen,
+    sealed,
+)
 
 MOST_LINKED = 101
 """Lines that become one at most."""
@@ -86,9 +104,6 @@ def _is_near(start: Array, ends: Array, first: int, last: int, tolerance: float)
     return True
 
 
-SHORTEST: Final = 1e-15
-"""Moves up to this [m] are none."""
-
 STOPS_BEFORE: Final = (3, 4, 5, 6, 7, 8, 9, 19, 61, 66)
 """M words that wait until the axes stand, and are carried out before the motion on their line."""
 
@@ -108,20 +123,25 @@ def limit_table(machine: Machine) -> Array:
     return np.array([(one.velocity, one.acceleration) for one in limits_of(machine)])
 
 
-def moves_of(program: PartProgram, limits: Array) -> Legs:
-    """List the moves that the planner gets of a program: those that have a length, flat ones linked.
+def moves_of(program: PartProgram, limits: Array, planner: RoundedPath | None = None) -> Legs:
+    """List the moves that LinuxCNC's planner gets of a program: those that have a length, flat ones linked.
 
     Parameters
     ----------
     program : PartProgram
     limits : Array, shape (3, 2)
         Of :func:`limit_table`.
+    planner : RoundedPath, optional
 
     Returns
     -------
     Legs
     """
-    return _with_length(_linked(programmed(program, limits), program, limits))
+    legs = programmed(program, limits)
+    if planner is not None:
+        legs.tolerance[:] = tolerances(program, planner.tolerance)[legs.motion.astype(np.int64)]
+        legs.pause[:] = [planner.dwell(seconds) for seconds in legs.pause]
+    return _with_length(_linked(legs, program, limits))
 
 
 def moved_axes(program: PartProgram) -> tuple[str, ...]:
@@ -244,9 +264,13 @@ def _put_feeds(legs: Legs, program: PartProgram) -> None:
     legs.speed[:] = np.where(free, legs.most, np.minimum(feed, legs.most))
 
 
-def tolerances(program: PartProgram) -> Array:
-    """Return the rounding allowed at the corner behind each motion [m], see :func:`tolerance_of`."""
-    found = np.array([tolerance_of(state.path, state.units) for state in program.modal] or [0.0])
+def tolerances(program: PartProgram, otherwise: float = 0.0) -> Array:
+    """Return the rounding allowed at the corner behind each motion [m], see :func:`tolerance_of`.
+
+    Where the program names no path mode, it is `otherwise` [m].
+    """
+    modes = [otherwise if state.path is None else tolerance_of(state.path, state.units) for state in program.modal]
+    found = np.array(modes or [otherwise])
     if not program.motions.block.size:
         return np.zeros(0)
     return np.asarray(found[program.state[program.motions.block]])
@@ -327,7 +351,7 @@ ROOM: Final = 1 << 16
 """Rows that are filled at a time."""
 
 
-def run_program(program: PartProgram, machine: Machine) -> Command:
+def run_program(program: PartProgram, machine: Machine, planner: ControllerPlanner | None = None) -> Command:
     """Run a program on a model of its controller.
 
     Parameters
@@ -335,6 +359,8 @@ def run_program(program: PartProgram, machine: Machine) -> Command:
     program : PartProgram
     machine : Machine
         Its limits and servo period are the controller's.
+    planner : ExactPath or RoundedPath, optional
+        In place of the machine's own.
 
     Returns
     -------
@@ -343,9 +369,12 @@ def run_program(program: PartProgram, machine: Machine) -> Command:
         the number of the motion in the program, -1 before the first; `xi` how much of it is done (0 to 1);
         `s` the way the tool has come [m], rapids and shifts included; `feed` the speed along it.
     """
-    limits = limit_table(machine)
-    period = machine.servo_period
-    moves = table_of(moves_of(program, limits))
+    limits, period = limit_table(machine), machine.servo_period
+    planner = planner_of(machine) if planner is None else planner
+    if isinstance(planner, ExactPath):
+        blocks = straight_blocks(program, _written(program, limits), limits, planner)
+        return _command(exact_rows(blocks, planner, limits, period), machine)
+    moves = table_of(moves_of(program, limits, planner))
     legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
     count = plan_legs(moves, legs, table, limits, period)
     rows = _run(legs, table, count, period)

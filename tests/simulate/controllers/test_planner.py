@@ -1,4 +1,4 @@
-"""The model of a controller and what is measured with it, against closed forms."""
+"""The model of LinuxCNC's planner and what is measured with it, against closed forms."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ph_post.simulate.controllers.run import (
 from ph_post.types import Command, Machine
 
 ROUTER = read_machine("router")
-STEPPER = read_machine("stepper")
+STEPPER = replace(read_machine("stepper"), dialect="linuxcnc")
 SOME_PERIODS = SMOOTHING.size + 3
 
 

@@ -1,0 +1,236 @@
+"""The straight blocks that an exact-path controller gets of a program: lines, chords of arcs and of splines.
+
+The counts of chords are those of the firmware: Grbl's `mc_arc`, Klipper's `planArc` (`gcode_arcs.py`), Marlin's
+`plan_arc` (`G2_G3.cpp`), and for G5 grblHAL's `mc_cubic_b_spline`, which Marlin has too. The last chord of each
+ends where the program says.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ph_post.gcode.curves import curves_of
+from ph_post.gcode.program import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
+from ph_post.simulate.controllers.legs import NURBS_SPANS, SHORTEST, Legs
+from ph_post.types import Array, ExactPath, GrblChords, IntArray, KlipperChords
+from ph_post.units import MINUTE
+
+_WIDEST: Final = 0.1
+"""Steps of the parameter of a cubic that are made longer only once."""
+
+_NARROWEST: Final = 0.002
+"""Steps of the parameter of a cubic that are not halved any more."""
+
+_FLAT: Final = 1e-4
+"""Sum of the distances in X and Y [m] at which the middle of a step is still on its chord."""
+
+_WHOLE: Final = 1e-9
+"""What a whole number of chords may lack by rounding."""
+
+
+class StraightBlocks(NamedTuple):
+    """Straight blocks, n of them, in the order of travel. SI units.
+
+    `start`, `end`, `unit` (n, 3); `length`, `speed` [m/s] and `push`, the acceleration [m/s²] (n,). `motion` is the
+    program's motion that each is part of, from `share0` to `share1` of it. `joined` is 0 where a block begins at
+    rest, after the axes waited for `pause` [s].
+    """
+
+    start: Array
+    end: Array
+    unit: Array
+    length: Array
+    speed: Array
+    push: Array
+    motion: IntArray
+    share0: Array
+    share1: Array
+    joined: IntArray
+    pause: Array
+
+
+def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: ExactPath) -> StraightBlocks:
+    """Return the blocks that a controller makes of a program.
+
+    Parameters
+    ----------
+    program : PartProgram
+    legs : Legs
+        Its motions, one each, in which splines are straight.
+    limits : Array, shape (3, 2)
+        Velocity [m/s] and acceleration [m/s²] of the axes.
+    planner : ExactPath
+
+    Returns
+    -------
+    StraightBlocks
+        Those that have a length.
+    """
+    motions = program.motions
+    splines = np.flatnonzero(np.isin(motions.kind, (CUBIC, NURBS))).tolist()
+    played = {k: _spline_points(motions, k) for k in splines}
+    count = _counts(legs, motions, planner)
+    count[splines] = [share.size - 1 for share, _ in played.values()]
+    row = np.repeat(np.arange(count.size), count)
+    number = np.arange(row.size) - (np.cumsum(count) - count)[row]
+    share0, share1 = number / count[row], (number + 1) / count[row]
+    start, end = _arc_points(legs, row, share0), _arc_points(legs, row, share1)
+    whole = np.nan_to_num(motions.start), np.nan_to_num(motions.end)
+    first, last = number == 0, number + 1 == count[row]
+    start[first], end[last] = whole[0][row[first]], whole[1][row[last]]
+    for k, (places, points) in played.items():
+        here = np.flatnonzero(row == k)
+        start[here], end[here] = points[:-1], points[1:]
+        share0[here], share1[here] = places[:-1], places[1:]
+    way = end - start
+    length = np.sqrt((way * way).sum(axis=1))
+    kept = np.flatnonzero(length > SHORTEST)
+    row, length = row[kept], length[kept]
+    unit = way[kept] / length[:, None]
+    fast, push = limits_along(unit, limits, shared=planner.shared_limits)
+    pause, drains = _rests(legs, row, planner)
+    return StraightBlocks(
+        start=start[kept],
+        end=end[kept],
+        unit=np.ascontiguousarray(unit),
+        length=length,
+        speed=np.minimum(_asked(program, legs, planner)[row], fast),
+        push=push,
+        motion=row,
+        share0=share0[kept],
+        share1=share1[kept],
+        joined=(drains == 0.0).astype(np.int64),
+        pause=pause,
+    )
+
+
+def _counts(legs: Legs, motions: Motions, planner: ExactPath) -> IntArray:
+    """Count the blocks of every motion, one for a spline."""
+    count = np.ones(legs.length.size, dtype=np.int64)
+    arcs = np.flatnonzero(motions.kind == ARC)
+    count[arcs] = chord_counts(planner, legs.radius[arcs], legs.sweep[arcs], legs.length[arcs])
+    return count
+
+
+def chord_counts(planner: ExactPath, radius: Array, sweep: Array, length: Array) -> IntArray:
+    """Return the numbers of chords of arcs.
+
+    Parameters
+    ----------
+    planner : ExactPath
+    radius, sweep, length : Array, shape (n,)
+        Radius [m], angle [rad], and length with the rise [m].
+
+    Examples
+    --------
+    >>> from ph_post.dialects.grbl import PLANNER
+    >>> circle = np.array([0.02]), np.array([math.tau]), np.array([math.tau * 0.02])
+    >>> chord_counts(PLANNER, *circle).tolist()
+    [222]
+    """
+    chords, turn = planner.chords, np.abs(sweep)
+    if isinstance(chords, GrblChords):
+        tolerance = np.minimum(chords.tolerance, radius)
+        found = 0.5 * turn * radius / np.sqrt(tolerance * (2.0 * radius - tolerance))
+    elif isinstance(chords, KlipperChords):
+        found = length / chords.length
+    else:
+        flat = radius * turn
+        least = np.ceil(chords.per_turn * turn / math.tau - _WHOLE)
+        found = np.maximum(np.floor(flat / chords.longest + _WHOLE), least)
+        size = flat / np.maximum(found, 1.0)
+        few, many = np.ceil(flat / chords.longest - _WHOLE), np.floor(flat / chords.shortest + _WHOLE)
+        found = np.where(size > chords.longest, few, np.where(size < chords.shortest, many, found))
+    return np.maximum(np.floor(found + _WHOLE), 1.0).astype(np.int64)
+
+
+def _arc_points(legs: Legs, row: IntArray, share: Array) -> Array:
+    """Return points of arcs and helices at shares of them; of lines, any point."""
+    angle = (legs.sweep[row] * share)[:, None]
+    ray = np.cos(angle) * legs.first[row] + np.sin(angle) * legs.second[row]
+    return np.asarray(legs.origin[row] + legs.radius[row, None] * ray + share[:, None] * legs.rise[row])
+
+
+def _spline_points(motions: Motions, number: int) -> tuple[Array, Array]:
+    """Return shares of a spline between 0 and 1, and the points there (k, 3) [m]; Z stays where it is."""
+    curve = curves_of(motions, number, (0, 1))[0]
+    low, high = curve.domain
+    if motions.kind[number] == CUBIC:
+        share = _cubic_shares(motions.control[number][:, :2])
+    else:
+        share = np.linspace(0.0, 1.0, 2 * NURBS_SPANS * len(motions.nurbs[number][1]) + 1)
+    points = np.zeros((share.size, 3))
+    points[:, :2] = curve.derivatives(low + share * (high - low), 0)[0]
+    points[:, 2] = np.nan_to_num(motions.start[number, 2])
+    return share, points
+
+
+def _cubic_shares(control: Array) -> Array:
+    """Return parameters between which a cubic (4, 2) is played as straight moves."""
+
+    def at(u: float) -> Array:
+        v = 1.0 - u
+        return np.asarray(np.array([v**3, 3.0 * u * v**2, 3.0 * u**2 * v, u**3]) @ control)
+
+    def is_flat(one: float, middle: float, two: float) -> bool:
+        return float(np.abs(at(middle) - 0.5 * (at(one) + at(two))).sum()) <= _FLAT
+
+    found, step = [0.0], _WIDEST
+    while (done := found[-1]) < 1.0:
+        new = min(done + step, 1.0)
+        halved = False
+        while new - done >= _NARROWEST and not is_flat(done, 0.5 * (done + new), new):
+            new, halved = 0.5 * (done + new), True
+        while not halved and new - done <= _WIDEST and (wider := done + 2.0 * (new - done)) < 1.0:
+            if not is_flat(done, new, wider):
+                break
+            new = wider
+        step = new - done
+        found.append(new)
+    return np.array(found)
+
+
+def limits_along(unit: Array, limits: Array, *, shared: bool = False) -> tuple[Array, Array]:
+    """Return speed [m/s] and acceleration [m/s²] that the axes can in these directions (n, 3).
+
+    Where they are `shared`, X and Y have one limit, that of the motion along the path.
+    """
+    with np.errstate(divide="ignore"):
+        found = np.array([limits[:, column] / np.abs(unit) for column in (0, 1)])
+    if shared:
+        found[:, :, :2] = limits[:2].min(axis=0)[:, None, None]
+    fast, push = found.min(axis=2)
+    return fast, push
+
+
+def _asked(program: PartProgram, legs: Legs, planner: ExactPath) -> Array:
+    """Return the speed that the program asks for, by motion [m/s]."""
+    motions = program.motions
+    timed = motions.duration > 0.0
+    asked = np.where(timed, legs.length / np.where(timed, motions.duration, 1.0), motions.feed)
+    free = (motions.kind == RAPID) | ~(asked > 0.0)
+    others = np.full(asked.size, math.inf)
+    if planner.rapid_feed is not None:
+        units = np.array([state.units for state in program.modal] or [1.0])[program.state[motions.block]]
+        words = program.feed_word[motions.block] * units / MINUTE
+        others = np.where(words > 0.0, words, planner.rapid_feed)
+    return np.asarray(np.maximum(np.where(free, others, asked), planner.least_feed))
+
+
+def _rests(legs: Legs, row: IntArray, planner: ExactPath) -> tuple[Array, Array]:
+    """Return how long the axes rest before each block [s], and 1 where the planner runs dry before it.
+
+    What is asked for before a motion that has no block comes before the next that has.
+    """
+    begins = np.flatnonzero(np.diff(row, prepend=-1) > 0)
+    owner = np.searchsorted(row[begins], np.arange(legs.length.size))
+    inside = owner < begins.size
+    pause, drains = np.zeros(row.size), np.zeros(row.size)
+    waits = np.array([planner.dwell(seconds) for seconds in legs.pause])
+    np.add.at(pause, begins[owner[inside]], waits[inside])
+    np.maximum.at(drains, begins[owner[inside]], legs.drains[inside])
+    drains[:1], pause[:1] = 1.0, 0.0
+    return pause, drains

@@ -1,0 +1,411 @@
+"""Planners that follow the path exactly as a model: speeds at the corners, look-ahead, and the motion.
+
+Blocks are straight. At a corner the speed along the path is the same before and behind it, and bounded by the rule
+of the firmware: Grbl's and Marlin's junction deviation, Marlin's classic jerk (`planner.cpp`), Klipper's square
+corner velocity (`klippy/toolhead.py`). In between a block speeds up, keeps its speed and slows down at one
+acceleration. A queue begins and ends at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ph_post.compiling import compiled, inner
+from ph_post.simulate.controllers.chords import StraightBlocks
+from ph_post.types import (
+    Array,
+    ExactPath,
+    GrblCorner,
+    IntArray,
+    JerkCorner,
+    KlipperCorner,
+)
+
+GRBL, MARLIN, JERK, KLIPPER = range(4)
+"""Rules of corners."""
+
+STRAIGHT: Final = 0.999999
+"""Cosine of the angle between two directions from which on they are one."""
+
+SHORT_BLOCK: Final = 1e-3
+"""Blocks below this [m] are pieces of arcs to Marlin."""
+
+BLUNT: Final = math.sqrt(0.5)
+"""Cosine of the angle of a corner up to which they are."""
+
+UNLIMITED: Final = 1e18
+"""Squared speed [m²/s²] of a corner that is none."""
+
+ROUNDING: Final = 1e-9
+"""Part of a period by which a motion may be longer than whole periods."""
+
+COAST: Final = 0.99
+"""Share of the speed of a corner above which both blocks' own safe speeds are taken in Marlin's classic jerk."""
+
+
+def corner_rule(planner: ExactPath, acceleration: float) -> tuple[int, Array]:
+    """Return the number of a planner's corner rule, and its numbers.
+
+    Parameters
+    ----------
+    planner : ExactPath
+    acceleration : float
+        Of X and Y, where these have one limit [m/s²].
+    """
+    corner = planner.corner
+    if isinstance(corner, JerkCorner):
+        return JERK, np.array(corner.jerk)
+    if isinstance(corner, KlipperCorner):
+        return KLIPPER, np.array([corner.velocity**2 * (math.sqrt(2.0) - 1.0) / acceleration])
+    return (GRBL if isinstance(corner, GrblCorner) else MARLIN), np.array([corner.deviation])
+
+
+@inner
+def _cosine(one: Array, two: Array) -> float:
+    found: float = one[0] * two[0] + one[1] * two[1] + one[2] * two[2]
+    return found
+
+
+@inner
+def _turning_acceleration(one: Array, two: Array, most: Array, along: float) -> float:
+    """Acceleration that the axes can in the direction in which the velocity changes, at most `along`."""
+    size = 0.0
+    for k in range(3):
+        size += (two[k] - one[k]) ** 2
+    size = math.sqrt(size)
+    found = along
+    for k in range(3):
+        part = abs(two[k] - one[k])
+        if part > 0.0:
+            found = min(found, most[k] * size / part)
+    return found
+
+
+@inner
+def _by_deviation(one: Array, two: Array, most: Array, deviation: float) -> float:
+    """Squared speed of a corner in Grbl."""
+    cosine = _cosine(one, two)
+    if cosine < -STRAIGHT:
+        return 0.0
+    if cosine > STRAIGHT:
+        return UNLIMITED
+    half = math.sqrt(0.5 * (1.0 + cosine))
+    return _turning_acceleration(one, two, most, math.inf) * deviation * half / (1.0 - half)
+
+
+@inner
+def _by_marlin(one: Array, two: Array, most: Array, along: float, length: float, deviation: float) -> float:
+    """Squared speed of a corner in Marlin; `length` and acceleration `along` are those of the block behind it."""
+    cosine = _cosine(one, two)
+    if cosine < -STRAIGHT:
+        return 0.0
+    turned = min(cosine, STRAIGHT)
+    half = math.sqrt(0.5 * (1.0 + turned))
+    push = _turning_acceleration(one, two, most, along)
+    found = push * deviation * half / (1.0 - half)
+    if length < SHORT_BLOCK and turned > BLUNT:
+        found = min(found, length * push / math.acos(turned))
+    return found
+
+
+@inner
+def _safe_speed(unit: Array, speed: float, jerk: Array) -> float:
+    """Speed from which a block may stop at once."""
+    safe = speed
+    for k in range(3):
+        if abs(unit[k]) * speed > jerk[k]:
+            safe = min(safe, jerk[k] / abs(unit[k]))
+    return safe
+
+
+@inner
+def _by_jerk(one: Array, two: Array, before: float, after: float, jerk: Array) -> float:
+    """Speed of a corner in Marlin's classic jerk, between blocks of these speeds."""
+    speed = min(before, after)
+    factor = 1.0
+    for k in range(3):
+        leaving, entering = factor * speed * one[k], factor * after * two[k]
+        change = abs(leaving - entering) if leaving * entering > 0.0 else max(abs(leaving), abs(entering))
+        if change > jerk[k]:
+            factor *= jerk[k] / change
+    found = speed * factor
+    first, second = _safe_speed(one, before, jerk), _safe_speed(two, after, jerk)
+    return second if min(first, second) > COAST * found else found
+
+
+@inner
+def _by_square(one: Array, two: Array, push: Array, length: Array, deviation: float) -> float:
+    """Squared speed of a corner in Klipper; `push` and `length` of both blocks."""
+    cosine = _cosine(one, two)
+    sine2, cosine2 = math.sqrt(max(0.5 * (1.0 + cosine), 0.0)), math.sqrt(max(0.5 * (1.0 - cosine), 0.0))
+    if sine2 >= 1.0 or cosine2 <= 0.0:
+        return UNLIMITED
+    found = math.inf
+    for k in range(2):
+        bend = min(sine2 / (1.0 - sine2) * deviation, 0.5 * length[k] * sine2 / cosine2)
+        found = min(found, push[k] * bend)
+    return found
+
+
+@compiled
+def corner_speeds(
+    rule: int,
+    numbers: Array,
+    unit: Array,
+    length: Array,
+    speed: Array,
+    push: Array,
+    most: Array,
+    joined: IntArray,
+) -> Array:
+    """Return the largest squared speeds at the beginnings of blocks.
+
+    Parameters
+    ----------
+    rule, numbers
+        Of :func:`corner_rule`.
+    unit : Array, shape (n, 3)
+        Directions of the blocks.
+    length, speed, push : Array, shape (n,)
+        Length [m], speed [m/s] and acceleration [m/s²] of the blocks.
+    most : Array, shape (3,)
+        Accelerations of the axes [m/s²].
+    joined : IntArray, shape (n,)
+        0 where a block begins at rest.
+
+    Returns
+    -------
+    Array, shape (n,)
+        [m²/s²]
+    """
+    found = np.zeros(length.size)
+    for k in range(1, length.size):
+        if joined[k] == 0:
+            continue
+        one, two, bound = unit[k - 1], unit[k], min(speed[k - 1], speed[k])
+        if rule == GRBL:
+            square = _by_deviation(one, two, most, numbers[0])
+        elif rule == MARLIN:
+            square = _by_marlin(one, two, most, push[k], length[k], numbers[0])
+        elif rule == JERK:
+            square = _by_jerk(one, two, speed[k - 1], speed[k], numbers) ** 2
+        else:
+            square = _by_square(one, two, push[k - 1 : k + 1], length[k - 1 : k + 1], numbers[0])
+        found[k] = min(square, bound * bound)
+    return found
+
+
+@compiled
+def look_ahead(limit: Array, length: Array, speed: Array, push: Array, joined: IntArray, depth: int) -> Array:
+    """Return the squared speeds at the beginning, in the middle and at the end of blocks; Grbl's and Marlin's way.
+
+    Parameters
+    ----------
+    limit : Array, shape (n,)
+        Of :func:`corner_speeds`.
+    length, speed, push, joined
+        As there.
+    depth : int
+        Blocks that are looked ahead, 0 for all: the last of them is taken to end at rest.
+
+    Returns
+    -------
+    Array, shape (n, 3)
+        [m²/s²]
+    """
+    count = length.size
+    begin, found = limit.copy(), np.empty((count, 3))
+    gain = 2.0 * push * length
+    for k in range(count - 1, -1, -1):
+        after = begin[k + 1] if k + 1 < count and joined[k + 1] else 0.0
+        begin[k] = min(begin[k], after + gain[k])
+    if depth > 0:
+        ahead, last = 0.0, 0
+        for k in range(count):
+            if joined[k] == 0:
+                last, ahead = k, 0.0
+            while last < min(k + depth, count) and (last == k or joined[last]):
+                ahead += gain[last]
+                last += 1
+            begin[k] = min(begin[k], ahead)
+            ahead -= gain[k]
+    for k in range(count):
+        after = 0.0
+        if k + 1 < count and joined[k + 1]:
+            after = begin[k + 1] = min(begin[k + 1], begin[k] + gain[k])
+        begin[k] = max(begin[k], 0.0)
+        found[k, 0], found[k, 2] = begin[k], after
+        found[k, 1] = min(speed[k] ** 2, 0.5 * (begin[k] + after + gain[k]))
+    return found
+
+
+@compiled
+def look_ahead_smoothly(
+    limit: Array, length: Array, speed: Array, push: Array, joined: IntArray, smooth: float
+) -> Array:
+    """Return the squared speeds at the beginning, in the middle and at the end of blocks; Klipper's way.
+
+    A second look-ahead with the acceleration `smooth` [m/s²] says how fast blocks may become that have to slow
+    down again. Arguments and result are those of :func:`look_ahead`.
+    """
+    count = length.size
+    gain = 2.0 * push * length
+    even = np.minimum(2.0 * smooth * length, gain)
+    begin, even_begin, found = limit.copy(), np.zeros(count), np.empty((count, 3))
+    for k in range(1, count):
+        if joined[k]:
+            begin[k] = min(begin[k], begin[k - 1] + gain[k - 1])
+            even_begin[k] = min(begin[k], even_begin[k - 1] + even[k - 1])
+    after = even_after = peak = 0.0
+    waiting = count
+    for k in range(count - 1, -1, -1):
+        if k + 1 == count or joined[k + 1] == 0:
+            after = even_after = peak = 0.0
+            waiting = k + 1
+        reach, even_reach = after + gain[k], even_after + even[k]
+        begin[k] = min(begin[k], reach)
+        found[k, 0], found[k, 2] = begin[k], after
+        even_now = min(even_begin[k], even_reach)
+        if even_now < even_reach:  # it can gain speed
+            if even_now + even[k] > even_after or waiting > k + 1:
+                peak = min(speed[k] ** 2, 0.5 * (even_now + even_reach))
+                _cruise(found, k + 1, waiting, peak)
+            found[k, 1] = min(0.5 * (begin[k] + reach), speed[k] ** 2, peak)
+            found[k, 0], found[k, 2] = min(found[k, 0], found[k, 1]), min(found[k, 2], found[k, 1])
+            waiting = k
+        after, even_after = begin[k], even_now
+    return found
+
+
+@inner
+def _cruise(found: Array, first: int, last: int, peak: float) -> None:
+    """Fill the blocks that can only slow down: none is faster than the one before it."""
+    for k in range(first, last):
+        peak = min(peak, found[k, 0])
+        found[k, 0] = found[k, 1] = peak
+        found[k, 2] = min(found[k, 2], peak)
+
+
+@compiled
+def block_times(square: Array, length: Array, push: Array) -> Array:
+    """Return the times [s] for which blocks speed up, keep their speed and slow down, shape (n, 3)."""
+    times = np.empty(square.shape)
+    for k in range(length.size):
+        first, middle, last = math.sqrt(square[k, 0]), math.sqrt(square[k, 1]), math.sqrt(square[k, 2])
+        times[k, 0], times[k, 2] = (middle - first) / push[k], (middle - last) / push[k]
+        way = length[k] - 0.5 * (2.0 * square[k, 1] - square[k, 0] - square[k, 2]) / push[k]
+        times[k, 1] = max(way, 0.0) / middle
+    return times
+
+
+@compiled
+def sample(
+    square: Array, times: Array, push: Array, length: Array, begins: Array, period: float, way: Array, block: IntArray
+) -> None:
+    """Fill the block and the way along it [m] of every period.
+
+    Parameters
+    ----------
+    square, times : Array, shape (n, 3)
+        Of :func:`look_ahead` and :func:`block_times`.
+    push, length : Array, shape (n,)
+        [m/s²] and [m]
+    begins : Array, shape (n,)
+        When each block begins [s]; before it the axes rest where the one before it ended.
+    period : float
+        [s]
+    way, block : Array and IntArray, shape (rows,)
+    """
+    row, last = 0, length.size - 1
+    for k in range(last + 1):
+        first, middle = math.sqrt(square[k, 0]), math.sqrt(square[k, 1])
+        up, steady = times[k, 0], times[k, 0] + times[k, 1]
+        done = steady + times[k, 2]
+        gained = 0.5 * (first + middle) * up
+        while row < way.size:
+            time = row * period - begins[k]
+            if time > done and k < last and row * period >= begins[k + 1]:
+                break
+            block[row] = k
+            if time <= 0.0:
+                way[row] = 0.0
+            elif time < up:
+                way[row] = (first + 0.5 * push[k] * time) * time
+            elif time < steady:
+                way[row] = gained + middle * (time - up)
+            elif time < done:
+                left = done - time
+                way[row] = length[k] - (math.sqrt(square[k, 2]) + 0.5 * push[k] * left) * left
+            else:
+                way[row] = length[k]
+            way[row] = min(max(way[row], 0.0), length[k])
+            row += 1
+
+
+class Trapezoids(NamedTuple):
+    """Speeds and times of n blocks.
+
+    `square` (n, 3): squared speeds at the beginning, in the middle and at the end [m²/s²]; `times` (n, 3): of
+    speeding up, keeping the speed and slowing down [s]; `begins` (n,): when each begins [s]; `total` [s].
+    """
+
+    square: Array
+    times: Array
+    begins: Array
+    total: float
+
+
+def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -> Trapezoids:
+    """Plan the speeds of blocks.
+
+    Parameters
+    ----------
+    blocks : StraightBlocks
+    planner : ExactPath
+    limits : Array, shape (3, 2)
+        Velocity [m/s] and acceleration [m/s²] of the axes.
+
+    Returns
+    -------
+    Trapezoids
+    """
+    shared = float(limits[:2, 1].min())
+    rule, numbers = corner_rule(planner, shared)
+    most, joined = np.ascontiguousarray(limits[:, 1]), blocks.joined
+    limit = corner_speeds(rule, numbers, blocks.unit, blocks.length, blocks.speed, blocks.push, most, joined)
+    if isinstance(planner.corner, KlipperCorner):
+        asked = planner.corner.accel_to_decel
+        smooth = 0.5 * shared if asked is None else min(asked, shared)
+        square = look_ahead_smoothly(limit, blocks.length, blocks.speed, blocks.push, joined, smooth)
+    else:
+        square = look_ahead(limit, blocks.length, blocks.speed, blocks.push, joined, planner.blocks or 0)
+    times = block_times(square, blocks.length, blocks.push)
+    taken = times.sum(axis=1)
+    begins = np.cumsum(blocks.pause + taken) - taken
+    return Trapezoids(square, times, begins, float(begins[-1] + taken[-1]) if taken.size else 0.0)
+
+
+def exact_rows(
+    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float
+) -> tuple[Array, IntArray, Array]:
+    """Return position (m, 3) [m], motion and share of it in every period, as :func:`plan_trapezoids` plans them.
+
+    The first row is the beginning, and the last the end, at rest.
+    """
+    if blocks.length.size == 0:
+        return np.zeros((1, 3)), np.array([-1]), np.zeros(1)
+    plan = plan_trapezoids(blocks, planner, limits)
+    count = math.ceil(plan.total / period - ROUNDING) + 1
+    way, block = np.empty(count), np.empty(count, dtype=np.int64)
+    sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)
+    part = way / blocks.length[block]
+    position = blocks.start[block] + part[:, None] * (blocks.end[block] - blocks.start[block])
+    position[part == 1.0] = blocks.end[block[part == 1.0]]
+    share = blocks.share0[block] + part * (blocks.share1[block] - blocks.share0[block])
+    motion = blocks.motion[block]
+    motion[0], share[0] = -1, 0.0
+    position[-1], share[-1] = blocks.end[-1], blocks.share1[-1]
+    return position, motion, share
