@@ -5,8 +5,9 @@ G93 and G94, G61 but no G61.1, G91.1 as it is that way anyhow, G40 as there is n
 P, R, S, T, X, Y, Z each once a line; it refuses G5, G64, G90.1, G43 but for G43.1, and Q. `grbl/protocol.h`
 has a line buffer of 80 characters with the end, in which blanks and comments are not kept; `grbl/serial.h`
 and `config.h` have a receive buffer of 128 and 115,200 baud. `planner.c` has the rule of corners and a ring of
-16 blocks, one of them empty and one under way; `motion_control.c` the chords of an arc; `defaults.h` $11 (0.01 mm) and $12
-(0.002 mm); `nuts_bolts.c` and `config.h` dwells in steps of 50 ms, always rounded up, and a least feed of 1 mm/min.
+16 blocks, one of them empty and one under way; `motion_control.c` the chords of an arc; `defaults.h` $11 (0.01 mm)
+and $12 (0.002 mm); `nuts_bolts.c` and `config.h` dwells in steps of 50 ms, always rounded up, and a least feed of
+1 mm/min.
 """
 
 from __future__ import annotations

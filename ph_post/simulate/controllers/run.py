@@ -156,11 +156,11 @@ def moved_axes(program: PartProgram) -> tuple[str, ...]:
 
 def programmed(program: PartProgram, limits: Array) -> Legs:
     """List the motions of a program as they are written: a leg each, several for a spline."""
-    return with_splines(_written(program, limits), program, limits)
+    return with_splines(written_legs(program, limits), program, limits)
 
 
-def _written(program: PartProgram, limits: Array) -> Legs:
-    """Make one leg of every motion, a straight one of a spline."""
+def written_legs(program: PartProgram, limits: Array) -> Legs:
+    """Make one leg of every motion of a program, a straight one of a spline; `limits` of :func:`limit_table`."""
     start, end = _ends(program)
     legs = make_legs(len(start))
     legs.motion[:], legs.share1[:] = np.arange(len(start)), 1.0
@@ -372,7 +372,7 @@ def run_program(program: PartProgram, machine: Machine, planner: ControllerPlann
     limits, period = limit_table(machine), machine.servo_period
     planner = planner_of(machine) if planner is None else planner
     if isinstance(planner, ExactPath):
-        blocks = straight_blocks(program, _written(program, limits), limits, planner)
+        blocks = straight_blocks(program, written_legs(program, limits), limits, planner)
         return _command(exact_rows(blocks, planner, limits, period), machine)
     moves = table_of(moves_of(program, limits, planner))
     legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
