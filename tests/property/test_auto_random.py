@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -10,9 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from support.amount import ALL
+from support.amount import sample
 from support.motions import look, worst_use
-from support.random_jobs import RandomJob, random_job
+from support.random_jobs import KINDS, RandomJob, random_job
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.offsets import command_of
@@ -55,7 +54,7 @@ def run(job: RandomJob, analysis: Analysis, nominal: Nominal, strategy: str) -> 
 
 
 PAIRS = 200
-BATCHES = 20
+"""tests/long tries them all."""
 
 EFFORT = 0.05
 """Part of the usual search: what must hold may not rest on a long one."""
@@ -109,19 +108,22 @@ def assert_time_is_kept(none: Judged, auto: Judged, job: RandomJob) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", range(BATCHES))
-def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(batch: int) -> None:
-    step = BATCHES if os.environ.get(ALL) else 5 * BATCHES  # every fifth, where nobody asks for all
-    for number in range(batch, PAIRS, step):
-        job = random_job(number)
-        analysis = look(job.path, job.machine)
-        nominal = Nominal(analysis.track)
-        none, auto = (run(job, analysis, nominal, strategy) for strategy in ("none", "auto"))
-        try:
-            assert_never_worse(none, auto)
-            assert_limits_are_kept(auto.command, job.path, job.machine)
-            assert_offsets_are_all_that_leaves_the_path(auto.command, job.path, job.machine)
-            assert_time_is_kept(none, auto, job)
-        except AssertionError as broken:
-            broken.add_note(f"in job {number}, {job.kind}, {job.options}")
-            raise
+@pytest.mark.parametrize("number", sample([number % len(KINDS) for number in range(PAIRS)], 1))
+def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(number: int) -> None:
+    keeps_its_promises(number)
+
+
+def keeps_its_promises(number: int) -> None:
+    """Try a job: `auto` beside `none`."""
+    job = random_job(number)
+    analysis = look(job.path, job.machine)
+    nominal = Nominal(analysis.track)
+    none, auto = (run(job, analysis, nominal, strategy) for strategy in ("none", "auto"))
+    try:
+        assert_never_worse(none, auto)
+        assert_limits_are_kept(auto.command, job.path, job.machine)
+        assert_offsets_are_all_that_leaves_the_path(auto.command, job.path, job.machine)
+        assert_time_is_kept(none, auto, job)
+    except AssertionError as broken:
+        broken.add_note(f"in job {number}, {job.kind}, {job.options}")
+        raise

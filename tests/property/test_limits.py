@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support import amount
 from support.motions import KINDS, assert_continuous, look, make_machine, make_path, random_curves, worst_use
 
 from ph_post.compensate import profile, shapes
@@ -16,10 +17,15 @@ from ph_post.geometry.track import Track
 from ph_post.types import Command, Machine, Path, Plan
 
 PAIRS = 1000
-BATCHES = 10
-
 PAIRS_WITH_HOLDS = 600
-BATCHES_WITH_HOLDS = 4
+"""tests/long tries them all."""
+
+EACH = 8
+"""So many of each kind of path otherwise."""
+
+
+def drawn(count: int) -> list[int]:
+    return amount.sample([number % len(KINDS) for number in range(count)], EACH)
 
 
 def random_pair(rng: np.random.Generator, kind: str) -> tuple[Path, Machine]:
@@ -63,19 +69,20 @@ def assert_limits_are_kept(plan: Plan, machine: Machine, number: int) -> Command
     return command
 
 
+def try_dip(number: int) -> int:
+    """Plan a random motion with dips, or none, and check every sample; return how many dips it has."""
+    rng = np.random.default_rng([2022, number])
+    path, machine = random_pair(rng, KINDS[number % len(KINDS)])
+    plan = make_plan(look(path, machine), random_options(rng))
+    command = assert_limits_are_kept(plan, machine, number)
+    left = abs(command.s[-1] - Track(path).length)
+    assert left <= plan.phases[-1].speed.max() * machine.servo_period
+    return sum(found is not None for found in plan.profiles)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", range(BATCHES))
-def test_no_sample_breaks_a_limit(batch: int) -> None:
-    profiles = 0
-    for number in range(batch, PAIRS, BATCHES):
-        rng = np.random.default_rng([2022, number])
-        path, machine = random_pair(rng, KINDS[number // BATCHES % len(KINDS)])
-        plan = make_plan(look(path, machine), random_options(rng))
-        command = assert_limits_are_kept(plan, machine, number)
-        left = abs(command.s[-1] - Track(path).length)
-        assert left <= plan.phases[-1].speed.max() * machine.servo_period
-        profiles += sum(found is not None for found in plan.profiles)
-    assert profiles > 30
+def test_no_sample_breaks_a_limit() -> None:
+    assert sum(map(try_dip, drawn(PAIRS))) > 15
 
 
 class RandomHolds:
@@ -113,20 +120,21 @@ class Entry:
         return self.strategy
 
 
+def try_stop(number: int, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Plan a random motion with stops and slow stretches, and check every sample; return how often it stands."""
+    rng = np.random.default_rng([2023, number])
+    path, machine = random_pair(rng, KINDS[number % len(KINDS)])
+    entry = Entry(RandomHolds(rng))
+    monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [entry])
+    strategy = "dwell" if rng.random() < 0.4 else "holds"
+    start = "moving" if rng.random() < 0.5 else "rest"
+    slowest = 0.1 if rng.random() < 0.3 else 1e3
+    options = PlanOptions(strategy=strategy, start=start, max_slowdown=slowest)
+    plan = make_plan(look(path, machine), options)
+    assert_limits_are_kept(plan, machine, number)
+    return sum(phase.window >= 0 and not np.any(phase.speed) for phase in plan.phases)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", range(BATCHES_WITH_HOLDS))
-def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch, batch: int) -> None:
-    stops = 0
-    for number in range(batch, PAIRS_WITH_HOLDS, BATCHES_WITH_HOLDS):
-        rng = np.random.default_rng([2023, number])
-        path, machine = random_pair(rng, KINDS[number // BATCHES_WITH_HOLDS % len(KINDS)])
-        entry = Entry(RandomHolds(rng))
-        monkeypatch.setattr("ph_post.registry.entry_points", lambda group, entry=entry: [entry])
-        strategy = "dwell" if rng.random() < 0.4 else "holds"
-        start = "moving" if rng.random() < 0.5 else "rest"
-        slowest = 0.1 if rng.random() < 0.3 else 1e3
-        options = PlanOptions(strategy=strategy, start=start, max_slowdown=slowest)
-        plan = make_plan(look(path, machine), options)
-        assert_limits_are_kept(plan, machine, number)
-        stops += sum(phase.window >= 0 and not np.any(phase.speed) for phase in plan.phases)
-    assert stops > 10
+def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert sum(try_stop(number, monkeypatch) for number in drawn(PAIRS_WITH_HOLDS)) > 5

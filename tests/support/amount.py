@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Hashable, Sequence
+
+import numpy as np
 
 ALL = "PH_POST_ALL_TESTS"
 """Environment variable that asks for the slow tests too, as `.ci/run` does."""
@@ -17,3 +20,15 @@ FEWEST = 8
 def examples(count: int) -> int:
     """How many of `count` random examples to try."""
     return count if os.environ.get(ALL) else max(count // PART, min(count, FEWEST))
+
+
+def sample(kinds: Sequence[Hashable], each: int) -> list[int]:
+    """Numbers of some cases of each kind, drawn once for all, where tests/long tries every case.
+
+    `kinds` names the kind of every case in turn.
+    """
+    by_kind: dict[Hashable, list[int]] = {}
+    for number, kind in enumerate(kinds):
+        by_kind.setdefault(kind, []).append(number)
+    rng = np.random.default_rng(len(kinds))
+    return sorted(int(number) for one in by_kind.values() for number in rng.choice(one, each, replace=False))

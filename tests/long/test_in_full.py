@@ -1,0 +1,36 @@
+"""Every case of which other tests try a sample; from a quarter of an hour on a core: `pytest tests/long`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.dialects import test_siemens_exact as siemens_exact
+from tests.property import test_auto_random as auto_random
+from tests.property import test_limits as limits
+
+BATCHES = 20
+
+
+@pytest.mark.parametrize("batch", range(BATCHES))
+def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(batch: int) -> None:
+    for number in range(batch, auto_random.PAIRS, BATCHES):
+        auto_random.keeps_its_promises(number)
+
+
+@pytest.mark.parametrize("batch", range(BATCHES))
+def test_no_sample_breaks_a_limit(batch: int) -> None:
+    assert sum(map(limits.try_dip, range(batch, limits.PAIRS, BATCHES))) > 15
+
+
+@pytest.mark.parametrize("batch", range(BATCHES))
+def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch, batch: int) -> None:
+    numbers = range(batch, limits.PAIRS_WITH_HOLDS, BATCHES)
+    assert sum(limits.try_stop(number, monkeypatch) for number in numbers) > 2
+
+
+@pytest.mark.parametrize("strategy", siemens_exact.STRATEGIES)
+@pytest.mark.parametrize(("path", "machine"), siemens_exact.PAIRS, ids=lambda file: file.stem)
+def test_siemens_program_is_the_path_and_the_plan(path: Path, machine: Path, strategy: str) -> None:
+    siemens_exact.compare_program(path, machine, strategy)
