@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 # Tests run side by side, a process a core: more threads in each would only wait for each other. Before numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -25,28 +26,46 @@ HERE = Path(__file__).parent
 SLOW_FOLDERS = ("pages", "hidden")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
 
+ONE_AT_A_TIME = "tests/controllers"
+
 LONG = (
     "property/test_gcode_reader_laws.py",
     "property/test_simulate_reference.py",
+    "controllers/test_linuxcnc.py",
+    "controllers/test_calibration_programs.py",
+    "controllers/test_model.py",
     "controllers/test_rehearsals.py",
-    "property/test_limits.py",
-    "paper/test_strategies_win.py",
-    "property/test_auto_random.py",
-    "corpus/test_corpus.py",
-    "controllers/test_freecad.py",
-    "cli/test_examples.py",
-    "drive/effects/test_everywhere.py",
-    "pages/test_motion_page.py",
-    "property/test_turning_reference.py",
+    "controllers/test_rehearse_command.py",
     "controllers/test_axis_filter.py",
-    "pages/test_other_pages.py",
+    "controllers/test_freecad.py",
+    "controllers/test_reader_linuxcnc.py",
+    "hidden/test_emps.py",
+    "hidden/test_named.py",
+    "cli/test_examples.py",
+    "corpus/test_corpus.py",
+    "dialects/test_siemens_exact.py",
+    "hidden/test_loop.py",
+    "paper/test_strategies_win.py",
+    "docs/test_snippets.py",
+    "hidden/test_ranks.py",
+    "samples/test_samples.py",
+    "hidden/test_draw.py",
+    "identify/test_identify.py",
+    "pages/test_motion_page.py",
+    "property/test_auto_random.py",
     "cli/test_watch.py",
+    "cli/test_pipelines.py",
+    "drive/effects/test_everywhere.py",
+    "property/test_limits.py",
+    "property/test_turning_reference.py",
+    "pages/test_other_pages.py",
+    "simulate/test_machine.py",
+    "api/test_compensation.py",
+    "cli/test_compare.py",
+    "dialects/test_firmware.py",
     "property/test_verify_random.py",
     "property/test_edit_laws.py",
     "property/test_deliver_random.py",
-    "identify/test_identify.py",
-    "cli/test_compare.py",
-    "simulate/test_machine.py",
     "property/test_turning_laws.py",
     "compensate/test_layout.py",
 )
@@ -69,6 +88,26 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
     if not named:
         items.sort(key=lambda item: BEGINNING.get(item.path, len(LONG)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One process a core, and one that waits for LinuxCNC most of the time."""
+    return len(os.sched_getaffinity(0)) + 1
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the tests of `controllers` in one process, as a computer runs one LinuxCNC at a time."""
+    if config.getoption("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByFile(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return ONE_AT_A_TIME if nodeid.startswith(f"{ONE_AT_A_TIME}/") else super()._split_scope(nodeid)
+
+    return ByFile(config, log)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
