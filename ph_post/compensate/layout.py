@@ -1,10 +1,10 @@
 """Lay crossings of the gap and jogs into a planned motion: in profiles, at stops, and before the start.
 
-An axis whose loop is not closed over the table carries half its gap as a lasting offset, towards the side it
-moves to. So every reversal of it has to be crossed, or the offset would be the wrong one from there on; and
-before the first motion it must be on the right side, whichever side the axis stood on. A part program can
-shift an axis only while the path stands still, so an axis carries a lasting offset there only where the
-motion stops at each of its reversals.
+An axis whose loop is not closed over the table carries a lasting offset by the side it moves to: half its gap
+either way, or the whole gap on one side (:func:`ph_post.drive.axes.side_offsets`). So every reversal of it has to
+be crossed, or the offset would be the wrong one from there on; and before the first motion it must be on the right
+side, whichever side the axis stood on. A part program can shift an axis only while the path stands still, so an
+axis carries a lasting offset there only where the motion stops at each of its reversals.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, make_jog, whole_jog
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.trial import SAME_TURN, came_from
-from ph_post.drive.axes import axis_at
+from ph_post.drive.axes import axis_at, lasting_offset, side_offsets
 from ph_post.geometry.numeric import bisect
 from ph_post.geometry.track import Track
 from ph_post.types import Axis, Crossing, FeedProfile, Jog, Machine, Phase, TurningPoint, Window, frozen
@@ -243,7 +243,7 @@ def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str
     approach: list[Crossing | Jog] = []
     for name in shifted:
         axis, direction = job.machine.axes[name], first_direction(job, name)
-        bias[name] = direction * 0.5 * axis.gap.lost_motion
+        bias[name] = lasting_offset(axis, direction)
         if direction != 0 and not job.moving:
             bias[name], own = (_by_jog if job.written else _by_crossings)(job, axis, direction, stops)
             approach += own
@@ -252,20 +252,20 @@ def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str
 
 def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
     """Offset of the first row [m], and the crossings that bring an axis from its flank to the other."""
-    half = 0.5 * axis.gap.lost_motion
     flank = {"+": 1, "-": -1}.get(axis.gap.initial_flank, 0)
     if flank == direction:
-        return direction * half, []
+        return lasting_offset(axis, direction), []
     whole, more = job.whole(axis, direction), 1.0 + axis.uncertainty.backlash
     if flank:
-        return flank * half, [whole]
-    # From either flank: back until the other is surely touched, then forth.
+        return lasting_offset(axis, flank), [whole]
+    # From either flank: from the middle back until the other is surely touched, then forth.
+    middle, half = 0.5 * sum(side_offsets(axis)), 0.5 * axis.gap.lost_motion
     back = half * more
     first = msgspec.structs.replace(whole, travel=-direction * back)
     second = msgspec.structs.replace(
         whole, start=whole.duration, travel=direction * (back + half), duration=whole.duration * more
     )
-    return 0.0, [first, second]
+    return middle, [first, second]
 
 
 def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
@@ -275,7 +275,7 @@ def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float,
         stops.add(0, job.whole(axis, direction))
     distance = approach_distance(axis.gap)
     jog = make_jog(axis, way * distance, 0.0, min(APPROACH_FEED, job.track.path.feed))
-    return way * 0.5 * axis.gap.lost_motion - way * distance, [jog]
+    return lasting_offset(axis, way) - way * distance, [jog]
 
 
 def first_direction(job: Job, name: str) -> int:

@@ -112,7 +112,7 @@ def motor_inertia(axis: Axis) -> float:
 
 def may_shift(axis: Axis) -> bool:
     """Return whether a program gives an axis a lasting offset: behind its loop, where the gap is worth a jog."""
-    return not axis.loop.encloses_backlash and axis.gap.lost_motion >= LEAST
+    return not axis.loop.encloses_backlash and axis.gravity_side is None and axis.gap.lost_motion >= LEAST
 
 
 def approach_distance(gap: Gap) -> float:

@@ -19,7 +19,7 @@ from ph_post.compensate import shapes
 from ph_post.compensate.families import BARE, ONE, DesignFamily, ReversalCase, jogs_last, make_bare
 from ph_post.compensate.speed_ramps import ramp_time
 from ph_post.compensate.trial import Design, Trial, TrialResult
-from ph_post.types import Array
+from ph_post.types import Array, Axis
 
 ENOUGH: Final = 0.01
 """Part of the plain error on the machine as the file has it below which less is no better."""
@@ -147,7 +147,7 @@ class DesignSearch:
         acceleration = np.array([REST_PART * min(axis.limits.acceleration for axis in drives)])
         jerk = np.array([REST_PART * min(axis.limits.jerk for axis in drives)])
         ramps = float(ramp_time(np.zeros(1), np.array([case.place.cruise]), acceleration, jerk)[0])
-        unknown = max(0.5 * axis.uncertainty.backlash * axis.gap.lost_motion for axis, _ in case.reversing)
+        unknown = max(axis.uncertainty.backlash * _largest_lag(axis) for axis, _ in case.reversing)
         error = np.full(len(trial.scenarios), unknown)
         error[: self.nominal] = FLOOR
         crossing = jogs_last(case.reversing) if jogs else max(case.shortest.values())
@@ -246,6 +246,11 @@ class DesignSearch:
         options = {"maxfev": calls, "initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-3}
         bounds = list(zip(family.low.tolist(), family.high.tolist(), strict=True))
         minimize(score, start.x, method="Nelder-Mead", bounds=bounds, options=options)  # type: ignore[call-overload]
+
+
+def _largest_lag(axis: Axis) -> float:
+    """Distance [m] by which the table is late without an offset, on the side where it is more."""
+    return 0.5 * (1 + abs(axis.reference_side)) * axis.gap.lost_motion
 
 
 def _spread(starts: Sequence[TriedDesign], most: int = 3) -> list[TriedDesign]:

@@ -21,6 +21,7 @@ from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import STEADY, FeedAlong
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
 from ph_post.compensate.violations import asked_of_motor, usage
+from ph_post.drive.axes import lasting_offset
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import TRUE_READING, Plant, read_table
 from ph_post.geometry.track import Track
@@ -262,7 +263,7 @@ class Trial:
             axes = ((name, self.sized.axes[name]) for name in self.axes)
             # The lasting offset of each axis before the turning point.
             bias = {
-                name: 0.5 * axis.gap.lost_motion * self.place.flanks[name]
+                name: lasting_offset(axis, self.place.flanks[name])
                 for name, axis in axes
                 if not axis.loop.encloses_backlash
             }

@@ -84,6 +84,12 @@ def with_gap(axis: Axis, lost_motion: float) -> Axis:
     return replace(axis, gap=gap, effects=tuple(one for one in axis.effects if one.name not in widening))
 
 
+def referred_to_middle(machine: Machine) -> Machine:
+    """Return a machine of which every zero is that of the middle of the gap, wherever it was taken."""
+    axes = {name: replace(axis, reference_direction="both") for name, axis in machine.axes.items()}
+    return replace(machine, axes=axes)
+
+
 def sized_machine(machine: Machine, points: Sequence[TurningPoint]) -> Machine:
     """Return a machine to size lasting offsets by: one gap for each axis that is not closed over the table.
 

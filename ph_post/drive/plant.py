@@ -84,6 +84,9 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
         Lost motion [m].
     widening : GapProfile, optional
         What the gap has beyond that from place to place; see :func:`ph_post.drive.plant.gap_at`.
+    reference : int
+        Side of the gap to which the table's position is referred (1, -1), 0 for the middle; see
+        :func:`ph_post.drive.plant.referred_table`.
     pickup : {"standstill", "momentum", "contact"}
     kept : float
         Part of the plastic impact's momentum that survives a pick-up under `momentum` and `contact`.
@@ -123,6 +126,7 @@ class Plant(msgspec.Struct, frozen=True, kw_only=True):
     beta: float = 0.0
     gap: float = 0.0
     widening: GapProfile | None = None
+    reference: int = 0
     pickup: Pickup = "standstill"
     kept: float = 1.0
     coulomb_plus: float = 0.0
@@ -170,6 +174,7 @@ def base_plant(axis: Axis, scenario: Scenario) -> Plant:
         eta=min(eta / scenario.gain, 1.0),
         beta=(gap.beta or 0.0) * scenario.beta,
         gap=gap.lost_motion * scenario.gap,
+        reference=axis.reference_side,
         pickup=gap.pickup or scenario.pickup or "standstill",
     )
 
@@ -306,3 +311,19 @@ def table_behind(plant: Plant, motor: Array, flank: int) -> Array:
         if np.array_equal(before, table):
             break
     return table
+
+
+def referred_table(plant: Plant, table: Array) -> Array:
+    """Refer places x of the table [m], counted from the middle of the gap, to the side where its zero was taken.
+
+    On side f (1, -1) the table stands at x = m - f gap(x)/2 behind its motor. The zero was taken there, so that the
+    place is called m: x + f gap(x)/2.
+
+    Examples
+    --------
+    >>> from ph_post.drive.plant import Plant
+    >>> plant = Plant(feedback="motor", b=5e-4, c=5e-3, gap=4e-5, reference=-1)
+    >>> [float(referred_table(plant, table_behind(plant, np.array([0.1]), flank))[0]) for flank in (-1, 1)]
+    [0.1, 0.09996]
+    """
+    return table + 0.5 * plant.reference * gap_at(plant, table) if plant.reference else table

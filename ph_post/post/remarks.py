@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from ph_post.compensate.layout import rest_at
@@ -70,6 +72,10 @@ def _window(plan: Plan, number: int) -> str:
     return f"window {number}: {place}, feed {high:.6g} to {low:.6g} mm/min, t* {profile.t_star:.4f} s"
 
 
+_SIDES: Final = {0: "towards the side it moves to", 1: "while it moves to minus", -1: "while it moves to plus"}
+"""Where an offset is carried, by the side to which positions are referred."""
+
+
 def _offsets(plan: Plan) -> list[str]:
     """Say by how much which axes leave the path, and how they come to it."""
     jogs = read_jogs(plan).jogs
@@ -78,9 +84,11 @@ def _offsets(plan: Plan) -> list[str]:
         own = [jog for jog in jogs if jog.axis == axis]
         size = max((abs(jog.travel) for jog in own), default=0.0) / MM
         if own and not plan.machine.axes[axis].loop.encloses_backlash:
+            side = plan.machine.axes[axis].reference_side
+            where = _SIDES[side]
             facts.append(
-                f"axis {axis} carries an offset of {size / 2.0:g} mm from the path towards the side it moves"
-                f" to, changed at {len(own)} stops by a G1 between dwells, and taken back at the end"
+                f"axis {axis} carries an offset of {size / (1.0 if side else 2.0):g} mm from the path {where},"
+                f" changed at {len(own)} stops by a G1 between dwells, and taken back at the end"
             )
         elif own:
             facts.append(

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.declaration import mark_text
+from ph_post.drive.axes import referred_to_middle
 from ph_post.edit.undo import CHANGE_MARK
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs
@@ -120,7 +121,9 @@ def rehearse(
         progress(f"running {which.name} on LinuxCNC" + (" with its own compensation" if own else ""))
         recording = run_on_linuxcnc(which.data, which.name, machine, backlash=own, limit=limit, progress=progress)
         command = _without_waits(command_of(recording, machine), which)
-        return Execution(command=command, error=program_error(command, machine, target)), recording
+        # The controller's own compensation acts while the zero is taken too: it is that of the middle.
+        referred = referred_to_middle(machine) if own else machine
+        return Execution(command=command, error=program_error(command, referred, target)), recording
 
     progress("planning")
     planned = run_program(program, machine, RoundedPath())

@@ -17,7 +17,7 @@ from ph_post.compiling import read_only
 from ph_post.drive.automaton import STATES, Key
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.hybrid import Automaton, build_automaton
-from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, table_behind
+from ph_post.drive.plant import TRUE_READING, Plant, delayed, force_on, gap_at, read_table, referred_table, table_behind
 from ph_post.simulate import kernel
 from ph_post.simulate.slow import SlowAxis, level_for, modes_of
 from ph_post.types import Array, Axis, Command, Event, EventKind, IntArray, Machine, Run, Scenario, sealed
@@ -175,7 +175,7 @@ def first_flank(axis: Axis, scenario: Scenario) -> int:
 def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:
     """Run one plant that stands on `flank` (1, -1) if it does not move: table and motor [m], and changes.
 
-    The table is where it is, not what screw or scale make its reading.
+    The table is where it is, referred to the side where its zero was taken; not what screw or scale make its reading.
     """
     linear = replace(plant, forces=(), cutting=(), reading=TRUE_READING)
     automaton = build_automaton(linear)
@@ -191,7 +191,7 @@ def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tu
         modes = modes._replace(plain=modes.plain and not force.size, level=level_for(linear, command))
         _, instants, log = kernel.advance(command, period, z, first, modes, force, table, motor)
     changes = Changes(automaton.keys, first, trace.begin + instants * period, log)
-    return delayed(table, plant.reading_delay / period), motor, changes
+    return delayed(referred_table(plant, table), plant.reading_delay / period), motor, changes
 
 
 def _start(trace: AxisCommand, plant: Plant, automaton: Automaton, flank: int) -> tuple[Array, int]:

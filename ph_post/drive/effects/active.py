@@ -63,11 +63,14 @@ def _felt(axis: Axis, setting: EffectSetting) -> Effect | None:
 def plant_of(axis: Axis, scenario: Scenario) -> Plant:
     """Return an axis as a scenario has it, with its effects applied in the order of the file.
 
-    A scenario's factor of the gap is one of all that the gap is at any place.
+    A scenario's factor of the gap is one of all that the gap is at any place. Where gravity holds the axis, the gap
+    is closed at all of them.
     """
     plant = base_plant(axis, scenario)
     for one in active_effects(axis):
         plant = one.effect.apply(plant, one.values)
+    if axis.gravity_side:
+        return replace(plant, gap=0.0, widening=None)
     if plant.widening is None or scenario.gap == 1.0:
         return plant
     return replace(plant, widening=scale_profile(plant.widening, scenario.gap))
