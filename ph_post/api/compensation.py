@@ -15,8 +15,8 @@ from ph_post.api.inputs import (
     Job,
     Source,
     analyse_job,
-    effect_warnings,
     machine_named,
+    machine_warnings,
     program_in,
     raw_job,
 )
@@ -30,6 +30,7 @@ from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.registry import find_dialect
+from ph_post.drive.axes import gravity_notes
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
 from ph_post.edit.edits import TOLERANCE
@@ -41,6 +42,7 @@ from ph_post.post.moves import check_jogs, read_jogs
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode
 from ph_post.post.program import make_program
 from ph_post.progress import Progress, no_progress
+from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Command, Machine, Path, Plan
 from ph_post.verify.verdict import Verdict
 
@@ -159,7 +161,7 @@ class PathCompensation(Compensation):
         self._motions: dict[PlanOutput, PlannedMotion] = {}
         self._written: set[PlanOutput] = set()
         plan = self.plan(output)
-        self._plans[output] = with_warnings(plan, *effect_warnings(self.machine, analysis.path.axes))
+        self._plans[output] = with_warnings(plan, *machine_warnings(self.machine, analysis.path.axes))
 
     @property
     def plans(self) -> Mapping[PlanOutput, Plan]:
@@ -359,7 +361,9 @@ class ProgramCompensation(Compensation):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings: what was passed through, reduced or not compensated, a sentence each."""
-        return self.longest.warnings if self.output == "table" else self.edited.warnings
+        if self.output == "table":
+            return self.longest.warnings
+        return (*self.edited.warnings, *gravity_notes(self.machine, moved_axes(self.original)))
 
     @property
     def reversals(self) -> ReversalCount:

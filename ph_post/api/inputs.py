@@ -16,7 +16,7 @@ from ph_post.analysis.path_analysis import Analysis, IntervalSource, analyse
 from ph_post.dialects.reading import dialect_of, read_again_as, read_as, read_program_file
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive import machinefile
-from ph_post.drive.axes import check_axes
+from ph_post.drive.axes import check_axes, gravity_notes
 from ph_post.drive.effects.active import ignored_effects, unmoved_axes
 from ph_post.drive.intervalfile import read_intervals
 from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
@@ -379,8 +379,8 @@ def _look_up_in(table: IntervalTable) -> IntervalSource:
     return solve
 
 
-def effect_warnings(machine: Machine, axes: Sequence[str]) -> tuple[str, ...]:
-    """Name the effects of a machine file that do not act in the simulation of these axes, or only in part."""
+def machine_warnings(machine: Machine, axes: Sequence[str]) -> tuple[str, ...]:
+    """Name the axes that gravity holds, and effects that do not act in their simulation, or only in part."""
     ignored = (
         f"axis {name}: the effect {effect} of the machine file does not act in the simulation"
         for name in axes
@@ -391,4 +391,4 @@ def effect_warnings(machine: Machine, axes: Sequence[str]) -> tuple[str, ...]:
         for name in axes
         for other in unmoved_axes(machine.axes[name], axes)
     )
-    return (*ignored, *unmoved)
+    return (*gravity_notes(machine, axes), *ignored, *unmoved)

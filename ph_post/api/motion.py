@@ -13,14 +13,14 @@ from msgspec.structs import replace
 from ph_post.analysis.certification import Certificate
 from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.api.inputs import Job, Source, analyse_job, any_machine, effect_warnings
+from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.compensate.comparison import Contender, compare_strategies, describe_violation, without_backlash
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.violations import Violation, check_command
-from ph_post.drive.axes import check_axes
+from ph_post.drive.axes import check_axes, gravity_notes
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit.edits import TOLERANCE
 from ph_post.errors import OptionsError
@@ -132,6 +132,8 @@ def inspect(
     if certify:
         progress("counting roots in exact rational arithmetic")
         certificate = certify_turning_points(analysis.track)
+    if analysis.machine is not None:
+        notes += gravity_notes(analysis.machine, analysis.path.axes)
     return Inspection(analysis=analysis, certificate=certificate, warnings=notes)
 
 
@@ -352,7 +354,7 @@ def _with_rules(machine: Machine, pickup: Pickup | None, flank: Flank | None) ->
 
 def _caveats(command: Command, machine: Machine) -> Iterator[str]:
     """Name the effects that do not act, and the limits that the command breaks, the worst place of each."""
-    yield from effect_warnings(machine, command.axes)
+    yield from machine_warnings(machine, command.axes)
     worst: dict[tuple[str, str], Violation] = {}
     for broken in check_command(command, machine):
         known = worst.get((broken.axis, broken.quantity))
@@ -429,5 +431,5 @@ def compare(
         strategies=contenders,
         error_without_gap=without_backlash(analysis, contenders[0]),
         notes=notes,
-        caveats=effect_warnings(_machine_of(analysis), analysis.path.axes),
+        caveats=machine_warnings(_machine_of(analysis), analysis.path.axes),
     )

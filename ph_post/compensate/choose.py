@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, shortest_crossing, whole_crossing
-from ph_post.compensate.layout import reversing_axes
+from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import FLOOR, DesignBounds, DesignSearch, TriedDesign
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
@@ -164,13 +164,19 @@ class _Chooser:
         if not self.offsets:
             return ()
         if self.written:
-            axes = reversing_axes(self.sized, self.task.turning_points)
-            return tuple(sorted({axis.name for axis, _ in axes if may_shift(axis)}))
+            axes = [axis for axis, _ in reversing_axes(self.sized, self.task.turning_points)]
+            axes += [axis for name in self.task.path.axes if self._leaves_its_zero(axis := self.sized.axes[name])]
+            return tuple(sorted({axis.name for axis in axes if may_shift(axis)}))
         drives = [self.sized.axes[name] for name in self.task.path.axes]
         if self.task.options.start == "moving":
             # Nobody knows the flank of an axis that rests there, and there is no time to bring it to one.
             drives = [axis for number, axis in enumerate(drives) if direction_at(self.track, 0.0, number)]
         return tuple(axis.name for axis in drives if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0)
+
+    def _leaves_its_zero(self, axis: Axis) -> bool:
+        """Return whether a program brings an axis to its start, or away from it, off the side of its zero."""
+        side, direction = axis.reference_side, first_direction(self.track, self.task.turning_points, axis.name)
+        return side * direction != 0 and {direction, approached_way(axis, direction)} != {side}
 
     def _request(self, found: TriedDesign | None, place: Surroundings | None, drives: Drives) -> ProfileRequest:
         if not drives:

@@ -242,7 +242,7 @@ def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str
     bias: dict[str, float] = {}
     approach: list[Crossing | Jog] = []
     for name in shifted:
-        axis, direction = job.machine.axes[name], first_direction(job, name)
+        axis, direction = job.machine.axes[name], first_direction(job.track, job.turning_points, name)
         bias[name] = lasting_offset(axis, direction)
         if direction != 0 and not job.moving:
             bias[name], own = (_by_jog if job.written else _by_crossings)(job, axis, direction, stops)
@@ -270,7 +270,7 @@ def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple
 
 def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float, list[Crossing | Jog]]:
     """Offset of the first row [m], and the jog from there onto the offset of the first motion."""
-    way = -1 if axis.name == "Z" else direction
+    way = approached_way(axis, direction)
     if way != direction:
         stops.add(0, job.whole(axis, direction))
     distance = approach_distance(axis.gap)
@@ -278,14 +278,19 @@ def _by_jog(job: Job, axis: Axis, direction: int, stops: _Stops) -> tuple[float,
     return lasting_offset(axis, way) - way * distance, [jog]
 
 
-def first_direction(job: Job, name: str) -> int:
+def approached_way(axis: Axis, direction: int) -> int:
+    """Direction in which a program brings an axis to its start, from which it goes on in `direction`: Z down."""
+    return -1 if axis.name == "Z" else direction
+
+
+def first_direction(track: Track, points: Sequence[TurningPoint], name: str) -> int:
     """Direction of the first motion of an axis; 0 where it does not move at all."""
-    for point in job.turning_points:
+    for point in points:
         if point.axis == name:
             return -came_from(point) if point.s <= SAME_TURN else came_from(point)
-    number = job.track.path.axes.index(name)
-    s = np.linspace(0.0, job.length, 129)
-    place = job.track.derivatives(*job.track.locate(s))[0][:, number]
+    number = track.path.axes.index(name)
+    s = np.linspace(0.0, track.length, 129)
+    place = track.derivatives(*track.locate(s))[0][:, number]
     return int(np.sign(place[np.argmax(np.abs(place - place[0]))] - place[0]))
 
 

@@ -14,6 +14,7 @@ from ph_post.diagnose.fit import FittedModel, ModelPart, covariance, fit_model, 
 from ph_post.diagnose.hypotheses import OF_THE_AXIS
 from ph_post.diagnose.search import with_noise
 from ph_post.diagnose.selection import ModelChoice
+from ph_post.drive.axes import backlash_varies
 from ph_post.drive.effects.base import Effect, Parameter
 from ph_post.drive.effects.registry import find_effect
 from ph_post.identify.estimates import KEYS, relative_uncertainty, with_keys
@@ -215,6 +216,8 @@ def improved_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
         axis = with_keys(axis, one.keys)
         if one.setting is not None:
             axis = replace(axis, effects=(*axis.effects, one.setting))
+            if backlash_varies(replace(axis, gravity_side=None)):
+                axis = replace(axis, gravity_side=None)  # what widens opens
         if one.name == "backlash":
             surer = relative_uncertainty(one.parameters["lost_motion"])
             if surer is not None:

@@ -6,7 +6,7 @@ gap is an offset that stays the same between two reversals: there the mean over 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from msgspec.structs import replace
@@ -82,6 +82,22 @@ def with_gap(axis: Axis, lost_motion: float) -> Axis:
         one.effect.name for one in active_effects(axis) if one.effect.apply(plain, one.values).widening is not None
     }
     return replace(axis, gap=gap, effects=tuple(one for one in axis.effects if one.name not in widening))
+
+
+def gravity_notes(machine: Machine, axes: Iterable[str]) -> tuple[str, ...]:
+    """Say which of some axes gravity holds, a sentence each.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> gravity_notes(read_machine("stepper"), "XYZ")
+    ()
+    """
+    return tuple(
+        f"axis {name}: gravity holds it on one side of its backlash: it needs no compensation"
+        for name in axes
+        if machine.axes[name].gravity_side is not None
+    )
 
 
 def referred_to_middle(machine: Machine) -> Machine:

@@ -356,16 +356,20 @@ def identified_axis(settled: AxisFit, drive: IdentifiedDrive) -> Axis:
 
 
 def with_keys(axis: Axis, keys: Mapping[str, float]) -> Axis:
-    """Return an axis with numbers in the units of the machine file, by :data:`KEYS`."""
-    servo, gap = axis.servo, axis.gap
+    """Return an axis with numbers in the units of the machine file, by :data:`KEYS`.
+
+    An axis that shows backlash is not held by gravity.
+    """
+    servo, gap, held = axis.servo, axis.gap, axis.gravity_side
     servo = replace(servo, b=keys.get("b", servo.b), c=keys.get("c", servo.c))
     if "lost_motion_mm" in keys:
         gap = gap.with_lost_motion(keys["lost_motion_mm"] * MM)
+        held = None if gap.lost_motion > 0.0 else held
     if "inertia_fraction" in keys:
         gap = replace(gap, inertia_fraction=keys["inertia_fraction"])
     if "motor_time_constant_s" in keys:
         gap = replace(gap, beta=1.0 / keys["motor_time_constant_s"])
-    return replace(axis, servo=servo, gap=gap)
+    return replace(axis, servo=servo, gap=gap, gravity_side=held)
 
 
 def _uncertainty(before: Uncertainty, shown: Mapping[str, Estimate]) -> Uncertainty:

@@ -23,7 +23,7 @@ from ph_post.drive.machinefile import machine_of, read_machine
 from ph_post.errors import InputError
 from ph_post.files.machine import Row, machine_document, written
 from ph_post.files.storage import SourceText, source_of
-from ph_post.types import LOOPS, MACHINE_AXES, Axis, Feedback, Loop, Machine
+from ph_post.types import LOOPS, MACHINE_AXES, USUAL_REFERENCE, Axis, Feedback, Loop, Machine
 from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
 
 _GRBL: Final = re.compile(r"^\s*\$(1[12][012])\s*=\s*([0-9.]+)", re.MULTILINE)
@@ -211,6 +211,9 @@ def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[Row]:
     yield _backlash_row(axis)
     flank = 'where it rests in its backlash: "+", "-" (its weight pulls to minus) or not known'
     yield Row("initial_flank", "unknown", flank, assumed=True)
+    if not axis.loop.encloses_backlash:
+        zero = 'the way it moves when its zero is taken: "+", "-" or "both"'
+        yield Row("reference_direction", USUAL_REFERENCE[name], zero, assumed=True)
     yield from _limit_rows(axis, model)
 
 

@@ -92,6 +92,14 @@ def _flank(axis: Axis) -> str:
     return "both are tried" if known == "unknown" else known
 
 
+def _zero(axis: Axis) -> str:
+    if axis.gravity_side is not None:
+        return "held by gravity"
+    if axis.loop.encloses_backlash:
+        return "the scale's"
+    return {0: "both ways", 1: "moving to plus", -1: "moving to minus"}[axis.reference_side]
+
+
 _CELLS: Final[dict[str, Callable[[Axis], str]]] = {
     "loop": lambda axis: axis.loop.label,
     "lost motion [mm]": lambda axis: millimetres(axis.gap.lost_motion),
@@ -100,6 +108,7 @@ _CELLS: Final[dict[str, Callable[[Axis], str]]] = {
     "c [s]": lambda axis: f"{axis.servo.c:.4g}",
     "pick-up": _pickup,
     "starts on side": _flank,
+    "zero taken": _zero,
     "highest velocity [mm/s]": lambda axis: f"{axis.limits.velocity / MM:.6g}",
     "highest acceleration [mm/s²]": lambda axis: f"{axis.limits.acceleration / MM:.6g}",
     "highest jerk [mm/s³]": lambda axis: f"{axis.limits.jerk / MM:.6g}",

@@ -12,7 +12,7 @@ from support.engine_cases import ACROSS as Y
 from support.engine_cases import PERIOD, SOFT, effect, make_axis, make_command, make_machine
 from support.engine_cases import WAVES as X
 
-from ph_post.api.inputs import effect_warnings
+from ph_post.api.inputs import machine_warnings
 from ph_post.drive.effects.active import plant_of, unmoved_axes
 from ph_post.drive.plant import Plant, TableReading, read_table
 from ph_post.simulate.machine import axis_command, run_plant, simulate
@@ -128,5 +128,5 @@ def test_an_axis_that_nothing_moves_counts_as_zero_and_is_told() -> None:
     assert unmoved_axes(axis, ("X",)) == ("Y",)
     machine = make_machine([axis, make_axis("load", **SOFT, name="Y")], PERIOD)
     said = "axis X: its squareness to Y does not show, because nothing moves Y"
-    assert effect_warnings(machine, ("X",)) == (said,)
-    assert effect_warnings(machine, ("X", "Y")) == ()
+    assert machine_warnings(machine, ("X",)) == (said,)
+    assert machine_warnings(machine, ("X", "Y")) == ()

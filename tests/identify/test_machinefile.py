@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from ph_post.diagnose.findings import improved_axis
 from ph_post.drive.machinefile import machine_of, machine_source
 from ph_post.errors import SolveError
 from ph_post.files.storage import SourceText, source_of
@@ -113,6 +114,23 @@ def test_a_number_changes_where_it_stands_and_keeps_its_comment():
         "+ # residual on held-out data 8.04 -> 3 um",
         "+ lost_motion_mm = 0.03123457   # +- 0.0004 mm; indicator",
     ]
+
+
+def test_an_axis_that_shows_backlash_is_not_held_by_gravity():
+    original = motor(PLAIN + 'reference_direction = "+"\ngravity_side = "-"  # it hangs\n')
+    machine = machine_of(original)
+    axis = machine.axes["X"]
+    size = {"lost_motion": Estimate(value=0.031, stderr=4e-4, unit="mm")}
+    found = finding("backlash", size, None, keys={"lost_motion_mm": 0.031})
+    better = replace(machine, axes={**machine.axes, "X": improved_axis(axis, (found,))})
+    text = diagnosed_machine(original, diagnosis(better, found), log())
+    gone = [line for line in changed_lines(original, text) if line[0] == "-"]
+    assert gone == ["- lost_motion_mm = 0.030   # indicator", '- gravity_side = "-"  # it hangs']
+    read = machine_of(source_of(text, "mine.toml", "mine")).axes["X"]
+    assert (read.gravity_side, read.reference_direction, read.gap.lost_motion) == (None, "+", pytest.approx(31e-6))
+    worn = EffectSetting(name="position_dependent_backlash", parameters={"slope_mm_per_mm": 1e-4, "reference_mm": 0.0})
+    assert improved_axis(axis, (finding("position_dependent_backlash", {}, worn),)).gravity_side is None
+    assert improved_axis(axis, (finding(),)).gravity_side == "-"
 
 
 def test_a_second_diagnosis_replaces_the_standard_error_of_the_first():

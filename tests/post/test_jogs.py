@@ -183,3 +183,54 @@ def test_a_jog_in_motion_is_refused() -> None:
     plan = replace(make_plan(track), crossings=(jog,), bias={"X": -2.5e-5})
     with pytest.raises(InputError, match="does not lie in a rest of the path"):
         make_program(plan, track, find_dialect("linuxcnc"), HOW)
+
+
+def touched_off(motor: np.ndarray, gap: float, side: int) -> np.ndarray:
+    """Table of an axis behind a play, from a zero that was taken in one direction (1, -1), or half-way (0).
+
+    It begins on the other side of the play, as nobody has said where it stands.
+    """
+    table = motor[0] - 0.5 * gap
+    places = []
+    for place in motor:
+        table = min(max(table, place - 0.5 * gap), place + 0.5 * gap)
+        places.append(table)
+    return np.array(places) + 0.5 * side * gap
+
+
+RAMPS = {
+    "up": [[0, 0, -1], [20, 0, 0]],
+    "down": [[0, 0, -1], [20, 0, -2]],
+    "both": [[0, 0, -1], [20, 0, 0], [40, 0, -1], [60, 0, -0.5]],
+}
+
+
+@pytest.mark.parametrize("start", ["approached", "as it stands"])
+@pytest.mark.parametrize("said", [-1, 0, 1])
+@pytest.mark.parametrize("name", list(RAMPS))
+def test_a_cut_up_and_down_keeps_its_depth_from_the_zero_that_the_file_names(name: str, said: int, start: str) -> None:
+    machine = read_machine("stepper")
+    directions = {-1: "-", 0: "both", 1: "+"}
+    rigid = replace(machine.axes["X"], gap=machine.axes["X"].gap.with_lost_motion(0.0))
+    touched = replace(machine.axes["Z"], reference_direction=directions[said])
+    machine = replace(machine, axes={**machine.axes, "X": rigid, "Z": touched})
+    curves = [Line(np.array(ends) * MM) for ends in pairwise(RAMPS[name])]
+    analysis = analyse(make_path(curves, axes=("X", "Y", "Z")), machine, 5e-6)
+    plan = plan_motion(analysis, PlanOptions(strategy="takeup", carrier="program", max_slowdown=0.6, effort=0.05))
+    safe = 5 * MM if start == "approached" else None
+    program = make_program(plan, analysis.track, find_dialect("linuxcnc"), ProgramOptions(safe_z=safe))
+    moves = run(program.text).moves
+    z = np.concatenate([move.points(4)[:, 2] for move in moves])
+    x = np.concatenate([move.points(4)[:, 0] for move in moves])
+    words = np.repeat([move.word for move in moves], 5)
+    gap = machine.axes["Z"].gap.lost_motion / MM
+    table = touched_off(z, gap, said)
+    places = np.array(RAMPS[name], dtype=float)
+    wanted = np.interp(x, places[:, 0], places[:, 2])
+    cuts = np.flatnonzero((words == "G1") & (x > 0.2) & (x < places[-1, 0] - 0.2))
+    corners = np.abs(x[cuts, None] - places[None, :, 0]).min(axis=1) < 0.2
+    off = np.abs(table - wanted)[cuts[~corners]]
+    turns = len(RAMPS[name]) > 2
+    # What never turns back, and has no side that is exact, is left alone: half the backlash all along.
+    left = said == 0 and not turns
+    assert off.max() == pytest.approx(0.5 * gap if left else 0.0, abs=3e-4)
