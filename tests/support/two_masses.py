@@ -30,7 +30,10 @@ SETTLED = 5.0
 
 
 class Body(NamedTuple):
-    """One axis; `rule` is 0 where the pick-up stands still, 1 where momentum is kept, 2 by the contact force."""
+    """One axis; `rule` is 0 where the pick-up stands still, 1 where momentum is kept, 2 by the contact force.
+
+    `zero` is the direction in which its zero was taken, 0 where that is the middle of both.
+    """
 
     feedback: str
     b: float
@@ -41,6 +44,11 @@ class Body(NamedTuple):
     eta: float
     beta: float
     rule: int
+    zero: int = 0
+
+
+NUMBERS = slice(1, 9)
+"""What the equations of a body take."""
 
 
 def body_of(axis, rule: str = "standstill", factor: float = 1.0) -> Body:
@@ -57,21 +65,26 @@ def body_of(axis, rule: str = "standstill", factor: float = 1.0) -> Body:
         eta=gap.inertia_fraction or 0.5,
         beta=gap.beta or 0.0,
         rule=rules.index(gap.pickup or rule),
+        zero={"+": 1, "-": -1, "both": 0}[axis.reference_direction],
     )
 
 
 def table_of(body: Body, command: Floats, period: float, side: int, place: float, speed: float = 0.0) -> Floats:
-    """Where the table is in every row [m]; at first it stands on `side` of its gap, or moves at `speed`."""
+    """Where the table is in every row [m]; at first it stands on `side` of its gap, or moves at `speed`.
+
+    Behind a loop its place is counted from where it stood when its motor came to 0 in the direction of its zero.
+    """
     side = int(np.sign(speed)) or side
     half = 0.5 * body.gap
     if body.feedback == "load":
-        return _two_masses(command, period, side, place, speed, *body[1:])
+        return _two_masses(command, period, side, place, speed, *body[NUMBERS])
     motor = command
     if body.b or body.c:
         start = command[0] - body.c * speed * (body.ki == 0.0)
         rigid = body._replace(gap=0.0)
-        motor = _two_masses(command, period, side, start, speed, *rigid[1:])
-    return play(motor, half, side)
+        motor = _two_masses(command, period, side, start, speed, *rigid[NUMBERS])
+    zero = play(np.array([-1.0 * body.zero, 0.0]), half, 0)[-1]
+    return play(motor, half, side) - zero
 
 
 def play(motor: Floats, half: float, side: int) -> Floats:
