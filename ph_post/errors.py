@@ -4,7 +4,9 @@ from __future__ import annotations
 
 
 class PhPostError(Exception):
-    """Base class of the package's errors; a command prints one line and exits with status 2."""
+    """Base class of the package's errors; a command prints one line and exits with `status`."""
+
+    status = 2
 
 
 class InputError(PhPostError):
@@ -51,3 +53,9 @@ class SolveError(PhPostError):
 
 class LimitError(PhPostError):
     """The request exceeds the machine's limits."""
+
+
+class NotCompensatedError(PhPostError):
+    """A reversal at which the tool cuts is not compensated, and all were required to be."""
+
+    status = 1

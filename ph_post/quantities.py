@@ -49,6 +49,35 @@ def micrometres(length: float | None, sign: str = "") -> str:
     return f"{length / MICROMETRE:{sign}.{min(max(DIGITS - whole, 0), FINEST)}f}"
 
 
+def rounded_micrometres(length: float | None) -> str:
+    """Write an error in µm for a sentence, without its unit: two significant digits, no finer than 0.1 µm.
+
+    Examples
+    --------
+    >>> [rounded_micrometres(one) for one in (1.2345e-4, 4.71e-5, 2.04e-6, 2.38e-6, 3e-7, 4e-8, 0.0, None)]
+    ['123', '47', '2', '2.4', '0.3', '<0.1', '0', '-']
+    """
+    if length is None or not math.isfinite(length):
+        return NOTHING
+    size = abs(length) / MICROMETRE
+    if 0.0 < size < 0.05:
+        return "<0.1"
+    return f"{size:.0f}" if size >= 9.95 else f"{size:.1f}".removesuffix(".0")
+
+
+def rounded_seconds(*times: float) -> tuple[str, ...]:
+    """Write times in s beside each other, without their unit: the longest to three significant digits.
+
+    Examples
+    --------
+    >>> rounded_seconds(48.512, 49.24), rounded_seconds(8.112, 8.1416), rounded_seconds(1234.5, 1235.0)
+    (('48.5', '49.2'), ('8.11', '8.14'), ('1234', '1235'))
+    """
+    longest = max(times)
+    decimals = 2 - math.floor(math.log10(longest)) if longest > 0.0 else 2
+    return tuple(f"{time:.{min(max(decimals, 0), 3)}f}" for time in times)
+
+
 def millimetres(length: float | None, sign: str = "") -> str:
     """Write a place, an offset or a backlash in mm, without its unit: to 1 µm.
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Literal
 
 import msgspec
+import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.inputs import (
@@ -22,9 +23,16 @@ from ph_post.api.inputs import (
 )
 from ph_post.api.options import CompensateOptions
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
-from ph_post.api.results import MotionResult, PlannedMotion, ProgramMotion, ReversalCount
+from ph_post.api.results import (
+    AxisReversals,
+    MotionResult,
+    PlannedMotion,
+    ProgramMotion,
+    ReversalCount,
+    count_reversals,
+)
 from ph_post.api.reversals import ProgramReversal, program_reversals
-from ph_post.compensate.comparison import chosen_at
+from ph_post.compensate.comparison import strategy_at
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
@@ -34,16 +42,18 @@ from ph_post.drive.axes import gravity_notes
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit import undo as edit_undo
 from ph_post.edit.edits import TOLERANCE
-from ph_post.errors import InputError
+from ph_post.errors import InputError, NotCompensatedError
+from ph_post.files.check import counted
 from ph_post.files.storage import SourceBytes, is_program, or_shipped, read_raw, write_atomically
 from ph_post.files.table import table_content
 from ph_post.gcode.program import PartProgram
+from ph_post.geometry.piecewise import MEETS
 from ph_post.post.moves import check_jogs, read_jogs
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode
 from ph_post.post.program import make_program
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.run import moved_axes
-from ph_post.types import Command, Machine, Path, Plan
+from ph_post.types import Command, Machine, Path, Plan, TurningPoint
 from ph_post.verify.verdict import Verdict
 
 
@@ -75,13 +85,28 @@ class Compensation(ABC):
 
     @property
     @abstractmethod
-    def reversals(self) -> ReversalCount:
-        """Numbers of compensated reversals and of all."""
+    def axis_reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals of every axis with backlash."""
 
     @property
-    @abstractmethod
+    def reversals(self) -> ReversalCount:
+        """Numbers of compensated reversals and of all, of axes with backlash."""
+        rows = self.axis_reversals
+        return ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows))
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Axes with a compensated reversal."""
+        return tuple(row.axis for row in self.axis_reversals if row.compensated)
+
+    def check_all(self) -> None:
+        """Refuse a result in which a reversal at which the tool cuts is not compensated.
+
+        Raises
+        ------
+        NotCompensatedError
+        """
+        require_all_compensated(self.axis_reversals, self.warnings)
 
     @abstractmethod
     def program(self) -> bytes:
@@ -214,21 +239,26 @@ class PathCompensation(Compensation):
         return tuple(dict.fromkeys((*self.notes, *said)))
 
     @property
-    def reversals(self) -> ReversalCount:
-        """Numbers of compensated reversals and of all."""
-        chosen = chosen_at(self.plan(self.output))
-        left = len(chosen.pop(PLAIN, ()))
-        done = sum(map(len, chosen.values()))
-        return ReversalCount(compensated=done, all=done + left)
+    def axis_reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals of every axis with backlash."""
+        return self.count(self.output)
 
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Axes with a compensated reversal."""
-        plan = self.plan(self.output)
-        chosen = chosen_at(plan)
-        chosen.pop(PLAIN, None)
-        turned = {plan.turning_points[index].axis for indices in chosen.values() for index in indices}
-        return tuple(name for name in plan.path.axes if name in turned)
+    def count(self, output: PlanOutput) -> tuple[AxisReversals, ...]:
+        """Count the reversals in the plan of an output by axis; none is at the rest with which a motion begins."""
+        plan = self.plan(output)
+        rests = bool(plan.phases) and plan.phases[0].speed[0] == 0.0
+        length = self.analysis.track.length
+        points = [one for one in plan.turning_points if not rests or MEETS < one.s < length - MEETS]
+        cuts = [not plan.path.segments[segment].rapid for segment in self._segments_behind(points)]
+        rows = ((point.axis, strategy_at(plan, point) != PLAIN, cut) for point, cut in zip(points, cuts, strict=True))
+        return count_reversals(rows, plan.machine)
+
+    def _segments_behind(self, points: Sequence[TurningPoint]) -> list[int]:
+        """Numbers of the segments that begin at, or hold, turning points."""
+        track = self.analysis.track
+        s = np.array([point.s for point in points]) + MEETS
+        s = np.where(s > track.length, s - track.length if track.closed else track.length, s)
+        return [int(track.segment[piece]) for piece in track.locate(s)[0].tolist()]
 
     def program(self) -> bytes:
         """Return the compensated part program."""
@@ -366,23 +396,25 @@ class ProgramCompensation(Compensation):
         return (*self.edited.warnings, *gravity_notes(self.machine, moved_axes(self.original)))
 
     @property
-    def reversals(self) -> ReversalCount:
-        """Numbers of compensated reversals and of all."""
+    def axis_reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals of every axis with backlash."""
         if self.output == "table":
-            return self.longest.reversals
-        return ReversalCount(compensated=sum(one.strategy != PLAIN for one in self.places), all=len(self.places))
+            return self.longest.axis_reversals
+        rows = ((one.point.axis, one.strategy != PLAIN, one.cut) for one in self.places)
+        return count_reversals(rows, self.machine)
 
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Axes with a compensated reversal."""
-        if self.output == "table":
-            return self.longest.axes
-        return tuple(sorted({one.point.axis for one in self.places if one.strategy != PLAIN}))
+    @cached_property
+    def planned(self) -> CompensatedProgram:
+        """The program with its changes, found again where the job was compensated before."""
+        if not self.already_compensated:
+            return self.edited
+        anew = msgspec.structs.replace(self.request, force=True)
+        return compensate_program(self.original, self.machine, anew, self._progress)
 
     @cached_property
     def places(self) -> list[ProgramReversal]:
         """The reversals of the program, and what is done at each."""
-        return program_reversals(self.edited, self.machine, self.options.tolerance)
+        return program_reversals(self.planned, self.machine, self.options.tolerance)
 
     def program(self) -> bytes:
         """Return the compensated part program."""
@@ -391,6 +423,21 @@ class ProgramCompensation(Compensation):
     def table(self) -> Command:
         """Return the rows of the interpolator table of the program's longest path."""
         return self.longest.table()
+
+
+def require_all_compensated(rows: Sequence[AxisReversals], warnings: Sequence[str]) -> None:
+    """Refuse reversals at which the tool cuts and which are not compensated.
+
+    Raises
+    ------
+    NotCompensatedError
+        With the axes, and the first of the warnings that says why.
+    """
+    left = [row for row in rows if row.cut]
+    if left:
+        what = ", ".join(f"{row.axis} at {row.cut} of {counted(row.all, 'reversal')}" for row in left)
+        why = next((f"; {word}" for word in warnings if "not compensated" in word), "")
+        raise NotCompensatedError(f"--require-all: not compensated: {what}{why}; nothing was written")
 
 
 def with_warnings(plan: Plan, *more: str) -> Plan:
@@ -427,9 +474,14 @@ def compensated(
 ) -> Compensation:
     """Compensate a job by a record of options; see :func:`compensate`."""
     raw: Path | PartProgram | SourceBytes = job if isinstance(job, PartProgram) else raw_job(job)
+    result: Compensation
     if isinstance(raw, PartProgram) or (isinstance(raw, SourceBytes) and is_program(raw)):
-        return ProgramCompensation(raw, machine, options, output, progress)
-    return compensated_path(raw, machine, options, output, progress)
+        result = ProgramCompensation(raw, machine, options, output, progress)
+    else:
+        result = compensated_path(raw, machine, options, output, progress)
+    if options.require_all:
+        result.check_all()
+    return result
 
 
 def compensate(
@@ -460,6 +512,7 @@ def compensate(
     depth: float | None = None,
     strict: bool = False,
     force: bool = False,
+    require_all: bool = False,
     progress: Progress = no_progress,
 ) -> Compensation:
     """Compensate a path or a part program for the backlash of a machine.
@@ -521,6 +574,8 @@ def compensate(
         Refuse a part program with commands that are not understood.
     force : bool
         Compensate a part program anew that was compensated otherwise before.
+    require_all : bool
+        Refuse a result in which a reversal at which the tool cuts is not compensated.
     progress : callable, optional
         Called with the name of every stage.
 
@@ -533,7 +588,7 @@ def compensate(
     InputError
         Where the job, the machine or an option is bad.
     PhPostError
-        Where a compensated program does not pass its own check.
+        Where a compensated program does not pass its own check, or, with `require_all`, leaves a reversal.
 
     References
     ----------
@@ -545,7 +600,7 @@ def compensate(
     >>> import ph_post as ph
     >>> result = ph.compensate("circle", "paper", output="table", strategy="suppress")
     >>> result.reversals
-    ReversalCount(compensated=3, all=4)
+    ReversalCount(compensated=3, all=3)
     >>> result.after.error_gap.max < result.before.error_gap.max
     True
     """
@@ -573,6 +628,7 @@ def compensate(
         depth=depth,
         strict=strict,
         force=force,
+        require_all=require_all,
     )
     return compensated(job, machine, options, output, progress)
 

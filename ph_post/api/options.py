@@ -45,6 +45,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     depth: float | None = None
     strict: bool = False
     force: bool = False
+    require_all: bool = False
     notes_in_header: bool = False
 
     @property

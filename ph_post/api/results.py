@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import command_of
+from ph_post.drive.axes import has_backlash
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.assess import Assessment, assess, backlash_scenarios, gap_error
@@ -19,6 +20,10 @@ from ph_post.simulate.contour import ContourError, Nominal
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Command, Machine, Plan, Scenario
+from ph_post.units import MINUTE
+
+LONGEST: Final = 60.0 * MINUTE
+"""No error is simulated of a program that runs longer [s]: time and memory of a simulation grow with it."""
 
 
 class ReversalCount(NamedTuple):
@@ -26,6 +31,42 @@ class ReversalCount(NamedTuple):
 
     compensated: int
     all: int
+
+
+class AxisReversals(msgspec.Struct, frozen=True, kw_only=True):
+    """Numbers of reversals of one axis with backlash.
+
+    `cut` counts those that are not compensated and behind which the tool cuts.
+    """
+
+    axis: str
+    compensated: int
+    all: int
+    cut: int
+
+
+def count_reversals(found: Iterable[tuple[str, bool, bool]], machine: Machine) -> tuple[AxisReversals, ...]:
+    """Count reversals by axis, those of axes without backlash left out.
+
+    Parameters
+    ----------
+    found : iterable of (str, bool, bool)
+        The axis that reverses, whether it is compensated, and whether the tool cuts behind it.
+    machine : Machine
+    """
+    rows: dict[str, list[tuple[bool, bool]]] = {}
+    for axis, done, cuts in found:
+        if has_backlash(machine.axes[axis]):
+            rows.setdefault(axis, []).append((done, cuts))
+    return tuple(
+        AxisReversals(
+            axis=axis,
+            compensated=sum(done for done, _ in one),
+            all=len(one),
+            cut=sum(cuts and not done for done, cuts in one),
+        )
+        for axis, one in sorted(rows.items())
+    )
 
 
 class MotionResult(ABC):
@@ -166,8 +207,13 @@ class ProgramMotion(MotionResult):
 
     @cached_property
     def assessment(self) -> ProgramError | None:
-        """Error of the motion on every machine that the file leaves possible; None where nothing moves."""
-        return program_error(self.command, self.machine, self.original) if self.command.t.size else None
+        """Error of the motion on every machine that the file leaves possible.
+
+        None where nothing moves, or the program runs longer than `LONGEST`.
+        """
+        if not self.command.t.size or self.time > LONGEST:
+            return None
+        return program_error(self.command, self.machine, self.original)
 
     @property
     def error(self) -> ContourError | None:

@@ -15,7 +15,7 @@ from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
-from ph_post.gcode.program import AXES, Motions
+from ph_post.gcode.program import AXES, RAPID, Motions
 from ph_post.types import Array, BoolArray, Crossing, FeedProfile, IntArray, Jog, Machine, TurningPoint, Window
 
 MILLION: Final = 10**6
@@ -39,7 +39,8 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
     """A reversal of a part program and what is done there.
 
     It is the turning `point` of an `analysis` of a `path` of the program, on a `line` (from 1). `strategy` is
-    "none" where nothing is done, and "takeup" where the axis gets another lasting offset.
+    "none" where nothing is done, and "takeup" where the axis gets another lasting offset. `cut` says whether
+    the tool cuts behind it.
     """
 
     path: ProgramPath
@@ -47,6 +48,7 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
     point: TurningPoint
     window: Window | None
     line: int
+    cut: bool
 
 
 def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: float) -> list[ProgramReversal]:
@@ -131,8 +133,11 @@ def _of_path(
     lines = found.before.motions.block[motion] + 1
     windows = {member: window for window in analysis.windows for member in window.members}
     shifted = _shifted(changes, found.before.motions, path, analysis.turning_points, places)
-    rows = zip(analysis.turning_points, places, lines.tolist(), shifted, strict=True)
-    for point, place, line, carried in rows:
+    after = np.minimum(
+        np.searchsorted(path.motion, motion) + [one[2] == MILLION for one in places], path.motion.size - 1
+    )
+    rows = zip(analysis.turning_points, places, lines.tolist(), shifted, path.motion[after].tolist(), strict=True)
+    for point, place, line, carried, behind in rows:
         edit = done.get(place, ReversalEdit())
         yield ProgramReversal(
             path=path,
@@ -140,6 +145,7 @@ def _of_path(
             point=point,
             window=windows.get(point.index),
             line=line,
+            cut=bool(found.before.motions.kind[behind] != RAPID),
             strategy=TAKE_UP if carried else edit.strategy,
             profile=edit.profile,
             crossings=edit.crossings,

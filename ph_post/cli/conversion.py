@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ph_post.api.programs import CompensatedProgram
     from ph_post.compensate.options import PlanOutput
     from ph_post.files.storage import Content, SourceBytes
+    from ph_post.report.result_line import ResultSummary
     from ph_post.types import Machine, Plan
 
 _PATH_ONLY: Final = ("feed", "safe_z", "depth", "interval_table", "feed_mode")
@@ -60,7 +61,10 @@ def converted_program(
     """Compensate a part program, whatever its name ends with; as :func:`converted`."""
     from ph_post.api.compensation import ProgramCompensation
 
-    return ProgramCompensation(raw, how["machine"], options_for_program(how, noted), "program", progress)
+    result = ProgramCompensation(raw, how["machine"], options_for_program(how, noted), "program", progress)
+    if result.options.require_all:
+        result.check_all()
+    return result
 
 
 def options_for_program(how: Mapping[str, Any], noted: bool = False) -> CompensateOptions:
@@ -96,16 +100,22 @@ def conversion_lines(result: Compensation) -> tuple[str, ...]:
         plan = result.plans["program"]
         return plan_summary(plan), *(f"warning: {word}" for word in plan.warnings)
     assert isinstance(result, ProgramCompensation)
-    return program_summary(result, timed=False), *(f"warning: {word}" for word in result.warnings)
+    return program_summary(result), *(f"warning: {word}" for word in result.warnings)
 
 
 def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> int:
     """Compensate a path file, or a part program as a path, and write what the options ask for."""
-    from ph_post.api.compensation import PathCompensation, ProgramCompensation, compensated
+    from ph_post.api.compensation import (
+        PathCompensation,
+        ProgramCompensation,
+        compensated,
+        require_all_compensated,
+    )
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.files.table import table_content
     from ph_post.report.figures import draw_plan, write_figure
+    from ph_post.report.result_line import summarize
     from ph_post.report.tables import print_json, print_plans
 
     machine = options.require_machine(how["machine"])
@@ -127,39 +137,48 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
             progress("drawing")
             products[how["plot"]] = write_figure(draw_plan(path.analysis, path.plan(asked[0])), how["plot"])
         plans = {output: path.plans[output] for output in asked}
-        view, plans = _view(path, plans, not how["no_simulation"], progress) if as_json else (None, plans)
+        if how["require_all"]:
+            for output, plan in plans.items():
+                require_all_compensated(path.count(output), plan.warnings)
         write_atomically(products)
+        simulated = not how["no_simulation"]
+        if simulated:
+            progress("simulating")
+        found = {output: summarize(path, output, simulated=simulated) for output in asked}
+        view, plans = _view(path, plans, found, simulated) if as_json else (None, plans)
     if view is not None:
         print_json(view)
     for note in path.notes:
         click.echo(f"warning: {note}", err=True)
     print_plans({str(output): plan for output, plan in plans.items()}, products)
+    print_results({str(output): one for output, one in found.items()})
     return 0
 
 
+def print_results(found: Mapping[str, ResultSummary]) -> None:
+    """Print the results of outputs on standard error, first what is not compensated, named where there are several."""
+    from ph_post.report.result_line import result_lines
+
+    for name, one in found.items():
+        for line in result_lines(one):
+            click.echo(f"{name}: {line}" if len(found) > 1 else line, err=True)
+
+
 def _view(
-    path: PathCompensation, plans: dict[PlanOutput, Plan], simulated: bool, progress: Progress
+    path: PathCompensation, plans: dict[PlanOutput, Plan], found: Mapping[PlanOutput, ResultSummary], simulated: bool
 ) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return the JSON object, and the plans with what the simulation has to say about them."""
     from ph_post.api.compensation import with_warnings
+    from ph_post.report.result_line import plan_result_view
     from ph_post.report.simulations import error_view, table_would_reach
-    from ph_post.report.views import plan_view
 
-    errors: dict[str, Any] = {}
     reached = None
-    if simulated:
-        progress("simulating")
-        motions = {output: path.motion(output) for output in plans}
-        errors = {
-            output: {"before": error_view(path.before.error), "after": error_view(motion.error)}
-            for output, motion in motions.items()
-        }
-        if list(plans) == ["program"]:
-            table = path.motion("table").error
-            reached = error_view(table)
-            plans = {"program": with_warnings(plans["program"], *table_would_reach(path.after.error, table))}
+    if simulated and list(plans) == ["program"]:
+        table = path.motion("table").error
+        reached = error_view(table)
+        plans = {"program": with_warnings(plans["program"], *table_would_reach(path.after.error, table))}
     views = {
-        output: plan_view(path.analysis, plan, path.motion(output).command, errors.get(output))
+        output: plan_result_view(path.analysis, plan, path.motion(output).command, found[output])
         for output, plan in plans.items()
     }
     first = next(iter(views))
@@ -190,12 +209,12 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
         The command's options by name.
     as_json : bool
     """
-    from ph_post.api.compensation import ProgramCompensation
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.figures import write_figure
     from ph_post.report.motion_figures import draw_picture
     from ph_post.report.programs import program_summary, program_view
+    from ph_post.report.result_line import summarize
     from ph_post.report.tables import print_json
     from ph_post.report.traces import program_picture
 
@@ -207,20 +226,19 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
         return _undo(raw, how, target, as_json)
     options.require_machine(how["machine"])
     with ProgressPrinter() as progress:
-        result = ProgramCompensation(raw, how["machine"], found, "program", progress)
+        result = converted_program(raw, how, progress)
         products = {} if target is None else products_of(target, result.program(), raw.data)
-        summary = program_summary(
-            result, timed=not how["no_simulation"], simulated=as_json and not how["no_simulation"]
-        )
         if how["plot"] is not None:
             picture = program_picture(result.edited, result.machine, found.tolerance, how["strategy"], progress)
             products = {**products, how["plot"]: write_figure(draw_picture(picture), how["plot"])}
-        view = program_view(result, not how["no_simulation"]) if as_json else None
         write_atomically(products)
+        outcome = summarize(result, simulated=not how["no_simulation"])
+        view = program_view(result, outcome) if as_json else None
     if view is not None:
         print_json(view)
-    click.echo(summary, err=True)
+    click.echo(program_summary(result), err=True)
     options.report_written(result.warnings, products)
+    print_results({"program": outcome})
     return 0
 
 

@@ -28,6 +28,11 @@ from ph_post.cli import options
 @click.option("--undo", is_flag=True, help="Restore the original of a compensated program, byte for byte.")
 @options.force
 @options.strict
+@click.option(
+    "--require-all",
+    is_flag=True,
+    help="Write nothing, with exit status 1, where a reversal at which the tool cuts is not compensated.",
+)
 @click.option("--table", metavar="T", help="Interpolator table: .csv, .npz or .parquet; - for CSV on standard output.")
 @options.strategy(None, "auto; suppress where a profile is described")
 @options.planning
@@ -58,7 +63,11 @@ from ph_post.cli import options
     metavar="S",
     help="With --watch: time without a change after which a file counts as complete.",
 )
-@click.option("--no-simulation", is_flag=True, help="Skip the simulation: errors in the --json object are null.")
+@click.option(
+    "--no-simulation",
+    is_flag=True,
+    help="Skip the simulation: no errors are known, and those in the --json object are null.",
+)
 @options.plot("the feed along the path, before and after; of a part program also the predicted error")
 @options.common
 def command(
@@ -68,7 +77,9 @@ def command(
 
     IN is a path file (.json), the name of a shipped one, a part program, or - for standard input. Without -o
     and --table the program goes to standard output. Files are written whole or not at all. Standard error
-    has a line with the result, and warnings for everything that was reduced or is not compensated.
+    has warnings for everything that was reduced, and at the end one line with the result: the error that backlash
+    causes, before and after, the times, the axes and reversals that are compensated. A line NOT COMPENSATED before it
+    says what is left, and what would change that.
 
     With -o, only the necessary blocks of a part program change: numbers of compensated axes, and stretches
     around reversals, each after a comment that counts its lines. All other bytes stay. Commands that ph-post
@@ -80,9 +91,9 @@ def command(
     step), and takes up backlash sample by sample. A program cannot do this and takes up backlash at full stops,
     so it has a plan of its own if both -o and --table are given.
 
-    --json also simulates the motion before and after. The object describes the table, and has the program
-    under `program` if both are written. With -o alone it describes the program, and `table_error` is the
-    error that a table would reach; --no-simulation skips all this.
+    The motion before and after is simulated once the files are written; --no-simulation skips this. The object of
+    --json describes the table, and has the program under `program` if both are written. With -o alone it describes
+    the program, and `table_error` is the error that a table would reach.
 
     --watch converts a file when it has not changed for a while, and again when it changes, but never its own
     results. Programs keep their names; part.json becomes part.ngc, part.gcode or part.mpf as the dialect has
@@ -105,6 +116,11 @@ def command(
       windows        as turning_points of inspect, with strategy, profile and crossings
       cycle_time     {before, after} [s]
       error          {before, after}, each {max, rms} [mm]; null where nothing was simulated
+      error_gap      {before, after, after_worst}: what backlash adds, and if it is off by its uncertainty
+      reversals      {compensated, all}, of axes with backlash
+      axes           the compensated axes
+      not_compensated
+                     what is left and why; null where nothing is
       offsets        largest added offset, by axis [mm]
       warnings       a list of sentences
       carrier        output that the object describes: table or program

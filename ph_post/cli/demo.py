@@ -30,18 +30,20 @@ def command(out: str, as_json: bool) -> int:
 
     \b
     JSON:
-      windows, cycle_time, error, strategy, other_crossings, bias, offsets, inverse_dynamics, warnings
+      windows, cycle_time, error, error_gap, reversals, axes, not_compensated, strategy, other_crossings, bias,
+      offsets, inverse_dynamics, warnings
                as of convert, of the table
       carrier  table
       program  the same object of the program
     """
     from ph_post.api.compensation import PathCompensation, compensate
+    from ph_post.cli.conversion import print_results
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import make_folder, write_atomically
     from ph_post.files.table import table_content
     from ph_post.report.figures import draw_plan, write_figure
+    from ph_post.report.result_line import plan_result_view, summarize
     from ph_post.report.tables import dip_table, print_json, print_plans
-    from ph_post.report.views import plan_view
 
     with ProgressPrinter() as progress:
         result = compensate(PATH, MACHINE, output="table", strategy="auto", effort=EFFORT, progress=progress)
@@ -56,10 +58,15 @@ def command(out: str, as_json: bool) -> int:
             str(folder / f"{PATH}.png"): write_figure(draw_plan(analysis, result.plans["table"]), f"{PATH}.png"),
         }
         write_atomically(products)
+        progress("simulating")
+        found = {output: summarize(result, output) for output in result.plans}
     if as_json:
-        beside = plan_view(analysis, result.plans["program"], result.motion("program").command)
-        print_json({**plan_view(analysis, result.plans["table"], rows), "carrier": "table", "program": beside})
+        program_rows = result.motion("program").command
+        beside = plan_result_view(analysis, result.plans["program"], program_rows, found["program"])
+        table = plan_result_view(analysis, result.plans["table"], rows, found["table"])
+        print_json({**table, "carrier": "table", "program": beside})
     else:
         click.echo(dip_table(analysis, result.plans["table"]))
     print_plans({str(output): plan for output, plan in result.plans.items()}, products)
+    print_results({str(output): one for output, one in found.items()})
     return 0

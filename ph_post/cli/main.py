@@ -93,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PhPostError as error:
         if state.get("debug"):
             traceback.print_exc()
-        return _refuse(str(error), excerpt="" if state.get("one_line") else getattr(error, "excerpt", ""))
+        excerpt = "" if state.get("one_line") else getattr(error, "excerpt", "")
+        return _refuse(str(error), error.status, excerpt)
     except Exception as error:
         if state.get("debug"):
             traceback.print_exc()

@@ -92,6 +92,8 @@ def command(
     if as_json:
         print_json(made.view())
     options.report_written((*made.notes, *made.warnings), products)
+    for line in made.last:
+        click.echo(line, err=True)
     return 0
 
 

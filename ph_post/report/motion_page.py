@@ -9,8 +9,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate.strategies.registry import PLAIN
-from ph_post.quantities import NOTHING, before_and_after, micrometres, millimetres, seconds
+from ph_post.quantities import NOTHING, micrometres, millimetres
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
+from ph_post.report.result_line import result_lines
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.traces import DrawnMotion, Mark, Picture
@@ -50,7 +51,7 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
         "version": package_version(),
         "summary": motion_summary(picture),
         "machine": machine_table(picture.machine, picture.axes),
-        "warnings": list(picture.warnings),
+        "warnings": [*result_lines(picture.summary)[:-1], *picture.warnings],
         "notes": [*_thinned(picture, kept), *notes],
         "path": _path(picture, kept),
         "points": [_point(picture, number) for number in range(len(picture.marks))],
@@ -59,21 +60,8 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
 
 
 def motion_summary(picture: Picture) -> str:
-    """Summarize a motion in a sentence: its largest error in µm, then its time.
-
-    Such as ``oval: largest error 11.4 µm before, 4.45 µm after; cycle time 13.500 s before, 13.864 s after``.
-    """
-    before, after = picture.traces[0], picture.traces[-1]
-    if before.size is None:
-        return f"{picture.name}: ends before its error counts"
-    if after is before or after.size is None:
-        return (
-            f"{picture.name}: largest error {micrometres(before.size.max)} µm; "
-            f"cycle time {seconds(before.time)} s; nothing changed"
-        )
-    sizes = before_and_after(before.size.max, after.size.max, micrometres, "µm")
-    times = before_and_after(before.time, after.time, seconds, "s")
-    return f"{picture.name}: largest error {sizes}; cycle time {times}"
+    """Summarize a motion in a sentence, the line that every command ends with."""
+    return f"{picture.name}: {result_lines(picture.summary)[-1]}"
 
 
 def motion_lines(picture: Picture) -> list[str]:
@@ -91,7 +79,8 @@ def motion_lines(picture: Picture) -> list[str]:
         for k, mark in enumerate(picture.marks)
     ]
     table = [format_table(header, rows)] if rows else ["no axis reverses"]
-    return [motion_summary(picture), *table, *(f"warning: {text}" for text in picture.warnings)]
+    warnings = (f"warning: {text}" for text in picture.warnings)
+    return [*result_lines(picture.summary)[:-1], motion_summary(picture), *table, *warnings]
 
 
 def _cell(error: TurningError | None) -> str:

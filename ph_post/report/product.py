@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from ph_post.report.result_line import result_lines, summary_view
 from ph_post.report.simulations import error_view
 from ph_post.report.traces import Picture
 
@@ -21,6 +22,7 @@ class ReportProduct(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """How page, picture and JSON object of one input are made, and what there is to warn of.
 
     `notes` say what of a part program is not in the path that is shown; the JSON object has only `warnings`.
+    `last` are the lines of the result, which a command ends with.
     """
 
     page: Callable[[], str]
@@ -28,6 +30,7 @@ class ReportProduct(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     view: Callable[[], dict[str, Any]]
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    last: tuple[str, ...] = ()
 
 
 def motion_product(picture: Picture, notes: tuple[str, ...] = ()) -> ReportProduct:
@@ -45,6 +48,7 @@ def motion_product(picture: Picture, notes: tuple[str, ...] = ()) -> ReportProdu
         view=lambda: picture_view(picture),
         warnings=picture.warnings,
         notes=notes,
+        last=tuple(result_lines(picture.summary)),
     )
 
 
@@ -63,8 +67,8 @@ def picture_view(picture: Picture) -> dict[str, Any]:
             }
             for number, mark in enumerate(picture.marks)
         ],
+        **summary_view(picture.summary),
         "cycle_time": {"before": before.time, "after": after.time},
-        "error": {"before": error_view(before.size), "after": error_view(after.size)},
         "error_worst": {"before": error_view(before.worst), "after": error_view(after.worst)},
         "unchanged": len(picture.traces) == 1,
         "warnings": list(picture.warnings),

@@ -9,8 +9,8 @@ from ph_post.api.compensation import ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.reversals import ProgramReversal
 from ph_post.files.check import counted
-from ph_post.quantities import before_and_after, micrometres, millimetres, seconds
-from ph_post.report.simulations import error_view
+from ph_post.quantities import millimetres
+from ph_post.report.result_line import ResultSummary, summary_view
 from ph_post.report.views import View, crossing_view, profile_view, turning_point_views
 from ph_post.units import MM
 
@@ -37,19 +37,12 @@ def window_views(reversals: Sequence[ProgramReversal]) -> list[View]:
     ]
 
 
-def program_summary(result: ProgramCompensation, *, timed: bool, simulated: bool = False) -> str:
-    """Summarize in one line the errors of the part if `simulated`, the changes, and the times if `timed`."""
+def program_summary(result: ProgramCompensation) -> str:
+    """Summarize the changes of a program in one line."""
     name = result.original.name
     if result.already_compensated:
         return f"{name}: already compensated for this machine with these options: unchanged"
-    parts = [_changes(result.edited)]
-    if simulated and result.before.error is not None and result.after.error is not None:
-        sizes = before_and_after(result.before.error.max, result.after.error.max, micrometres, "µm")
-        parts.insert(0, f"largest error {sizes}")
-    if timed:
-        apart = ", without the stretches passed through" if result.original.notes else ""
-        parts.append(f"cycle time {before_and_after(result.before.time, result.after.time, seconds, 's')}{apart}")
-    return f"{name}: {'; '.join(parts)}"
+    return f"{name}: {_changes(result.edited)}"
 
 
 def _changes(delivery: CompensatedProgram) -> str:
@@ -67,14 +60,12 @@ def _changes(delivery: CompensatedProgram) -> str:
     return "; ".join(facts)
 
 
-def program_view(result: ProgramCompensation, simulated: bool) -> dict[str, Any]:
-    """Return what ``convert --json`` prints of a part program; what was not `simulated` is null."""
+def program_view(result: ProgramCompensation, outcome: ResultSummary) -> dict[str, Any]:
+    """Return what ``convert --json`` prints of a part program; what was not simulated is null."""
     edits, told = result.edited.edits, result.edited.declaration
-    sides = {"before": result.before, "after": result.after} if simulated else dict.fromkeys(("before", "after"))
     return {
         "windows": window_views(result.places),
-        "cycle_time": {side: None if one is None else one.time for side, one in sides.items()},
-        "error": {side: None if one is None else error_view(one.error) for side, one in sides.items()},
+        **summary_view(outcome),
         "carrier": "program",
         "stops": 0 if told is None else told.stops,
         "dips": 0 if told is None else told.dips,
@@ -93,8 +84,7 @@ def undone_view() -> dict[str, Any]:
     """
     return {
         "windows": [],
-        "cycle_time": {"before": None, "after": None},
-        "error": {"before": None, "after": None},
+        **summary_view(ResultSummary()),
         "carrier": "program",
         "stops": 0,
         "dips": 0,

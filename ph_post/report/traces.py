@@ -13,17 +13,16 @@ from msgspec.structs import replace
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensation import PathCompensation
 from ph_post.api.programs import CompensatedProgram
-from ph_post.api.results import PlannedMotion
+from ph_post.api.results import PlannedMotion, ProgramMotion
 from ph_post.api.reversals import ProgramReversal, program_reversals
 from ph_post.compensate.comparison import strategy_at, window_number
-from ph_post.gcode.program import PartProgram
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
 from ph_post.report.programs import window_views
+from ph_post.report.result_line import ResultSummary, summarize, summarize_program
 from ph_post.report.views import View, turning_point_views, windows_by_point
 from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
 from ph_post.simulate.controllers.deviation import CutPath, program_error
-from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario, TurningPoint
 from ph_post.units import MM
 
@@ -82,7 +81,8 @@ class Mark(msgspec.Struct, frozen=True, kw_only=True):
 class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """What a page shows of a path or a program: its shape, what turns where, and how it is run.
 
-    `traces` are the plain motion and, where there is another, the compensated one.
+    `traces` are the plain motion and, where there is another, the compensated one; `summary` is the line of the
+    result.
     """
 
     name: str
@@ -97,6 +97,7 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     machine: Machine
     strategy: str
     warnings: tuple[str, ...]
+    summary: ResultSummary
     rapids: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -133,6 +134,7 @@ def path_picture(result: PathCompensation) -> Picture:
         machine=plan.machine,
         strategy=plan.strategy,
         warnings=plan.warnings,
+        summary=summarize(result),
         rapids=_rapid_segments(analysis),
     )
 
@@ -213,12 +215,12 @@ def program_picture(
     turns = program_reversals(delivery, machine, tolerance)
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
-    both = [("original", original)]
-    both += [("compensated", delivery.after)] if delivery.after.data != original.data else []
-    traces = []
-    for name, program in both:
-        progress(f"running the program {name} on the models of controller and drives")
-        traces.append(_program_trace(name, program, original, machine, path, points))
+    before = ProgramMotion(original, original, machine, "original", progress)
+    both = [("original", before)]
+    if delivery.after.data != original.data:
+        after = ProgramMotion(delivery.after, original, machine, "compensated program", progress, before)
+        both.append(("compensated", after))
+    traces = [_program_trace(name, motion, path, points) for name, motion in both]
     axes = traces[0].run.axes
     at = path.points(np.array([point.s for point in points]), axes).tolist()
     marks = tuple(
@@ -239,6 +241,7 @@ def program_picture(
         machine=machine,
         strategy=strategy,
         warnings=delivery.warnings,
+        summary=summarize_program(delivery, both[0][1], both[-1][1], turns),
         rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
     )
 
@@ -269,16 +272,9 @@ def _program_mark(
     return Mark(s=s, window=None if turn.window is None else (low, high), view=told, point=point)
 
 
-def _program_trace(
-    name: str,
-    program: PartProgram,
-    original: PartProgram,
-    machine: Machine,
-    path: CutPath,
-    points: Sequence[TurningPoint],
-) -> DrawnMotion:
-    command = run_program(program, machine)
-    found = program_error(command, machine, original)
+def _program_trace(name: str, motion: ProgramMotion, path: CutPath, points: Sequence[TurningPoint]) -> DrawnMotion:
+    command = motion.command
+    found = motion.assessment or program_error(command, motion.machine, motion.original)
     _, place = path.closest_points(found.run, found.place)
     foot = path.points(place, found.run.axes)
     rows = found.counted
@@ -296,7 +292,7 @@ def _program_trace(
         worst_scenario=found.worst,
         run=found.run,
         turning=turning_errors(found.distance[rows], found.place[rows], points),
-        line=original.motions.block[found.motion].astype(np.int64) + 1,
+        line=motion.original.motions.block[found.motion].astype(np.int64) + 1,
     )
 
 

@@ -217,12 +217,12 @@ def crossing_view(one: Crossing | Jog) -> View:
     }
 
 
-def plan_view(analysis: Analysis, plan: Plan, command: Command, error: View | None = None) -> View:
+def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
     """Return what ``convert --json`` prints of a plan: windows, cycle time, what is added to the path.
 
     `other_crossings` are those at no turning point: before the motion begins. `bias` [mm]
     are the lasting offsets it begins with, `offsets` [mm] the largest distances from the path of any row of
-    `command`. `error` is null where it was not simulated.
+    `command`.
     """
     views = turning_point_views(analysis)
     told: list[Crossing | Jog] = []
@@ -236,7 +236,6 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command, error: View | No
     return {
         "windows": views,
         "cycle_time": {"before": cycle_time(plan.nominal), "after": cycle_time(plan.phases)},
-        "error": error,
         "strategy": plan.strategy,
         "other_crossings": [crossing_view(one) for one in plan.crossings if one not in told],
         "bias": {name: offset / MM for name, offset in plan.bias.items()},

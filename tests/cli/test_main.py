@@ -92,7 +92,10 @@ def test_convert_writes_program_and_table_whole(capsys, tmp_path):
     program, table = tmp_path / "oval.ngc", tmp_path / "oval.csv"
     status, out, err = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "-o", str(program), "--table", str(table))
     assert (status, out) == (0, "")
-    assert err.splitlines()[-2:] == [f"wrote {table}", f"wrote {program}"]
+    written = [line for line in err.splitlines() if line.startswith("wrote ")]
+    assert written == [f"wrote {table}", f"wrote {program}"]
+    results = [line.partition(": backlash error ") for line in err.splitlines()[-2:]]
+    assert [name for name, *_ in results] == ["table", "program"]
     assert program.read_text().rstrip().endswith("M2")
     rows = np.genfromtxt(table, delimiter=",", names=True)
     assert rows.dtype.names == ("t", "segment", "xi", "s", "X", "Y", "feed", "window")
@@ -190,7 +193,10 @@ def test_a_search_says_how_far_it_is():
 
 def test_convert_simulates_only_where_that_is_asked_for(capsys):
     _, out, _ = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, "--json", "--no-simulation")
-    assert strict_json(out)["error"] is None
+    view = strict_json(out)
+    assert view["error"] == {"before": None, "after": None}
+    assert view["error_gap"] == {"before": None, "after": None, "after_worst": None}
+    assert view["reversals"]["all"] == 4
 
 
 def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):

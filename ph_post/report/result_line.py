@@ -1,0 +1,250 @@
+"""The one line that every command ends with: what compensation made of a motion, and first what it left out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import msgspec
+
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.compensation import Compensation, PathCompensation, ProgramCompensation
+from ph_post.api.programs import CompensatedProgram
+from ph_post.api.results import (
+    LONGEST,
+    AxisReversals,
+    MotionResult,
+    PlannedMotion,
+    ProgramMotion,
+    ReversalCount,
+    count_reversals,
+)
+from ph_post.api.reversals import ProgramReversal
+from ph_post.compensate.motion import without_strategy
+from ph_post.compensate.options import PlanOutput
+from ph_post.compensate.strategies.registry import PLAIN
+from ph_post.dialects.declaration import read_declaration
+from ph_post.drive.axes import has_backlash
+from ph_post.files.check import counted
+from ph_post.gcode.program import PartProgram
+from ph_post.quantities import rounded_micrometres, rounded_seconds
+from ph_post.report.views import plan_view
+from ph_post.simulate.contour import ContourError
+from ph_post.simulate.controllers.run import moved_axes
+from ph_post.types import Command, Machine, Plan
+from ph_post.units import MINUTE, MM
+
+REASONS: Final = 2
+"""Reasons that are named where reversals are not compensated."""
+
+_REASON: Final = re.compile(r"not compensated\b[^:]*: *(.*)", re.DOTALL)
+"""Warnings say by these words that something is not compensated, and after them why."""
+
+
+class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """A motion before and after compensation.
+
+    `time` before and after [s]; `error` by all causes and `error_gap` what backlash adds, before and after;
+    `error_gap_worst` that of the compensated motion if the backlash is off by its relative `uncertainty`. What was
+    not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with backlash,
+    None where that is not known. `left` says what is not compensated, and what would change that.
+    """
+
+    time: tuple[float, float] | None = None
+    error: tuple[ContourError | None, ContourError | None] = (None, None)
+    error_gap: tuple[ContourError | None, ContourError | None] = (None, None)
+    error_gap_worst: ContourError | None = None
+    uncertainty: float = 0.0
+    axes: tuple[str, ...] = ()
+    reversals: ReversalCount | None = None
+    left: str = ""
+
+
+def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
+    """Summarize the result of a compensation.
+
+    Parameters
+    ----------
+    result : Compensation
+    output : "program" or "table", optional
+        That of a path which is meant, in place of the result's own.
+    simulated : bool, optional
+        Whether errors and times are found by simulation; else they are None.
+    """
+    path = result.longest if isinstance(result, ProgramCompensation) and result.output == "table" else result
+    if isinstance(path, PathCompensation):
+        output = output or path.output
+        plan = path.plan(output)
+        before = PlannedMotion(path.analysis, without_strategy(plan))
+        rows, warnings = path.count(output), plan.warnings
+        found = summarize_motions(before, path.motion(output), path.machine, plan.path.axes) if simulated else None
+        notes = path.notes
+    else:
+        assert isinstance(path, ProgramCompensation)
+        rows, warnings, notes = path.axis_reversals, path.planned.warnings, passed_through(path.original)
+        moved = moved_axes(path.original)
+        found = summarize_motions(path.before, path.after, path.machine, moved) if simulated else None
+    return _counted(found or ResultSummary(), rows, warnings, notes)
+
+
+def summarize_program(
+    found: CompensatedProgram, before: ProgramMotion, after: ProgramMotion, reversals: Sequence[ProgramReversal]
+) -> ResultSummary:
+    """Summarize a compensated program, of which the reversals are known; of one compensated before they are not."""
+    machine = before.machine
+    summary = summarize_motions(before, after, machine, moved_axes(found.before))
+    if found.done:
+        return msgspec.structs.replace(summary, axes=declared_axes(found.after))
+    rows = count_reversals(((one.point.axis, one.strategy != PLAIN, one.cut) for one in reversals), machine)
+    return _counted(summary, rows, found.warnings, passed_through(found.before))
+
+
+def declared_axes(program: PartProgram) -> tuple[str, ...]:
+    """Name the axes that a program declares as compensated."""
+    declaration = read_declaration(program.data)
+    return () if declaration is None else tuple(sorted({*declaration.offset, *declaration.pulse}))
+
+
+def _counted(
+    found: ResultSummary, rows: Sequence[AxisReversals], warnings: Sequence[str], notes: tuple[str, ...]
+) -> ResultSummary:
+    """Add to the errors and times of a summary which reversals are compensated."""
+    return msgspec.structs.replace(
+        found,
+        axes=tuple(row.axis for row in rows if row.compensated),
+        reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
+        left=left_words(rows, warnings, notes),
+    )
+
+
+def summarize_motions(
+    before: MotionResult, after: MotionResult, machine: Machine, axes: Iterable[str]
+) -> ResultSummary:
+    """Summarize the errors and times of two motions of some axes of a machine."""
+    spreads = [machine.axes[name].uncertainty.backlash for name in axes if has_backlash(machine.axes[name])]
+    return ResultSummary(
+        time=(before.time, after.time),
+        error=(before.error, after.error),
+        error_gap=(before.error_gap, after.error_gap),
+        error_gap_worst=after.error_gap_worst,
+        uncertainty=max(spreads, default=0.0),
+    )
+
+
+def passed_through(program: PartProgram) -> tuple[str, ...]:
+    """Describe the stretches of a program that are passed through: their number, and the first."""
+    notes = program.notes
+    if not notes:
+        return ()
+    first = f"line {notes[0].first + 1}: {notes[0].what}"
+    return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)
+
+
+def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:
+    """Say what is not compensated, why, and what would change that; nothing where all is compensated.
+
+    Examples
+    --------
+    >>> row = AxisReversals(axis="Y", compensated=0, all=2, cut=2)
+    >>> left_words([row], ["axis Y not compensated in line 3: it would cost 0.6 s; --max-slowdown 0.1 allows it"], ())
+    'Y at 2 of 2 reversals: it would cost 0.6 s; --max-slowdown 0.1 allows it'
+    >>> left_words([], [], ())
+    ''
+    """
+    missed = [
+        f"{row.axis} at {row.all - row.compensated} of {counted(row.all, 'reversal')}"
+        for row in rows
+        if row.compensated < row.all
+    ]
+    if not missed and not notes:
+        return ""
+    found = (_REASON.search(word) for word in warnings)
+    whys = list(dict.fromkeys(match[1] for match in found if match and match[1]))
+    whys.sort(key=lambda why: "--" not in why)
+    reasons = "; ".join(whys[:REASONS]) if missed else ""
+    if missed and not reasons:
+        reasons = "nothing that was tried makes the part better in the time allowed; a larger --max-slowdown may"
+    words = ", ".join(missed) + (f": {reasons}" if reasons else "")
+    return "; ".join([*([words] if words else []), *notes])
+
+
+def result_lines(found: ResultSummary) -> list[str]:
+    """Return the line of the result, and before it the one of what is not compensated, if anything is.
+
+    Examples
+    --------
+    >>> def size(largest, rms):
+    ...     return ContourError(max=largest, rms=rms)
+    >>> summary = ResultSummary(
+    ...     time=(48.51, 49.22),
+    ...     error_gap=(size(47e-6, 24e-6), size(2e-6, 0.3e-6)),
+    ...     error_gap_worst=size(7e-6, 3e-6),
+    ...     uncertainty=0.2,
+    ...     axes=("X", "Y", "Z"),
+    ...     reversals=ReversalCount(42, 42),
+    ... )
+    >>> for line in result_lines(summary):
+    ...     print(line)
+    backlash error 47 → 2 µm max (7 if the backlash is 20 % off), 24 → 0.3 µm rms; 48.5 → 49.2 s; \
+X, Y, Z compensated, 42 of 42 reversals
+    """
+    parts = [_error_words(found)]
+    if found.time is not None:
+        before, after = rounded_seconds(*found.time)
+        parts.append(f"{before} → {after} s")
+    parts.append(_axis_words(found))
+    said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
+    return [*said, "; ".join(parts)]
+
+
+def _error_words(found: ResultSummary) -> str:
+    before, after = found.error_gap
+    if before is None or after is None:
+        if found.time is None:
+            return "backlash error not simulated"
+        long = max(found.time) > LONGEST
+        why = f"it runs longer than {LONGEST / MINUTE:.0f} min" if long else "it is over before its error counts"
+        return f"backlash error not simulated, as {why}"
+    high, low = (
+        f"{rounded_micrometres(a)} → {rounded_micrometres(b)} µm"
+        for a, b in ((before.max, after.max), (before.rms, after.rms))
+    )
+    worst = ""
+    if found.error_gap_worst is not None and found.uncertainty > 0.0:
+        size = rounded_micrometres(found.error_gap_worst.max)
+        worst = f" ({size} if the backlash is {100.0 * found.uncertainty:.2g} % off)"
+    return f"backlash error {high} max{worst}, {low} rms"
+
+
+def _axis_words(found: ResultSummary) -> str:
+    if found.reversals is None:
+        return f"{', '.join(found.axes)} compensated" if found.axes else "no axis compensated"
+    if not found.reversals.all:
+        return "no axis with backlash reverses"
+    done = f"{', '.join(found.axes)} compensated" if found.axes else "no axis compensated"
+    return f"{done}, {found.reversals.compensated} of {counted(found.reversals.all, 'reversal')}"
+
+
+def summary_view(found: ResultSummary) -> dict[str, Any]:
+    """Return a summary as INTERFACE has it in JSON: lengths in mm, times in s, null for what does not exist."""
+    before, after = (_size(one) for one in found.error_gap)
+    times = (None, None) if found.time is None else found.time
+    return {
+        "cycle_time": dict(zip(("before", "after"), times, strict=True)),
+        "error": dict(zip(("before", "after"), map(_size, found.error), strict=True)),
+        "error_gap": {"before": before, "after": after, "after_worst": _size(found.error_gap_worst)},
+        "reversals": None if found.reversals is None else found.reversals._asdict(),
+        "axes": list(found.axes),
+        "not_compensated": found.left or None,
+    }
+
+
+def plan_result_view(analysis: Analysis, plan: Plan, command: Command, found: ResultSummary) -> dict[str, Any]:
+    """Return what ``convert --json`` prints of a plan and its result; the times are the plan's."""
+    view = plan_view(analysis, plan, command)
+    return {**view, **summary_view(found), "cycle_time": view["cycle_time"]}
+
+
+def _size(error: ContourError | None) -> dict[str, float] | None:
+    return None if error is None else {"max": error.max / MM, "rms": error.rms / MM}

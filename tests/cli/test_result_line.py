@@ -1,0 +1,136 @@
+"""The line that commands end with, and the one before it of what is not compensated."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import ph_post as ph
+from ph_post.cli.main import main
+
+POCKET = """G21 G17 G90 G91.1 G94 G61
+G0 X5 Y4 Z1
+G1 Z-1 F200
+G1 X35 F900
+G3 X36 Y5 I0 J1
+G1 Y19
+G3 X35 Y20 I-1 J0
+G1 X5
+G3 X4 Y19 I0 J-1
+G1 Y5
+G3 X5 Y4 I1 J0
+G0 Z2
+M2
+"""
+LINE = re.compile(
+    r"backlash error (?P<before>\S+) → (?P<after>\S+) µm max"
+    r"( \((?P<worst>\S+) if the backlash is (?P<spread>\S+) % off\))?, (?P<rms>\S+) → (?P<rms_after>\S+) µm rms; "
+    r"(?P<time>\S+) → (?P<time_after>\S+) s; (?P<axes>no axis|[XYZ, ]+) compensated, "
+    r"(?P<done>\d+) of (?P<all>\d+) reversals?"
+)
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    file = tmp_path / "part.ngc"
+    file.write_text(POCKET)
+    return file
+
+
+def ended(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[list[str], str]:
+    """Lines on standard error, and what stands on standard output."""
+    assert main([*words]) == 0
+    out, err = capsys.readouterr()
+    return [line for line in err.splitlines() if line], out
+
+
+@pytest.mark.parametrize("command", ["convert", "report"])
+@pytest.mark.parametrize("allowed", ["0.01", "10"])
+def test_the_last_line_has_the_numbers_of_the_object(
+    part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, allowed: str
+) -> None:
+    words = (command, str(part), "-m", "stepper", "--max-slowdown", allowed, "--json", "-o", str(tmp_path / "out"))
+    said, out = ended(capsys, *words)
+    view = json.loads(out)
+    found = LINE.fullmatch(said[-1])
+    assert found is not None, said[-1]
+    gap = view["error_gap"]
+    for name, size in (
+        ("before", gap["before"]["max"]),
+        ("after", gap["after"]["max"]),
+        ("worst", gap["after_worst"]["max"]),
+        ("rms", gap["before"]["rms"]),
+        ("rms_after", gap["after"]["rms"]),
+    ):
+        told = found[name]
+        assert told == "<0.1" or float(told) == pytest.approx(1e3 * size, rel=0.05, abs=0.051)
+    assert found["axes"] == (", ".join(view["axes"]) or "no axis")
+    assert (int(found["done"]), int(found["all"])) == (view["reversals"]["compensated"], view["reversals"]["all"])
+    assert float(found["time_after"]) == pytest.approx(view["cycle_time"]["after"], rel=5e-3)
+    missed = view["reversals"]["compensated"] < view["reversals"]["all"]
+    assert said[-2].startswith("NOT COMPENSATED: ") is missed
+    assert (view["not_compensated"] is not None) is missed
+    if missed:
+        assert said[-2] == f"NOT COMPENSATED: {view['not_compensated']}"
+        assert "--max-slowdown" in said[-2]
+
+
+def test_a_path_ends_with_the_same_line(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    words = ("convert", "circle", "-m", "stepper", "--effort", "0.01", "--json", "-o", str(tmp_path / "circle.nc"))
+    said, out = ended(capsys, *words)
+    view, found = json.loads(out), LINE.fullmatch(said[-1])
+    assert found is not None, said[-1]
+    # The rest with which a closed path begins and ends is no reversal.
+    assert view["reversals"] == {"compensated": 3, "all": 3}
+    assert view["not_compensated"] is None
+    assert float(found["before"]) == pytest.approx(1e3 * view["error_gap"]["before"]["max"], rel=0.05)
+
+
+def test_what_was_not_simulated_is_said_in_words(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said, out = ended(capsys, "convert", str(part), "-m", "stepper", "--no-simulation", "--json")
+    assert said[-1].startswith("backlash error not simulated; ")
+    assert json.loads(out)["error_gap"] == {"before": None, "after": None, "after_worst": None}
+
+
+def test_what_is_passed_through_is_not_compensated(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    part.write_text(POCKET.replace("G0 Z2\n", "G0 Z2\nG81 X10 Y10 Z-1 R1 F100\nG80\n"))
+    said, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "10")
+    assert said[-2].startswith("NOT COMPENSATED: ")
+    assert "passed through unchanged (line 13: " in said[-2]
+
+
+def test_a_program_that_is_compensated_already_ends_with_its_line(
+    part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    once, twice = tmp_path / "once.ngc", tmp_path / "twice.ngc"
+    first, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "0.05", "-o", str(once))
+    again, _ = ended(capsys, "convert", str(once), "-m", "stepper", "--max-slowdown", "0.05", "-o", str(twice))
+    assert "NOT COMPENSATED" in first[-2]
+    assert first[-2:] == again[-2:]
+
+
+def test_all_reversals_may_be_required(part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.ngc"
+    words = ["convert", str(part), "-m", "stepper", "-o", str(out), "--require-all", "--max-slowdown"]
+    assert main([*words, "0.01"]) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("ph-post: --require-all: not compensated: ")
+    assert not out.exists()
+    with pytest.raises(ph.PhPostError, match="--require-all: not compensated"):
+        ph.compensate(part, "stepper", max_slowdown=0.01, require_all=True)
+    assert main([*words, "10"]) == 0
+    assert out.exists()
+    assert main([word for word in words if word != "--require-all"] + ["0.01"]) == 0
+
+
+def test_all_reversals_of_a_path_may_be_required(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "oval.ngc"
+    words = ["convert", "circle", "-m", "stepper", "-o", str(out), "--effort", "0.01"]
+    assert main([*words, "--require-all", "--strategy", "none"]) == 1
+    assert not out.exists()
+    assert main([*words, "--require-all"]) == 0
+    assert out.exists()
+    capsys.readouterr()
