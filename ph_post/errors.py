@@ -40,6 +40,10 @@ class InputError(PhPostError):
         self.excerpt = excerpt
 
 
+class TooLargeError(InputError):
+    """A job that would take more samples or blocks than :mod:`ph_post.bounds` allows."""
+
+
 class OptionsError(InputError):
     """Options that do not go together, in the words of the command line."""
 

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import os
+from numbers import Real
 from typing import Literal
 
 import msgspec
 
+from ph_post.bounds import MOST_EFFORT
 from ph_post.compensate.options import PlanOptions, PlanOutput
 from ph_post.compensate.strategies.registry import default_strategy, find_traits
 from ph_post.drive.intervals import IntervalTable
 from ph_post.edit.edits import TOLERANCE, EditOptions
-from ph_post.errors import OptionsError
+from ph_post.errors import InputError, OptionsError
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramOptions
+
+_NUMBERS = (
+    *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown"),
+    *("effort", "chord_tolerance", "block_time", "safe_z", "depth"),
+)
+"""Options that are numbers."""
+
+_RANGES = {
+    **dict.fromkeys(("tolerance", "feed", "t_star", "min_feed"), (0.0, True, math.inf)),
+    **dict.fromkeys(("chord_tolerance", "block_time"), (0.0, True, math.inf)),
+    "max_slowdown": (0.0, False, math.inf),
+    "effort": (0.0, True, MOST_EFFORT),
+}
+"""Smallest value, whether it is left out, and largest value."""
 
 
 class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -47,6 +64,26 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     force: bool = False
     require_all: bool = False
     notes_in_header: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are none, or out of range.
+
+        Raises
+        ------
+        InputError
+            With the option's name as the command line has it.
+        """
+        for name in _NUMBERS:
+            value = getattr(self, name)
+            if value is None:
+                continue
+            low, positive, high = _RANGES.get(name, (-math.inf, False, math.inf))
+            number = isinstance(value, Real) and math.isfinite(value)
+            if not number or value < low or (positive and value == low) or value > high:
+                least = f" {'>' if positive else '>='} {low:g}" if math.isfinite(low) else ""
+                most = f" and at most {high:g}" if math.isfinite(high) else ""
+                option = f"--{name.replace('_', '-')}"
+                raise InputError(option, "out of range", expected=f"a finite number{least}{most}", got=str(value))
 
     @property
     def chosen_strategy(self) -> str:

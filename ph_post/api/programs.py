@@ -24,6 +24,7 @@ from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
+from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
@@ -113,6 +114,7 @@ def compensate_program(
     """
     dialect = find_dialect(machine.dialect)
     dialect.require_editable(program.name)
+    check_block_time(request.edit.block_time, machine.servo_period)
     original = _original(program, machine, request)
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)

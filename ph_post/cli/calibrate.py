@@ -54,7 +54,9 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
     metavar="MM",
     help="Travel around it from end to end: one number, or one for each axis. [100]",
 )
-@click.option("--radius", type=float, metavar="MM", help="Radius of the circles. [0.3 of the smallest travel]")
+@click.option(
+    "--radius", type=options.Number(), metavar="MM", help="Radius of the circles. [0.3 of the smallest travel]"
+)
 @click.option(
     "--feeds",
     callback=_numbers,
@@ -63,7 +65,7 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
 )
 @click.option(
     "--warm-up",
-    type=float,
+    type=options.Number(),
     default=10.0,
     show_default=True,
     metavar="MIN",

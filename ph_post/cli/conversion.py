@@ -145,6 +145,7 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
         if simulated:
             progress("simulating")
         found = {output: summarize(path, output, simulated=simulated) for output in asked}
+        simulated = simulated and not any(one.trouble for one in found.values())
         view, plans = _view(path, plans, found, simulated) if as_json else (None, plans)
     if view is not None:
         print_json(view)
@@ -217,6 +218,7 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
     from ph_post.report.result_line import summarize
     from ph_post.report.tables import print_json
     from ph_post.report.traces import program_picture
+    from ph_post.simulate.controllers.run import check_run
 
     found = options_for_program(how)
     target = choose_target(source, how) or (None if as_json else Target(program="-"))
@@ -229,6 +231,7 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
         result = converted_program(raw, how, progress)
         products = {} if target is None else products_of(target, result.program(), raw.data)
         if how["plot"] is not None:
+            check_run(result.original, result.machine)
             picture = program_picture(result.edited, result.machine, found.tolerance, how["strategy"], progress)
             products = {**products, how["plot"]: write_figure(draw_picture(picture), how["plot"])}
         write_atomically(products)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 import click
 
+from ph_post.bounds import MOST_EFFORT
 from ph_post.errors import OptionsError
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -103,7 +105,20 @@ def in_si(how: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value * _UNITS[name] if name in _UNITS else value for name, value in given.items()}
 
 
-positive = click.FloatRange(min=0.0, min_open=True)
+class Number(click.FloatRange):
+    """A finite number, in a range where one is given."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the number, and refuse words such as ``nan`` and ``inf`` too."""
+        found = super().convert(value, param, ctx)
+        if not math.isfinite(found):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return found
+
+
+positive = Number(min=0.0, min_open=True)
 
 tolerance = click.option(
     "--tolerance",
@@ -149,9 +164,12 @@ def _coefficients(_ctx: click.Context, _parameter: click.Parameter, text: str | 
     if text is None:
         return None
     try:
-        return tuple(float(word) for word in text.split(","))
-    except ValueError as error:
-        raise click.BadParameter(f"expected numbers separated by commas; got {text!r}") from error
+        found = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        found = (math.nan,)
+    if not all(map(math.isfinite, found)):
+        raise click.BadParameter(f"expected numbers separated by commas; got {text!r}")
+    return found
 
 
 class _StrategyOption(click.Option):
@@ -230,7 +248,7 @@ _PLANNING = (
     ),
     click.option(
         "--ratio",
-        type=float,
+        type=Number(),
         help="V(1/2)/V_c, the feed at the reversal over the feed around it. [0.25; retrograde -0.3]",
     ),
     click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),
@@ -249,7 +267,7 @@ _PLANNING = (
     click.option("--min-feed", type=positive, metavar="MM/MIN", help="Lowest feed while cutting."),
     click.option(
         "--max-slowdown",
-        type=click.FloatRange(min=0.0),
+        type=Number(min=0.0),
         default=0.1,
         show_default=True,
         metavar="FRACTION",
@@ -267,7 +285,7 @@ def planning_with(effort: float) -> Callable[[F], F]:
     """
     searched = click.option(
         "--effort",
-        type=positive,
+        type=Number(min=0.0, min_open=True, max=MOST_EFFORT),
         default=effort,
         show_default=True,
         metavar="FACTOR",
@@ -290,13 +308,13 @@ _WRITING = (
     click.option("--block-time", type=positive, metavar="MS", help="Duration of the blocks in ramps and dips."),
     click.option(
         "--safe-z",
-        type=float,
+        type=Number(),
         metavar="MM",
         help="Height at which a path of a path file is approached and left.",
     ),
     click.option(
         "--depth",
-        type=float,
+        type=Number(),
         metavar="MM",
         help="Z at which a planar path file is cut; needs --safe-z.",
     ),

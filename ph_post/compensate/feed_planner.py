@@ -6,12 +6,14 @@ that the plain plan has on it, so that a plateau of that feed can be had there w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
+from ph_post.bounds import check_samples
 from ph_post.compensate import shapes
 from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve
 from ph_post.compensate.motion import STEADY, FeedAlong, MotionLaw
@@ -222,6 +224,10 @@ _HALVINGS = 8
 """Bisections of a profile's depth: to 1/256 of it."""
 
 
+REMEDY = "a higher feed, higher limits of the axes or a longer controller.servo_period_ms"
+"""What makes a motion shorter."""
+
+
 class ValidMotion(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A motion that keeps the limits.
 
@@ -271,6 +277,7 @@ class FeedPlanner:
     ) -> None:
         self.track = track
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
+        _check_feeds(track, self.limits)
         aimed = axis_limits(track.path.axes, planned or machine, machine.servo_period)
         self.caps = build_limit_curve(track, _planned(aimed, track))
         self.factor = np.ones(self.caps.s.size)
@@ -289,11 +296,14 @@ class FeedPlanner:
         ------
         LimitError
             If no motion was found; not known to happen.
+        TooLargeError
+            Where it takes too many servo periods.
         """
         depth = np.ones(len(sites)) if depth is None else depth.copy()
         refused: dict[int, str] = {}
         for attempt in range(_ROUNDS):
             candidate = self._candidate(sites, depth, refused)
+            check_samples(self.track.path.name, candidate.motion.end, self.limits.period, REMEDY)
             broken = find_violations(self.track, self.limits, candidate.motion)
             if not broken.factor.size:
                 return ValidMotion(
@@ -386,6 +396,14 @@ class FeedPlanner:
             self.factor[i : j + 1] *= max(_SLOWER * factor, _SLOWEST_STEP)
         if everything:
             self.factor *= _SLOWER * max(float(broken.factor.min(initial=1.0)), _SLOWEST_STEP)
+
+
+def _check_feeds(track: Track, limits: AxisLimits) -> None:
+    """Refuse a path that takes too many servo periods at its feeds, or at the velocities of the axes."""
+    fastest = math.hypot(*limits.velocity)
+    asked = [fastest if one.rapid else one.feed or track.path.feed for one in track.path.segments]
+    feeds = np.minimum(asked, fastest)[track.segment]
+    check_samples(track.path.name, float((np.diff(track.starts) / feeds).sum()), limits.period, REMEDY)
 
 
 def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[SiteSpan]) -> MotionLaw:

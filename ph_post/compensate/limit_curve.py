@@ -17,6 +17,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from ph_post.bounds import check_places
 from ph_post.geometry import frenet
 from ph_post.geometry.joints import SHARP_CORNER_RAD, find_joints
 from ph_post.geometry.numeric import largest, norm, smallest
@@ -73,6 +74,7 @@ def build_grid(track: Track, fastest: Array, cap: Callable[[IntArray, Array], Ar
     for _ in range(_ROUNDS):
         if not cells.low.piece.size:
             break
+        check_places(track.path.name, "the path bends too often to be planned", cells.low.piece.size, "a simpler path")
         middle = look.at(cells.low.piece, 0.5 * (cells.low.u + cells.high.u))
         points.append(middle)
         # What cannot be evaluated is NaN and compares as false: its neighbourhood is refined.

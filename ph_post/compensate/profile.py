@@ -23,6 +23,9 @@ from ph_post.types import Array, FeedProfile, ProfilePiece, ProfileShape, frozen
 LEAST_DEGREE = 4
 """V_0 = V_1 = V_{n-1} = V_n = V_c leave a free coefficient from this degree on."""
 
+MOST_DEGREE = 100
+"""Binomial coefficients of higher degrees are beyond what doubles resolve."""
+
 
 def middle_weight(degree: int) -> float:
     """Weight C(n, n/2) / 2^n of the middle coefficient in V(½).
@@ -42,10 +45,15 @@ def check_degree(degree: int) -> None:
     Raises
     ------
     InputError
-        Unless `degree` is even and at least 4.
+        Unless `degree` is even, at least 4 and at most 100.
     """
-    if degree < LEAST_DEGREE or degree % 2:
-        raise InputError("--degree", "not a degree of Eq. (26)", expected="even, 4 or more", got=str(degree))
+    if not LEAST_DEGREE <= degree <= MOST_DEGREE or degree % 2:
+        raise InputError(
+            "--degree",
+            "not a degree of Eq. (26)",
+            expected=f"even, 4 or more and at most {MOST_DEGREE}",
+            got=str(degree),
+        )
 
 
 def middle_factor(ratio: float, degree: int) -> float:

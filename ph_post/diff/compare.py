@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
 
+from ph_post.bounds import HOUR, LONGEST_PREDICTED
 from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.diff.blocks import BlockChange, CommandChange, compare_blocks, compare_commands
 from ph_post.diff.curves import curve_table
@@ -21,14 +22,14 @@ from ph_post.diff.feeds import (
 )
 from ph_post.diff.paths import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
 from ph_post.edit.undo import original_of
-from ph_post.errors import InputError
+from ph_post.errors import InputError, TooLargeError
 from ph_post.gcode.program import RAPID, PartProgram, runs
 from ph_post.simulate.assess import resting_axes, scenarios
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import moving_axes, program_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, Command, IntArray, Machine
-from ph_post.units import MINUTE, MM
+from ph_post.units import MM
 
 
 class Deviation(msgspec.Struct, frozen=True, kw_only=True):
@@ -119,13 +120,18 @@ def describe_declaration(one: Declaration) -> list[str]:
     return found
 
 
-LONGEST: Final = 60.0 * MINUTE
-"""No contour error is predicted of what runs longer [s]: time and memory of a simulation grow with it."""
+class PredictedRun(NamedTuple):
+    """Times of a program on a machine, its contour error, and why there is none where that needs a word.
+
+    `error` is None where nothing is cut, too.
+    """
+
+    timing: PathTiming
+    error: ContourError | None
+    trouble: str = ""
 
 
-def predict_run(
-    program: PartProgram, original: PartProgram, programmed: PathTiming, machine: Machine
-) -> tuple[PathTiming, ContourError | None]:
+def predict_run(program: PartProgram, original: PartProgram, programmed: PathTiming, machine: Machine) -> PredictedRun:
     """Run a program on the model of its controller, and its commands on that of the drives.
 
     Parameters
@@ -139,19 +145,23 @@ def predict_run(
 
     Returns
     -------
-    timing : PathTiming
-        As the controller runs it.
-    error : ContourError or None
-        None where nothing is cut, or the program runs too long.
+    PredictedRun
+        The times are those of the controller, or as programmed where the program is too long to be run.
     """
-    command = run_program(program, machine)
+    try:
+        command = run_program(program, machine)
+    except TooLargeError as error:
+        return PredictedRun(programmed, None, f"no times of the controller and no error are predicted: {error}")
     timing = _controller_timing(command, program, programmed)
-    if command.t.size == 0 or command.t[-1] > LONGEST:
-        return timing, None
+    if command.t.size == 0:
+        return PredictedRun(timing, None)
+    if command.t[-1] > LONGEST_PREDICTED:
+        hours = f"{command.t[-1] / HOUR:.3g} h, more than {LONGEST_PREDICTED / HOUR:g} h"
+        return PredictedRun(timing, None, f"{program.name}: no error is predicted: it runs for {hours}")
     moving = moving_axes(command)
     tried = [one for one in scenarios(machine, moving.axes, resting_axes(moving)) if one.gap == 1.0]
     nominal = [one for one in tried if one.beta == one.gain == 1.0]
-    return timing, program_error(command, machine, original, nominal).error
+    return PredictedRun(timing, program_error(command, machine, original, nominal).error)
 
 
 def _controller_timing(command: Command, program: PartProgram, programmed: PathTiming) -> PathTiming:
@@ -195,10 +205,11 @@ def compare_programs(
     originals = (declared[0].original or a, declared[1].original or b)
     travel = compare_paths(curve_table(a.motions), curve_table(b.motions))
     asked = (programmed_timing(a, travel.outlines[0]), programmed_timing(b, travel.outlines[1]))
-    timings, errors = asked, None
+    timings, errors, troubles = asked, None, ("", "")
     if machine is not None:
         first, second = (predict_run(programs[k], originals[k], asked[k], machine) for k in (0, 1))
-        timings, errors = (first[0], second[0]), (first[1], second[1])
+        timings, errors = (first.timing, second.timing), (first.error, second.error)
+        troubles = (first.trouble, second.trouble)
     undone = None
     if originals != programs:
         undone = largest_deviation(compare_paths(*(curve_table(one.motions) for one in originals)))
@@ -223,10 +234,13 @@ def compare_programs(
         declared=(declared[0].words, declared[1].words),
         undone=undone,
         errors=errors,
-        notes=tuple(
-            f"{program.name}:{note.first + 1}: {note.what}: compared as text"
-            for program in programs
-            for note in program.notes
+        notes=(
+            *filter(None, troubles),
+            *(
+                f"{program.name}:{note.first + 1}: {note.what}: compared as text"
+                for program in programs
+                for note in program.notes
+            ),
         ),
     )
 

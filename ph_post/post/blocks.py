@@ -6,9 +6,12 @@ to a neighbour.
 
 from __future__ import annotations
 
+from typing import Final
+
 import msgspec
 import numpy as np
 
+from ph_post.bounds import MOST_BLOCKS, check_blocks
 from ph_post.compensate.motion import MotionLaw
 from ph_post.dialects.base import CubicAbility, Dialect
 from ph_post.gcode.blocks import (
@@ -98,7 +101,8 @@ def chord_counts(shape: TrackShape, s0: Array, s1: Array, tolerance: float) -> I
     IntArray, shape (n,)
     """
     ratio = deviation(shape, s0, s1) / (tolerance * _RESERVE)
-    return np.where(ratio > 1.0, np.maximum(2, np.ceil(np.sqrt(ratio))), 1).astype(np.int64)
+    most = 2.0 * MOST_BLOCKS  # more than may be written anyway
+    return np.where(ratio > 1.0, np.clip(np.ceil(np.sqrt(ratio)), 2, most), 1).astype(np.int64)
 
 
 def deviation(shape: TrackShape, s0: Array, s1: Array) -> Array:
@@ -215,6 +219,7 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     motion = MotionLaw.from_phases(plan.phases)
     period = plan.machine.servo_period
     stretches = find_stretches(plan.phases, shape)
+    _check_count(stretches, shape, options)
     if abilities.feed_degree:
         cuts = cut_stretches(stretches, shape, motion, period)
         stretches, timed = [one.stretch for one in cuts], feed_blocks(cuts)
@@ -228,6 +233,20 @@ def cut_blocks(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptio
     blocks = _with_curves(_with_places(blocks, motion, shape), shape, dialect)
     blocks = join_short_blocks(blocks, shape, period, options.block_time)
     return _within_tolerance(blocks, motion, shape, options.chord_tolerance), shape
+
+
+def _check_count(stretches: list[MotionStretch], shape: TrackShape, options: ProgramOptions) -> None:
+    """Refuse a program whose chords, or blocks of equal time, would be too many."""
+    timed = sum(one.end - one.start for one in stretches if not one.by_geometry and one.span.kind != "dwell")
+    check_blocks(shape.track.path.name, timed / options.block_time, "a longer --block-time")
+    curved = np.isin(shape.kind, (CURVE, POLYNOMIAL, SPLINE))
+    if curved.any():
+        ends = ChordGauge(shape.track, options.chord_tolerance).count(shape.track.starts)
+        check_blocks(shape.track.path.name, float(np.diff(ends)[curved].sum()), COARSER)
+
+
+COARSER: Final = "a larger --chord-tolerance"
+"""What makes chords fewer."""
 
 
 def _with_splines(
@@ -372,6 +391,7 @@ def _within_tolerance(blocks: Blocks, motion: MotionLaw, shape: TrackShape, tole
     while doubtful.any():
         parts = np.ones(doubtful.size, dtype=np.int64)
         parts[doubtful] = chord_counts(shape, blocks.s0[doubtful], blocks.s1[doubtful], tolerance)
+        check_blocks(shape.track.path.name, float(parts.sum()), COARSER)
         blocks = _with_places(_split(blocks, parts), motion, shape)
         doubtful = np.repeat(parts > 1, parts)
     return blocks

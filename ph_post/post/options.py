@@ -54,17 +54,17 @@ def check_options(options: ProgramOptions, path: Path, servo_period: float) -> N
     """
     if not options.chord_tolerance > 0.0:
         raise _refusal("--chord-tolerance", "not positive", "> 0 mm", options.chord_tolerance / MM)
-    if not options.block_time >= servo_period:
-        raise _refusal(
-            "--block-time",
-            "shorter than the servo period",
-            f">= {servo_period / MS:g} ms",
-            options.block_time / MS,
-        )
+    check_block_time(options.block_time, servo_period)
     if "Z" in path.axes:
         _check_spatial(options, path)
     else:
         _check_planar(options)
+
+
+def check_block_time(block_time: float, servo_period: float) -> None:
+    """Refuse blocks [s] that are shorter than the servo period [s]; raises as :func:`check_options`."""
+    if not block_time >= servo_period:
+        raise _refusal("--block-time", "shorter than the servo period", f">= {servo_period / MS:g} ms", block_time / MS)
 
 
 def _check_spatial(options: ProgramOptions, path: Path) -> None:

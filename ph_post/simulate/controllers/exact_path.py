@@ -14,7 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ph_post.compiling import compiled, inner
+from ph_post.gcode.program import PartProgram
 from ph_post.simulate.controllers.chords import StraightBlocks
+from ph_post.simulate.controllers.durations import check_duration
 from ph_post.types import (
     Array,
     ExactPath,
@@ -389,15 +391,21 @@ def plan_trapezoids(blocks: StraightBlocks, planner: ExactPath, limits: Array) -
 
 
 def exact_rows(
-    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float
+    blocks: StraightBlocks, planner: ExactPath, limits: Array, period: float, program: PartProgram
 ) -> tuple[Array, IntArray, Array]:
     """Return position (m, 3) [m], motion and share of it in every period, as :func:`plan_trapezoids` plans them.
 
     The first row is the beginning, and the last the end, at rest.
+
+    Raises
+    ------
+    TooLargeError
+        Where there are too many periods.
     """
     if blocks.length.size == 0:
         return np.zeros((1, 3)), np.array([-1]), np.zeros(1)
     plan = plan_trapezoids(blocks, planner, limits)
+    check_duration(program, blocks.motion, blocks.pause + plan.times.sum(axis=1), period)
     count = math.ceil(plan.total / period - ROUNDING) + 1
     way, block = np.empty(count), np.empty(count, dtype=np.int64)
     sample(plan.square, plan.times, blocks.push, blocks.length, plan.begins, period, way, block)

@@ -14,15 +14,18 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from ph_post.bounds import MOST_SAMPLES
 from ph_post.compiling import compiled, inner
 from ph_post.dialects.planners import planner_of
 from ph_post.gcode.program import ARC, AXES, LINE, PLANE_AXES, RAPID, PartProgram
-from ph_post.simulate.controllers.chords import straight_blocks
+from ph_post.simulate.controllers.chords import StraightBlocks, straight_blocks
+from ph_post.simulate.controllers.durations import check_duration, refuse_run
 from ph_post.simulate.controllers.exact_path import exact_rows
 from ph_post.simulate.controllers.legs import (
     ACROSS,
     DRAINS,
     FIRST,
+    MOTION,
     ORIGIN,
     PAUSE,
     RADIUS,
@@ -200,7 +203,10 @@ def _linked(legs: Legs, program: PartProgram, limits: Array) -> Legs:
     for name in ("origin", "first", "length", "most", "push", "radius"):
         getattr(joined, name)[rows] = getattr(lines, name)[rows]
     joined.pause[:], joined.drains[:] = legs.pause[first], legs.drains[first]
-    joined.speed[:] = np.where(rows, np.minimum(legs.speed[last], joined.most), joined.speed)
+    # What F asks for is not the last move's own speed: one that goes nowhere has none.
+    asked = np.where(motions.duration[last] > 0.0, legs.speed[last], motions.feed[last])
+    free = (legs.rapid[last] == 1.0) | ~(asked > 0.0)
+    joined.speed[:] = np.where(rows, np.where(free, joined.most, np.minimum(asked, joined.most)), joined.speed)
     return joined
 
 
@@ -368,25 +374,65 @@ def run_program(program: PartProgram, machine: Machine, planner: ControllerPlann
         X, Y and Z as far as the machine has them, a row every servo period, from rest to rest. `segment` is
         the number of the motion in the program, -1 before the first; `xi` how much of it is done (0 to 1);
         `s` the way the tool has come [m], rapids and shifts included; `feed` the speed along it.
+
+    Raises
+    ------
+    TooLargeError
+        Where the motion takes too many servo periods.
     """
     limits, period = limit_table(machine), machine.servo_period
     planner = planner_of(machine) if planner is None else planner
     if isinstance(planner, ExactPath):
-        blocks = straight_blocks(program, written_legs(program, limits), limits, planner)
-        return _command(exact_rows(blocks, planner, limits, period), machine)
-    moves = table_of(moves_of(program, limits, planner))
+        blocks = _blocks(program, limits, planner, period)
+        return _command(exact_rows(blocks, planner, limits, period, program), machine)
+    moves = table_of(_moves(program, limits, planner, period))
     legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
     count = plan_legs(moves, legs, table, limits, period)
-    rows = _run(legs, table, count, period)
+    rows = _run(legs, table, count, period, program)
     return _command(rows, machine)
+
+
+def check_run(program: PartProgram, machine: Machine) -> None:
+    """Refuse a program that takes too long to be run on a model of its controller.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+
+    Raises
+    ------
+    TooLargeError
+        By the lengths of its moves at the speeds asked for, and its dwells.
+    """
+    limits, planner = limit_table(machine), planner_of(machine)
+    if isinstance(planner, ExactPath):
+        _blocks(program, limits, planner, machine.servo_period)
+    else:
+        _moves(program, limits, planner, machine.servo_period)
+
+
+def _blocks(program: PartProgram, limits: Array, planner: ExactPath, period: float) -> StraightBlocks:
+    """Return the blocks of an exact-path controller, if they are not too long to run."""
+    blocks = straight_blocks(program, written_legs(program, limits), limits, planner)
+    check_duration(program, blocks.motion, blocks.length / blocks.speed + blocks.pause, period)
+    return blocks
+
+
+def _moves(program: PartProgram, limits: Array, planner: RoundedPath, period: float) -> Legs:
+    """Return the moves that LinuxCNC's planner gets, if they are not too long to run."""
+    moves = moves_of(program, limits, planner)
+    with np.errstate(divide="ignore"):
+        check_duration(program, moves.motion, moves.length / moves.speed + moves.pause, period)
+    return moves
 
 
 AnyArray = TypeVar("AnyArray", Array, IntArray)
 Rows = tuple[Array, IntArray, Array]
 
 
-def _run(legs: Array, table: Array, count: int, period: float) -> Rows:
-    """Position, motion and share of every period."""
+def _run(legs: Array, table: Array, count: int, period: float, program: PartProgram) -> Rows:
+    """Position, motion and share of every period, as far as the bounds go: accelerations may make a run longer."""
     pause = legs[:count, PAUSE]
     dwell = np.ceil(pause / period - 1e-6) + DWELL
     rests = np.where(pause > 0.0, dwell, legs[:count, DRAINS] * DRAINED).astype(np.int64)
@@ -397,6 +443,8 @@ def _run(legs: Array, table: Array, count: int, period: float) -> Rows:
         part = (np.empty((ROOM, 3)), np.empty(ROOM, dtype=np.int64), np.empty(ROOM))
         leg, filled = run_legs(legs, table, count, period, rests, leg, state, *part)
         parts.append((part[0][:filled], part[1][:filled], part[2][:filled]))
+        if leg < count and len(parts) * ROOM > MOST_SAMPLES:
+            refuse_run(program, legs[leg, MOTION], period)
     position, motion, share = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     behind = SMOOTHING.size - 1
     wide = _padded(position, behind, behind)

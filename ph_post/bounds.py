@@ -1,0 +1,109 @@
+"""Bounds of work: the most samples, blocks and places that one job may take.
+
+Whatever loops over samples or blocks first estimates their number from lengths, feeds and times, and asks here
+before it begins. A job that is too large is refused in one line that says what would help.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from ph_post.errors import TooLargeError
+
+MOST_SAMPLES: Final = 10_000_000
+"""Servo periods of one motion that is planned, sampled or simulated: 2.8 hours at 1 ms, which take 4 GB."""
+
+MOST_BLOCKS: Final = 1_000_000
+"""Blocks of a program that is written: some 30 MB of text, written in a minute or two."""
+
+MOST_PLACES: Final = 10_000_000
+"""Places at which a path is looked at together, and points that are drawn."""
+
+MOST_EFFORT: Final = 1000.0
+"""Largest effort of a search: some three hours."""
+
+HOUR: Final = 3600.0
+"""[s]"""
+
+LONGEST_PREDICTED: Final = 1.0 * HOUR
+"""Where an error is a word by the way, as in a comparison of two programs, none is simulated of longer ones [s]."""
+
+
+def check_samples(where: str, duration: float, period: float, remedy: str, longest: str = "") -> None:
+    """Refuse a motion that takes too many servo periods.
+
+    Parameters
+    ----------
+    where : str
+        Name of the path or the program.
+    duration : float
+        Estimated duration of the motion, or a lower bound [s].
+    period : float
+        Servo period [s].
+    remedy : str
+        What would help.
+    longest : str, optional
+        Where most of the time goes, such as ``line 3``.
+
+    Raises
+    ------
+    TooLargeError
+
+    Examples
+    --------
+    >>> check_samples("a.ngc", 60.0, 1e-3, "a higher feed")
+    >>> check_samples("a.ngc", 36e6, 1e-3, "a higher feed", "line 2")
+    Traceback (most recent call last):
+    ...
+    ph_post.errors.TooLargeError: a.ngc: the motion is too long to be sampled; expected at most 10,000,000 \
+servo periods (a higher feed would help); got 3.6e+10 of 1 ms, 1e+04 h, most of it in line 2
+    """
+    count = duration / period
+    if count <= MOST_SAMPLES:
+        return
+    size = f"{count:.3g} of {period * 1e3:.3g} ms, {duration / HOUR:.3g} h" if math.isfinite(count) else "more"
+    raise TooLargeError(
+        where,
+        "the motion is too long to be sampled",
+        expected=f"at most {MOST_SAMPLES:,} servo periods ({remedy} would help)",
+        got=size + (f", most of it in {longest}" if longest else ""),
+    )
+
+
+def check_blocks(where: str, count: float, remedy: str) -> None:
+    """Refuse a program of too many blocks, where `count` is estimated; raises as :func:`check_samples`.
+
+    Examples
+    --------
+    >>> check_blocks("a.json", 1e9, "a larger --chord-tolerance")
+    Traceback (most recent call last):
+    ...
+    ph_post.errors.TooLargeError: a.json: the program is too long to be written; expected at most 1,000,000 \
+blocks (a larger --chord-tolerance would help); got about 1e+09
+    """
+    if count <= MOST_BLOCKS:
+        return
+    raise TooLargeError(
+        where,
+        "the program is too long to be written",
+        expected=f"at most {MOST_BLOCKS:,} blocks ({remedy} would help)",
+        got=f"about {count:.3g}" if math.isfinite(count) else "more",
+    )
+
+
+def check_places(where: str, what: str, count: float, remedy: str) -> None:
+    """Refuse to look at too many places, where `count` is estimated; raises as :func:`check_samples`.
+
+    Examples
+    --------
+    >>> check_places("a.ngc", "the path has too many points to be drawn", 1e9, "fewer turns")
+    Traceback (most recent call last):
+    ...
+    ph_post.errors.TooLargeError: a.ngc: the path has too many points to be drawn; expected at most 10,000,000 \
+(fewer turns would help); got about 1e+09
+    """
+    if count <= MOST_PLACES:
+        return
+    size = f"about {count:.3g}" if math.isfinite(count) else "more"
+    raise TooLargeError(where, what, expected=f"at most {MOST_PLACES:,} ({remedy} would help)", got=size)
