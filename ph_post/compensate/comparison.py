@@ -18,7 +18,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import PLAIN, find_traits, strategy_names
 from ph_post.compensate.violations import Violation, at_rest_around, check_command, differences
-from ph_post.errors import PhPostError
+from ph_post.errors import PhPostError, TooLargeError
 from ph_post.geometry.numeric import runs
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress, prefixed
@@ -170,6 +170,8 @@ def _contender(analysis: Analysis, options: PlanOptions, nominal: Nominal, progr
         plan = make_plan(analysis, options, progress)
         command = command_of(plan, analysis.track, plan.machine.servo_period)
         assessment = assess(command, plan.machine, nominal, analysis.turning_points)
+    except TooLargeError:
+        raise
     except PhPostError as refusal:
         return Contender(name=options.strategy, ok=False, reason=" ".join(str(refusal).split()))
     broken = check_command(command, plan.machine)

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from ph_post.bounds import MOST_PLACES, check_places
+from ph_post.bounds import check_places
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.program import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
 from ph_post.simulate.controllers.legs import NURBS_SPANS, SHORTEST, Legs
@@ -30,6 +30,10 @@ _FLAT: Final = 1e-4
 
 _WHOLE: Final = 1e-9
 """What a whole number of chords may lack by rounding."""
+
+
+_COUNTABLE: Final = 1e15
+"""Chords of one arc that are counted; far fewer are run."""
 
 
 class StraightBlocks(NamedTuple):
@@ -75,7 +79,7 @@ def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: Ex
     played = {k: _spline_points(motions, k) for k in splines}
     count = _counts(legs, motions, planner)
     count[splines] = [share.size - 1 for share, _ in played.values()]
-    check_places(program.name, "its arcs have too many chords to be run", float(count.sum()), "fewer turns")
+    check_places(program.name, "its arcs have too many chords to be run", count.sum(dtype=np.float64), "fewer turns")
     row = np.repeat(np.arange(count.size), count)
     number = np.arange(row.size) - (np.cumsum(count) - count)[row]
     share0, share1 = number / count[row], (number + 1) / count[row]
@@ -146,8 +150,7 @@ def chord_counts(planner: ExactPath, radius: Array, sweep: Array, length: Array)
         size = flat / np.maximum(found, 1.0)
         few, many = np.ceil(flat / chords.longest - _WHOLE), np.floor(flat / chords.shortest + _WHOLE)
         found = np.where(size > chords.longest, few, np.where(size < chords.shortest, many, found))
-    most = 2.0 * MOST_PLACES  # more than may be run anyway
-    return np.clip(np.floor(found + _WHOLE), 1.0, most).astype(np.int64)
+    return np.clip(np.floor(found + _WHOLE), 1.0, _COUNTABLE).astype(np.int64)
 
 
 def _arc_points(legs: Legs, row: IntArray, share: Array) -> Array:

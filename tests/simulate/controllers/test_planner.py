@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.errors import InputError
+from ph_post.errors import InputError, TooLargeError
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
 from ph_post.geometry.closest import closest_within
@@ -198,3 +198,28 @@ def test_splines_are_as_long_as_their_curves() -> None:
     command = run_program(part, ROUTER)
     apart = np.linalg.norm(curve[None, ::100] - command.position[::50, None, :2], axis=2).min(axis=1)
     assert apart.max() < 2e-5
+
+
+ZERO_LENGTH = ("G64 P0.03", "G0 X0 Y0 Z0", "G1 X25 F150", "{}", "G1 Y25", "G1 X0")
+
+
+@pytest.mark.parametrize("nowhere", ["G1 X25 Z0", "X25 F150", "G1 X25\nX25\nX25"])
+def test_a_line_that_goes_nowhere_takes_no_speed_from_the_line_it_is_linked_into(nowhere: str) -> None:
+    with_it = run(ROUTER, *(line.format(nowhere) for line in ZERO_LENGTH))
+    without = run(ROUTER, *(line for line in ZERO_LENGTH if line != "{}"))
+    assert with_it.t[-1] == pytest.approx(3 * 25 / 2.5, rel=0.01)  # three times 25 mm at 2.5 mm/s, and corners
+    assert with_it.t[-1] == pytest.approx(without.t[-1], abs=10 * ROUTER.servo_period)
+
+
+@pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
+def test_a_run_that_accelerations_make_too_long_is_refused(dialect: str) -> None:
+    axes = {name: replace(axis, limits=replace(axis.limits, acceleration=1e-13)) for name, axis in ROUTER.axes.items()}
+    lazy = replace(ROUTER, axes=axes, dialect=dialect)
+    with pytest.raises(TooLargeError, match="too long to be sampled.* most of it in line 3"):
+        run(lazy, "G0 X0 Y0", "G1 X1 F6000")
+
+
+def test_arcs_of_too_many_chords_are_refused() -> None:
+    part = program("G0 X0 Y0", "G2 X0 Y0 I9000000 F999999999")  # 56.5 km in chords of 1 mm
+    with pytest.raises(TooLargeError, match=r"its arcs have too many chords to be run; .* got about 5.65e\+07"):
+        run_program(part, replace(ROUTER, dialect="marlin"))
