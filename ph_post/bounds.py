@@ -26,8 +26,8 @@ MOST_EFFORT: Final = 1000.0
 HOUR: Final = 3600.0
 """[s]"""
 
-LONGEST_PREDICTED: Final = 1.0 * HOUR
-"""Where an error is a word by the way, as in a comparison of two programs, none is simulated of longer ones [s]."""
+LONGEST_SIMULATED: Final = 1.0 * HOUR
+"""No error is simulated of a program that runs longer, as time and memory grow with it [s]."""
 
 
 def check_samples(where: str, duration: float, period: float, remedy: str, longest: str = "") -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import command_of
 from ph_post.drive.axes import has_backlash
@@ -20,10 +21,6 @@ from ph_post.simulate.contour import ContourError, Nominal
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Command, Machine, Plan, Scenario
-from ph_post.units import MINUTE
-
-LONGEST: Final = 60.0 * MINUTE
-"""No error is simulated of a program that runs longer [s]: time and memory of a simulation grow with it."""
 
 
 class ReversalCount(NamedTuple):
@@ -209,9 +206,9 @@ class ProgramMotion(MotionResult):
     def assessment(self) -> ProgramError | None:
         """Error of the motion on every machine that the file leaves possible.
 
-        None where nothing moves, or the program runs longer than `LONGEST`.
+        None where nothing moves, or the program runs longer than `LONGEST_SIMULATED`.
         """
-        if not self.command.t.size or self.time > LONGEST:
+        if not self.command.t.size or self.time > LONGEST_SIMULATED:
             return None
         return program_error(self.command, self.machine, self.original)
 

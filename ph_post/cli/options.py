@@ -249,6 +249,7 @@ _PLANNING = (
     click.option(
         "--ratio",
         type=Number(),
+        metavar="NUMBER",
         help="V(1/2)/V_c, the feed at the reversal over the feed around it. [0.25; retrograde -0.3]",
     ),
     click.option("--degree", type=click.IntRange(min=4), help="Degree of the feed profile, even. [10]"),

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
-from ph_post.bounds import HOUR, LONGEST_PREDICTED
+from ph_post.bounds import HOUR, LONGEST_SIMULATED
 from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.diff.blocks import BlockChange, CommandChange, compare_blocks, compare_commands
 from ph_post.diff.curves import curve_table
@@ -155,8 +155,8 @@ def predict_run(program: PartProgram, original: PartProgram, programmed: PathTim
     timing = _controller_timing(command, program, programmed)
     if command.t.size == 0:
         return PredictedRun(timing, None)
-    if command.t[-1] > LONGEST_PREDICTED:
-        hours = f"{command.t[-1] / HOUR:.3g} h, more than {LONGEST_PREDICTED / HOUR:g} h"
+    if command.t[-1] > LONGEST_SIMULATED:
+        hours = f"{command.t[-1] / HOUR:.3g} h, more than {LONGEST_SIMULATED / HOUR:g} h"
         return PredictedRun(timing, None, f"{program.name}: no error is predicted: it runs for {hours}")
     moving = moving_axes(command)
     tried = [one for one in scenarios(machine, moving.axes, resting_axes(moving)) if one.gap == 1.0]

@@ -12,7 +12,6 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.compensation import Compensation, PathCompensation, ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.results import (
-    LONGEST,
     AxisReversals,
     MotionResult,
     PlannedMotion,
@@ -21,11 +20,13 @@ from ph_post.api.results import (
     count_reversals,
 )
 from ph_post.api.reversals import ProgramReversal
+from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.axes import has_backlash
+from ph_post.errors import PhPostError
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.quantities import rounded_micrometres, rounded_seconds
@@ -48,7 +49,8 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     `time` before and after [s]; `error` by all causes and `error_gap` what backlash adds, before and after;
     `error_gap_worst` that of the compensated motion if the backlash is off by its relative `uncertainty`. What was
     not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with backlash,
-    None where that is not known. `left` says what is not compensated, and what would change that.
+    None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
+    nothing could be simulated.
     """
 
     time: tuple[float, float] | None = None
@@ -59,6 +61,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     axes: tuple[str, ...] = ()
     reversals: ReversalCount | None = None
     left: str = ""
+    trouble: str = ""
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -78,14 +81,25 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         plan = path.plan(output)
         before = PlannedMotion(path.analysis, without_strategy(plan))
         rows, warnings = path.count(output), plan.warnings
-        found = summarize_motions(before, path.motion(output), path.machine, plan.path.axes) if simulated else None
+        after = path.motion(output)
+        found = _simulated(before, after, path.machine, plan.path.axes) if simulated else None
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
         rows, warnings, notes = path.axis_reversals, path.planned.warnings, passed_through(path.original)
         moved = moved_axes(path.original)
-        found = summarize_motions(path.before, path.after, path.machine, moved) if simulated else None
+        found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
     return _counted(found or ResultSummary(), rows, warnings, notes)
+
+
+def _simulated(before: MotionResult, after: MotionResult, machine: Machine, axes: Iterable[str]) -> ResultSummary:
+    """Simulate two motions; where that is too large or fails, say why: the program does not depend on it."""
+    try:
+        return summarize_motions(before, after, machine, axes)
+    except MemoryError:
+        return ResultSummary(trouble="it needs more memory than there is")
+    except PhPostError as error:
+        return ResultSummary(trouble=str(error))
 
 
 def summarize_program(
@@ -202,9 +216,13 @@ def _error_words(found: ResultSummary) -> str:
     before, after = found.error_gap
     if before is None or after is None:
         if found.time is None:
-            return "backlash error not simulated"
-        long = max(found.time) > LONGEST
-        why = f"it runs longer than {LONGEST / MINUTE:.0f} min" if long else "it is over before its error counts"
+            return "backlash error not simulated" + (f": {found.trouble}" if found.trouble else "")
+        long = max(found.time) > LONGEST_SIMULATED
+        why = (
+            f"it runs longer than {LONGEST_SIMULATED / MINUTE:.0f} min"
+            if long
+            else "it is over before its error counts"
+        )
         return f"backlash error not simulated, as {why}"
     high, low = (
         f"{rounded_micrometres(a)} → {rounded_micrometres(b)} µm"
@@ -237,6 +255,7 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),
         "not_compensated": found.left or None,
+        "not_simulated": found.trouble or None,
     }
 
 

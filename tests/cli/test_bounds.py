@@ -76,20 +76,20 @@ def test_a_program_too_long_to_be_simulated_is_written_and_its_numbers_are_null(
     assert view["verified"]
     assert "G1" in (tmp_path / "o.ngc").read_text(encoding="utf-8")
     why = (
-        "no error can be given: slow.ngc: the motion is too long to be sampled; expected at most 10,000,000 servo "
+        "slow.ngc: the motion is too long to be sampled; expected at most 10,000,000 servo "
         "periods (a higher feed, shorter dwells or a longer controller.servo_period_ms would help); got 3e+07 of "
         "1 ms, 8.33 h, most of it in line 4"
     )
-    assert view["warnings"][0] == why
-    assert f"warning: {why}" in streams.err.splitlines()
+    assert view["not_simulated"] == why
+    assert any(f"backlash error not simulated: {why}" in line for line in streams.err.splitlines())
 
 
 def test_the_line_says_which_line_takes_the_time_and_the_plain_run_says_it_too(job, capsys):
     name = job("dwell.ngc", PLAIN + "G1 X10 F600\nG4 P1000000000\nX0\nM2\n")
     assert main(["convert", name, "-m", "router", "-o", "o.ngc"]) == 0
-    lines = [one for one in capsys.readouterr().err.splitlines() if "no error can be given" in one]
+    lines = [one for one in capsys.readouterr().err.splitlines() if "backlash error not simulated" in one]
     assert len(lines) == 1
-    assert lines[0].endswith("got 1e+12 of 1 ms, 2.78e+05 h, most of it in line 6")
+    assert "got 1e+12 of 1 ms, 2.78e+05 h, most of it in line 6; " in lines[0]
 
 
 def test_a_picture_of_what_cannot_be_simulated_is_refused_before_anything_is_written(job, capsys, tmp_path):
@@ -108,7 +108,7 @@ def test_where_the_simulation_fails_the_program_is_written_all_the_same(job, cap
     assert main(["convert", name, "-m", "router", "-o", "o.ngc", "--json"]) == 0
     streams = capsys.readouterr()
     assert json.loads(streams.out)["error"] == {"before": None, "after": None}
-    assert "warning: no error can be given: the simulation needs more memory than there is" in streams.err
+    assert "backlash error not simulated: it needs more memory than there is; " in streams.err
     assert (tmp_path / "o.ngc").exists()
 
 
@@ -121,8 +121,9 @@ def test_a_path_is_written_where_its_simulation_fails(job, capsys, tmp_path, mon
     assert main(["convert", name, "-m", "mill", "--strategy", "suppress", "-o", "o.ngc", "--json"]) == 0
     streams = capsys.readouterr()
     view = json.loads(streams.out)
-    assert view["error"] is None
-    assert "no error can be given: it cannot be solved" in view["warnings"]
+    assert view["error"] == {"before": None, "after": None}
+    assert view["not_simulated"] == "it cannot be solved"
+    assert "backlash error not simulated: it cannot be solved" in streams.err
     assert (tmp_path / "o.ngc").exists()
 
 

@@ -215,7 +215,7 @@ def test_a_line_that_goes_nowhere_takes_no_speed_from_the_line_it_is_linked_into
 def test_a_run_that_accelerations_make_too_long_is_refused(dialect: str) -> None:
     axes = {name: replace(axis, limits=replace(axis.limits, acceleration=1e-13)) for name, axis in ROUTER.axes.items()}
     lazy = replace(ROUTER, axes=axes, dialect=dialect)
-    with pytest.raises(TooLargeError, match="too long to be sampled.* most of it in line 3"):
+    with pytest.raises(TooLargeError, match=r"too long to be sampled.* most of it in line 3"):
         run(lazy, "G0 X0 Y0", "G1 X1 F6000")
 
 
