@@ -100,6 +100,8 @@ def _random_axis(rng: Random, name: str, feed: float) -> Axis:
         gap=_random_gap(rng, feedback, servo),
         limits=Limits(velocity=feed * 10.0 ** rng.uniform(-0.3, 0.7), acceleration=acceleration, jerk=jerk),
         uncertainty=Uncertainty(backlash=spread),
+        # No number is drawn for it, so that the jobs stay those of their seeds.
+        reference_direction={"X": "both", "Y": "+", "Z": "-"}[name],
     )
 
 
