@@ -13,6 +13,10 @@ from ph_post.verify.declared import DeclaredChanges, comment_of
 from ph_post.verify.verdict import Findings, quoted
 
 _MARKER = re.compile(rb"\(ph-post: \+(\d+) -(\d+)( [^)]*)?\)\s*", re.IGNORECASE)
+_CROSSING = re.compile(rb"crossing ([XYZ])([-+])", re.IGNORECASE)
+_MORE = b"and more"
+"""Last words of a mark that is too long for its line."""
+
 _BEGINS = re.compile(rb"(?:\(|; )ph-post: \+", re.IGNORECASE)
 
 NO_CHANGE = -1
@@ -22,10 +26,12 @@ NO_CHANGE = -1
 class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The changed stretches: lines ``[new_first, new_last)`` in place of ``[old_first, old_last)``, all (h,).
 
-    `marker` is the comment line that announces it, the one before `new_first`.
+    `marker` is the comment line that announces it, the one before `new_first`. `crossings` (h,) the axes and new
+    directions whose crossings it names, with an empty pair where it has no room for all; None where it names none.
     """
 
     marker: IntArray
+    crossings: tuple[frozenset[tuple[str, int]] | None, ...]
     new_first: IntArray
     new_last: IntArray
     old_first: IntArray
@@ -35,6 +41,11 @@ class ChangedLines(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     def number(self) -> int:
         """Number of changes."""
         return self.marker.size
+
+    @property
+    def crossed(self) -> BoolArray:
+        """Mask (h,) of the changes that name a crossing."""
+        return np.array([names is not None for names in self.crossings], dtype=bool)
 
 
 class LinePairs(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -60,7 +71,7 @@ def pair_lines(
     markers = _markers(original, compensated, declared)
     rows: list[tuple[int, int, int, int, int]] = []
     old, new = declared.first, declared.last
-    for line, added, removed in markers:
+    for line, added, removed, _ in markers:
         if line < new:
             findings.add("lines", "a change begins inside another one", compensated=line)
             return None
@@ -76,19 +87,21 @@ def pair_lines(
                 got=quoted(compensated.text(line)),
             )
             return None
-    found = _line_pairs(original, compensated, declared, rows)
+    found = _line_pairs(original, compensated, declared, rows, tuple(names for *_, names in markers))
     missing = (original.blocks - old) - (declared.tail - new)
     if missing:
         _report_count(original, compensated, found, missing, findings)
     return None if missing else found
 
 
-def _markers(original: PartProgram, compensated: PartProgram, declared: DeclaredChanges) -> list[tuple[int, int, int]]:
-    """Lines that begin a change, with the numbers of lines added and removed.
+def _markers(
+    original: PartProgram, compensated: PartProgram, declared: DeclaredChanges
+) -> list[tuple[int, int, int, frozenset[tuple[str, int]] | None]]:
+    """Lines that begin a change, with the numbers of lines added and removed, and the crossings that they name.
 
     A line of the same bytes that the original has in that place is the original's.
     """
-    found: list[tuple[int, int, int]] = []
+    found: list[tuple[int, int, int, frozenset[tuple[str, int]] | None]] = []
     begins = np.array([match.start() for match in _BEGINS.finditer(compensated.data)], dtype=np.int32)
     lines = np.searchsorted(compensated.lines, begins, side="right") - 1
     behind, shift = declared.last, declared.last - declared.first
@@ -100,9 +113,21 @@ def _markers(original: PartProgram, compensated: PartProgram, declared: Declared
         if 0 <= old < original.blocks and original.text(old) == compensated.text(line):
             continue
         added, removed = int(match[1]), int(match[2])
-        found.append((line, added, removed))
+        found.append((line, added, removed, _crossings(match[3] or b"", declared)))
         behind, shift = line + 1 + added, shift + 1 + added - removed
     return found
+
+
+UNNAMED = ("", 0)
+"""A crossing for which a mark has no room."""
+
+
+def _crossings(words: bytes, declared: DeclaredChanges) -> frozenset[tuple[str, int]] | None:
+    """Axes and new directions of the crossings that a mark names; None where it names none."""
+    named = {(axis.decode().upper(), 1 if sign == b"+" else -1) for axis, sign in _CROSSING.findall(words)}
+    if declared.crossings and words.strip().lower().endswith(_MORE):
+        named.add(UNNAMED)
+    return frozenset(named) if named else None
 
 
 def _line_pairs(
@@ -110,10 +135,12 @@ def _line_pairs(
     compensated: PartProgram,
     declared: DeclaredChanges,
     rows: list[tuple[int, int, int, int, int]],
+    crossings: tuple[frozenset[tuple[str, int]] | None, ...],
 ) -> LinePairs:
     columns = np.array(rows, dtype=np.int64).reshape(-1, 5).T
     changes = ChangedLines(
         marker=columns[0],
+        crossings=crossings,
         new_first=columns[1],
         new_last=columns[2],
         old_first=columns[3],

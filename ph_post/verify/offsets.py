@@ -11,7 +11,15 @@ from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, Motions, plane
 from ph_post.types import Array, BoolArray, IntArray, Machine
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
-from ph_post.verify.pairing import EXACT, Pairing, Stretches, StretchSide, declared_lengths, format_shifts
+from ph_post.verify.pairing import (
+    EXACT,
+    Pairing,
+    Stretches,
+    StretchSide,
+    declared_lengths,
+    declared_sides,
+    format_shifts,
+)
 from ph_post.verify.states import Dwells
 from ph_post.verify.verdict import FailureKind
 
@@ -36,10 +44,8 @@ def check_feeds(case: VerifyCase, found: Stretches) -> None:
     run = found.new.stretch()
     mine = np.flatnonzero(np.diff(found.old.first)[run] > 0)
     bound = _feeds_beside(case, found, mine)
-    feed = _feeds(case.compensated.motions, found.new)[mine]
-    grid = 2.0 * MM * 10.0 ** -(case.declared.decimals if case.declared.decimals is not None else 0)
-    timed = case.compensated.motions.duration[found.new.motion[mine]] > 0.0
-    spare = np.where(timed, _TIMED, _ROUNDING) + grid / np.maximum(found.new.length[mine], _NOTHING)
+    feed = feeds_of(case.compensated.motions, found.new)[mine]
+    spare = spare_feed(case, found.new)[mine]
     right = feed <= bound * (1.0 + spare)
     right |= np.isnan(feed) & np.isnan(bound)
     case.findings.count("feeds", mine.size)
@@ -69,17 +75,24 @@ def _feeds_beside(case: VerifyCase, found: Stretches, mine: IntArray) -> Array:
     begin, end = found.old.first[run], found.old.first[run + 1]
     first = np.clip(np.searchsorted(old_high, low + reach), begin, end - 1)
     last = np.clip(np.searchsorted(old_low, high - reach), first + 1, end)
-    return _largest(_feeds(case.original.motions, found.old), first, last)
+    return largest_of(feeds_of(case.original.motions, found.old), first, last)
 
 
-def _feeds(motions: Motions, side: StretchSide) -> Array:
+def spare_feed(case: VerifyCase, side: StretchSide) -> Array:
+    """Part of itself by which the feed of each motion may be too large: rounding of its digits and its length."""
+    timed = case.compensated.motions.duration[side.motion] > 0.0
+    grid = 2.0 * MM * 10.0 ** -(case.declared.decimals if case.declared.decimals is not None else 0)
+    return np.asarray(np.where(timed, _TIMED, _ROUNDING) + grid / np.maximum(side.length, _NOTHING))
+
+
+def feeds_of(motions: Motions, side: StretchSide) -> Array:
     """Feed of each motion [m/s]; under inverse time, from its length."""
     timed = motions.duration[side.motion]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(timed > 0.0, side.length / timed, motions.feed[side.motion]))
 
 
-def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
+def largest_of(values: Array, first: IntArray, last: IntArray) -> Array:
     """Largest of the values in each of the ranges ``[first, last)``, none of which is empty."""
     if not first.size:
         return np.zeros(0)
@@ -87,9 +100,9 @@ def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
     return np.asarray(np.maximum.reduceat(np.append(values, -np.inf), ends)[::2])
 
 
-def check_jogs(case: VerifyCase, pairing: Pairing, machine: Machine) -> None:
-    """Check that every jog has a feed that its axis can reach on its way, within its limits."""
-    motions, jogs = case.compensated.motions, np.flatnonzero(pairing.jog)
+def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
+    """Check that every motion of one axis while the path rests has a feed that it can reach within its limits."""
+    motions, jogs = case.compensated.motions, np.flatnonzero(alone)
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
     axis, length = np.argmax(ways, axis=1), np.max(ways, axis=1, initial=0.0)
@@ -191,26 +204,91 @@ def _same_points(one: Array, other: Array, shift: Array) -> bool:
 
 
 def check_amounts(case: VerifyCase, pairing: Pairing) -> None:
-    """While the tool moves every axis carries -offset, 0 or offset; a pulse lasts only while it stands."""
-    ways = declared_lengths(case.declared)
-    allowed = np.array([ways.get(axis, (0.0, 0.0)) for axis in range(3)])
+    """While the tool moves every axis carries a declared offset, or none.
+
+    A backlash take-up move lasts only while it stands, or from a rapid to the approach behind it. What is
+    carried inside a crossing its own check follows.
+    """
+    sizes, sides = declared_lengths(case.declared), declared_sides(case.declared)
     change = pairing.new_change
     last = np.append(change[1:] != change[:-1], True)[: change.size] & (change != NO_CHANGE)
     wrong = np.zeros(pairing.after.shape, dtype=bool)
-    for axis, (offset, pulse) in enumerate(allowed.tolist()):
-        size = np.abs(pairing.after[:, axis])
-        beyond, off = size > max(offset, pulse) + EXACT, np.minimum(size, np.abs(size - offset)) > EXACT
+    before = _before_approach(case, pairing)
+    for axis in range(3):
+        offset, pulse = sizes.get(axis, (0.0, 0.0))
+        carried = pairing.after[:, axis]
+        off = np.min([np.abs(carried - value) for value in (0.0, *sides.get(axis, ()))], axis=0) > EXACT
+        beyond = np.abs(carried) > max(offset, pulse) + EXACT
         wrong[:, axis] = np.where(~pairing.jog | last, off, beyond | (off & (pulse == 0.0)))
+        wrong[before[:, axis] & (np.abs(carried) <= pulse + offset + EXACT), axis] = False
+    wrong[pairing.crossed & ~pairing.closing] = False
     # A wrong shift lasts until it is taken back: it is reported where it begins.
     begins = wrong & ~np.vstack([np.zeros((1, 3), dtype=bool), wrong])[:-1]
     for motion, axis in np.argwhere(begins).tolist():
-        _report_amount(case, pairing, motion, axis, *allowed[axis].tolist())
+        _report_amount(case, pairing, motion, axis)
 
 
-def _report_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, offset: float, pulse: float) -> None:
+def _before_approach(case: VerifyCase, pairing: Pairing) -> BoolArray:
+    """Mask (k, 3) of the rapids and approaches at whose ends an axis waits for its own approach."""
+    motions, approach = case.compensated.motions, pairing.approach
+    found = np.zeros(pairing.after.shape, dtype=bool)
+    for motion in np.flatnonzero(approach).tolist():
+        axis = int(np.argmax(np.nan_to_num(np.abs(motions.end[motion] - motions.start[motion]))))
+        first = motion - 1
+        while first > 0 and approach[first]:
+            first -= 1
+        found[first:motion, axis] = True
+    return found
+
+
+def check_approaches(case: VerifyCase, pairing: Pairing) -> None:
+    """Check that an approach takes up the whole backlash towards the side whose offset it leaves.
+
+    Z comes from above. What is only taken back needs nothing.
+    """
+    motions, sides = case.compensated.motions, declared_sides(case.declared)
+    for motion in np.flatnonzero(pairing.approach).tolist():
+        way = np.nan_to_num(motions.end[motion] - motions.start[motion])
+        axis = int(np.argmax(np.abs(way)))
+        low, high = sides[axis]
+        left = pairing.after[motion, axis]
+        side = 1.0 if abs(left - high) <= EXACT else -1.0 if abs(left - low) <= EXACT else 0.0
+        block = int(motions.block[motion])
+        taken = min(abs(left - way[axis] - value) for value in (low, 0.0, high)) <= EXACT
+        if abs(left) <= EXACT and taken:
+            continue
+        if way[axis] * side < high - low - EXACT:
+            case.findings.add(
+                "pulse",
+                f"the approach of {AXES[axis]} does not take up its backlash",
+                compensated=block,
+                expected=f">= {(high - low) / MM:.6g} mm towards {'+' if side > 0.0 else '-'}" if side else "an offset",
+                got=f"{way[axis] / MM:.6g} mm",
+            )
+        if AXES[axis] == "Z" and left - way[axis] < low - EXACT:
+            case.findings.add(
+                "pulse",
+                "the rapid before the approach of Z goes lower than the original's",
+                compensated=block,
+                expected=f">= {low / MM:g} mm",
+                got=f"{(left - way[axis]) / MM:.6g} mm",
+            )
+
+
+def _carried(low: float, high: float) -> str:
+    """Write the amounts that an axis may carry for a message."""
+    if low == high:
+        return "0"
+    if low < 0.0 < high:
+        return f"{low / MM:g}, 0 or {high / MM:g} mm"
+    return f"0 or {(high or low) / MM:g} mm"
+
+
+def _report_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int) -> None:
     line = int(case.compensated.motions.block[motion])
     got = format_shifts(pairing.after[motion])
-    if pulse:
+    _, pulse = declared_lengths(case.declared).get(axis, (0.0, 0.0))
+    if pulse and not pairing.crossed[motion]:
         case.findings.add(
             "pulse",
             f"the take-up move of {AXES[axis]} is not taken back",
@@ -223,7 +301,7 @@ def _report_amount(case: VerifyCase, pairing: Pairing, motion: int, axis: int, o
         "offset",
         f"{AXES[axis]} is shifted by something other than the declared offset",
         compensated=line,
-        expected=f"-{offset / MM:g}, 0 or {offset / MM:g} mm" if offset else "0",
+        expected=_carried(*declared_sides(case.declared).get(axis, (0.0, 0.0))),
         got=got,
     )
 

@@ -31,8 +31,10 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `old`, `new` (p,) numbers of motions that stand for each other one to one: all outside changes, and the
     rapids inside them. `old_change`, `new_change` the change of every motion; `jog` (k,) is true for compensated
-    motions that move an axis while the path stands still; `before`, `after` (k, 3) [m] are the shifts of the axes
-    at the start and at the end of each compensated motion.
+    motions that move an axis while the path stands still, `approach` (k,) for those of them that follow a rapid
+    without a dwell; `crossed` (k,) for the motions of changes that name a crossing, but rapids and approaches,
+    `closing` (k,) for the last of them in their stretch; `before`, `after` (k, 3) [m] are the shifts of the axes
+    at the start and at the end of each compensated motion; inside a crossing they are not known.
     """
 
     old: PlaceArray
@@ -40,8 +42,16 @@ class Pairing(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     old_change: PlaceArray
     new_change: PlaceArray
     jog: BoolArray
+    approach: BoolArray
+    crossed: BoolArray
+    closing: BoolArray
     before: Array
     after: Array
+
+    @property
+    def left_out(self) -> BoolArray:
+        """Mask (k,) of the motions that are no part of the path: jogs, but those between crossings."""
+        return np.asarray(self.jog & ~self.crossed)
 
 
 def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
@@ -56,10 +66,27 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
         return None
     old, new = pairs
     jog = _find_jogs(case, new_change, dwells)
-    before, after = _follow_shifts(one, other, old, new, jog)
+    approach = _find_approaches(case, old, new, new_change) & ~jog
+    jog |= approach
+    named = np.append(case.lines.changes.crossed, False)
+    crossed = named[new_change] & (other.kind != RAPID) & ~approach
+    last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed)
+    ends = np.append(old.astype(np.int64), last_old), np.append(new.astype(np.int64), last_new)
+    before, after = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
     case.findings.count("motions", other.block.size)
     case.findings.count("jogs", int(jog.sum()))
-    return Pairing(old=old, new=new, old_change=old_change, new_change=new_change, jog=jog, before=before, after=after)
+    return Pairing(
+        old=old,
+        new=new,
+        old_change=old_change,
+        new_change=new_change,
+        jog=jog,
+        approach=approach,
+        crossed=crossed,
+        closing=closing,
+        before=before,
+        after=after,
+    )
 
 
 def _pairs(case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray) -> tuple[PlaceArray, PlaceArray] | None:
@@ -103,6 +130,61 @@ def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArra
     return np.asarray(jog & ahead & behind)
 
 
+def _find_approaches(case: VerifyCase, old: PlaceArray, new: PlaceArray, change: PlaceArray) -> BoolArray:
+    """Straight moves in changes right behind a rapid, of one declared axis, to its place with a declared offset.
+
+    Where several axes have one, their moves follow one another.
+    """
+    motions, found = case.compensated.motions, np.zeros(change.size, dtype=bool)
+    partner = np.full(change.size, -1, dtype=np.int64)
+    partner[new] = old
+    rapid = np.flatnonzero((motions.kind == RAPID) & (partner >= 0))
+    behind = rapid
+    for _ in AXES:
+        inside = behind + 1 < change.size
+        rapid, behind = rapid[inside], behind[inside] + 1
+        straight = (motions.kind[behind] == LINE) & (change[behind] != NO_CHANGE)
+        straight &= motions.chain[behind] == motions.chain[rapid]
+        rapid, behind = rapid[straight], behind[straight]
+        way = np.abs(motions.end[behind] - motions.start[behind])
+        beside = motions.end[behind] - case.original.motions.end[partner[rapid]]
+        right = np.zeros(behind.size, dtype=bool)
+        for axis, sides in declared_sides(case.declared).items():
+            offset, pulse = declared_lengths(case.declared)[axis]
+            alone = np.all(np.nan_to_num(np.delete(way, axis, axis=1)) <= EXACT, axis=1)
+            there = np.min([np.abs(beside[:, axis] - value) for value in (0.0, *sides)], axis=0) <= EXACT
+            long = (way[:, axis] > EXACT) & (way[:, axis] <= max(sides[1] - sides[0], pulse + offset) + EXACT)
+            right |= alone & there & long
+        rapid, behind = rapid[right], behind[right]
+        found[behind] = True
+    return found
+
+
+def declared_sides(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
+    """By column of an axis with an offset: what it carries while it moves to minus, and to plus [m]."""
+    return {
+        AXES.index(axis): (0.0 if one.side > 0 else -one.metres, 0.0 if one.side < 0 else one.metres)
+        for axis, one in declared.offsets.items()
+    }
+
+
+def _crossed_ends(
+    one: Motions, other: Motions, old_change: PlaceArray, new_change: PlaceArray, crossed: BoolArray
+) -> tuple[IntArray, IntArray, BoolArray, BoolArray]:
+    """Last motions of the stretches in changes with crossings, in pairs.
+
+    Returns masks as well of the motions that replace none, and of all last motions.
+    """
+    old_key, old = _keys(one.kind, old_change, np.zeros(old_change.size, dtype=bool))
+    new_key, new = _keys(other.kind, new_change, ~crossed)
+    old_last, new_last = (np.append(key[1:] != key[:-1], True)[: key.size] for key in (old_key, new_key))
+    _, left, right = np.intersect1d(old_key[old_last], new_key[new_last], return_indices=True)
+    alone, closing = np.zeros(new_change.size, dtype=bool), np.zeros(new_change.size, dtype=bool)
+    alone[new[~np.isin(new_key, old_key)]] = True
+    closing[new[new_last]] = True
+    return old[old_last][left], new[new_last][right], alone, closing
+
+
 def declared_lengths(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
     """By column of a declared axis: the offset and the largest take-up move [m], 0 where there is none."""
 
@@ -139,9 +221,13 @@ def dwell_beside(
 
 
 def _follow_shifts(
-    one: Motions, other: Motions, old: PlaceArray, new: PlaceArray, jog: BoolArray
+    one: Motions, other: Motions, ends: tuple[IntArray, IntArray], jog: BoolArray, paired: PlaceArray
 ) -> tuple[Array, Array]:
-    """Shifts at the start and end of each motion: at pairs their difference, between them the jogs."""
+    """Shifts at the start and end of each motion: where ends stand for each other their difference, else the jogs.
+
+    `paired` are the motions that stand for another one from start to end.
+    """
+    old, new = ends
     number = jog.size
     latest = np.zeros(number + 1, dtype=np.int32)
     latest[new + 1] = new + 1
@@ -151,12 +237,13 @@ def _follow_shifts(
         shift = _shift_of(one.end[:, axis], other.start[:, axis], other.end[:, axis], (old, new, latest), jog)
         before[:, axis], after[:, axis] = shift[:-1], shift[1:]
         del shift
-        before[new, axis] = np.nan_to_num(other.start[new, axis] - one.start[old, axis])
+        begins = np.nan_to_num(other.start[paired, axis] - one.start[old[: paired.size], axis])
+        before[paired, axis] = begins
     return before, after
 
 
 def _shift_of(
-    old_end: Array, start: Array, end: Array, pairs: tuple[PlaceArray, PlaceArray, PlaceArray], jog: BoolArray
+    old_end: Array, start: Array, end: Array, pairs: tuple[IntArray, IntArray, PlaceArray], jog: BoolArray
 ) -> Array:
     """Shift of an axis before the first motion and after each, (k + 1,): the latest pair's, and jogs."""
     old, new, latest = pairs
@@ -168,6 +255,24 @@ def _shift_of(
     shift += total
     shift -= total[latest]
     return shift
+
+
+def crossing_axes(case: VerifyCase, pairing: Pairing) -> BoolArray:
+    """Mask (h + 1, 3) of the axes that cross their backlash in each change; the last row is for no change.
+
+    They are those that the change names, and those whose shift it changes. Where its mark has no room for all
+    names, every axis with an offset may.
+    """
+    found = np.zeros((case.lines.changes.number + 1, 3), dtype=bool)
+    declared = list(declared_sides(case.declared))
+    for change, names in enumerate(case.lines.changes.crossings):
+        for axis, _ in names or ():
+            found[change, [AXES.index(axis)] if axis else declared] = True
+    moved = np.abs(pairing.after - pairing.before) > EXACT
+    motion, column = np.nonzero(moved & pairing.crossed[:, None])
+    found[pairing.new_change[motion], column] = True
+    found[:, [n for n in range(len(AXES)) if n not in declared]] = False
+    return found
 
 
 def format_shifts(shift: Array) -> str:
@@ -223,12 +328,18 @@ class Stretches(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     old: StretchSide
     new: StretchSide
 
+    def take(self, which: BoolArray) -> Stretches:
+        """Return some of the stretches."""
+        rows = np.flatnonzero(which)
+        old, new = (_part(side, side.first[rows], side.first[rows + 1]) for side in (self.old, self.new))
+        return Stretches(change=self.change[rows], old=old, new=new)
+
 
 def find_stretches(original: Motions, compensated: Motions, pairing: Pairing) -> Stretches:
     """Find all stretches."""
     nothing = np.zeros((original.kind.size, 3))
     old_key, old = _keys(original.kind, pairing.old_change, np.zeros(original.kind.size, dtype=bool))
-    new_key, new = _keys(compensated.kind, pairing.new_change, pairing.jog)
+    new_key, new = _keys(compensated.kind, pairing.new_change, pairing.left_out)
     keys = np.union1d(old_key, new_key)
     return Stretches(
         change=keys // _RANK,

@@ -19,9 +19,9 @@ from ph_post.verify.pairing import (
     Pairing,
     Stretches,
     StretchSide,
+    crossing_axes,
     declared_lengths,
     dwell_beside,
-    find_stretches,
     format_shifts,
     is_declared,
     unproven_stretches,
@@ -39,7 +39,7 @@ _LONGEST = 1.0
 _CELLS = 10**6
 """The deviation of traces with more pairs of pieces than this takes too long to measure."""
 
-_MEASURED = 20
+MEASURED = 20
 """The deviation is measured on so many stretches."""
 
 
@@ -55,11 +55,9 @@ class _TracedPath(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     owner: IntArray
 
 
-def check_path(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> Stretches:
-    """Compare the stretches of all changes with what they replace; `dwells` are the added ones."""
+def check_path(case: VerifyCase, pairing: Pairing, found: Stretches, dwells: Dwells) -> None:
+    """Compare the stretches of changes without a crossing with what they replace; `dwells` are the added ones."""
     one, other = case.original.motions, case.compensated.motions
-    found = find_stretches(one, other, pairing)
-    case.findings.count("stretches", found.change.size)
     doubts = _doubtful_jogs(case, pairing, dwells)
     failed = _check_traces(case, unproven_stretches(one, other, found, case.bound), doubts)
     gap = np.abs(_last(one, other, found))
@@ -67,7 +65,6 @@ def check_path(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> Stretches:
     for place in np.flatnonzero(off).tolist():
         if int(found.change[place]) not in failed and not _report_jogs(case, doubts, found, place):
             _report_end(case, int(found.change[place]), gap[place])
-    return found
 
 
 def _check_traces(case: VerifyCase, closer: Stretches, doubts: BoolArray) -> set[int]:
@@ -85,8 +82,12 @@ def _check_traces(case: VerifyCase, closer: Stretches, doubts: BoolArray) -> set
     failed = np.flatnonzero(stuck >= 0)
     for rank, place in enumerate(failed.tolist()):
         if not _report_jogs(case, doubts, closer, place):
-            deviation = _deviation(old, new, place) if rank < _MEASURED else None
-            _report_path(case, int(closer.change[place]), new, place, int(stuck[place]), deviation)
+            deviation = None
+            if rank < MEASURED:
+                one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
+                deviation = measure_deviation(one, other)
+            at = min(int(new.first[place] + stuck[place]), int(new.first[place + 1]) - 1)
+            report_path(case, int(closer.change[place]), int(new.owner[at]), case.bound, deviation)
     return set(closer.change[failed].tolist())
 
 
@@ -177,25 +178,28 @@ def _report_end(case: VerifyCase, change: int, ends: Array) -> None:
     )
 
 
-def _report_path(
-    case: VerifyCase, change: int, new: _TracedPath, place: int, stuck: int, deviation: float | None
+def report_path(
+    case: VerifyCase,
+    change: int,
+    motion: int,
+    bound: float,
+    deviation: float | None,
+    what: str = "the tool does not go where the original does",
 ) -> None:
-    """Say where a stretch leaves the original's way, and by how much."""
-    owner = new.owner[min(new.first[place] + stuck, new.first[place + 1] - 1)]
-    block = case.compensated.motions.block[owner] if owner >= 0 else case.lines.changes.marker[change]
+    """Say on which motion (-1: none) a stretch leaves the original's way, and by how much."""
+    block = case.compensated.motions.block[motion] if motion >= 0 else case.lines.changes.marker[change]
     case.findings.add(
         "path",
-        "the tool does not go where the original does",
+        what,
         original=_replaced(case, change),
         compensated=int(block),
-        expected=f"within {case.bound / MM:.4g} mm",
+        expected=f"within {bound / MM:.4g} mm",
         got="" if deviation is None else f"{deviation / MM:.4g} mm, in the order of travel",
     )
 
 
-def _deviation(old: _TracedPath, new: _TracedPath, place: int) -> float | None:
-    """Fréchet distance of the traces of a stretch [m], up to a metre; None where they are very long."""
-    one, other = (way.points[way.first[place] : way.first[place + 1]] for way in (old, new))
+def measure_deviation(one: Array, other: Array) -> float | None:
+    """Fréchet distance of two polylines [m], up to a metre; None where they are very long."""
     if len(one) * len(other) > _CELLS:
         return None
     ends = np.array([0, len(one)]), np.array([0, len(other)])
@@ -218,6 +222,9 @@ SignArray = NDArray[np.int8]
 _SKIP = -1
 """The chain of a jog."""
 
+_ANEW = -2
+"""The chain of a motion that is part of a crossing of the axis: behind it the axis is followed anew."""
+
 
 def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     """Check that no axis moves back farther than the dead band under the offset of its other direction.
@@ -231,14 +238,17 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     first = np.zeros(motions.kind.size + 1, dtype=np.int32)
     first[1:][curves] = np.diff(lines.first)
     np.cumsum(first, out=first)
-    chain = np.where(pairing.jog, _SKIP, motions.chain)
+    still = np.where(pairing.left_out, _SKIP, motions.chain)
+    crossing = crossing_axes(case, pairing)[pairing.new_change]
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
+        chain = np.where(crossing[:, axis] & pairing.crossed, _ANEW, still)
         sign = np.rint(pairing.after[:, axis] / amount.metres).astype(np.int8)
+        sign[np.abs(pairing.after[:, axis] - sign * amount.metres) > EXACT] = 0
         ends = (motions.start[:, axis], motions.end[:, axis])
         shift = (pairing.before[:, axis], pairing.after[:, axis])
         places = np.ascontiguousarray(lines.points[:, axis])
-        back = _reverse_travel(sign, chain, ends, shift, _swings(motions, axis), (places, first))
+        back = _reverse_travel(sign, chain, ends, shift, swings_of(motions, axis), (places, first))
         over = back > _SPARE * band
         for motion in np.flatnonzero(over & ~np.append(False, over)[:-1]).tolist():
             case.findings.add(
@@ -258,7 +268,7 @@ def _original_line(case: VerifyCase, pairing: Pairing, motion: int) -> int | Non
     return None
 
 
-def _swings(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
+def swings_of(motions: Motions, axis: int) -> tuple[Array, Array, Array, Array]:
     """Motion of an axis on arcs: middle [m], radius [m], where it begins and how far it goes.
 
     The last two in half turns from where the axis is farthest; radius 0 where the axis does not swing.
@@ -303,7 +313,7 @@ def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swi
     sign : ndarray, shape (k,)
         Direction whose offset the axis carries at the end of each motion, 0 for none.
     chain : ndarray, shape (k,)
-        Number of the chain, ``_SKIP`` for jogs.
+        Number of the chain, ``_SKIP`` for jogs, ``_ANEW`` in crossings.
     ends, shift : tuple of ndarray, shape (k,)
         Position at start and end [m], and what is added there.
     swings : tuple of ndarray, shape (k,)
@@ -317,7 +327,7 @@ def _reverse_travel(sign: SignArray, chain: IntArray, ends: Any, shift: Any, swi
     for k in range(sign.size):
         if chain[k] == _SKIP:
             continue
-        if sign[k] == 0 or np.isnan(ends[0][k]) or np.isnan(ends[1][k]):
+        if chain[k] == _ANEW or sign[k] == 0 or np.isnan(ends[0][k]) or np.isnan(ends[1][k]):
             latest = 0
             continue
         if sign[k] != latest or chain[k] != its_chain:

@@ -21,6 +21,7 @@ FailureKind = Literal[
     "jog",
     "pulse",
     "dwell",
+    "crossing",
     "path",
     "feed",
     "limits",
@@ -37,10 +38,11 @@ the bytes differ; `lines` lines are missing, too many, or not where the changes 
 the original's; `comment` a comment or a block delete of a replaced line is lost; `offset` an axis is shifted
 by something else than what is declared; `return` a shift is not taken back where it must be; `direction` an
 axis carries the offset of the other direction of travel; `jog`, `pulse`, `dwell` a stop is not as declared;
-`path` the tool goes elsewhere; `feed` a feed is above the original's; `limits` a jog is faster than the
-machine; `state` the modal state after a block differs; `command` a command other than a motion is lost,
-added, or out of order; `break` a tool change, home, probe, … differs; `count` the numbers of stops or dips
-are not those declared; `machine` the program was made for another machine.
+`crossing` a crossing on the fly is not as declared, or stands where none may; `path` the tool goes elsewhere;
+`feed` a feed is above the original's; `limits` a jog is faster than the machine; `state` the modal state after
+a block differs; `command` a command other than a motion is lost, added, or out of order; `break` a tool change,
+home, probe, … differs; `count` the numbers of stops, dips or crossings are not those declared; `machine` the
+program was made for another machine.
 """
 
 KEPT = 1000

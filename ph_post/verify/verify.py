@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from ph_post.drive.axes import side_offsets
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import MM
+from ph_post.verify.crossing_words import check_crossing_words
+from ph_post.verify.crossings import check_crossings
 from ph_post.verify.declared import DeclaredChanges, read_declared
 from ph_post.verify.line_pairs import VerifyCase, pair_lines
 from ph_post.verify.offsets import (
     check_amounts,
+    check_approaches,
     check_feeds,
     check_jogs,
     check_known,
@@ -16,7 +20,7 @@ from ph_post.verify.offsets import (
     check_returns,
     check_stops,
 )
-from ph_post.verify.pairing import pair_motions
+from ph_post.verify.pairing import find_stretches, pair_motions
 from ph_post.verify.path import check_direction, check_path
 from ph_post.verify.states import check_breaks, check_commands, check_dwells, check_states
 from ph_post.verify.text import check_text
@@ -100,7 +104,7 @@ def _check_undeclared(original: PartProgram, compensated: PartProgram, findings:
 
 
 def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findings) -> None:
-    """Demand that the declaration names this machine, and half the lost motion of axes behind their loop."""
+    """Demand that the declaration names this machine, and the offsets of its axes."""
     digest = declared.machine_digest
     if digest and machine.digest and not machine.digest.startswith(digest):
         findings.add(
@@ -111,7 +115,8 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
             got=f"{declared.machine}, {digest}",
         )
     for axis, amount in declared.offsets.items():
-        if axis not in machine.axes or machine.axes[axis].loop.encloses_backlash:
+        minus, plus = side_offsets(machine.axes[axis]) if axis in machine.axes else (0.0, 0.0)
+        if minus == plus:
             findings.add(
                 "machine",
                 f"{axis} is given an offset",
@@ -119,15 +124,18 @@ def _check_machine(declared: DeclaredChanges, machine: Machine, findings: Findin
                 expected="an axis with its backlash outside the loop",
             )
             continue
-        half = 0.5 * machine.axes[axis].gap.lost_motion
         step = amount.unit * 10.0 ** -(declared.decimals or 0)
-        if abs(amount.metres - half) > step:
+        # An offset without a sign is carried to either side, whichever side the zero was taken from.
+        most = max(-minus, plus) if amount.side else 0.5 * (plus - minus)
+        wrong_side = amount.side and (plus if amount.side > 0 else -minus) < most
+        if wrong_side or abs(amount.metres - most) > step:
+            sign = "+" if plus > -minus else "-"
             findings.add(
                 "machine",
-                f"the offset of {axis} is not half its lost motion",
+                f"the offset of {axis} is not {'its' if amount.side else 'half its'} lost motion",
                 compensated=declared.first,
-                expected=f"{half / MM:.6g} mm",
-                got=f"{amount.metres / MM:.6g} mm",
+                expected=f"{sign if amount.side else ''}{most / MM:.6g} mm",
+                got=f"{'+' if amount.side > 0 else '-' if amount.side else ''}{amount.metres / MM:.6g} mm",
             )
 
 
@@ -145,9 +153,16 @@ def _compare(case: VerifyCase, machine: Machine | None) -> None:
     check_known(case, pairing)
     check_amounts(case, pairing)
     check_returns(case, pairing)
+    check_approaches(case, pairing)
     check_stops(case, pairing, dwells)
-    found = check_path(case, pairing, dwells)
-    check_feeds(case, found)
+    found = find_stretches(case.original.motions, case.compensated.motions, pairing)
+    case.findings.count("stretches", found.change.size)
+    crossed = case.lines.changes.crossed[found.change]
+    plain = found.take(~crossed)
+    check_path(case, pairing, plain, dwells)
+    check_feeds(case, plain)
+    crossings = check_crossings(case, pairing, found.take(crossed))
+    check_crossing_words(case, crossings)
     check_direction(case, pairing)
     if machine is not None:
-        check_jogs(case, pairing, machine)
+        check_jogs(case, pairing.jog | crossings.at_corner, machine)

@@ -1,0 +1,243 @@
+"""Check the words of changes that name a crossing, where commands and extrusion lie, and which modes are on."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from ph_post.gcode.program import PartProgram
+from ph_post.types import Array, IntArray
+from ph_post.units import MM
+from ph_post.verify.crossings import CrossedStretches
+from ph_post.verify.line_pairs import VerifyCase
+
+_OWN = b"GXYZFNIJKRP"
+"""Letters of the blocks of crossings, and of the parts of motions beside them."""
+
+_COMMANDS = b"MSTO"
+_AFTER = (0.0, 1.0, 60.0)
+"""M words that stop the program behind the motion of their block."""
+
+_DWELL = 4.0
+_EXTRUDED = re.compile(rb"[Ee][ \t]*([-+]?(?:\d+\.?\d*|\.\d+))")
+_COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
+_RELATIVE = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?M0*8([23])\b", re.IGNORECASE | re.MULTILINE)
+_SET = re.compile(rb"^[ \t]*(?:N\d+[ \t]*)?G0*92\b[^\r\n;]*", re.IGNORECASE | re.MULTILINE)
+_DROP = 1e-4
+"""Extrusion [mm of filament] that is rounding, and the part of itself that is."""
+
+
+def check_crossing_words(case: VerifyCase, crossed: CrossedStretches) -> None:
+    """Check words, commands, extrusion and modes in the changes that name a crossing."""
+    changes = case.lines.changes
+    for change in np.flatnonzero(changes.crossed).tolist():
+        _check_letters(case, change)
+        _check_modes(case, change)
+        _check_breaks(case, change)
+    broken = set(crossed.found.change[~crossed.fine].tolist())
+    for change in np.unique(crossed.found.change).tolist():
+        if change not in broken:
+            own = _Places(case, crossed, change)
+            _check_commands(case, own, change)
+            _check_extrusion(case, own, change)
+
+
+def _spans(case: VerifyCase, change: int) -> tuple[tuple[PartProgram, int, int], tuple[PartProgram, int, int]]:
+    """Return the replaced lines and the new ones of a change."""
+    changes = case.lines.changes
+    return (
+        (case.original, int(changes.old_first[change]), int(changes.old_last[change])),
+        (case.compensated, int(changes.new_first[change]), int(changes.new_last[change])),
+    )
+
+
+def _words_in(program: PartProgram, first: int, last: int) -> slice:
+    low, high = np.searchsorted(program.words.block, np.array([first, last], dtype=program.words.block.dtype))
+    return slice(int(low), int(high))
+
+
+def _check_letters(case: VerifyCase, change: int) -> None:
+    """Check that nothing but places and feeds is added to what the replaced lines say."""
+    (one, *old), (other, *new) = _spans(case, change)
+    there = set(_OWN) | set(one.words.letter[_words_in(one, old[0], old[1])].tolist())
+    rows = _words_in(other, new[0], new[1])
+    for word in range(rows.start, rows.stop):
+        if int(other.words.letter[word]) not in there:
+            text = other.data[other.words.start[word] : other.words.end[word]].decode("latin-1")
+            case.findings.add(
+                "command",
+                "a word that has no place in a crossing",
+                compensated=int(other.words.block[word]),
+                expected="X, Y, Z, F and words of arcs",
+                got=text,
+            )
+
+
+def _check_modes(case: VerifyCase, change: int) -> None:
+    """Check that no crossing lies where cutter compensation is active."""
+    (program, first, last), (_, new_first, _) = _spans(case, change)
+    for block in range(first - 1, last):
+        modal = program.modal_after(block)
+        if modal.compensation not in (None, "G40"):
+            case.findings.add(
+                "crossing",
+                "a crossing where cutter compensation is active",
+                original=max(block, first),
+                compensated=new_first,
+                expected="G40",
+                got=modal.compensation,
+            )
+            return
+
+
+def _check_breaks(case: VerifyCase, change: int) -> None:
+    """Check that no crossing goes on over a tool change, home, probe, or a change of coordinates."""
+    _, (program, first, last) = _spans(case, change)
+    for mark in program.breaks:
+        if first < mark.block < last:
+            case.findings.add("crossing", f"a crossing over this place: {mark.kind}", compensated=mark.block)
+
+
+class _Places:
+    """Where the lines of a change are along the original, and the crossings in it."""
+
+    def __init__(self, case: VerifyCase, crossed: CrossedStretches, change: int) -> None:
+        found = crossed.found
+        low, high = np.searchsorted(found.change, [change, change + 1])
+        self.spare = float(crossed.spare[low]) + case.bound + case.declared.within
+        self._sides: list[tuple[IntArray, Array, Array]] = []
+        for program, side, begin, end in (
+            (case.original, found.old, crossed.old_low, crossed.old_high),
+            (case.compensated, found.new, crossed.new_low, crossed.new_high),
+        ):
+            rows = slice(int(side.first[low]), int(side.first[high]))
+            self._sides.append((program.motions.block[side.motion[rows]].astype(np.int64), begin[rows], end[rows]))
+        starts = self._sides[1][1]
+        inside = (crossed.group[:, 1] >= starts.min()) & (crossed.group[:, 0] <= self._sides[1][2].max())
+        self._groups = crossed.group[inside]
+
+    def of(self, side: int, block: int, after: bool) -> float:
+        """Place at which a line's commands are executed: before its motion, or after it."""
+        blocks, begin, end = self._sides[side]
+        if not blocks.size:
+            return float(self._sides[1 - side][1][0])
+        if after:
+            place = int(np.searchsorted(blocks, block, side="right")) - 1
+            return float(end[place]) if place >= 0 else float(begin[0])
+        place = int(np.searchsorted(blocks, block))
+        return float(begin[place]) if place < blocks.size else float(end[-1])
+
+    def ends(self, side: int) -> tuple[IntArray, Array, Array]:
+        """Lines of the motions, and where they begin and end."""
+        return self._sides[side]
+
+    def alike(self, one: float, other: float) -> bool:
+        """Return true for places that are the same, or in the same crossing."""
+        if abs(one - other) <= self.spare:
+            return True
+        low, high = min(one, other), max(one, other)
+        return bool(np.any((self._groups[:, 0] <= low + self.spare) & (high <= self._groups[:, 1] + self.spare)))
+
+
+def _check_commands(case: VerifyCase, own: _Places, change: int) -> None:
+    """Check that commands of replaced lines, and their dwells, stay where they were along the path."""
+    (one, *old), (other, *new) = _spans(case, change)
+    before = _commands_of(one, old[0], old[1])
+    rest = _commands_of(other, new[0], new[1])
+    for letter, value, block in before:
+        # Lost ones are found elsewhere; added dwells stand between them.
+        at = next((n for n, found in enumerate(rest) if found[:2] == (letter, value)), None)
+        if at is None:
+            continue
+        _, _, there = rest[at]
+        rest = rest[at + 1 :]
+        after = letter == "M" and value in _AFTER
+        if not own.alike(own.of(0, block, after), own.of(1, there, after)):
+            text = f"G4 of {value:g} s" if letter == "G" else f"{letter}{value:g}"
+            case.findings.add(
+                "command",
+                f"{text} is moved along the path, across a crossing or a part of its motion",
+                original=block,
+                compensated=there,
+                expected=f"{(own.of(0, block, after) - own.ends(1)[1][0]) / MM:.4g} mm behind the change's beginning",
+                got=f"{(own.of(1, there, after) - own.ends(1)[1][0]) / MM:.4g} mm",
+            )
+
+
+def _commands_of(program: PartProgram, first: int, last: int) -> list[tuple[str, float, int]]:
+    """Commands of some lines, in order: letter, value and line; of dwells the time [s]."""
+    rows, words = _words_in(program, first, last), program.words
+    wanted = np.isin(words.letter[rows], np.frombuffer(_COMMANDS, dtype=np.uint8))
+    found = [
+        (chr(int(words.letter[word])), float(np.nan_to_num(words.value[word])), int(words.block[word]))
+        for word in (rows.start + np.flatnonzero(wanted)).tolist()
+    ]
+    blocks, times = program.dwells()
+    inside = (blocks >= first) & (blocks < last)
+    found += [
+        ("G", float(np.nan_to_num(time)), int(block))
+        for block, time in zip(blocks[inside].tolist(), times[inside].tolist(), strict=True)
+    ]
+    return sorted(found, key=lambda one: one[2])
+
+
+def _check_extrusion(case: VerifyCase, own: _Places, change: int) -> None:
+    """Check that what is extruded up to each place of the original stays the same."""
+    (one, *old), (other, *new) = _spans(case, change)
+    if not one.language.name or not (_extrudes(one, old) or _extrudes(other, new)):
+        return
+    start, relative = _extruder_before(one, old[0])
+    before = _extruded(one, old, start, relative)
+    blocks, _, end = own.ends(0)
+    places = np.append(own.ends(1)[1][0], end)
+    amounts = np.append(start, _carried_on(before, blocks, start))
+    new_blocks, _, new_end = own.ends(1)
+    got = _carried_on(_extruded(other, new, start, relative), new_blocks, start)
+    for block, place, amount in zip(new_blocks.tolist(), new_end.tolist(), got.tolist(), strict=True):
+        low, high = (float(np.interp(place + way, places, amounts)) for way in (-own.spare, own.spare))
+        least, most = min(low, high), max(low, high)
+        spare = _DROP * max(1.0, abs(most - start))
+        if not least - spare <= amount <= most + spare:
+            case.findings.add(
+                "command",
+                "E is not in proportion to the original's way",
+                compensated=int(block),
+                expected=f"E {0.5 * (least + most):.6g} in all",
+                got=f"E {amount:.6g}",
+            )
+
+
+def _extrudes(program: PartProgram, span: Any) -> bool:
+    text = program.data[program.lines[span[0]] : program.lines[span[1]]]
+    return _EXTRUDED.search(_COMMENT.sub(b"", text)) is not None
+
+
+def _extruder_before(program: PartProgram, line: int) -> tuple[float, bool]:
+    """Return the extruder's place before a line, and true where E words are relative."""
+    text = program.data[: program.lines[line]]
+    modes = _RELATIVE.findall(text)
+    relative = bool(modes) and modes[-1] == b"3"
+    if relative:
+        return 0.0, True
+    words = _EXTRUDED.findall(_COMMENT.sub(b"", text))
+    return (float(words[-1]) if words else 0.0), False
+
+
+def _extruded(program: PartProgram, span: Any, start: float, relative: bool) -> dict[int, float]:
+    """Return the extruder's place behind each line that has an E word."""
+    at, found = start, {}
+    for block in range(span[0], span[1]):
+        words = _EXTRUDED.findall(_COMMENT.sub(b"", program.text(block)))
+        if words:
+            at = at + float(words[-1]) if relative else float(words[-1])
+            found[block] = at
+    return found
+
+
+def _carried_on(amounts: dict[int, float], blocks: IntArray, start: float) -> Array:
+    """Return the extruder's place behind each of some lines."""
+    lines = np.array([-1, *amounts], dtype=np.int64)
+    values = np.array([start, *amounts.values()])
+    return np.asarray(values[np.searchsorted(lines, blocks, side="right") - 1])
