@@ -108,10 +108,14 @@ def shop(tmp_path_factory):
     return folder
 
 
+# Who watches a folder goes on until he is stopped.
+RUNNABLE = [(name, line) for name, line in EXAMPLES if name in RUN and "--watch" not in line]
+FIRST = dict(reversed(RUNNABLE))
+
+
 @pytest.mark.parametrize(
     "line",
-    # Who watches a folder goes on until he is stopped.
-    [line for name, line in EXAMPLES if name in RUN and "--watch" not in line],
+    [pytest.param(line, marks=() if FIRST[name] == line else pytest.mark.slow) for name, line in RUNNABLE],
     ids=lambda line: line.removeprefix("ph-post "),
 )
 def test_an_example_runs(shop, tmp_path, monkeypatch, capsys, line):

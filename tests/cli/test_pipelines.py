@@ -10,7 +10,7 @@ import sys
 import types
 
 import pytest
-from support.pipelines import ROOT, environment, executable, run
+from support.pipelines import ROOT, call, environment, executable, run
 from support.shop import CIRCLE, SLOT
 
 from ph_post.cli.main import COMMANDS, filter_main, slicer_main
@@ -82,7 +82,7 @@ def test_the_filter_writes_the_words_of_linuxcnc_whatever_the_machine_names(part
 
 
 def test_the_filter_refuses_the_words_of_another_controller(part):
-    assert one_line(run("filter", "-m", "stepper", "--dialect", "marlin", part)).endswith(
+    assert one_line(call("filter", "-m", "stepper", "--dialect", "marlin", part)).endswith(
         "--dialect: LinuxCNC reads what is filtered; expected linuxcnc; got marlin"
     )
 
@@ -91,26 +91,26 @@ def test_the_filter_finds_its_machine(part, tmp_path):
     router = ROOT / "samples" / "machines" / "router.toml"
     ini = tmp_path / "config" / "mill.ini"
     ini.parent.mkdir()
-    none = run("filter", part, INI_FILE_NAME=str(ini))
+    none = call("filter", part, INI_FILE_NAME=str(ini))
     assert none.stdout == b""
     wanted = "-m FILE, PH_POST_MACHINE, or ph-post.toml beside the INI file"
     got = f"no {ini.parent / 'ph-post.toml'}"
     assert one_line(none) == f"ph-post: machine: no machine file is named; expected {wanted}; got {got}"
-    assert "got no INI_FILE_NAME" in one_line(run("filter", part))
+    assert "got no INI_FILE_NAME" in one_line(call("filter", part))
     (ini.parent / "ph-post.toml").write_bytes(router.read_bytes())
-    beside = run("filter", *ROOMY, part, INI_FILE_NAME=str(ini))
-    named = run("filter", *ROOMY, part, PH_POST_MACHINE="router", INI_FILE_NAME=str(ini / "other.ini"))
+    beside = call("filter", *ROOMY, part, INI_FILE_NAME=str(ini))
+    named = call("filter", *ROOMY, part, PH_POST_MACHINE="router", INI_FILE_NAME=str(ini / "other.ini"))
     assert beside.returncode == named.returncode == 0
     assert beside.stdout == named.stdout
     # An option goes before the variable, the variable before the file.
-    assert "no such file" in one_line(run("filter", part, PH_POST_MACHINE="no.toml", INI_FILE_NAME=str(ini)))
-    asked = run("filter", "-m", "no_option.toml", part, PH_POST_MACHINE="no.toml", INI_FILE_NAME=str(ini))
+    assert "no such file" in one_line(call("filter", part, PH_POST_MACHINE="no.toml", INI_FILE_NAME=str(ini)))
+    asked = call("filter", "-m", "no_option.toml", part, PH_POST_MACHINE="no.toml", INI_FILE_NAME=str(ini))
     assert "no_option.toml: no such file" in one_line(asked)
 
 
 def test_a_machine_file_that_is_not_beside_the_ini_file_is_named_with_its_folder(part, tmp_path):
     """Where names count from, the screen knows and its user does not."""
-    found = run("filter", "-m", "mill.toml", part, cwd=tmp_path)
+    found = call("filter", "-m", "mill.toml", part, cwd=tmp_path)
     assert one_line(found) == f"ph-post: {tmp_path / 'mill.toml'}: no such file"
 
 
@@ -128,7 +128,7 @@ def test_what_cannot_be_filtered_is_one_line_and_no_program(tmp_path, name, text
     place = tmp_path / name
     if text is not None:
         place.write_text(text)
-    done = run("filter", "-m", "mill", place)
+    done = call("filter", "-m", "mill", place)
     assert done.stdout == b""
     assert said in one_line(done)
 
@@ -254,7 +254,7 @@ def test_where_it_fails_the_original_stays_byte_for_byte(tmp_path, data, options
     handed = tmp_path / "handed.gcode"
     handed.write_bytes(data)
     before = handed.stat()
-    done = run("slicer", *options, "--backup", handed, SLIC3R_PP_OUTPUT_NAME="/card/part.gcode")
+    done = call("slicer", *options, "--backup", handed, SLIC3R_PP_OUTPUT_NAME="/card/part.gcode")
     assert said in one_line(done)
     assert handed.read_bytes() == data
     assert (handed.stat().st_ino, handed.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)

@@ -2,10 +2,12 @@
 
 import json
 import re
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.amount import thinned
 from support.streams import without_progress
 
 from ph_post.cli.main import main
@@ -25,7 +27,7 @@ def data_of(text):
     return json.loads(found, parse_constant=refuse)
 
 
-@pytest.mark.parametrize("name", shipped_names("paths"))
+@pytest.mark.parametrize("name", thinned(shipped_names("paths"), 3))
 def test_every_shipped_path_has_a_page_without_nan_and_not_too_large(name, tmp_path, capsys):
     page = tmp_path / "page.html"
     assert main(["report", name, "-m", "mill", *SUPPRESS, "-o", str(page), "--json"]) == 0
@@ -116,18 +118,17 @@ def test_what_does_not_go_together_is_refused_in_words(tmp_path, monkeypatch, ca
     assert sorted(tmp_path.iterdir()) == files
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("inspect", "oval"),
-        ("inspect", "oval", "-m", "mill"),
-        ("convert", "oval", "-m", "mill", *SUPPRESS, "-o", "oval.ngc", "--no-simulation"),
-        ("sweep", "-m", "mill", "--beta", "1,2", "--gain", "1e7,2e7,3e7", "-o", "mill.json"),
-        ("diff", "a.ngc", "b.ngc"),
-        ("report", "a.ngc", "b.ngc"),
-    ],
-)
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+DRAWING = [
+    ("inspect", "oval"),
+    ("inspect", "oval", "-m", "mill"),
+    ("convert", "oval", "-m", "mill", *SUPPRESS, "-o", "oval.ngc", "--no-simulation"),
+    ("sweep", "-m", "mill", "--beta", "1,2", "--gain", "1e7,2e7,3e7", "-o", "mill.json"),
+    ("diff", "a.ngc", "b.ngc"),
+    ("report", "a.ngc", "b.ngc"),
+]
+
+
+@pytest.mark.parametrize(("ending", "command"), thinned(product(("png", "svg", "pdf"), DRAWING), 5))
 def test_commands_draw_in_the_format_of_the_ending(tmp_path, monkeypatch, capsys, command, ending):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.ngc").write_text("G21 G90\nG0 X0 Y0\nG1 X10 F100\nY10\n")

@@ -51,6 +51,7 @@ def test_a_drive_is_found_within_its_standard_errors(plant, channels, names) -> 
     assert drive.sensitivity.rank == len(drive.sensitivity.names)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_calibrated_on_motor_loops() -> None:
     """Over 12 hidden motors the squared errors, in standard errors, follow their chi-square."""
     rng = np.random.default_rng(20)
@@ -66,6 +67,7 @@ def test_standard_errors_are_calibrated_on_motor_loops() -> None:
     assert low < sum(squares) < high
 
 
+@pytest.mark.slow
 def test_standard_errors_are_calibrated_on_load_loops() -> None:
     """By turns with one side read and with both; the flank that an axis begins on is not told."""
     rng = np.random.default_rng(4)

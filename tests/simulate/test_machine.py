@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.amount import thinned
 from support.circle import circle
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP
 from support.drives import axis as paper_axis
@@ -44,9 +47,10 @@ def assert_same(run: Run, expected: Motion, within: float = 1e-9) -> None:
     assert run.motor[:, 0] == pytest.approx(expected.motor, abs=within)
 
 
-@pytest.mark.parametrize("control", ["P", "PI", "PID"])
-@pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
-@pytest.mark.parametrize("kind", ["sines", "trapezoids", "circle"])
+LOAD_LOOPS = product(("P", "PI", "PID"), ("standstill", "momentum", "contact"), ("sines", "trapezoids", "circle"))
+
+
+@pytest.mark.parametrize(("control", "pickup", "kind"), thinned(LOAD_LOOPS, 4))
 def test_load_loops(control: str, pickup: Pickup, kind: str) -> None:
     rng = np.random.default_rng([len(control), len(pickup), len(kind)])
     case = Case(random_axis(rng, "load", pickup, control, 0.25), random_command(rng, kind, 0.25, T), PERIOD)
@@ -123,7 +127,7 @@ def test_effects_inside_the_loop(effects: list[EffectSetting], pickup: Pickup, f
     [EFFECTS[key] for key in EFFECTS if key != "half impact"],
     ids=[k for k in EFFECTS if k != "half impact"],
 )
-@pytest.mark.parametrize("flank", [1, -1])
+@pytest.mark.parametrize("flank", [1, pytest.param(-1, marks=pytest.mark.slow)])
 def test_effects_with_the_gap_outside(effects: list[EffectSetting], flank: int) -> None:
     case = Case(make_axis("motor", **SOFT, flank=flank, effects=effects), WAVES, PERIOD)
     assert_same(run_case(case), reference(case))

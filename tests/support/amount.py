@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
+import pytest
+
+SLOW = pytest.mark.slow
 
 ALL = "PH_POST_ALL_TESTS"
 """Environment variable that asks for the slow tests too, as `.ci/run` does."""
@@ -20,6 +24,14 @@ FEWEST = 8
 def examples(count: int) -> int:
     """How many of `count` random examples to try."""
     return count if os.environ.get(ALL) else max(count // PART, min(count, FEWEST))
+
+
+def thinned(cases: Iterable[Any], every: int) -> list[Any]:
+    """Cases of a parametrized test of which one in `every` is tried always, the others with the slow tests."""
+    return [
+        case if number % every == 0 else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=SLOW)
+        for number, case in enumerate(cases)
+    ]
 
 
 def sample(kinds: Sequence[Hashable], each: int) -> list[int]:

@@ -1,8 +1,9 @@
-"""The commands that other programs call, run as they run them: processes of their own."""
+"""The commands that other programs call, run as they run them: processes of their own, but for `call`."""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import queue
 import shlex
@@ -13,6 +14,9 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from unittest import mock
+
+from ph_post.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -50,6 +54,24 @@ def run(*words: str | Path, cwd: Path | None = None, **more: str) -> subprocess.
         capture_output=True,
         check=False,
     )
+
+
+def call(*words: str | Path, cwd: Path | None = None, **more: str) -> subprocess.CompletedProcess[bytes]:
+    """Run ``ph-post`` to its end in this process, where a process of its own is not what counts."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
+    with (
+        mock.patch.dict(os.environ, environment(**more), clear=True),
+        mock.patch.object(sys, "stdin", io.TextIOWrapper(io.BytesIO())),
+        contextlib.chdir(cwd or Path.cwd()),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        status = main([str(word) for word in words])
+    told = []
+    for stream in (out, err):
+        stream.flush()
+        told.append(stream.buffer.getvalue())
+    return subprocess.CompletedProcess(list(words), status, *told)
 
 
 def executable(place: Path, *words: str) -> Path:
