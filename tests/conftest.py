@@ -17,6 +17,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from support.amount import ALL, examples
 
+# More than a hundred processes start in a run: what one of them has compiled is kept for the next.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 # No test fails on a time: how long an example takes depends on who else uses the machine.
 hypothesis.settings.register_profile("ph_post", deadline=None, max_examples=examples(100))
 hypothesis.settings.load_profile("ph_post")

@@ -357,6 +357,7 @@ def test_paper_numbers_all_agree(capsys):
     assert len(numbers) >= 14
 
 
+@pytest.mark.slow
 def test_paper_draws_its_figures(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("ph_post.report.paper_figures.RATIOS", np.array([-0.5, 0.0, 1.0]))
     status, _, _ = run(capsys, "paper", "--figures", str(tmp_path / "figures"))

@@ -48,7 +48,7 @@ JOBS += [("comp-g1", "mill", "auto")]
 
 
 def job(name, machine, strategy):
-    slow = machine == "mill" and name.split("/")[-1] in SECONDS
+    slow = strategy == "auto" or (machine == "mill" and name.split("/")[-1] in SECONDS)
     return pytest.param(name, machine, strategy, marks=pytest.mark.slow if slow else ())
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.amount import thinned
 from support.firmware import LINES, RefusedError, commands, travel
 
 from ph_post.analysis.path_analysis import analyse
@@ -59,7 +60,7 @@ CASES = [
 """No program can carry `step`."""
 
 
-@pytest.mark.parametrize(("path", "strategy"), CASES)
+@pytest.mark.parametrize(("path", "strategy"), thinned(CASES, 4))
 def test_no_program_has_a_word_that_firmware_refuses(path: Path, strategy: str) -> None:
     plan = plan_of(path, strategy)
     track = Track(plan.path)

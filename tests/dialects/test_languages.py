@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import re
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.amount import thinned
 from support.languages import Reader, run_fanuc, run_klartext, run_tnc_iso
 from support.measure import samples
 from support.plans import make_path, make_plan
@@ -54,8 +56,7 @@ def ran(name: str, dialect: str) -> Reader:
     return RUN[dialect](written(name, dialect).text)
 
 
-@pytest.mark.parametrize("dialect", RUN)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "dialect"), thinned(product(NAMES, RUN), 3))
 def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> None:
     program, found = written(name, dialect), ran(name, dialect)
     moves = found.run.moves[1 - program.moves :] if program.moves > 1 else found.run.moves
@@ -72,8 +73,7 @@ def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> N
     assert distance(thinned, reached).max() <= 2.0 * TOLERANCE + 2.0 * quantum
 
 
-@pytest.mark.parametrize("dialect", RUN)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(("name", "dialect"), thinned(product(NAMES, RUN), 3))
 def test_reading_back_gives_what_a_control_would_do(name: str, dialect: str) -> None:
     program, expected = written(name, dialect), ran(name, dialect).run.moves
     found = read_as(dialect, program.text.encode(), "a.nc", strict=True)

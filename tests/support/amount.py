@@ -28,10 +28,13 @@ def examples(count: int) -> int:
 
 def thinned(cases: Iterable[Any], every: int) -> list[Any]:
     """Cases of a parametrized test of which one in `every` is tried always, the others with the slow tests."""
-    return [
-        case if number % every == 0 else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=SLOW)
-        for number, case in enumerate(cases)
-    ]
+    found = []
+    for number, case in enumerate(cases):
+        values, name = case if isinstance(case, tuple) else (case,), None
+        if hasattr(case, "marks"):  # pytest.param
+            values, name = case.values, case.id
+        found.append(pytest.param(*values, id=name, marks=SLOW if number % every else ()))
+    return found
 
 
 def sample(kinds: Sequence[Hashable], each: int) -> list[int]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
+from support.amount import thinned
 from support.engine_cases import (
     PERIOD,
     SOFT,
@@ -32,6 +34,7 @@ from ph_post.types import EffectSetting, Feedback, Pickup, Run, Scenario
 COGGING = effect("cogging", following_error_mm=0.1, period_mm=5.0, phase_deg=40.0)
 FINE = effect("cogging", following_error_mm=0.02, period_mm=0.8, phase_deg=0.0)
 DRY = effect("coulomb_friction", following_error_mm=0.2)
+LOOPS = ("load", "motor", "none")
 
 
 def run(
@@ -45,9 +48,10 @@ def run(
     return simulate(make_command(command[:, None], period), make_machine([axis], period))
 
 
-@pytest.mark.parametrize("effects", [(COGGING,), (COGGING, FINE), (COGGING, DRY)])
-@pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
-@pytest.mark.parametrize("feedback", ["load", "motor", "none"])
+CASES = product([(COGGING,), (COGGING, FINE), (COGGING, DRY)], ["standstill", "momentum", "contact"], LOOPS)
+
+
+@pytest.mark.parametrize(("effects", "pickup", "feedback"), thinned(CASES, 4))
 def test_against_an_integration(effects: tuple[EffectSetting, ...], pickup: Pickup, feedback: Feedback) -> None:
     """A nanometre: what a part of a sample is wrong by is of its third power."""
     axis = make_axis(feedback, **SOFT, pickup=pickup, effects=effects)
