@@ -34,7 +34,16 @@ each = pytest.mark.parametrize("name", ALL)
 LONG = ("adaptive_linuxcnc", "helix_linuxcnc", "arcspiral", "plasmatest")
 """Programs whose windows take many seconds to plan; their lasting offsets do not."""
 
-SECONDS = ("tort", "craftsmancnc", "pocket_linuxcnc", "example")
+SECONDS = (
+    "tort",
+    "craftsmancnc",
+    "pocket_linuxcnc",
+    "example",
+    "lathe_pawn",
+    "cds",
+    "pocket_zigzag_linuxcnc",
+    "dogbone_linuxcnc",
+)
 """Programs whose windows take seconds: they are for the slow tests, the short ones for all."""
 
 MACHINES = {"stepper": stepper(), "mill": mill()}
