@@ -47,7 +47,8 @@ def assert_same(run: Run, expected: Motion, within: float = 1e-9) -> None:
     assert run.motor[:, 0] == pytest.approx(expected.motor, abs=within)
 
 
-LOAD_LOOPS = product(("P", "PI", "PID"), ("standstill", "momentum", "contact"), ("sines", "trapezoids", "circle"))
+PICKUPS = ("standstill", "momentum", "contact")
+LOAD_LOOPS = product(("P", "PI", "PID"), PICKUPS, ("sines", "trapezoids", "circle"))
 
 
 @pytest.mark.parametrize(("control", "pickup", "kind"), thinned(LOAD_LOOPS, 4))
@@ -114,11 +115,10 @@ EFFECTS = {
 }
 
 
-@pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS.keys())
-@pytest.mark.parametrize("pickup", ["standstill", "momentum", "contact"])
-@pytest.mark.parametrize("flank", [1, pytest.param(-1, marks=pytest.mark.slow)])
-def test_effects_inside_the_loop(effects: list[EffectSetting], pickup: Pickup, flank: int) -> None:
-    case = Case(make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=effects), WAVES, PERIOD)
+@pytest.mark.parametrize(("name", "pickup", "flank"), thinned(product(EFFECTS, PICKUPS, (1, -1)), 5))
+def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
+    axis = make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=EFFECTS[name])
+    case = Case(axis, WAVES, PERIOD)
     assert_same(run_case(case), reference(case))
 
 
