@@ -14,6 +14,7 @@ from ph_post.edit.edits import TOLERANCE
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import RS274, PartProgram
+from ph_post.post.remarks import is_shifted
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse import rehearse as rehearsing
 from ph_post.rehearse.linuxcnc import TIME_LIMIT
@@ -150,7 +151,9 @@ def rehearse(
     machine : Machine, str or path
         With a drive for every axis that the program moves; its dialect is one of LinuxCNC.
     original : PartProgram, str or path, optional
-        The program that `program` was made of; of one that ph-post compensated it is recovered.
+        The program that `program` was made of; of an edited program it is recovered. Of one that was made from a
+        path it is the plain program of that path (strategy "none"); without it no error is known where offsets
+        shift the path.
     backlash : bool, optional
         Also run the original with LinuxCNC's own compensation of the machine's lost motion.
     limit : float, optional
@@ -185,7 +188,15 @@ def rehearse(
     part = _read(program)
     before = original_of(part, f"original of {part.name}") if original is None else _read(original)
     check_axes(moved_axes(part), "program", drives, name)
-    return rehearsing.rehearse(part, drives, original=before, backlash=backlash, limit=limit, progress=progress)
+    return rehearsing.rehearse(
+        part,
+        drives,
+        original=before,
+        nominal=before is not None or not is_shifted(part.data),
+        backlash=backlash,
+        limit=limit,
+        progress=progress,
+    )
 
 
 def _read(program: PartProgram | Source) -> PartProgram:

@@ -53,7 +53,8 @@ def command(
     order of words, a line cut in two - are shown, but do not count. 1: they differ. 2: a program cannot be
     read.
 
-    With -m, times include rapid moves, and the contour error of both is predicted.
+    With -m, times include rapid moves, and the contour error of both is predicted, from the path of the original
+    that a program declares, else from that of A; the last line is the error that backlash causes, from A to B.
 
     \b
     Examples:
@@ -71,7 +72,8 @@ def command(
       feed             {stretches}, with feeds [mm/min]
       time             {a, b, stretches} [s]
       orders, notes    other commands that differ; stretches compared as text
-      error            with -m: contour error of A and B [mm], else null
+      error            with -m: {a, b}, contour error [mm], else null
+      error_gap        with -m: {a, b, b_worst}: what backlash adds [mm], else null
     """
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter

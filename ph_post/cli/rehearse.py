@@ -42,7 +42,9 @@ def command(
     LinuxCNC runs without screen and hardware: its interpreter, planner and servo thread, with the limits and
     the servo period of the machine file. The commands to the joints in every servo period are compared with
     the plan, in speed and path, and simulated on the machine, which gives the contour error to expect. The
-    original of a program compensated by ph-post is run too; --against names the original of other programs.
+    original of a program that ph-post edited is run too; --against names the original of other programs, of one made
+    from a path its plain program (`convert --strategy none`). Errors are measured from the original's path; the last
+    line is the error that backlash causes, before and after.
 
     Cases that the machine file leaves open are simulated as by `simulate`. Errors count while the tool cuts,
     from five servo time constants after the start. PROGRAM may be - for standard input.
@@ -59,6 +61,8 @@ def command(
       path      {max, allowed} [mm]
       time      {plan, controller, before} [s]
       error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
+      error_gap {before, after, after_worst}: what backlash adds; null without the original
+      axes      axes that the program declares as compensated
       lockstep  whether it ran period by period, not in real time
     """
     import ph_post as ph

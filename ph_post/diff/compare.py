@@ -21,12 +21,18 @@ from ph_post.diff.feeds import (
     programmed_timing,
 )
 from ph_post.diff.paths import ComparedPaths, Span, compare_paths, largest_deviation, refine_deviations
+from ph_post.drive.axes import has_backlash
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError, TooLargeError
 from ph_post.gcode.program import RAPID, PartProgram, runs
-from ph_post.simulate.assess import resting_axes, scenarios
+from ph_post.simulate.assess import backlash_scenarios, resting_axes, scenarios
 from ph_post.simulate.contour import ContourError
-from ph_post.simulate.controllers.deviation import moving_axes, program_error
+from ph_post.simulate.controllers.deviation import (
+    CutPath,
+    moving_axes,
+    program_error,
+    program_gap_error,
+)
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, Command, IntArray, Machine
 from ph_post.units import MM
@@ -48,14 +54,28 @@ class Deviation(msgspec.Struct, frozen=True, kw_only=True):
     where: tuple[float, float, float]
 
 
+class PredictedErrors(msgspec.Struct, frozen=True, kw_only=True):
+    """Predicted contour errors of two programs, by all causes and by backlash; None where they were not found.
+
+    `gap_worst` is the largest that backlash causes in the second if it is off by its `uncertainty`, the largest
+    of the axes that move. An error is measured from the path of the original that a program declares; where B
+    declares none, from that of A.
+    """
+
+    errors: tuple[ContourError | None, ContourError | None]
+    gaps: tuple[ContourError | None, ContourError | None]
+    gap_worst: ContourError | None
+    uncertainty: float
+
+
 class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Two programs compared, `programs`.
 
     `identical` byte for byte; `travel` the paths, `deviations`, `feeds`, `times`, `orders` what differs along
     them, `retimed` whether feeds and dwells ask for other times. `max_deviation` [m] is None where one of the
     programs has no motion. `declared` says what the programs say of their own compensation; `undone` [m] how
-    far they are apart without it, None where none is declared. `errors` are the predicted contour errors,
-    None where they were not asked for or not found.
+    far they are apart without it, None where none is declared. `predicted` are the contour errors, None where
+    they were not asked for.
     """
 
     programs: tuple[PartProgram, PartProgram]
@@ -72,7 +92,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     orders: tuple[CommandChange, ...]
     declared: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     undone: float | None = None
-    errors: tuple[ContourError | None, ContourError | None] | None = None
+    predicted: PredictedErrors | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -121,24 +141,22 @@ def describe_declaration(one: Declaration) -> list[str]:
 
 
 class PredictedRun(NamedTuple):
-    """Times of a program on a machine, its contour error, and why there is none where that needs a word.
+    """Times of a program on a machine, the command of its controller, and why that is not simulated.
 
-    `error` is None where nothing is cut, too.
+    `command` is None where the program is too long to be run.
     """
 
     timing: PathTiming
-    error: ContourError | None
+    command: Command | None
     trouble: str = ""
 
 
-def predict_run(program: PartProgram, original: PartProgram, programmed: PathTiming, machine: Machine) -> PredictedRun:
-    """Run a program on the model of its controller, and its commands on that of the drives.
+def predict_run(program: PartProgram, programmed: PathTiming, machine: Machine) -> PredictedRun:
+    """Run a program on the model of its controller.
 
     Parameters
     ----------
     program : PartProgram
-    original : PartProgram
-        Whose path the table should follow: the program without what it declares.
     programmed : PathTiming
         Times as feeds and dwells give them.
     machine : Machine
@@ -153,15 +171,61 @@ def predict_run(program: PartProgram, original: PartProgram, programmed: PathTim
     except TooLargeError as error:
         return PredictedRun(programmed, None, f"no times of the controller and no error are predicted: {error}")
     timing = _controller_timing(command, program, programmed)
-    if command.t.size == 0:
-        return PredictedRun(timing, None)
-    if command.t[-1] > LONGEST_SIMULATED:
+    if command.t.size and command.t[-1] > LONGEST_SIMULATED:
         hours = f"{command.t[-1] / HOUR:.3g} h, more than {LONGEST_SIMULATED / HOUR:g} h"
-        return PredictedRun(timing, None, f"{program.name}: no error is predicted: it runs for {hours}")
+        return PredictedRun(timing, command, f"{program.name}: no error is predicted: it runs for {hours}")
+    return PredictedRun(timing, command)
+
+
+def predict_errors(
+    programs: tuple[PartProgram, PartProgram],
+    declared: tuple[PartProgram | None, PartProgram | None],
+    runs: tuple[PredictedRun, PredictedRun],
+    machine: Machine,
+) -> PredictedErrors:
+    """Run the commands of two programs on the model of the drives, and measure how far the tables leave the path.
+
+    Parameters
+    ----------
+    programs : (PartProgram, PartProgram)
+    declared : (PartProgram or None, PartProgram or None)
+        The originals that the programs declare.
+    runs : (PredictedRun, PredictedRun)
+        As the model of the controller runs them.
+    machine : Machine
+    """
+    nominal = declared[0] or programs[0]
+    targets = (nominal, declared[1] or nominal)
+    plain = {programs[0].data: runs[0].command} if runs[0].command is not None else {}
+    found = [_predicted(runs[k], targets[k], machine, plain, worst=k == 1) for k in (0, 1)]
+    moved = {name for one in runs if one.command is not None for name in moving_axes(one.command).axes}
+    spreads = [machine.axes[name].uncertainty.backlash for name in moved if has_backlash(machine.axes[name])]
+    return PredictedErrors(
+        errors=(found[0][0], found[1][0]),
+        gaps=(found[0][1], found[1][1]),
+        gap_worst=found[1][2],
+        uncertainty=max(spreads, default=0.0),
+    )
+
+
+def _predicted(
+    run: PredictedRun, target: PartProgram, machine: Machine, plain: dict[bytes, Command], *, worst: bool
+) -> tuple[ContourError | None, ContourError | None, ContourError | None]:
+    """Error of a run from the path of a program: by all causes, by backlash, and that at worst if asked for.
+
+    `plain` are the commands of programs that were run already, by their bytes.
+    """
+    command = run.command
+    if command is None or command.t.size == 0 or run.trouble:
+        return None, None, None
     moving = moving_axes(command)
-    tried = [one for one in scenarios(machine, moving.axes, resting_axes(moving)) if one.gap == 1.0]
-    nominal = [one for one in tried if one.beta == one.gain == 1.0]
-    return PredictedRun(timing, program_error(command, machine, original, nominal).error)
+    known = backlash_scenarios(scenarios(machine, moving.axes, resting_axes(moving)))
+    found = program_error(command, machine, target, [one for one in known if one.gap == 1.0])
+    if target.data not in plain:
+        plain[target.data] = run_program(target, machine)
+    how = (found, command, machine, CutPath(target, machine))
+    own = program_gap_error(*how, (found.run.scenario,), plain[target.data])
+    return found.error, own, program_gap_error(*how, known, plain[target.data]) if worst else None
 
 
 def _controller_timing(command: Command, program: PartProgram, programmed: PathTiming) -> PathTiming:
@@ -171,7 +235,7 @@ def _controller_timing(command: Command, program: PartProgram, programmed: PathT
     time = np.asarray(rows * command.period, dtype=np.float64)
     rapid = program.motions.kind == RAPID
     timing = Timing(
-        total=float(command.t[-1]),
+        total=float(command.t[-1]) if command.t.size else 0.0,
         cutting=float(time[~rapid].sum()),
         rapids=float(time[rapid].sum()),
         dwells=programmed.timing.dwells,
@@ -207,9 +271,9 @@ def compare_programs(
     asked = (programmed_timing(a, travel.outlines[0]), programmed_timing(b, travel.outlines[1]))
     timings, errors, troubles = asked, None, ("", "")
     if machine is not None:
-        first, second = (predict_run(programs[k], originals[k], asked[k], machine) for k in (0, 1))
-        timings, errors = (first.timing, second.timing), (first.error, second.error)
-        troubles = (first.trouble, second.trouble)
+        first, second = (predict_run(programs[k], asked[k], machine) for k in (0, 1))
+        timings, troubles = (first.timing, second.timing), (first.trouble, second.trouble)
+        errors = predict_errors(programs, (declared[0].original, declared[1].original), (first, second), machine)
     undone = None
     if originals != programs:
         undone = largest_deviation(compare_paths(*(curve_table(one.motions) for one in originals)))
@@ -233,7 +297,7 @@ def compare_programs(
         orders=compare_commands(a, b, travel, apart),
         declared=(declared[0].words, declared[1].words),
         undone=undone,
-        errors=errors,
+        predicted=errors,
         notes=(
             *filter(None, troubles),
             *(

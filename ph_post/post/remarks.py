@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 import numpy as np
@@ -74,6 +75,15 @@ def _window(plan: Plan, number: int) -> str:
 
 _SIDES: Final = {0: "towards the side it moves to", 1: "while it moves to minus", -1: "while it moves to plus"}
 """Where an offset is carried, by the side to which positions are referred."""
+
+
+SHIFTED: Final = re.compile(rb"axis [XYZ] (carries an offset of|goes out by up to) ", re.IGNORECASE)
+"""What the head of a program says whose blocks are not on the path that it was made from."""
+
+
+def is_shifted(data: bytes) -> bool:
+    """Return whether a program made from a path says that it leaves the path to cross backlash."""
+    return SHIFTED.search(data) is not None
 
 
 def _offsets(plan: Plan) -> list[str]:

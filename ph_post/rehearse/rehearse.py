@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -15,9 +15,11 @@ from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs
 from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, PlannerRecording, run_on_linuxcnc
-from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error
+from ph_post.simulate.assess import backlash_scenarios
+from ph_post.simulate.contour import ContourError
+from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
 from ph_post.simulate.controllers.run import run_program, tolerances
-from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, frozen, sealed
+from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, Scenario, frozen, sealed
 from ph_post.version import package_version
 
 OPERATOR: Final = (0, 1, 6, 60)
@@ -50,7 +52,9 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `speed` (rms) and `speed_worst` are differences of the speed along the path from the plan's in the windows,
     relative to the feed there; `windows` is their number. `path` [m] is the largest distance of the commands
     from the path that the program declares, `allowed` [m] the largest that its path mode allows, None where
-    that is not bounded.
+    that is not bounded. `gaps` are what backlash adds, before and after, and after if it is off by its uncertainty;
+    None where the original was not run. `nominal` says whether the path is known from which errors are measured:
+    a program made from a path may have shifted it.
     """
 
     program: PartProgram
@@ -65,12 +69,19 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     path: float
     allowed: float | None
     lockstep: bool
+    gaps: tuple[ContourError | None, ContourError | None, ContourError | None] = (None, None, None)
+    nominal: bool = True
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Lines of the program that LinuxCNC runs and the plan lacks."""
+        """Lines of the program that LinuxCNC runs and the plan lacks, and whether the error is not known."""
         name, notes = self.program.name, self.program.notes
-        return tuple(f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes)
+        unknown = (
+            f"{name}: offsets shift it from the path that it was made from, and so its error is not known; --against"
+            " PLAIN with the program of `convert --strategy none` gives it"
+        )
+        said = tuple(f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes)
+        return said if self.nominal else (*said, unknown)
 
     def log(self) -> bytes:
         """Return commanded and executed motion as a log (CSV)."""
@@ -88,6 +99,7 @@ def rehearse(
     machine: Machine,
     *,
     original: PartProgram | None = None,
+    nominal: bool = True,
     backlash: bool = False,
     limit: float = TIME_LIMIT,
     progress: Progress = no_progress,
@@ -101,6 +113,8 @@ def rehearse(
         With a drive for every axis that the program moves.
     original : PartProgram, optional
         Program that `program` was made from; errors are measured from its path.
+    nominal : bool, optional
+        Whether the path of the original, or else that of `program`, is the nominal one.
     backlash : bool, optional
         Also run the original with LinuxCNC's own compensation of the machine's lost motion.
     limit : float, optional
@@ -147,7 +161,21 @@ def rehearse(
         path=path,
         allowed=_allowed(program),
         lockstep=recording.lockstep,
+        gaps=(None, None, None) if before is None else _gaps(before, real, machine, CutPath(target, machine)),
+        nominal=nominal,
     )
+
+
+def _gaps(
+    before: Execution, real: Execution, machine: Machine, path: CutPath
+) -> tuple[ContourError | None, ContourError | None, ContourError | None]:
+    """Return what backlash adds to LinuxCNC's runs of the original and of the program, and at worst to the latter."""
+
+    def added(one: Execution, tried: Sequence[Scenario]) -> ContourError | None:
+        return program_gap_error(one.error, one.command, machine, path, tried, before.command)
+
+    own = [added(one, (one.error.run.scenario,)) for one in (before, real)]
+    return own[0], own[1], added(real, backlash_scenarios(real.error.scenarios))
 
 
 def command_of(recording: PlannerRecording, machine: Machine) -> Command:

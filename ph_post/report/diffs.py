@@ -9,16 +9,16 @@ import click
 import msgspec
 
 from ph_post.diff.blocks import BlockChange, CommandChange, lines_of
-from ph_post.diff.compare import Comparison, Deviation
+from ph_post.diff.compare import Comparison, Deviation, PredictedErrors
 from ph_post.diff.feeds import FeedChange, Timing
 from ph_post.diff.paths import Span
 from ph_post.files.check import counted
 from ph_post.gcode.program import PartProgram
 from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
+from ph_post.report.result_line import ResultSummary, declared_axes, result_lines
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.views import View
-from ph_post.simulate.contour import ContourError
 from ph_post.units import MM, MM_PER_MIN
 from ph_post.verify.verdict import Verdict
 
@@ -52,9 +52,33 @@ def diff_view(found: Comparison) -> View:
             ],
         },
         "orders": [{"what": one.what, "a": _line(one.a), "b": _line(one.b)} for one in found.orders],
-        "error": None if found.errors is None else {"a": error_view(found.errors[0]), "b": error_view(found.errors[1])},
+        **_predicted_view(found.predicted),
         "notes": list(found.notes),
     }
+
+
+def _predicted_view(found: PredictedErrors | None) -> View:
+    if found is None:
+        return {"error": None, "error_gap": None}
+    (a, b), (gap_a, gap_b) = found.errors, found.gaps
+    gap = {"a": error_view(gap_a), "b": error_view(gap_b), "b_worst": error_view(found.gap_worst)}
+    return {"error": {"a": error_view(a), "b": error_view(b)}, "error_gap": gap}
+
+
+def diff_result(found: Comparison) -> list[str]:
+    """Return the line of the result, from A to B; nothing where no errors were predicted."""
+    if found.predicted is None:
+        return []
+    a, b = found.timing
+    summary = ResultSummary(
+        time=(a.total, b.total),
+        error=found.predicted.errors,
+        error_gap=found.predicted.gaps,
+        error_gap_worst=found.predicted.gap_worst,
+        uncertainty=found.predicted.uncertainty,
+        axes=declared_axes(found.programs[1]),
+    )
+    return result_lines(summary)
 
 
 def _file_view(found: Comparison, k: int) -> View:
@@ -137,7 +161,9 @@ def print_diff(found: Comparison) -> None:
     _print_feeds(found.feeds)
     _print_times(found)
     _print_orders(found.orders)
-    _print_errors(found.errors)
+    _print_errors(found.predicted)
+    for line in diff_result(found):
+        click.echo(line)
 
 
 def diff_summary(found: Comparison) -> list[str]:
@@ -165,9 +191,9 @@ def _some(number: int, one: str, many: str) -> str:
 
 
 def _error_words(found: Comparison) -> str:
-    if found.errors is None:
+    if found.predicted is None:
         return ""
-    a, b = (None if one is None else one.max for one in found.errors)
+    a, b = (None if one is None else one.max for one in found.predicted.errors)
     return f"largest error {micrometres(a)} µm for A, {micrometres(b)} µm for B"
 
 
@@ -305,13 +331,13 @@ def _print_orders(orders: Sequence[CommandChange]) -> None:
     _say_rest(len(orders) - SHOWN, "commands")
 
 
-def _print_errors(errors: tuple[ContourError | None, ContourError | None] | None) -> None:
-    if errors is None:
+def _print_errors(found: PredictedErrors | None) -> None:
+    if found is None:
         return
-    click.secho("predicted contour error:", bold=True)
+    click.secho("predicted contour error, from the path of A or of the original that is declared:", bold=True)
     rows = [
         (name, NOTHING, NOTHING) if one is None else (name, micrometres(one.max), micrometres(one.rms))
-        for name, one in zip("AB", errors, strict=True)
+        for name, one in zip("AB", found.errors, strict=True)
     ]
     _print_table(("", "max µm", "rms µm"), rows)
 

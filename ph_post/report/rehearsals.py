@@ -6,12 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ph_post.drive.axes import has_backlash
 from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, micrometres, seconds
 from ph_post.rehearse.rehearse import Execution, Rehearsal
 from ph_post.report.figures import AFTER, BEFORE, MARK, legend_above, new_figure
+from ph_post.report.result_line import ResultSummary, declared_axes, result_lines
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
+from ph_post.report.views import View
+from ph_post.simulate.contour import ContourError
+from ph_post.simulate.controllers.run import moved_axes
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 if TYPE_CHECKING:
@@ -28,15 +33,22 @@ def rehearsal_view(found: Rehearsal) -> dict[str, Any]:
         "path": {"max": found.path / MM, "allowed": None if found.allowed is None else found.allowed / MM},
         "time": {"plan": found.plan.time, "controller": real.time, "before": before.time},
         "error": {
-            "before": error_view(before.error.error),
-            "after": error_view(real.error.error),
-            "planned": error_view(found.plan.error.error),
-            "before_worst": error_view(before.error.error_worst),
-            "after_worst": error_view(real.error.error_worst),
-            "backlash": None if found.backlash is None else error_view(found.backlash.error.error),
+            "before": _known(found, before.error.error),
+            "after": _known(found, real.error.error),
+            "planned": _known(found, found.plan.error.error),
+            "before_worst": _known(found, before.error.error_worst),
+            "after_worst": _known(found, real.error.error_worst),
+            "backlash": None if found.backlash is None else _known(found, found.backlash.error.error),
         },
+        "error_gap": dict(zip(("before", "after", "after_worst"), map(error_view, found.gaps), strict=True)),
+        "axes": list(declared_axes(found.program)),
         "lockstep": found.lockstep,
     }
+
+
+def _known(found: Rehearsal, error: ContourError | None) -> View | None:
+    """Return an error, null where the nominal path is not known."""
+    return error_view(error) if found.nominal else None
 
 
 def rehearsal_lines(found: Rehearsal) -> list[str]:
@@ -45,19 +57,36 @@ def rehearsal_lines(found: Rehearsal) -> list[str]:
     part = 100.0 * (real.time / found.plan.time - 1.0)
     lines = [
         f"{found.program.name}: {_error_words(found)}{seconds(real.time)} s on LinuxCNC",
-        _error_table(found),
+        *([_error_table(found)] if found.nominal else []),
         f"time: {part:+.2f} % compared with the plan",
         f"speed: {100.0 * found.speed:.2f} % rms off the plan in {counted(found.windows, 'window')}",
         f"path: at most {micrometres(found.path)} µm from the program's, {_allowed_words(found)}",
     ]
     if not found.lockstep:
         lines.append("run in real time: the duration of dwells depends on how busy this computer is")
-    return lines
+    return [*lines, *_result_lines(found)]
+
+
+def _result_lines(found: Rehearsal) -> list[str]:
+    """Return the line of the result, where the original was run beside the program."""
+    if found.before is None:
+        return [] if found.nominal else ["the error is not known: the path that offsets shift is not given"]
+    before, after, worst = found.gaps
+    own = {name: found.machine.axes[name] for name in moved_axes(found.program)}
+    summary = ResultSummary(
+        time=(found.before.time, found.real.time),
+        error=(found.before.error.error, found.real.error.error),
+        error_gap=(before, after),
+        error_gap_worst=worst,
+        uncertainty=max((axis.uncertainty.backlash for axis in own.values() if has_backlash(axis)), default=0.0),
+        axes=declared_axes(found.program),
+    )
+    return result_lines(summary)
 
 
 def _error_words(found: Rehearsal) -> str:
     after = found.real.error.error
-    if after is None:
+    if after is None or not found.nominal:
         return ""
     before = None if found.before is None else found.before.error.error
     if before is None:

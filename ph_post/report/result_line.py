@@ -207,7 +207,7 @@ X, Y, Z compensated, 42 of 42 reversals
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
         parts.append(f"{before} → {after} s")
-    parts.append(_axis_words(found))
+    parts += [words for words in [_axis_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
 
@@ -237,7 +237,7 @@ def _error_words(found: ResultSummary) -> str:
 
 def _axis_words(found: ResultSummary) -> str:
     if found.reversals is None:
-        return f"{', '.join(found.axes)} compensated" if found.axes else "no axis compensated"
+        return f"{', '.join(found.axes)} compensated" if found.axes else ""
     if not found.reversals.all:
         return "no axis with backlash reverses"
     done = f"{', '.join(found.axes)} compensated" if found.axes else "no axis compensated"

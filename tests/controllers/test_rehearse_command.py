@@ -50,3 +50,24 @@ def test_what_linuxcnc_refuses_is_told_in_one_line(tmp_path: Path, capsys: pytes
     said = [line for line in capsys.readouterr().err.splitlines() if "refuses the program" in line]
     assert len(said) == 1
     assert "bad.ngc:3" in said[0]
+
+
+def test_a_shifted_path_has_no_error_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without the plain program nothing says where the table should be; with it the error is that from its path."""
+    plain, offset = tmp_path / "plain.ngc", tmp_path / "offset.ngc"
+    made = ["convert", "pocket", "-m", "router", "--no-simulation"]
+    assert main([*made, "--strategy", "none", "-o", str(plain)]) == 0
+    assert main([*made, "--strategy", "takeup", "--max-slowdown", "1", "-o", str(offset)]) == 0
+    capsys.readouterr()
+    assert main(["rehearse", str(offset), "-m", "router", "--json"]) == 0
+    out, err = capsys.readouterr()
+    alone = json.loads(out)
+    assert alone["error"] == dict.fromkeys(alone["error"])
+    assert alone["error_gap"] == {"before": None, "after": None, "after_worst": None}
+    assert "--against" in err
+    assert main(["rehearse", str(offset), "-m", "router", "--against", str(plain), "--json"]) == 0
+    beside = json.loads(capsys.readouterr().out)
+    for name in ("error", "error_gap"):
+        assert beside[name]["after"]["rms"] < 0.5 * beside[name]["before"]["rms"]
+    assert main(["rehearse", str(offset), "-m", "router", "--against", str(plain)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("backlash error ")

@@ -176,8 +176,8 @@ def test_a_machine_tells_how_long_and_how_far_off():
     cut = 70.0 + 5.0 * math.pi
     assert cut / 10.0 < a.total < cut / 10.0 + 1.0
     assert cut / 5.0 < b.total < cut / 5.0 + 1.0
-    assert [error.max for error in found.errors] == pytest.approx([0.05e-3, 0.05e-3], rel=0.01)
-    assert compared("F600", "F300", text).errors is None
+    assert [error.max for error in found.predicted.errors] == pytest.approx([0.05e-3, 0.05e-3], rel=0.01)
+    assert compared("F600", "F300", text).predicted is None
 
 
 def test_what_is_declared_is_said_and_taken_off():
