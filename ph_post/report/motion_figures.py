@@ -25,7 +25,7 @@ from ph_post.report.figures import (
 )
 from ph_post.report.traces import DrawnMotion, Picture
 from ph_post.simulate.assess import Assessment
-from ph_post.types import Array, BoolArray, Run
+from ph_post.types import Array, IntArray, Run
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def draw_picture(picture: Picture) -> Figure:
 def _draw_both_paths(axes: Axes, picture: Picture) -> None:
     s = np.unique(picture.joints)
     joints = picture.points(s)
-    draw_moves(axes, _flat(joints), np.ones(s.size, dtype=bool), _in_rapids(picture, s), BEFORE, "path")
+    draw_moves(axes, _flat(joints), _steps(picture.unknown, s) == 0, _steps(picture.rapids, s) == 1, BEFORE, "path")
     for window in picture.windows:
         span = np.linspace(*window, 64)
         span = np.mod(span, picture.length) if picture.closed else span
@@ -217,11 +217,11 @@ def _draw_both_paths(axes: Axes, picture: Picture) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _in_rapids(picture: Picture, s: Array) -> BoolArray:
-    """Whether the steps from place to place along a path (n,), ascending [m], are rapid moves."""
+def _steps(stretches: Sequence[tuple[float, float]], s: Array) -> IntArray:
+    """Return 1 for the steps from place to place along a path (n,), ascending [m], that lie in stretches, else 0."""
     middles = 0.5 * (s + np.append(s[:1], s[:-1]))
-    ends = np.array(picture.rapids).ravel()  # ascending, each rapid's begin and end
-    return np.asarray(np.searchsorted(ends, middles, side="right") % 2 == 1)
+    ends = np.array(stretches).ravel()  # ascending, the begin and the end of each
+    return np.asarray(np.searchsorted(ends, middles, side="right") % 2)
 
 
 def _flat(points: Array) -> Array:
@@ -239,7 +239,8 @@ def _draw_panels(panels: dict[str, Axes], picture: Picture) -> None:
             axes.axvspan(low / MM, high / MM, color=WINDOW, alpha=0.3, linewidth=0.0)
     for trace, colour in zip(picture.traces, TWO, strict=False):
         error.plot(trace.s / MM, _counted(trace), color=colour, linewidth=1.0, label=trace.name)
-        feed.plot(trace.s / MM, trace.feed / MM_PER_MIN, color=colour, linewidth=1.0)
+        asked = np.where(picture.known(trace.s), trace.feed / MM_PER_MIN, np.nan)
+        feed.plot(trace.s / MM, asked, color=colour, linewidth=1.0)
     side = "+ left of the path" if picture.kind == "path" and len(picture.axes) == 2 else ""
     error.set(ylabel="contour error [µm]")
     feed.set(xlabel="along the path [mm]", ylabel="feed [mm/min]", xlim=(0.0, picture.length / MM))

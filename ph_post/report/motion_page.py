@@ -52,7 +52,7 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
         "summary": motion_summary(picture),
         "machine": machine_table(picture.machine, picture.axes),
         "warnings": [*result_lines(picture.summary)[:-1], *picture.warnings],
-        "notes": [*_thinned(picture, kept), *notes],
+        "notes": [*picture.notes, *_thinned(picture, kept), *notes],
         "path": _path(picture, kept),
         "points": [_point(picture, number) for number in range(len(picture.marks))],
         "runs": [_run(picture, trace, rows) for trace, rows in zip(picture.traces, kept, strict=True)],
@@ -79,7 +79,7 @@ def motion_lines(picture: Picture) -> list[str]:
         for k, mark in enumerate(picture.marks)
     ]
     table = [format_table(header, rows)] if rows else ["no axis reverses"]
-    warnings = (f"warning: {text}" for text in picture.warnings)
+    warnings = (*picture.notes, *(f"warning: {text}" for text in picture.warnings))
     return [*result_lines(picture.summary)[:-1], motion_summary(picture), *table, *warnings]
 
 
@@ -130,6 +130,7 @@ def _path(picture: Picture, kept: Sequence[IntArray]) -> View:
         "s": numbers(s / MM, LENGTHS),
         **{name: numbers(points[:, k] / MM, LENGTHS) for k, name in enumerate("xyz"[: len(picture.axes)])},
         "rapid": [[begin / MM, end / MM] for begin, end in picture.rapids[:ROWS]],
+        "unknown": [[begin / MM, end / MM] for begin, end in picture.unknown],
         "closed": picture.closed,
     }
 
@@ -147,7 +148,7 @@ def _run(picture: Picture, trace: DrawnMotion, rows: IntArray) -> View:
         "samples": trace.t.size,
         "t": numbers(trace.t[rows], 6),
         "s": numbers(trace.s[rows] / MM, LENGTHS),
-        "feed": numbers(trace.feed[rows] / MM_PER_MIN, 3),
+        "feed": numbers(np.where(picture.known(trace.s[rows]), trace.feed[rows] / MM_PER_MIN, np.nan), 3),
         "e": numbers(trace.error[rows] / MICROMETRE, 4),
         **{name: numbers(trace.foot[rows, k] / MM, LENGTHS) for k, name in enumerate(names)},
         **{f"d{name}": numbers(trace.away[rows, k] / MM, 7) for k, name in enumerate(names)},

@@ -16,6 +16,7 @@ from ph_post.api.programs import CompensatedProgram
 from ph_post.api.results import PlannedMotion, ProgramMotion
 from ph_post.api.reversals import ProgramReversal, program_reversals
 from ph_post.compensate.comparison import strategy_at, window_number
+from ph_post.gcode.paths import line_words
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
 from ph_post.report.programs import window_views
@@ -23,6 +24,7 @@ from ph_post.report.result_line import ResultSummary, summarize, summarize_progr
 from ph_post.report.views import View, turning_point_views, windows_by_point
 from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
 from ph_post.simulate.controllers.deviation import CutPath, program_error
+from ph_post.simulate.controllers.unknown import unknown_lines, unknown_motions
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario, TurningPoint
 from ph_post.units import MM
 
@@ -99,6 +101,13 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     warnings: tuple[str, ...]
     summary: ResultSummary
     rapids: tuple[tuple[float, float], ...] = ()
+    unknown: tuple[tuple[float, float], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def known(self, s: Array) -> BoolArray:
+        """Whether places along the path (n,) [m] are drawn."""
+        ends = np.array(self.unknown).ravel()  # ascending, the begin and the end of each
+        return np.asarray(np.searchsorted(ends, s, side="right") % 2 == 0)
 
     @property
     def windows(self) -> list[tuple[float, float]]:
@@ -228,6 +237,7 @@ def program_picture(
         for one in zip(turns, window_views(turns), places, map(tuple, at), strict=True)
     )
     rapid = np.flatnonzero(path.legs.rapid == 1.0)
+    unknown = np.flatnonzero(unknown_motions(original)[path.legs.motion.astype(np.int64)])
     return Picture(
         name=PurePath(original.name).name,
         kind="program",
@@ -243,6 +253,11 @@ def program_picture(
         warnings=delivery.warnings,
         summary=summarize_program(delivery, both[0][1], both[-1][1], turns),
         rapids=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in rapid.tolist()),
+        unknown=tuple((float(path.starts[k]), float(path.starts[k + 1])) for k in unknown.tolist()),
+        notes=tuple(
+            f"{line_words(*lines)}: where the axes are is not known; nothing is drawn, and no number is given"
+            for lines in unknown_lines(original)
+        ),
     )
 
 

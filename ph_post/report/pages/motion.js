@@ -64,7 +64,7 @@ function words(run, k) {
     if (!seen.runs[r]) return;
     const i = one === run ? k : near(one, run.s[k]);
     const error = one.counted[i] ? `error ${micrometres(Math.abs(one.e[i]))} µm${sideWord(one.e[i])}` : "error not counted here";
-    rows.push(`${one.name}: ${error}, feed ${num(one.feed[i], 1)} mm/min, at ${num(one.t[i], 3)} s`);
+    rows.push(`${one.name}: ${error}, ${one.feed[i] === null ? "feed not known" : `feed ${num(one.feed[i], 1)} mm/min`}, at ${num(one.t[i], 3)} s`);
   });
   const m = markAt(run.s[k]);
   if (m !== null) rows.push(`in the window of #${MARKS[m].index} (${MARKS[m].axis} ${MARKS[m].sense}): ${MARKS[m].strategy === "none" ? "not compensated" : MARKS[m].strategy}`);
@@ -126,6 +126,8 @@ let flat = null;
   // Whether the step that ends in a point is a rapid move.
   const rapid = new Uint8Array(P.s.length);
   P.rapid.forEach(([a, b]) => { for (let k = at(P.s, a + 1e-9) + 1; k < P.s.length && P.s[k] <= b + 1e-9; k++) rapid[k] = 1; });
+  // Nothing is drawn where the place of the axes is not known.
+  P.unknown.forEach(([a, b]) => { for (let k = at(P.s, a + 1e-9) + 1; k < P.s.length && P.s[k] <= b + 1e-9; k++) rapid[k] = 2; });
   let v = null, over = null;
   const paint = now => {
     v = now;
@@ -202,7 +204,7 @@ let flat = null;
 // Error and feed along the path.
 {
   const ground = f => {
-    P.rapid.forEach(([a, b]) => shade(f, a, b, { fill: "var(--shade)" }));
+    [...P.rapid, ...P.unknown].forEach(([a, b]) => shade(f, a, b, { fill: "var(--shade)" }));
     // Where they stand closer than a few pixels they would hide everything else.
     const sparse = seen.points && MARKS.filter(p => p.s >= range.low && p.s <= range.high).length < f.width / 8;
     MARKS.forEach(p => {

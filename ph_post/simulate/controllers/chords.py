@@ -16,6 +16,7 @@ from ph_post.bounds import check_places
 from ph_post.gcode.curves import curves_of
 from ph_post.gcode.program import ARC, CUBIC, NURBS, RAPID, Motions, PartProgram
 from ph_post.simulate.controllers.legs import NURBS_SPANS, SHORTEST, Legs
+from ph_post.simulate.controllers.unknown import known_ends
 from ph_post.types import Array, ExactPath, GrblChords, IntArray, KlipperChords
 from ph_post.units import MINUTE
 
@@ -84,7 +85,7 @@ def straight_blocks(program: PartProgram, legs: Legs, limits: Array, planner: Ex
     number = np.arange(row.size) - (np.cumsum(count) - count)[row]
     share0, share1 = number / count[row], (number + 1) / count[row]
     start, end = _arc_points(legs, row, share0), _arc_points(legs, row, share1)
-    whole = np.nan_to_num(motions.start), np.nan_to_num(motions.end)
+    whole = known_ends(program)
     first, last = number == 0, number + 1 == count[row]
     start[first], end[last] = whole[0][row[first]], whole[1][row[last]]
     for k, (places, points) in played.items():

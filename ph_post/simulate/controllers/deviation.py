@@ -35,6 +35,7 @@ from ph_post.simulate.assess import is_nominal, resting_axes, run_scenarios, sce
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.run import limit_table, programmed
+from ph_post.simulate.controllers.unknown import known_rows
 from ph_post.simulate.machine import simulate
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
 
@@ -63,7 +64,8 @@ class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `errors` one a scenario, None where nothing is cut. `error` the largest at the file's values, with its
     `run` and, a row each, the `distance` of the table from the path [m] and whether it is `counted`: rapids
-    are not, nor is the beginning, for five servo time constants. `error_worst` is the largest of all, in the
+    are not, nor is the beginning, for five servo time constants, nor what follows lines that were passed
+    through until the places and sides of the axes are known. `error_worst` is the largest of all, in the
     scenario `worst`. `motion` is the number of the program's motion that every row belongs to, `place` how
     far along the program [m].
     """
@@ -107,10 +109,13 @@ class CutPath:
     def follow(self, command: Command) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m]."""
         position = self._in_space(command.axes, command.position)
+        return follow_path(self._pieces, self.starts, position, SLACK + GAPS * float(self.gaps(command).max()), WIDE)
+
+    def gaps(self, command: Command) -> Array:
+        """Return the largest backlash of each axis of a command [m]."""
         drives = [self._machine.axes[name] for name in command.axes]
         pairs = zip(drives, command.position.T, strict=True)
-        gaps = [float(gaps_of(axis, column).max()) for axis, column in pairs]
-        return follow_path(self._pieces, self.starts, position, SLACK + GAPS * max(gaps), WIDE)
+        return np.array([float(gaps_of(axis, column).max()) for axis, column in pairs])
 
     def command_distance(self, command: Command, place: Array) -> Array:
         """Return the distance of a command itself from the path in every row [m]."""
@@ -183,7 +188,9 @@ def program_error(
     path = CutPath(program, machine)
     tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
     leg, place = path.follow(command)
-    counted = (path.legs.rapid[leg] == 0.0) & (command.t >= settling_time(machine, command.axes))
+    motion, cuts = path.legs.motion[leg].astype(np.int64), path.legs.rapid[leg] == 0.0
+    counted = cuts & (command.t >= settling_time(machine, command.axes))
+    counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
 
     def measure(scenario: Scenario) -> tuple[ContourError | None, Run, Array]:
         run = simulate(command, machine, scenario)
@@ -204,7 +211,7 @@ def program_error(
         run=run,
         distance=distance,
         counted=counted,
-        motion=path.legs.motion[leg].astype(np.int64),
+        motion=motion,
         place=place,
     )
 

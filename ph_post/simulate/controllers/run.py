@@ -36,6 +36,7 @@ from ph_post.simulate.controllers.legs import (
     with_splines,
 )
 from ph_post.simulate.controllers.planner import COLUMNS, plan_legs, run_legs
+from ph_post.simulate.controllers.unknown import known_ends
 from ph_post.types import (
     Array,
     BoolArray,
@@ -164,7 +165,7 @@ def programmed(program: PartProgram, limits: Array) -> Legs:
 
 def written_legs(program: PartProgram, limits: Array) -> Legs:
     """Make one leg of every motion of a program, a straight one of a spline; `limits` of :func:`limit_table`."""
-    start, end = _ends(program)
+    start, end = known_ends(program)
     legs = make_legs(len(start))
     legs.motion[:], legs.share1[:] = np.arange(len(start)), 1.0
     legs.rapid[:] = program.motions.kind == RAPID
@@ -177,15 +178,9 @@ def written_legs(program: PartProgram, limits: Array) -> Legs:
     return legs
 
 
-def _ends(program: PartProgram) -> tuple[Array, Array]:
-    """Return starts and ends of motions [m]; unknown coordinates at the beginning are the machine's origin."""
-    start, end = program.motions.start, program.motions.end
-    return np.nan_to_num(start), np.nan_to_num(end)
-
-
 def _linked(legs: Legs, program: PartProgram, limits: Array) -> Legs:
     """Let the controller make one line of several."""
-    start, end = _ends(program)
+    start, end = known_ends(program)
     motions = program.motions
     found = np.array([linking_of(state.path, state.units) for state in program.modal] or [0.0])
     linking = found[program.state[motions.block]] if motions.block.size else np.zeros(0)

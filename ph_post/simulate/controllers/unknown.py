@@ -1,0 +1,101 @@
+"""Where a program's axes are behind lines that were passed through, and what is known of the motion there.
+
+What a canned cycle or cutter compensation does is not understood, and a tool change or another work offset moves
+the axes or their zero: where the axes are behind it, only the next words say. Up to there nothing can be measured
+or drawn, and behind it only once each axis has moved by more than its backlash, as nobody knows from which side it
+came.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ph_post.gcode.program import PartProgram
+from ph_post.types import Array, BoolArray, IntArray
+
+
+def known_ends(program: PartProgram) -> tuple[Array, Array]:
+    """Return starts and ends of motions (n, 3) [m]; where a coordinate is not known, the one known last.
+
+    At the beginning that is the machine's origin.
+    """
+    motions = program.motions
+    count = len(motions.start)
+    places = np.stack([motions.start, motions.end], axis=1).reshape(2 * count, 3)
+    known = ~np.isnan(places)
+    last = np.maximum.accumulate(np.where(known, np.arange(2 * count)[:, None], -1), axis=0)
+    filled = np.where(last >= 0, np.take_along_axis(places, np.maximum(last, 0), axis=0), 0.0)
+    pairs = filled.reshape(count, 2, 3)
+    return np.ascontiguousarray(pairs[:, 0]), np.ascontiguousarray(pairs[:, 1])
+
+
+def unknown_motions(program: PartProgram) -> BoolArray:
+    r"""Find the motions (n,) behind such lines, of which it is not known where they begin.
+
+    Examples
+    --------
+    >>> from ph_post.gcode.read import read_program
+    >>> lines = b"G21 G90 G94\nG0 X0 Y0 Z5\nG1 X9 F600\nG81 X1 Y1 Z-3 R2\nG80\nG0 X0 Y0\nG1 X9\nZ0\nX0\nM2\n"
+    >>> unknown_motions(read_program(lines, "cycle")).tolist()
+    [False, False, True, True, True, False]
+    """
+    motions = program.motions
+    if not motions.chain.size:
+        return np.zeros(0, dtype=np.bool_)
+    open_start, before = np.isnan(motions.start), np.zeros(motions.start.shape, dtype=np.bool_)
+    before[1:] = np.maximum.accumulate(~np.isnan(motions.end), axis=0)[:-1]
+    return np.asarray((open_start & before).any(axis=1))
+
+
+def unknown_lines(program: PartProgram) -> tuple[tuple[int, int], ...]:
+    """Return the first and the last line (from 0) of stretches in which it is not known where the axes are."""
+    motions = program.motions
+    found = []
+    for number in np.unique(motions.chain[unknown_motions(program)]).tolist():
+        rows = np.flatnonzero((motions.chain == number) & unknown_motions(program))
+        begins = [one.block for one in program.breaks if one.motion <= rows[0]]
+        found.append((max(begins), int(motions.block[rows[-1]])))
+    return tuple(found)
+
+
+def known_rows(program: PartProgram, motion: IntArray, position: Array, cuts: BoolArray, gaps: Array) -> BoolArray:
+    """Find the rows of a command whose place, and the sides of the axes that cut there, are known.
+
+    Parameters
+    ----------
+    program : PartProgram
+        Whose path it is.
+    motion : IntArray, shape (rows,)
+        The program's motion that each row belongs to.
+    position : Array, shape (rows, axes)
+        Of the command [m].
+    cuts : BoolArray, shape (rows,)
+        Rows that are no rapid motion.
+    gaps : Array, shape (axes,)
+        Largest backlash of each axis [m].
+
+    Returns
+    -------
+    BoolArray, shape (rows,)
+    """
+    unknown = unknown_motions(program)
+    known = np.ones(motion.size, dtype=np.bool_)
+    if not unknown.any():
+        return known
+    chain = program.motions.chain[motion]
+    for number in np.unique(program.motions.chain[unknown]).tolist():
+        rows = np.flatnonzero(chain == number)
+        lost = np.flatnonzero(unknown[motion[rows]])
+        begin = int(lost[-1]) + 1 if lost.size else 0
+        known[rows[:begin]] = False
+        known[rows[begin:]] = _taken_up(position[rows[begin:]], cuts[rows[begin:]], gaps)
+    return known
+
+
+def _taken_up(position: Array, cuts: BoolArray, gaps: Array) -> BoolArray:
+    """Find the rows by which every axis that moves while it cuts has moved by more than its backlash."""
+    if not cuts.any():
+        return np.ones(len(position), dtype=np.bool_)
+    way = np.maximum.accumulate(position, axis=0) - np.minimum.accumulate(position, axis=0)
+    moves = np.ptp(position[cuts], axis=0) > gaps
+    return np.asarray(((way > gaps) | ~moves).all(axis=1))
