@@ -37,6 +37,7 @@ from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
+from ph_post.dialects.planners import planner_notes
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import gravity_notes
 from ph_post.drive.intervals import IntervalTable
@@ -393,7 +394,8 @@ class ProgramCompensation(Compensation):
         """Warnings: what was passed through, reduced or not compensated, a sentence each."""
         if self.output == "table":
             return self.longest.warnings
-        return (*self.edited.warnings, *gravity_notes(self.machine, moved_axes(self.original)))
+        said = (*gravity_notes(self.machine, moved_axes(self.original)), *planner_notes(self.machine))
+        return (*self.edited.warnings, *said)
 
     @property
     def axis_reversals(self) -> tuple[AxisReversals, ...]:

@@ -26,6 +26,7 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
+from ph_post.simulate.controllers.path_modes import path_mode_warnings
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
 from ph_post.verify.verdict import Verdict
@@ -120,6 +121,7 @@ def compensate_program(
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     edits, windows = _plan(original, machine, dialect, request, progress)
+    edits = replace(edits, warnings=(*edits.warnings, *path_mode_warnings(original, machine, dialect)))
     if edits.empty:
         return CompensatedProgram(before=original, after=original, edits=edits, windows=windows)
     progress("writing")

@@ -310,6 +310,8 @@ def settings_of(source: str) -> Settings:
     }
     if found.servo_period is not None:
         settings["servo_period"] = {"": f"{found.servo_period:.7g}ms"}
+    if found.planner:
+        settings["planner"] = {key: f"{value:.7g}" for key, value in found.planner.items()}
     return settings
 
 
@@ -361,6 +363,9 @@ def conduct(given: Mapping[str, GivenAnswer], defaults: bool, settings: Settings
             state[question.key], untouched = _asked(question, axes, default, terminal)
         if untouched and not own:
             taken.add(question.key)
+    own = settings or {}
+    if own.get("dialect", {}).get("") == state["dialect"]:
+        state["planner"] = {key: float(text) for key, text in own.get("planner", {}).items()}
     return InterviewResult(state, frozenset(taken))
 
 
@@ -382,7 +387,13 @@ def machine_answers(outcome: InterviewResult) -> Answers:
         )
         for axis in state["axes"]
     }
-    return Answers(name=state["name"], dialect=state["dialect"], servo_period_ms=state["servo_period"], axes=axes)
+    return Answers(
+        name=state["name"],
+        dialect=state["dialect"],
+        servo_period_ms=state["servo_period"],
+        axes=axes,
+        planner=state.get("planner", {}),
+    )
 
 
 def _default(question: Question, state: State, axes: AskedAxes, settings: Settings) -> tuple[str, bool]:

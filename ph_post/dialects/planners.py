@@ -8,6 +8,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from ph_post.dialects.registry import find_dialect, is_dialect
+from ph_post.files.machine import PLANNER_KEYS
 from ph_post.types import (
     ControllerPlanner,
     GrblChords,
@@ -49,6 +50,56 @@ def settings_of(planner: ControllerPlanner) -> tuple[str, ...]:
     """
     parts = (planner,) if isinstance(planner, RoundedPath) else (planner.corner, planner.chords)
     return (*(name for part in parts for name in _SETTINGS[type(part)]), "dwell_step")
+
+
+def values_of(planner: ControllerPlanner) -> dict[str, float]:
+    """Return the settings of a planner that decide on corners and chords, by name; those that are off are left out.
+
+    Examples
+    --------
+    >>> values_of(find_dialect("klipper").planner)
+    {'square_corner_velocity': 0.005, 'arc_resolution': 0.001}
+    """
+    if isinstance(planner, RoundedPath):
+        return {"path_tolerance": planner.tolerance} if planner.tolerance > 0.0 else {}
+    found: dict[str, float] = {}
+    match planner.corner:
+        case GrblCorner(deviation=deviation) | MarlinCorner(deviation=deviation):
+            found["junction_deviation"] = deviation
+        case JerkCorner(jerk=jerk):
+            found["jerk"] = jerk[0]
+        case KlipperCorner(velocity=velocity):
+            found["square_corner_velocity"] = velocity
+    match planner.chords:
+        case GrblChords(tolerance=tolerance):
+            found["arc_tolerance"] = tolerance
+        case KlipperChords(length=length):
+            found["arc_resolution"] = length
+        case MarlinChords(longest=longest):
+            found["arc_segment"] = longest
+    return found
+
+
+def planner_notes(machine: Machine) -> tuple[str, ...]:
+    """Say which defaults of its firmware stand for what a machine file does not state; nothing of LinuxCNC.
+
+    Examples
+    --------
+    >>> from ph_post.drive.machinefile import read_machine
+    >>> planner_notes(replace(read_machine("mill"), dialect="klipper"))
+    ('the machine file does not state square_corner_velocity_mm_s (5), arc_resolution_mm (1): defaults of klipper',)
+    """
+    planner, stated = planner_of(machine), machine.planner.given()
+    if isinstance(planner, RoundedPath):
+        return ()
+    lacking = [
+        f"{PLANNER_KEYS[name][0]} ({value / PLANNER_KEYS[name][1]:.6g})"
+        for name, value in values_of(planner).items()
+        if name not in stated
+    ]
+    if not lacking:
+        return ()
+    return (f"the machine file does not state {', '.join(lacking)}: defaults of {machine.dialect}",)
 
 
 def with_settings(planner: ControllerPlanner, stated: PlannerSettings) -> ControllerPlanner:

@@ -19,14 +19,18 @@ from typing import Final
 
 import msgspec
 
+from ph_post.dialects.planners import settings_of, values_of
+from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import machine_of, read_machine
 from ph_post.errors import InputError
-from ph_post.files.machine import Row, machine_document, written
+from ph_post.files.machine import PLANNER_KEYS, Row, machine_document, written
 from ph_post.files.storage import SourceText, source_of
 from ph_post.types import LOOPS, MACHINE_AXES, USUAL_REFERENCE, Axis, Feedback, Loop, Machine
 from ph_post.units import INCH, MINUTE, MM, MM_PER_MIN, MS
 
-_GRBL: Final = re.compile(r"^\s*\$(1[12][012])\s*=\s*([0-9.]+)", re.MULTILINE)
+_GRBL: Final = re.compile(r"^\s*\$(1[12][012]?)\s*=\s*([0-9.]+)", re.MULTILINE)
+_GRBL_PLANNER: Final = {"11": "junction_deviation_mm", "12": "arc_tolerance_mm"}
+_STARTUP: Final = re.compile(r"G64\s*P\s*([0-9.]+)", re.IGNORECASE)
 _SECTION: Final = re.compile(r"\s*\[\s*(\w+)\s*\]")
 _ENTRY: Final = re.compile(r"\s*(\w+)\s*=\s*([^#;]*)")
 _INCHES: Final = ("inch", "in", "imperial")
@@ -36,13 +40,17 @@ Ini = Mapping[tuple[str, str], str]
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """Settings by axis in mm/s, mm/s² and mm; the servo period in ms, None where it is not given."""
+    """Settings by axis in mm/s, mm/s² and mm; the servo period in ms, None where it is not given.
+
+    `planner` are keys of ``[controller]`` in a machine file, with their values.
+    """
 
     dialect: str
     speed: Mapping[str, float]
     acceleration: Mapping[str, float]
     lost_motion: Mapping[str, float]
     servo_period: float | None = None
+    planner: Mapping[str, float] = {}
 
 
 def controller_settings(text: SourceText) -> ControllerSettings:
@@ -75,6 +83,7 @@ def _grbl(found: list[tuple[str, str]], name: str) -> ControllerSettings:
         speed={axis: numbers[f"11{k}"] / MINUTE for k, axis in enumerate(MACHINE_AXES) if f"11{k}" in numbers},
         acceleration={axis: numbers[f"12{k}"] for k, axis in enumerate(MACHINE_AXES) if f"12{k}" in numbers},
         lost_motion={},
+        planner={key: numbers[number] for number, key in _GRBL_PLANNER.items() if number in numbers},
     )
 
 
@@ -93,12 +102,14 @@ def _linuxcnc(ini: Ini, name: str) -> ControllerSettings:
         return found
 
     period = ini.get(("EMCMOT", "SERVO_PERIOD"))
+    mode = _STARTUP.search(ini.get(("RS274NGC", "RS274NGC_STARTUP_CODE"), ""))
     return ControllerSettings(
         dialect="linuxcnc",
         speed=taken("MAX_VELOCITY"),
         acceleration=taken("MAX_ACCELERATION"),
         lost_motion=taken("BACKLASH"),
         servo_period=None if period is None else _number(period, f"{name}: [EMCMOT] SERVO_PERIOD") / _NS_IN_MS,
+        planner={} if mode is None else {"path_tolerance_mm": float(mode[1]) * unit},
     )
 
 
@@ -155,12 +166,13 @@ class AxisAnswers(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answers(msgspec.Struct, frozen=True, kw_only=True):
-    """Answers for a machine."""
+    """Answers for a machine; `planner` by key of ``[controller]``, as the controller's own settings have them."""
 
     name: str
     dialect: str
     servo_period_ms: float
     axes: Mapping[str, AxisAnswers]
+    planner: Mapping[str, float] = {}
 
 
 class NewMachine(msgspec.Struct, frozen=True, kw_only=True):
@@ -192,6 +204,7 @@ def new_machine(answers: Answers) -> NewMachine:
             answers.servo_period_ms,
             "how often the controller commands its axes; a row of an interpolator table",
         ),
+        *_planner_rows(answers),
     )
     text = machine_document(_HEAD.splitlines(), answers.name, controller, rows, _COLUMN)
     return NewMachine(
@@ -199,6 +212,29 @@ def new_machine(answers: Answers) -> NewMachine:
         machine=machine_of(source_of(text, answers.name, answers.name)),
         assumed={name: tuple(row.key for row in those if row.assumed) for name, those in rows.items()},
     )
+
+
+_PLANNER_WORDS: Final = {
+    "junction_deviation_mm": "how fast corners are passed: Grbl $11, Marlin M205 J",
+    "arc_tolerance_mm": "how far chords are off arcs: Grbl $12",
+    "square_corner_velocity_mm_s": "how fast a corner of 90 degrees is passed",
+    "arc_resolution_mm": "length of chords of arcs: resolution of [gcode_arcs]",
+    "arc_segment_mm": "length of chords of arcs: MAX_ARC_SEGMENT_MM",
+    "path_tolerance_mm": "how far corners are rounded where a program does not say: P of G64",
+}
+
+
+def _planner_rows(answers: Answers) -> Iterator[Row]:
+    """Yield what the controller's planner needs: its own settings, or else the firmware's defaults."""
+    planner = find_dialect(answers.dialect).planner
+    own = {name: answers.planner[key] for name, (key, _) in PLANNER_KEYS.items() if key in answers.planner}
+    for name, value in values_of(planner).items():
+        key, unit = PLANNER_KEYS[name]
+        if name not in own:
+            yield Row(key, value / unit, f"{_PLANNER_WORDS[key]}; assumed: the default of {answers.dialect}")
+    for name, number in own.items():
+        if name in settings_of(planner):
+            yield Row(PLANNER_KEYS[name][0], number, _PLANNER_WORDS[PLANNER_KEYS[name][0]])
 
 
 def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[Row]:

@@ -154,7 +154,8 @@ def test_questions_that_do_not_apply_are_not_asked(capsys, monkeypatch):
     status, out, _ = run(capsys, *NEW)
     assert status == 0
     made = tomllib.loads(out)
-    assert made["controller"] == {"dialect": "grbl", "servo_period_ms": 2.0}
+    planner = {"junction_deviation_mm": 0.01, "arc_tolerance_mm": 0.002}
+    assert made["controller"] == {"dialect": "grbl", "servo_period_ms": 2.0, **planner}
     assert made["axes"]["X"]["lost_motion_mm"] == 0.1
 
 
@@ -264,6 +265,23 @@ def test_linuxcncs_settings_are_defaults_in_its_units(capsys, monkeypatch, tmp_p
     assert tomllib.loads(out)["axes"]["X"]["lost_motion_mm"] == 0.0508
     assert "no lost motion" not in err
     assert f"warning: {file} has BACKLASH of X: the controller compensates too; set it to 0 there" in err
+
+
+def test_the_planner_is_that_of_the_settings_or_else_the_firmwares(capsys, tmp_path):
+    def controller(*arguments, text=""):
+        file = tmp_path / "settings.txt"
+        file.write_text(text)
+        _, out, _ = run(capsys, *NEW, "--yes", *(["--settings", str(file)] if text else []), *arguments)
+        return {key: value for key, value in tomllib.loads(out)["controller"].items() if key.count("_mm")}
+
+    grbl = GRBL.replace("$13=0", "$11=0.020\n$12=0.005\n$13=0")
+    assert controller(text=grbl) == {"junction_deviation_mm": 0.02, "arc_tolerance_mm": 0.005}
+    assert controller(text=GRBL) == {"junction_deviation_mm": 0.01, "arc_tolerance_mm": 0.002}
+    assert controller("--dialect", "marlin", text=grbl) == {"junction_deviation_mm": 0.013, "arc_segment_mm": 1.0}
+    assert controller("--dialect", "klipper") == {"square_corner_velocity_mm_s": 5.0, "arc_resolution_mm": 1.0}
+    startup = LINUXCNC.replace("[HAL]", "[RS274NGC]\nRS274NGC_STARTUP_CODE = G20 G64 P0.001\n[HAL]")
+    assert controller(text=startup) == {"path_tolerance_mm": 0.0254}
+    assert controller(text=LINUXCNC) == {}
 
 
 def test_the_axes_are_those_of_the_settings(capsys, tmp_path):

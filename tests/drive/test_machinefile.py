@@ -9,10 +9,13 @@ import math
 import sys
 
 import pytest
+from msgspec.structs import astuple, replace
 
+from ph_post.dialects.planners import planner_notes, planner_of
 from ph_post.drive.effects.registry import CATALOGUE, effect_names, known_names
 from ph_post.drive.machinefile import read_machine
 from ph_post.errors import InputError
+from ph_post.types import RoundedPath
 
 HEAD = '[controller]\ndialect = "grbl"\nservo_period_ms = 2.0\n'
 LIMITS = "max_velocity_mm_s = 500\nmax_acceleration_mm_s2 = 5000\nmax_jerk_mm_s3 = 100000\n"
@@ -101,6 +104,51 @@ def test_a_machine_without_a_name_has_its_files(tmp_path):
     file = tmp_path / "lathe.toml"
     file.write_text(f'{HEAD}[axes.X]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0\n{LIMITS}', encoding="utf-8")
     assert read_machine(file).name == "lathe"
+
+
+PLANNERS = {
+    "grbl": ("junction_deviation_mm = 0.02\narc_tolerance_mm = 0.005\ndwell_step_ms = 20", (2e-5, 5e-6, 0.02)),
+    "klipper": (
+        "square_corner_velocity_mm_s = 8\narc_resolution_mm = 0.1\nmax_accel_to_decel = 900",
+        (8e-3, 1e-4, 0.0),
+    ),
+    "marlin": ("jerk_mm_s = 8\narc_segment_mm = 0.05", ((8e-3, 8e-3, 3e-4), 5e-5, 0.0)),
+}
+
+
+@pytest.mark.parametrize("dialect", PLANNERS)
+def test_the_file_states_the_planner_in_place_of_the_firmwares_defaults(tmp_path, dialect):
+    keys, (corner, chord, step) = PLANNERS[dialect]
+    file = tmp_path / "machine.toml"
+    head = f'[controller]\ndialect = "{dialect}"\nservo_period_ms = 1\n{keys}\n'
+    file.write_text(f'{head}[axes.X]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0\n{LIMITS}')
+    machine = read_machine(file)
+    planner = planner_of(machine)
+    assert next(value for value in astuple(planner.corner)) == pytest.approx(corner)
+    assert next(value for value in astuple(planner.chords)) == pytest.approx(chord)
+    assert planner.dwell_step == pytest.approx(step)
+    assert planner_notes(machine) == ()
+    other = planner_of(replace(machine, dialect="linuxcnc"))
+    assert other == RoundedPath(dwell_step=pytest.approx(step)), "settings of another planner mean nothing to it"
+    assert planner_of(replace(machine, dialect="nobody's")) == other
+
+
+def test_an_unknown_dialect_may_have_any_planner(tmp_path):
+    file = tmp_path / "machine.toml"
+    head = '[controller]\ndialect = "nobody"\nservo_period_ms = 1\njunction_deviation_mm = 0.02\n'
+    file.write_text(f'{head}[axes.X]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0\n{LIMITS}')
+    assert read_machine(file).planner.junction_deviation == 2e-5
+
+
+def test_what_the_planner_lacks_is_said_once_with_the_defaults(tmp_path):
+    file = tmp_path / "machine.toml"
+    file.write_text(
+        f'{HEAD}arc_tolerance_mm = 0.01\n[axes.X]\nfeedback = "none"\nb = 0\nc = 0\nlost_motion_mm = 0\n{LIMITS}'
+    )
+    assert planner_notes(read_machine(file)) == (
+        "the machine file does not state junction_deviation_mm (0.01): defaults of grbl",
+    )
+    assert planner_notes(read_machine("mill")) == planner_notes(read_machine("stepper")) == ()
 
 
 def test_standard_input(monkeypatch, tmp_path):

@@ -18,7 +18,7 @@ from ph_post.types import Array, ExactPath, Machine
 BLENDING: Final = 0.5
 """Share of the acceleration that LinuxCNC keeps for a block that may be blended with the next."""
 
-SAFE: Final = 0.95
+SAFE: Final = 0.9
 """Share of the speed of a rounded corner that is counted on."""
 
 

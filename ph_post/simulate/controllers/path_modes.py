@@ -1,0 +1,123 @@
+"""Warnings of path modes that round corners by more than the backlash that is to be compensated."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from ph_post.dialects.base import Dialect
+from ph_post.dialects.planners import planner_of
+from ph_post.gcode.program import CUBIC, NURBS, RAPID, PartProgram, number_text
+from ph_post.simulate.controllers.legs import ACROSS, Legs
+from ph_post.simulate.controllers.planner import QUARTER
+from ph_post.simulate.controllers.run import limit_table, moved_axes, tolerances, written_legs
+from ph_post.types import Array, Machine, RoundedPath
+from ph_post.units import MICROMETRE, MM
+
+WIDEST: Final = 0.01 * MM
+"""Rounding [m] that is advised where the backlash is large."""
+
+PART: Final = 0.5
+"""Share of the backlash that corners may be rounded by as is advised."""
+
+_STILL: Final = 1e-9
+"""Part of a direction below which an axis does not move; angles [rad] below it are none."""
+
+_SHARPEST: Final = math.pi - 0.05
+"""Angle [rad] from which a corner is a reversal, where the axes stop."""
+
+_MODES: Final = (61.0, 61.1, 64.0)
+
+
+def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect) -> list[str]:
+    """Warn of path modes that round the corners of cuts by more than the smallest backlash of the axes that move.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    dialect : Dialect
+        The machine's. Nothing is said of planners that follow the path exactly, nor where the dialect has no word
+        for the remedy.
+
+    Returns
+    -------
+    list of str
+        A sentence for every path mode, with its line, the worst corner and the word that helps.
+    """
+    planner = planner_of(machine)
+    gaps = [machine.axes[name].gap.lost_motion for name in moved_axes(program) if name in machine.axes]
+    backlash = min((gap for gap in gaps if gap > 0.0), default=0.0)
+    remedy = dialect.syntax.path_mode
+    if not isinstance(planner, RoundedPath) or remedy is None or backlash == 0.0 or program.motions.kind.size < 2:
+        return []
+    rounded = corner_rounding(program, machine, tolerances(program, planner.tolerance))
+    words = program.words
+    modes = words.block[(words.letter == ord("G")) & np.isin(words.value, _MODES)]
+    mode = np.searchsorted(modes, program.motions.block[:-1], side="right")
+    said = []
+    for number in np.unique(mode[rounded > backlash]).tolist():
+        worst = int(np.argmax(np.where(mode == number, rounded, 0.0)))
+        motion = program.motions.block[worst]
+        named = f"line {modes[number - 1] + 1}: {program.modal_after(int(motion)).path}" if number else ""
+        units = program.modal_after(int(motion)).units
+        advised = float(f"{min(WIDEST, PART * backlash) / units:.1g}")
+        said.append(
+            f"{_mode_words(named)} rounds corners by up to {_micrometres(rounded[worst])} (line {motion + 1}), more"
+            f" than the backlash of {_micrometres(backlash)}: {remedy(advised * MM)} keeps them within"
+            f" {_micrometres(advised * units)}"
+        )
+    return said
+
+
+def _mode_words(named: str) -> str:
+    if not named:
+        return "no line sets a path mode: the controller"
+    return named if "P" in named else f"{named} without P"
+
+
+def _micrometres(length: float) -> str:
+    return f"{number_text(float(f'{length / MICROMETRE:.2g}'))} µm"
+
+
+def corner_rounding(program: PartProgram, machine: Machine, allowed: Array) -> Array:
+    """Return how far the corner behind each motion but the last may be rounded [m], 0 where it is not.
+
+    LinuxCNC puts an arc into a corner that is no wider than its speed asks for, takes at most half of the shorter
+    side, and leaves the corner by at most a quarter of that.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    allowed : Array, shape (n,)
+        What the path mode allows behind each motion [m]: 0 for anything, below 0 for nothing.
+    """
+    motions = program.motions
+    limits = limit_table(machine)
+    legs = written_legs(program, limits)
+    before, after = _tangents(legs, at_end=True)[:-1], _tangents(legs, at_end=False)[1:]
+    turn = np.arccos(np.clip((before * after).sum(axis=1), -1.0, 1.0))
+    shorter = np.minimum(legs.length[:-1], legs.length[1:])
+    found = np.minimum(0.5 * shorter * np.tan(0.25 * turn), QUARTER * shorter)
+    fast = np.maximum(legs.speed[:-1], legs.speed[1:])
+    moves = (np.abs(before) + np.abs(after)) > _STILL
+    push = np.where(moves, limits[:, 1], math.inf).min(axis=1)
+    radius = fast * fast / push * np.maximum(1.0 / ACROSS, 2.0 / np.maximum(turn, _STILL))
+    found = np.minimum(found, radius * (1.0 / np.cos(0.5 * np.minimum(turn, _SHARPEST)) - 1.0))
+    for side in (allowed[:-1], allowed[1:]):
+        found = np.where(side > 0.0, np.minimum(found, side), found)
+    plain = ~np.isin(motions.kind, (RAPID, CUBIC, NURBS))
+    through = plain[:-1] & plain[1:] & (legs.drains[1:] == 0.0) & (allowed[:-1] >= 0.0)
+    return np.asarray(np.where(through & (turn < _SHARPEST), found, 0.0))
+
+
+def _tangents(legs: Legs, *, at_end: bool) -> Array:
+    """Return unit tangents of legs at one of their ends."""
+    angle = (legs.sweep if at_end else 0.0 * legs.sweep)[:, None]
+    round_about = (legs.radius * legs.sweep)[:, None] * (np.cos(angle) * legs.second - np.sin(angle) * legs.first)
+    way = np.where(legs.radius[:, None] > 0.0, round_about + legs.rise, legs.first)
+    size = np.sqrt((way * way).sum(axis=1))
+    return np.asarray(way / np.where(size > 0.0, size, 1.0)[:, None])

@@ -1,0 +1,86 @@
+"""Path modes that round corners by more than the backlash: the warning, and its number against the model's motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.gcode.program import PartProgram
+from ph_post.gcode.read import read_program
+from ph_post.simulate.controllers.path_modes import corner_rounding, path_mode_warnings
+from ph_post.simulate.controllers.run import run_program, tolerances
+from ph_post.types import Machine, PlannerSettings
+
+ROUTER = replace(read_machine("router"), servo_period=1e-3)  # 80 and 110 µm of backlash
+CORNER = ("G0 X0 Y0", "G1 X20 F1200", "Y10", "M2")
+
+
+def program(*lines: str) -> PartProgram:
+    return read_program("\n".join(["G21 G90", *lines, ""]).encode(), "test")
+
+
+def warnings(*lines: str, machine: Machine = ROUTER) -> list[str]:
+    return path_mode_warnings(program(*lines), machine, find_dialect(machine.dialect))
+
+
+@pytest.mark.parametrize("mode", ["(none)", "G64", "G64 P0.1 Q0", "G64 P0.02 Q0"])
+@pytest.mark.parametrize("end", [(20, 20), (30, 10), (19, 0.3), (17, 5)])
+@pytest.mark.parametrize("feed", [600, 3000])
+def test_the_number_is_what_the_motion_leaves_the_corner_by(mode, end, feed) -> None:
+    part = program(mode, "G0 X0 Y0", f"G1 X20 F{feed}", f"X{end[0]} Y{end[1]}", "M2")
+    found = run_program(part, ROUTER)
+    apart = np.linalg.norm(found.position[:, :2] - [0.02, 0.0], axis=1).min()
+    assert corner_rounding(part, ROUTER, tolerances(part))[1] == pytest.approx(apart, abs=1.5e-6, rel=0.01)
+
+
+def test_the_line_and_the_remedy_are_named() -> None:
+    assert warnings("G64", *CORNER) == [
+        "line 2: G64 without P rounds corners by up to 180 µm (line 4), more than the backlash of 80 µm:"
+        " G64 P0.01 Q0 keeps them within 10 µm"
+    ]
+    assert warnings("G64 P0.1", *CORNER) == [
+        "line 2: G64 P0.1 rounds corners by up to 100 µm (line 4), more than the backlash of 80 µm:"
+        " G64 P0.01 Q0 keeps them within 10 µm"
+    ]
+    assert warnings(*CORNER)[0].startswith("no line sets a path mode: the controller rounds corners by up to 180 µm")
+
+
+def test_each_mode_is_named_where_it_is_set() -> None:
+    found = warnings("G64 P0.01", *CORNER[:-1], "G64 P0.5", "X0", "Y0", "G64 P0.2", "X5", "Y5", "M2")
+    assert [line.split(":")[0] for line in found] == ["line 6", "line 9"]
+
+
+@pytest.mark.parametrize("mode", ["G64 P0.01", "G61", "G61.1", "G64 P0.08"])
+def test_modes_within_the_backlash_are_no_trouble(mode) -> None:
+    assert warnings(mode, *CORNER) == []
+
+
+def test_a_small_backlash_wants_a_small_rounding() -> None:
+    axes = {name: replace(axis, gap=axis.gap.with_lost_motion(8e-6)) for name, axis in ROUTER.axes.items()}
+    assert warnings("G64 P0.01", *CORNER, machine=replace(ROUTER, axes=axes)) == [
+        "line 2: G64 P0.01 rounds corners by up to 10 µm (line 4), more than the backlash of 8 µm:"
+        " G64 P0.004 Q0 keeps them within 4 µm"
+    ]
+
+
+def test_an_inch_program_gets_a_remedy_in_inches() -> None:
+    part = read_program(b"G20 G90\nG64\nG0 X0 Y0\nG1 X1 F47\nY1\nM2\n", "test")
+    found = path_mode_warnings(part, ROUTER, find_dialect("linuxcnc"))
+    assert found[0].endswith("G64 P0.0004 Q0 keeps them within 10 µm")
+
+
+@pytest.mark.parametrize("dialect", ["grbl", "grblhal", "marlin", "klipper", "fanuc"])
+def test_nothing_is_said_of_controllers_without_such_a_mode(dialect) -> None:
+    assert warnings(*CORNER, machine=replace(ROUTER, dialect=dialect)) == []
+
+
+def test_nothing_is_said_where_nothing_is_rounded_or_lost() -> None:
+    assert warnings("G0 X10 Y0", "G3 X10 Y0 I-10 J0 F1200", "G1 Y5", "M2") == [], "tangents"
+    assert warnings("G0 X20 F1200", "Y10", "M2") == [], "rapids"
+    axes = {name: replace(axis, gap=axis.gap.with_lost_motion(0.0)) for name, axis in ROUTER.axes.items()}
+    assert warnings(*CORNER, machine=replace(ROUTER, axes=axes)) == []
+    stated = replace(ROUTER, planner=PlannerSettings(path_tolerance=1e-5))
+    assert warnings(*CORNER, machine=stated) == [], "the machine starts with G64 P0.01"
