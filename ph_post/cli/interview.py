@@ -363,9 +363,8 @@ def conduct(given: Mapping[str, GivenAnswer], defaults: bool, settings: Settings
             state[question.key], untouched = _asked(question, axes, default, terminal)
         if untouched and not own:
             taken.add(question.key)
-    own = settings or {}
-    if own.get("dialect", {}).get("") == state["dialect"]:
-        state["planner"] = {key: float(text) for key, text in own.get("planner", {}).items()}
+    if settings is not None and settings.get("dialect", {}).get("") == state["dialect"]:
+        state["planner"] = {key: float(text) for key, text in settings.get("planner", {}).items()}
     return InterviewResult(state, frozenset(taken))
 
 
