@@ -73,6 +73,7 @@ def test_the_recorded_log_is_what_its_remarks_say(tmp_path):
     assert logs[0].remarks == logs[1].remarks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", sorted((SAMPLES / "logs").glob("*.csv")), ids=lambda log: log.stem)
 def test_every_log_is_diagnosed(log, tmp_path, capsys):
     better = tmp_path / "better.toml"
