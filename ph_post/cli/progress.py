@@ -13,8 +13,14 @@ PATIENCE_S = 1.0
 """Seconds of silence before the first word."""
 
 
+REMINDER: Final = 30.0
+"""A stage that goes on is named again after so many times the patience."""
+
+
 class ProgressPrinter:
     """Names the stage a command is in: first when it has run for a second, then at most once a second.
+
+    A stage that goes on is named again every half minute.
 
     Examples
     --------
@@ -46,11 +52,13 @@ class ProgressPrinter:
         self._current = stage
 
     def _tell_now_and_then(self) -> None:
+        again = 0.0
         while not self._done.wait(self._patience):
             current = self._current
-            if current != self._told:
+            seconds = time.monotonic() - self._begin
+            if current and (current != self._told or seconds >= again):
                 self._told = current
-                seconds = time.monotonic() - self._begin
+                again = seconds + REMINDER * self._patience
                 self._stream.write(f"ph-post: {current} ({seconds:.0f} s) ...\n")
                 self._stream.flush()
 

@@ -20,6 +20,7 @@ from ph_post.edit.edits import DipEdit, Edits, StopEdit
 from ph_post.edit.preconditions import blocked_chains, why_kept_whole, why_not_editable
 from ph_post.edit.reversals import chain_spans
 from ph_post.edit.window_edits import UnchangedWindow, place_plan
+from ph_post.errors import TooLargeError
 from ph_post.gcode.paths import ProgramPath, line_words
 from ph_post.gcode.program import PartProgram
 from ph_post.geometry.curves import Composite
@@ -180,7 +181,12 @@ def plan_windows(
         report = prefixed(progress, where)
         analysis = analyse(part.path.path, part.machine, tolerance)
         report("planning")
-        made = WindowPlan(path=part.path, analysis=analysis, plan=make_plan(analysis, chosen, report))
+        try:
+            plan = make_plan(analysis, chosen, report)
+        except TooLargeError as error:
+            said.append(f"{where}: windows not compensated: {error}")
+            continue
+        made = WindowPlan(path=part.path, analysis=analysis, plan=plan)
         done = place_plan(program.motions, part.path, made.plan, block_time, partial(why_kept_whole, program))
         stops += done.stops
         dips += done.dips

@@ -349,8 +349,8 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
 
     feedback: Feedback
     # Eq. (9), or the physical constants it is made of
-    b: NotNegative | None = None
-    c: NotNegative | None = None
+    b: Annotated[float, msgspec.Meta(ge=0, le=100)] | None = None
+    c: Annotated[float, msgspec.Meta(ge=0, le=100)] | None = None
     inertia_kg_m2: Positive | None = None
     J: Positive | None = None
     damping_kg_m2_s: Positive | None = None
@@ -370,7 +370,7 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     r: Positive | None = None
     # the gap, and the motor alone in it
     backlash_motor_rad: NotNegative | None = None
-    lost_motion_mm: NotNegative | None = None
+    lost_motion_mm: Annotated[float, msgspec.Meta(ge=0, le=100)] | None = None
     inertia_fraction: Fraction01 | None = None
     motor_time_constant_s: Positive | None = None
     pickup: Literal["standstill", "momentum", "contact"] | None = None
@@ -381,9 +381,9 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     beta_uncertainty: Relative = 0.2
     gain_uncertainty: Relative = 0.2
     # limits
-    max_velocity_mm_s: Positive
-    max_acceleration_mm_s2: Positive
-    max_jerk_mm_s3: Positive
+    max_velocity_mm_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]
+    max_acceleration_mm_s2: Annotated[float, msgspec.Meta(ge=1e-2, le=1e9)]
+    max_jerk_mm_s3: Annotated[float, msgspec.Meta(ge=1e-2, le=1e12)]
     max_motor_acceleration_rad_s2: Positive | None = None
     control: ControlRecord | None = None
     effects: list[dict[str, Any]] = []

@@ -15,6 +15,7 @@ from ph_post.api.compensation import PathCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.results import PlannedMotion, ProgramMotion
 from ph_post.api.reversals import ProgramReversal, program_reversals
+from ph_post.bounds import check_places
 from ph_post.compensate.comparison import strategy_at, window_number
 from ph_post.gcode.paths import line_words
 from ph_post.geometry.track import Track
@@ -245,7 +246,7 @@ def program_picture(
         closed=False,
         length=float(path.starts[-1]),
         points=lambda s: path.points(s, axes),
-        joints=_joints(path),
+        joints=_joints(path, original.name),
         marks=marks,
         traces=tuple(traces),
         machine=machine,
@@ -311,10 +312,11 @@ def _program_trace(name: str, motion: ProgramMotion, path: CutPath, points: Sequ
     )
 
 
-def _joints(path: CutPath) -> Array:
+def _joints(path: CutPath, name: str) -> Array:
     """Places between which a program is drawn with straight lines: ends of legs, and points on arcs."""
     turns = np.abs(path.legs.sweep) / (2.0 * np.pi)
     parts = np.where(path.legs.radius > 0.0, np.ceil(CHORDS * turns), 1.0).astype(np.int64)
+    check_places(name, "the path has too many turns to be drawn", float(parts.sum()), "fewer turns")
     leg = np.repeat(np.arange(parts.size), parts)
     share = (np.arange(leg.size) - (np.cumsum(parts) - parts)[leg]) / parts[leg]
     return np.append(path.starts[leg] + share * path.legs.length[leg], path.starts[-1])

@@ -127,6 +127,18 @@ def test_a_path_is_written_where_its_simulation_fails(job, capsys, tmp_path, mon
     assert (tmp_path / "o.ngc").exists()
 
 
+def test_a_stretch_too_long_to_be_planned_is_left_alone_and_named(job, capsys, tmp_path):
+    text = PLAIN + "G1 X5 F600\nG2 X5 Y0 I1000000 J0 F60\nM2\n"  # 6283 m at 1 mm/s
+    name = job("huge.ngc", text)
+    assert main(["convert", name, "-m", "mill", "-o", "o.ngc", "--json"]) == 0
+    view = json.loads(capsys.readouterr().out)
+    assert (tmp_path / "o.ngc").read_text(encoding="utf-8") == text
+    assert view["unchanged"]
+    (left,) = (one for one in view["warnings"] if "windows not compensated" in one)
+    assert left.startswith("lines 4 to 5: windows not compensated: huge: the motion is too long to be sampled")
+    assert view["not_simulated"].endswith("got 6.28e+09 of 1 ms, 1.75e+03 h, most of it in line 5")
+
+
 def test_a_comparison_says_why_it_has_no_error(job, capsys):
     name = job("slow.ngc", PLAIN + "G1 X100 F0.3\nX0\nM2\n")
     assert main(["diff", name, name, "-m", "router"]) == 0

@@ -405,6 +405,17 @@ def test_progress_speaks_only_after_a_second(capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_a_stage_that_goes_on_is_named_again(capsys, monkeypatch):
+    from ph_post.cli import progress as module
+
+    monkeypatch.setattr(module, "REMINDER", 3.0)
+    with module.ProgressPrinter(patience=0.02) as progress:
+        progress("searching")
+        time.sleep(1.0)
+    told = capsys.readouterr().err.count("ph-post: searching")
+    assert 2 <= told <= 17  # at most every third tick
+
+
 def test_module_runs_like_the_script():
     assert importlib.util.find_spec("ph_post.__main__") is not None
     done = subprocess.run([sys.executable, "-m", "ph_post", "--version"], capture_output=True, text=True, check=True)
