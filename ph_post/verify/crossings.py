@@ -90,7 +90,9 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     stretch = whole.new.stretch()
     new_low, new_high = (row[stretch] + place[table.place[at]] for at in (new.begin, new.end))
     old_low, old_high = (row[whole.old.stretch()] + along[at] for at in (old.begin, old.end))
-    point, axis = np.nonzero(table.turned)
+    # A jog between two dwells is a stop, and no crossing on the fly.
+    stopped = np.repeat(pairing.jog[whole.new.motion], new.end - new.begin + 1)
+    point, axis = np.nonzero(np.where(stopped[:, None], 0, table.turned))
     changes = whole.change[np.searchsorted(new.first, point, side="right") - 1]
     signs = table.turned[point, axis]
     turns = [
@@ -112,7 +114,7 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     )
     _check_feeds(case, crossed, (old, new), (along, row))
     _check_arcs(case, crossed, sides)
-    findings.count("crossings", int(np.count_nonzero(table.turned)))
+    findings.count("crossings", len(turns))
     return crossed
 
 

@@ -341,11 +341,12 @@ def check_known(case: VerifyCase, pairing: Pairing) -> None:
 
 
 def check_stops(case: VerifyCase, pairing: Pairing, dwells: Dwells) -> None:
-    """As many stops as the header says: added dwells with nothing but jogs between them are one stop."""
+    """As many stops as the header says: added dwells and approaches with nothing but jogs between them are one stop."""
     motions = case.compensated.motions
     cutting = motions.block[~pairing.jog]
-    passed = np.searchsorted(cutting, dwells.block)
-    change = case.lines.new_change[dwells.block]
+    block = np.append(dwells.block, motions.block[pairing.approach])
+    passed = np.searchsorted(cutting, block)
+    change = case.lines.new_change[block]
     stops = len(np.unique(np.stack([change, passed]), axis=1).T)
     case.findings.count("stops", stops)
     case.findings.count("changes", case.lines.changes.number)

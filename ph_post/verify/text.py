@@ -34,6 +34,9 @@ _SAFE = 2.0**61
 """Scaled numbers below this fit an int64 with room for their difference."""
 
 
+EXACT = 1e-9
+"""Lengths [m] that differ by no more are the same number."""
+
 _LINES = 20_000
 """So many pairs of lines are compared at a time, so that only what is known of their words is held."""
 
@@ -80,7 +83,7 @@ def _check_part(case: VerifyCase, sides: tuple[_Side, _Side], part: slice) -> in
     pairs = _pair_words(original, compensated, old, new)
     shifted = _may_shift(case, sides, pairs)
     pairs = _Pairs(old=pairs.old[shifted], new=pairs.new[shifted])
-    _check_amounts(case, pairs)
+    _check_amounts(case, sides, pairs)
     old_kept, new_kept = _kept(original, old, pairs.old), _kept(compensated, new, pairs.new)
     if case.lines.ends and old[-1] == original.blocks - 1:
         text = compensated.text(int(new[-1]))
@@ -154,13 +157,21 @@ def _has_comment(side: _Side, words: WordTable, chosen: IntArray) -> BoolArray:
     return np.asarray(first != last)
 
 
-def _check_amounts(case: VerifyCase, pairs: _Pairs) -> None:
-    """Demand that each word differs by the declared offset, exactly; under G91 by a change of it."""
+def _check_amounts(case: VerifyCase, sides: tuple[_Side, _Side], pairs: _Pairs) -> None:
+    """Demand that each word differs by the declared offset, exactly; under G91 by a change of it.
+
+    A rapid may end beyond its place by as much as a take-up move; the shift that it leaves, and the approach
+    behind it, are checked with the motions.
+    """
     letters = case.compensated.words.letter[pairs.new]
     block = case.compensated.words.block[pairs.new]
     units, absolute = (_modes(case.compensated, name, block) for name in ("units", "absolute"))
+    way = np.abs(case.compensated.words.value[pairs.new] - case.original.words.value[pairs.old]) * units
+    rapid = sides[1].kind[block] == RAPID
     for axis, amount in case.declared.offsets.items():
         own = np.isin(letters, [ord(axis), _centre(axis)])
+        if pulse := case.declared.pulses.get(axis):
+            own &= ~(rapid & (way <= pulse.metres + 2.0 * amount.metres + EXACT))
         for unit, (steps, mode) in product(np.unique(units[own]).tolist(), (((1,), True), ((1, 2), False))):
             which = np.flatnonzero(own & (units == unit) & (absolute == mode))
             chosen = _Pairs(old=pairs.old[which], new=pairs.new[which])

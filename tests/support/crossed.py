@@ -417,7 +417,7 @@ def header(maker: Maker, original: str) -> str:
             for axis, both in job.sides.items()
         ),
         *job.facts,
-        "(ph-post: 0 stops, 0 dips)",
+        f"(ph-post: {len(job.approaches)} stops, 0 dips)",
     ]
     if job.crossings:
         count = len(job.crossings)

@@ -378,3 +378,16 @@ def test_no_line_of_a_crossing_can_be_lost_doubled_or_moved_unseen(name, pick, k
         count = int(MARKED.match(lines[mark])[1])
         damage[mark] = lines[mark].replace(f"+{count} ", f"+{count - 1} ", 1)
     assert not holds(original, damage), (kind, lines[n])
+
+
+def test_a_rapid_before_an_approach_may_stand_outside_its_change():
+    original, text = pair("approach")
+    mark, rapid = "(ph-post: +3 -1 X, Y approach)\n", "G0 X-14.2021 Y-14.0821 Z0\n"
+    apart = text.replace(mark + rapid, rapid + mark.replace("+3 -1", "+2 -0"))
+    assert judged(original, apart).ok
+    far = judged(original, apart.replace("G0 X-14.2021", "G0 X-14.3021"))
+    assert "offset" in kinds(far)
+    short = judged(original, apart.replace("G0 X-14.2021", "G0 X-14.1571"))
+    assert "pulse" in kinds(short)
+    lost = judged(original, apart.replace("+2 -0", "+1 -0").replace("G1 Y-14.1671 F500\n", ""))
+    assert "pulse" in kinds(lost)
