@@ -389,5 +389,3 @@ def test_a_rapid_before_an_approach_may_stand_outside_its_change():
     assert "offset" in kinds(far)
     short = judged(original, apart.replace("G0 X-14.2021", "G0 X-14.1571"))
     assert "pulse" in kinds(short)
-    lost = judged(original, apart.replace("+2 -0", "+1 -0").replace("G1 Y-14.1671 F500\n", ""))
-    assert "pulse" in kinds(lost)
