@@ -19,15 +19,13 @@ def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(batch: int) ->
         auto_random.keeps_its_promises(number)
 
 
-@pytest.mark.parametrize("batch", range(BATCHES))
-def test_no_sample_breaks_a_limit(batch: int) -> None:
-    assert sum(map(limits.try_dip, range(batch, limits.PAIRS, BATCHES))) > 15
+def test_no_sample_breaks_a_limit() -> None:
+    assert sum(map(limits.try_dip, range(limits.PAIRS))) > 300
 
 
-@pytest.mark.parametrize("batch", range(BATCHES))
-def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch, batch: int) -> None:
-    numbers = range(batch, limits.PAIRS_WITH_HOLDS, BATCHES)
-    assert sum(limits.try_stop(number, monkeypatch) for number in numbers) > 2
+def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = range(limits.PAIRS_WITH_HOLDS)
+    assert sum(limits.try_stop(number, monkeypatch) for number in numbers) > 40
 
 
 @pytest.mark.parametrize("strategy", siemens_exact.STRATEGIES)
