@@ -21,7 +21,7 @@ from ph_post.gcode.numbers import to_counts
 from ph_post.gcode.polynomials import cubic_control, polynomial_words
 from ph_post.post.feeds import FeedSchedule, schedule_feeds
 from ph_post.types import Array, IntArray, Jog, Phase, Plan, take
-from ph_post.units import MM
+from ph_post.units import MM, MM_PER_MIN
 
 FINEST = 20
 """Steps of a dialect's last decimal in the smallest jog that is written: rounding then takes 5 % at most."""
@@ -135,9 +135,72 @@ _NOTHING = 1e-12
 """Offsets [m] smaller than this are rounding."""
 
 
+LEAST_MOVE = 1e-3 * MM
+"""Blocks of a ramp that are shorter along the path [m] join a neighbour: 1 µm is about a step of most machines' axes,
+and no more than a chord may be off the path."""
+
+FEED_DIGITS = 5
+"""Significant digits of feeds in mm/min: the feed of a block is off by 5e-5 of itself at most, a hundredth of what a
+real planner is off the plan in a ramp."""
+
 _FEED_ROUNDING = 1e-4
 """A feed that differs from the planned one by no more than this part is written as that: a tenth of what the
 time may err."""
+
+
+def join_short_blocks(blocks: Blocks, shape: TrackShape, carried: CarriedOffset) -> tuple[Blocks, CarriedOffset]:
+    """Join blocks of ramps that are shorter than `LEAST_MOVE` to a neighbour; the times add up.
+
+    Only blocks of one kind on one piece of the path are joined, inside one stretch and in one direction, so that
+    every place where the motion stops, turns back or changes its offset stays the end of a block.
+    """
+    length = blocks.s1 - blocks.s0
+    piece = shape.piece_at(0.5 * (blocks.s0 + blocks.s1))
+    able = (blocks.timed == 1) & (blocks.rapid == 0) & ~np.isin(blocks.kind, (DWELL, JOG)) & (length != 0.0)
+    same = able[1:] & able[:-1]
+    for column in (blocks.stretch, piece, blocks.kind, np.sign(length)):
+        same &= column[1:] == column[:-1]
+    begins = np.append(0, 1 + np.flatnonzero(~same))
+    short = np.logical_or.reduceat(able & (np.abs(length) < LEAST_MOVE), begins)
+    first = np.arange(length.size)
+    for begin, end in zip(begins[short].tolist(), np.append(begins[1:], length.size)[short].tolist(), strict=True):
+        first[begin:end] = _joined(np.abs(length[begin:end])) + begin
+    last = np.flatnonzero(np.append(first[1:] != first[:-1], True))
+    joined = msgspec.structs.replace(take(blocks, last), start=blocks.start[first[last]], s0=blocks.s0[first[last]])
+    return joined, CarriedOffset(offset=carried.offset[np.append(0, last + 1)], feed=carried.feed[last])
+
+
+def _joined(length: Array) -> IntArray:
+    """Return the first block (n,) of the group that each of some neighbours belongs to, none shorter than allowed.
+
+    Examples
+    --------
+    >>> _joined(np.array([1e-9, 4e-7, 8e-7, 3e-6, 5e-7])).tolist()
+    [0, 0, 0, 3, 3]
+    """
+    first, begin, sofar = [], 0, 0.0
+    for number, size in enumerate(length.tolist()):
+        if sofar >= LEAST_MOVE:
+            begin, sofar = number, 0.0
+        first.append(begin)
+        sofar += size
+    found = np.array(first, dtype=np.int64)
+    if sofar < LEAST_MOVE and begin > 0:
+        found[begin:] = found[begin - 1]
+    return found
+
+
+def _readable(feed: Array, digits: int) -> Array:
+    """Round feeds [m/s] to so many significant digits in mm/min; 0 stays 0.
+
+    Examples
+    --------
+    >>> (_readable(np.array([216.705, 1200.0, 0.0]) * MM_PER_MIN, 4) / MM_PER_MIN).round(9).tolist()
+    [216.7, 1200.0, 0.0]
+    """
+    value = feed / MM_PER_MIN
+    step = 10.0 ** (np.floor(np.log10(np.where(value > 0.0, value, 1.0))) + 1.0 - digits)
+    return np.asarray(np.round(value / step) * step * MM_PER_MIN)
 
 
 def round_blocks(
@@ -149,6 +212,8 @@ def round_blocks(
     no more than the rounding of the two points. `phases` are the phases of the motion, for dialects whose feed
     can change within a block.
     """
+    if not dialect.abilities.feed_degree:
+        blocks, carried = join_short_blocks(blocks, shape, carried)
     decimals = dialect.numbers.decimals
     path = shape.positions(np.append(blocks.s0[:1], blocks.s1))
     points = to_counts(path + carried.offset, decimals)
@@ -162,7 +227,8 @@ def round_blocks(
     way = np.sign(blocks.s1 - blocks.s0).astype(np.int64)
     turn = np.where(blocks.kind == ARC, shape.turn[piece] * way, 0)
     length = _lengths(blocks, points, center, turn, decimals)
-    feed = np.where(blocks.kind == JOG, carried.feed[kept], _feeds(blocks, length, duration))
+    cuts = _readable(_feeds(blocks, length, duration), FEED_DIGITS)
+    feed = np.where(blocks.kind == JOG, _readable(carried.feed[kept], FEED_DIGITS + 1), cuts)
     course = FeedSchedule(feed=feed, profiles={}, off={})
     if dialect.abilities.feed_degree:
         course = schedule_feeds(blocks, MotionLaw.from_phases(phases), feed, dialect.numbers.feed_digits)
