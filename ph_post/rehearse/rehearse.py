@@ -19,6 +19,7 @@ from ph_post.simulate.assess import backlash_scenarios
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
 from ph_post.simulate.controllers.run import run_program, tolerances
+from ph_post.simulate.controllers.unknown import rows_before, unknown_lines
 from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, Scenario, frozen, sealed
 from ph_post.version import package_version
 
@@ -80,8 +81,13 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             f"{name}: offsets shift it from the path that it was made from, and so its error is not known; --against"
             " PLAIN with the program of `convert --strategy none` gives it"
         )
-        said = tuple(f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes)
-        return said if self.nominal else (*said, unknown)
+        said = [f"{name}:{note.first + 1}: {note.what}: run, and not in the plan" for note in notes]
+        lost = unknown_lines(self.program)
+        if lost:
+            said.append(
+                f"{name}: errors, path and speed are compared up to line {lost[0][0]}, as far as it is understood"
+            )
+        return tuple(said) if self.nominal else (*said, unknown)
 
     def log(self) -> bytes:
         """Return commanded and executed motion as a log (CSV)."""
@@ -137,7 +143,7 @@ def rehearse(
         command = _without_waits(command_of(recording, machine), which)
         # The controller's own compensation acts while the zero is taken too: it is that of the middle.
         referred = referred_to_middle(machine) if own else machine
-        return Execution(command=command, error=program_error(command, referred, target)), recording
+        return Execution(command=command, error=program_error(command, referred, target, recorded=True)), recording
 
     progress("planning")
     planned = run_program(program, machine, RoundedPath())
@@ -222,7 +228,7 @@ def _path(
     path = CutPath(program, machine)
     leg, place = path.follow(real)
     distance = path.command_distance(real, place)
-    cuts = path.legs.rapid[leg] == 0.0
+    cuts = (path.legs.rapid[leg] == 0.0) & rows_before(program, path.legs.motion, path.starts, place)
     off = float(distance[cuts].max(initial=0.0))
     return off, _speeds(program, path, (real, place, cuts), (plan, path.follow(plan)[1]))
 
@@ -235,6 +241,7 @@ def _speeds(
     leg = np.clip(np.searchsorted(path.starts, where, side="right") - 1, 0, path.legs.length.size - 1)
     changed = _windows(program, path)
     inside = changed[leg] & (path.legs.rapid[leg] == 0.0)
+    inside &= rows_before(program, path.legs.motion, path.starts, where)
     if not inside.any():
         return 0.0, 0.0, 0
     off = _speed_at(real[0], real[1], where) - _speed_at(plan[0], plan[1], where)

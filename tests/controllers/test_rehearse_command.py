@@ -71,3 +71,19 @@ def test_a_shifted_path_has_no_error_of_its_own(tmp_path: Path, capsys: pytest.C
         assert beside[name]["after"]["rms"] < 0.5 * beside[name]["before"]["rms"]
     assert main(["rehearse", str(offset), "-m", "router", "--against", str(plain)]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("backlash error ")
+
+
+def test_what_follows_a_cycle_is_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    square = ["G0 X0 Y0", "G1 Z-1 F300", "G1 X20 F1200", "Y20", "X0", "Y0", "G0 Z5"]
+    understood = ["G21 G90 G64 P0.01", "G0 X0 Y0 Z5", *square]
+    cycle = ["G98 G81 X5 Y5 Z-3 R2 F100", "X15", "G80"]
+    found = {}
+    for name, lines in (("plain", understood), ("cycle", [*understood, *cycle, *square])):
+        file = tmp_path / f"{name}.ngc"
+        file.write_text("\n".join([*lines, "M2", ""]))
+        assert main(["rehearse", str(file), "-m", "router", "--json"]) == 0
+        streams = capsys.readouterr()
+        found[name] = json.loads(streams.out)
+    assert found["cycle"]["error"]["after"]["max"] == pytest.approx(found["plain"]["error"]["after"]["max"], rel=0.01)
+    assert found["cycle"]["path"]["max"] == pytest.approx(found["plain"]["path"]["max"], rel=0.01)
+    assert "compared up to line 9, as far as it is understood" in streams.err

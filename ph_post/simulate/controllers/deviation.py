@@ -35,7 +35,7 @@ from ph_post.simulate.assess import is_nominal, resting_axes, run_scenarios, sce
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.run import limit_table, programmed
-from ph_post.simulate.controllers.unknown import known_rows
+from ph_post.simulate.controllers.unknown import known_rows, rows_before
 from ph_post.simulate.machine import simulate
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
 
@@ -166,7 +166,12 @@ class CutPath:
 
 
 def program_error(
-    command: Command, machine: Machine, program: PartProgram, tried: Sequence[Scenario] = ()
+    command: Command,
+    machine: Machine,
+    program: PartProgram,
+    tried: Sequence[Scenario] = (),
+    *,
+    recorded: bool = False,
 ) -> ProgramError:
     """Simulate a command in every scenario, and measure how far the table leaves a program's path.
 
@@ -179,6 +184,8 @@ def program_error(
         The program that says where the path is.
     tried : sequence of Scenario, optional
         In place of those that the machine file leaves open.
+    recorded : bool, optional
+        Whether it is of a real controller, which also runs what is not understood: only what is before that counts.
 
     Returns
     -------
@@ -191,6 +198,8 @@ def program_error(
     motion, cuts = path.legs.motion[leg].astype(np.int64), path.legs.rapid[leg] == 0.0
     counted = cuts & (command.t >= settling_time(machine, command.axes))
     counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
+    if recorded:
+        counted &= rows_before(program, path.legs.motion, path.starts, place)
 
     def measure(scenario: Scenario) -> tuple[ContourError | None, Run, Array]:
         run = simulate(command, machine, scenario)

@@ -8,6 +8,8 @@ came.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from ph_post.gcode.program import PartProgram
@@ -56,6 +58,29 @@ def unknown_lines(program: PartProgram) -> tuple[tuple[int, int], ...]:
         begins = [one.block for one in program.breaks if one.motion <= rows[0]]
         found.append((max(begins), int(motions.block[rows[-1]])))
     return tuple(found)
+
+
+def rows_before(program: PartProgram, motion: Array, starts: Array, place: Array) -> BoolArray:
+    """Find the rows of a real controller's run before the first stretch that is not understood, which it runs too.
+
+    Parameters
+    ----------
+    program : PartProgram
+    motion, starts : Array, shape (legs,) and (legs + 1,)
+        Motion of each leg of its path, and where the legs begin and the last one ends [m].
+    place : Array, shape (rows,)
+        Where each row belongs along the path [m].
+    """
+    before = np.ones(place.size, dtype=np.bool_)
+    legs = np.flatnonzero(unknown_motions(program)[motion.astype(np.int64)])
+    if legs.size:
+        reached = np.flatnonzero(place >= starts[legs[0]] - NEAR)
+        before[reached[0] if reached.size else place.size :] = False
+    return before
+
+
+NEAR: Final = 1e-4
+"""Distance [m] from the end of what is known within which a run counts as having come there."""
 
 
 def known_rows(program: PartProgram, motion: IntArray, position: Array, cuts: BoolArray, gaps: Array) -> BoolArray:

@@ -67,6 +67,19 @@ def test_no_number_is_given_until_every_axis_that_cuts_has_moved_through_its_bac
     assert not lines & {14, 15, 16, 27, 28, 29}
 
 
+def test_of_a_real_run_only_what_comes_before_the_first_stretch_counts():
+    """A stand-in for a controller that runs the cycle, too: behind the first part it is anywhere."""
+    command = run_program(PROGRAM, ROUTER)
+    found = program_error(command, ROUTER, PROGRAM, recorded=True)
+    lines = {line_of(k) for k in np.unique(found.motion[found.counted])}
+    assert lines == {4, 5, 6, 7, 8}
+    after = np.flatnonzero(found.counted)[-1] + 1000
+    away = command.position.copy()
+    away[after:, 0] += 0.02 * np.sin(np.linspace(0.0, 60.0, len(away) - after))
+    moved = program_error(replace(command, position=away), ROUTER, PROGRAM, recorded=True)
+    assert moved.error.max == pytest.approx(found.error.max, rel=1e-6)
+
+
 def test_the_numbers_are_those_of_the_parts_that_are_understood():
     """The square cut alone, from both sides, has the errors that the same square has behind a cycle, no larger ones."""
     alone = read_program("\n".join(["G21 G90 G94 G64 P0.01", "G0 X0 Y0 Z5", *SQUARE, "M2", ""]).encode(), "alone")
