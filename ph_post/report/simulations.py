@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from ph_post.api.motion import Simulation, StrategyComparison
+from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import Contender, chosen_at
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
+from ph_post.report.result_line import result_lines, summarize_motions
 from ph_post.report.tables import chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment, scenario_words
@@ -119,6 +121,19 @@ def comparison_lines(found: StrategyComparison) -> Iterator[str]:
     yield from COLUMN_NOTES
     yield from (f"refused {one.name}: {one.reason}" for one in found.strategies if not one.ok)
     yield from choices(found.strategies)
+    yield from _result(found)
+
+
+def _result(found: StrategyComparison) -> Iterator[str]:
+    """Yield the line of the result, from the plain program to what the strategy that chooses makes of it."""
+    plain = found.strategies[0].plan
+    chosen = next((one.plan for one in found.strategies if one.ok and find_traits(one.name).chooses), None)
+    machine = found.analysis.machine
+    if plain is None or chosen is None or machine is None:
+        return
+    before, after = (PlannedMotion(found.analysis, plan) for plan in (plain, chosen))
+    summary = summarize_motions(before, after, machine, chosen.path.axes)
+    yield f"{chosen.strategy}: {result_lines(summary)[-1]}"
 
 
 def _contender_view(one: Contender) -> View:
