@@ -13,6 +13,7 @@ from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.read import read_program
 from ph_post.rehearse.linuxcnc import run_on_linuxcnc
 from ph_post.simulate.controllers.run import run_program
+from ph_post.types import RoundedPath
 
 pytestmark = pytest.mark.skipif(not HERE, reason=WHY_NOT)
 
@@ -104,7 +105,7 @@ CASES = {
 def test_the_model_commands_what_the_planner_commands(case: str) -> None:
     text, name = CASES[case]
     machine = read_machine(name)
-    model = run_program(read_program(text.encode(), case), machine)
+    model = run_program(read_program(text.encode(), case), machine, RoundedPath())
     real = run_on_linuxcnc(text.encode(), case, machine)
     assert len(model.t) == pytest.approx(len(real.position), rel=0.01)
     one, two = _speeds(model.position, machine.servo_period), _speeds(real.position, machine.servo_period)

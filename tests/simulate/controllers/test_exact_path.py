@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mpf
 from msgspec.structs import replace
+from support import firmware_planners as reference
+from support.amount import examples
 
 from ph_post.dialects.planners import planner_of
 from ph_post.dialects.registry import find_dialect
@@ -21,7 +23,6 @@ from ph_post.simulate.controllers.deviation import program_error
 from ph_post.simulate.controllers.exact_path import plan_trapezoids
 from ph_post.simulate.controllers.run import limit_table, run_program, written_legs
 from ph_post.types import Command, ExactPath, GrblCorner, JerkCorner, Machine, MarlinCorner, PlannerSettings
-from tests.support import firmware_planners as reference
 
 RATES, PUSHES = (50.0, 40.0, 10.0), (500.0, 400.0, 100.0)
 MARLIN_JERK = (0.01, 0.01, 0.0003)
@@ -87,7 +88,7 @@ MACHINES = [
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda one: f"{one.dialect}-{one.planner.given()}")
 @given(ways=WAYS, data=st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None, derandomize=True)
 def test_speeds_and_time_are_those_of_the_published_rules(machine, ways, data) -> None:
     points = np.round(np.cumsum(np.array([(0.0, 0.0, 0.0), *ways]), axis=0), 6).tolist()
     feeds = [data.draw(st.sampled_from([60.0, 600.0, 1200.0, 3000.0])) for _ in ways]
@@ -110,7 +111,7 @@ def test_the_buffer_bounds_the_speed_of_short_blocks() -> None:
 
 
 @given(radius=st.floats(0.05, 500.0), turn=st.floats(0.001, math.tau))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None, derandomize=True)
 def test_arcs_have_the_chords_of_the_firmware(radius, turn) -> None:
     """A count that rounding decides may be either."""
     for dialect, chords in (

