@@ -145,7 +145,7 @@ def moves_of(program: PartProgram, limits: Array, planner: RoundedPath | None = 
     if planner is not None:
         legs.tolerance[:] = tolerances(program, planner.tolerance)[legs.motion.astype(np.int64)]
         legs.pause[:] = [planner.dwell(seconds) for seconds in legs.pause]
-    return _with_length(_linked(legs, program, limits))
+    return _with_length(_linked(legs, program, limits, 0.0 if planner is None else planner.tolerance))
 
 
 def moved_axes(program: PartProgram) -> tuple[str, ...]:
@@ -178,11 +178,12 @@ def written_legs(program: PartProgram, limits: Array) -> Legs:
     return legs
 
 
-def _linked(legs: Legs, program: PartProgram, limits: Array) -> Legs:
-    """Let the controller make one line of several."""
+def _linked(legs: Legs, program: PartProgram, limits: Array, otherwise: float) -> Legs:
+    """Let the controller make one line of several; within `otherwise` [m] where no path mode is named."""
     start, end = known_ends(program)
     motions = program.motions
-    found = np.array([linking_of(state.path, state.units) for state in program.modal] or [0.0])
+    within = [otherwise if state.path is None else linking_of(state.path, state.units) for state in program.modal]
+    found = np.array(within or [0.0])
     linking = found[program.state[motions.block]] if motions.block.size else np.zeros(0)
     if not linking.any():
         return legs

@@ -23,7 +23,7 @@ from ph_post.simulate.controllers.run import (
     run_program,
     tolerance_of,
 )
-from ph_post.types import Command, Machine
+from ph_post.types import Command, Machine, PlannerSettings
 
 ROUTER = read_machine("router")
 STEPPER = replace(read_machine("stepper"), dialect="linuxcnc")
@@ -223,3 +223,20 @@ def test_arcs_of_too_many_chords_are_refused() -> None:
     part = program("G0 X0 Y0", "G2 X0 Y0 I9000000 F999999999")  # 56.5 km in chords of 1 mm
     with pytest.raises(TooLargeError, match=r"its arcs have too many chords to be run; .* got about 5.65e\+07"):
         run_program(part, replace(ROUTER, dialect="marlin"))
+
+
+def test_the_machines_path_tolerance_is_that_of_a_program_without_a_path_mode() -> None:
+    """As LinuxCNC does with G64 P0.03 in its startup code: corners, and lines that become one."""
+    lines = ["G0 X0 Y0", "G1 X10 F1800", *(f"X{10 - 0.1 * k:.1f} Y{0.005 * (k % 2) + k * 0.3:.3f}" for k in range(30))]
+    machine = replace(ROUTER, planner=PlannerSettings(path_tolerance=3e-5))
+    expected, without = run(ROUTER, "G64 P0.03", *lines), run(ROUTER, *lines)
+    np.testing.assert_array_equal(run(machine, *lines).position, expected.position)
+    rows = min(len(expected.position), len(without.position))
+    assert np.abs(expected.position[:rows] - without.position[:rows]).max() > 1e-6
+    np.testing.assert_array_equal(run(machine, "G61", *lines).position, run(ROUTER, "G61", *lines).position)
+
+
+def test_a_dwell_step_holds_for_linuxcnc_too() -> None:
+    machine = replace(ROUTER, planner=PlannerSettings(dwell_step=0.1))
+    lines = ("G1 X1 F600", "G4 P0.02", "X2")
+    assert periods(run(machine, *lines)) - periods(run(ROUTER, *lines)) == round(0.08 / ROUTER.servo_period)
