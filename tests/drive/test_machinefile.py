@@ -148,7 +148,7 @@ def test_what_the_planner_lacks_is_said_once_with_the_defaults(tmp_path):
     assert planner_notes(read_machine(file)) == (
         "the machine file does not state junction_deviation_mm (0.01): defaults of grbl",
     )
-    assert planner_notes(read_machine("mill")) == planner_notes(read_machine("stepper")) == ()
+    assert planner_notes(read_machine("mill")) == ()
 
 
 def test_standard_input(monkeypatch, tmp_path):
