@@ -9,11 +9,11 @@ import numpy as np
 
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.planners import planner_of
-from ph_post.gcode.program import CUBIC, NURBS, RAPID, PartProgram, number_text
+from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram, number_text
 from ph_post.simulate.controllers.legs import ACROSS, Legs
 from ph_post.simulate.controllers.planner import QUARTER
-from ph_post.simulate.controllers.run import limit_table, moved_axes, tolerances, written_legs
-from ph_post.types import Array, Machine, RoundedPath
+from ph_post.simulate.controllers.run import limit_table, tolerances, written_legs
+from ph_post.types import Array, BoolArray, Machine, RoundedPath
 from ph_post.units import MICROMETRE, MM
 
 WIDEST: Final = 0.01 * MM
@@ -32,7 +32,7 @@ _MODES: Final = (61.0, 61.1, 64.0)
 
 
 def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect) -> list[str]:
-    """Warn of path modes that round the corners of cuts by more than the smallest backlash of the axes that move.
+    """Warn of path modes that round corners of cuts by more than the smallest backlash of the axes that move there.
 
     Parameters
     ----------
@@ -48,25 +48,25 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
         A sentence for every path mode, with its line, the worst corner and the word that helps.
     """
     planner = planner_of(machine)
-    gaps = [machine.axes[name].gap.lost_motion for name in moved_axes(program) if name in machine.axes]
-    backlash = min((gap for gap in gaps if gap > 0.0), default=0.0)
+    gaps = np.array([machine.axes[name].gap.lost_motion if name in machine.axes else 0.0 for name in AXES])
     remedy = dialect.syntax.path_mode
-    if not isinstance(planner, RoundedPath) or remedy is None or backlash == 0.0 or program.motions.kind.size < 2:
+    if not isinstance(planner, RoundedPath) or remedy is None or not gaps.any() or program.motions.kind.size < 2:
         return []
-    rounded = corner_rounding(program, machine, tolerances(program, planner.tolerance))
+    rounded, moves = corner_rounding(program, machine, tolerances(program, planner.tolerance))
+    backlash = np.where(moves & (gaps > 0.0), gaps, math.inf).min(axis=1)
     words = program.words
     modes = words.block[(words.letter == ord("G")) & np.isin(words.value, _MODES)]
     mode = np.searchsorted(modes, program.motions.block[:-1], side="right")
     said = []
     for number in np.unique(mode[rounded > backlash]).tolist():
-        worst = int(np.argmax(np.where(mode == number, rounded, 0.0)))
+        worst = int(np.argmax(np.where(mode == number, rounded / backlash, 0.0)))
         motion = program.motions.block[worst]
         named = f"line {modes[number - 1] + 1}: {program.modal_after(int(motion)).path}" if number else ""
         units = program.modal_after(int(motion)).units
-        advised = float(f"{min(WIDEST, PART * backlash) / units:.1g}")
+        advised = float(f"{min(WIDEST, PART * backlash[worst]) / units:.1g}")
         said.append(
             f"{_mode_words(named)} rounds corners by up to {_micrometres(rounded[worst])} (line {motion + 1}), more"
-            f" than the backlash of {_micrometres(backlash)}: {remedy(advised * MM)} keeps them within"
+            f" than the backlash of {_micrometres(backlash[worst])}: {remedy(advised * MM)} keeps them within"
             f" {_micrometres(advised * units)}"
         )
     return said
@@ -82,8 +82,8 @@ def _micrometres(length: float) -> str:
     return f"{number_text(float(f'{length / MICROMETRE:.2g}'))} µm"
 
 
-def corner_rounding(program: PartProgram, machine: Machine, allowed: Array) -> Array:
-    """Return how far the corner behind each motion but the last may be rounded [m], 0 where it is not.
+def corner_rounding(program: PartProgram, machine: Machine, allowed: Array) -> tuple[Array, BoolArray]:
+    """Return how far the corner behind each motion but the last may be rounded, and which axes move there.
 
     LinuxCNC puts an arc into a corner that is no wider than its speed asks for, takes at most half of the shorter
     side, and leaves the corner by at most a quarter of that.
@@ -94,6 +94,13 @@ def corner_rounding(program: PartProgram, machine: Machine, allowed: Array) -> A
     machine : Machine
     allowed : Array, shape (n,)
         What the path mode allows behind each motion [m]: 0 for anything, below 0 for nothing.
+
+    Returns
+    -------
+    rounded : Array, shape (n - 1,)
+        [m], 0 where it is not rounded.
+    moves : BoolArray, shape (n - 1, 3)
+        X, Y and Z.
     """
     motions = program.motions
     limits = limit_table(machine)
@@ -111,7 +118,7 @@ def corner_rounding(program: PartProgram, machine: Machine, allowed: Array) -> A
         found = np.where(side > 0.0, np.minimum(found, side), found)
     plain = ~np.isin(motions.kind, (RAPID, CUBIC, NURBS))
     through = plain[:-1] & plain[1:] & (legs.drains[1:] == 0.0) & (allowed[:-1] >= 0.0)
-    return np.asarray(np.where(through & (turn < _SHARPEST), found, 0.0))
+    return np.where(through & (turn < _SHARPEST), found, 0.0), moves
 
 
 def _tangents(legs: Legs, *, at_end: bool) -> Array:

@@ -33,7 +33,7 @@ def test_the_number_is_what_the_motion_leaves_the_corner_by(mode, end, feed) -> 
     part = program(mode, "G0 X0 Y0", f"G1 X20 F{feed}", f"X{end[0]} Y{end[1]}", "M2")
     found = run_program(part, ROUTER)
     apart = np.linalg.norm(found.position[:, :2] - [0.02, 0.0], axis=1).min()
-    assert corner_rounding(part, ROUTER, tolerances(part))[1] == pytest.approx(apart, abs=1.5e-6, rel=0.01)
+    assert corner_rounding(part, ROUTER, tolerances(part))[0][1] == pytest.approx(apart, abs=1.5e-6, rel=0.01)
 
 
 def test_the_line_and_the_remedy_are_named() -> None:
@@ -64,6 +64,14 @@ def test_a_small_backlash_wants_a_small_rounding() -> None:
         "line 2: G64 P0.01 rounds corners by up to 10 µm (line 4), more than the backlash of 8 µm:"
         " G64 P0.004 Q0 keeps them within 4 µm"
     ]
+
+
+def test_a_corner_counts_the_backlash_of_the_axes_that_move_there() -> None:
+    """Z has 10 µm; it does not move in the corner of X and Y, whose smaller backlash is 80 µm."""
+    assert warnings("G64 P0.05", "G0 X0 Y0 Z5", "G0 Z-1", *CORNER[1:]) == []
+    found = warnings("G64 P0.05", "G0 X0 Y0 Z5", "G1 Z-1 F1200", *CORNER[1:])
+    assert len(found) == 1
+    assert "(line 4), more than the backlash of 10 µm: G64 P0.005 Q0" in found[0]
 
 
 def test_an_inch_program_gets_a_remedy_in_inches() -> None:
