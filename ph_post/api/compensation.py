@@ -34,6 +34,7 @@ from ph_post.api.results import (
 from ph_post.api.reversals import ProgramReversal, program_reversals
 from ph_post.compensate.comparison import strategy_at
 from ph_post.compensate.motion import without_strategy
+from ph_post.compensate.offsets import lead_in
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
@@ -54,7 +55,7 @@ from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode
 from ph_post.post.program import make_program
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.controllers.run import moved_axes
-from ph_post.types import Command, Machine, Path, Plan, TurningPoint
+from ph_post.types import Command, Machine, Path, Plan, TurningPoint, frozen
 from ph_post.verify.verdict import Verdict
 
 
@@ -276,12 +277,14 @@ class PathCompensation(Compensation):
         return self._texts["program"]
 
     def table(self) -> Command:
-        """Return the rows of the interpolator table."""
+        """Return the rows of the interpolator table; those before the path begins have negative times."""
         rows = self.motion("table")
         self._progress("sampling the interpolator table")
         if "table" not in self._written:
             self._compare("table")
-        return rows.command
+        plan = self.plan("table")
+        begin = lead_in(plan.phases, plan.crossings)
+        return msgspec.structs.replace(rows.command, t=frozen(rows.command.t - begin)) if begin else rows.command
 
     def _compare(self, written: PlanOutput) -> None:
         """Say what the table holds that the program beside it cannot, once both are made."""

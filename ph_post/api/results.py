@@ -11,8 +11,7 @@ import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.bounds import LONGEST_SIMULATED
-from ph_post.compensate.motion import cycle_time
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.drive.axes import has_backlash
 from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
@@ -117,7 +116,7 @@ class PlannedMotion(MotionResult):
     @property
     def time(self) -> float:
         """Duration of the motion [s]."""
-        return cycle_time(self.plan.phases)
+        return plan_time(self.plan)
 
     @cached_property
     def command(self) -> Command:

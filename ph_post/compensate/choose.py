@@ -37,6 +37,9 @@ ratio by which the error of the plain motion may differ."""
 ROOMIER: Final = 1.01
 """Ratio of the room up to which nothing is searched where nothing was found before."""
 
+MOST_APPROACH: Final = 0.5
+"""Part of the time allowed that may be spent before the path begins."""
+
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
 
@@ -126,7 +129,8 @@ class _Chooser:
     def _approach(self) -> float:
         """Time that it takes at most to bring axes behind the loop to their first flank [s].
 
-        Every part program has an approach that does it.
+        Every part program has an approach that does it. Where it would take most of the time allowed nothing is
+        spent on it.
         """
         if not self.offsets or self.written or self.task.options.start == "moving":
             return 0.0
@@ -136,7 +140,8 @@ class _Chooser:
             for axis in drives
             if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
         ]
-        return max(times, default=0.0)
+        longest = max(times, default=0.0)
+        return longest if longest <= MOST_APPROACH * self.task.allowed else 0.0
 
     def propose(self) -> StrategyResult:
         """Search window by window, and share the time out where it does most."""
@@ -156,6 +161,7 @@ class _Chooser:
             proven=True,
             shorter=lambda less: self._proposal(found, less),
             shifted=self._behind(),
+            winds_up=self.approach > 0.0,
             crosses_by=BARE.name,
         )
 

@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.compensate.motion import MotionLaw, cycle_time, place_and_feed, without_strategy
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.motion import MotionLaw, place_and_feed, without_strategy
+from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.strategies.registry import PLAIN, find_traits, strategy_names
@@ -57,7 +57,7 @@ def cost_of(plan: Plan, command: Command, track: Track) -> MotionCost:
     rapid = np.array([segment.rapid for segment in plan.path.segments])
     segment, _ = track.to_xi(*track.locate(np.clip(s, 0.0, track.length)))
     return MotionCost(
-        cycle_time=cycle_time(plan.phases),
+        cycle_time=plan_time(plan),
         min_feed=slowest_feed(feed, np.asarray(~rapid[segment]), still),
         standstill_time=sum((phase.duration for phase in plan.phases if np.abs(phase.speed).max() <= still), start=0.0),
         retrograde=bool((feed < -still).any()),

@@ -9,6 +9,7 @@ axis carries a lasting offset there only where the motion stops at each of its r
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -22,6 +23,7 @@ from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, Str
 from ph_post.compensate.trial import SAME_TURN, came_from
 from ph_post.drive.axes import axis_at, lasting_offset, side_offsets
 from ph_post.geometry.numeric import bisect
+from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
 from ph_post.types import Axis, Crossing, FeedProfile, Jog, Machine, Phase, TurningPoint, Window, frozen
 
@@ -44,7 +46,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """The input of a layout: a motion with its profiles, and the requests.
 
     `written` says that the plan becomes a part program, which crosses the gap by jogs at full stops. `shifted` are
-    axes with a lasting offset whether or not a request crosses their gap.
+    axes with a lasting offset whether or not a request crosses their gap. Without `winds_up` a table begins as
+    the path does, and axes come onto their sides under way.
     """
 
     track: Track
@@ -58,6 +61,7 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     lead: bool
     written: bool
     shifted: tuple[str, ...] = ()
+    winds_up: bool = True
 
     @property
     def length(self) -> float:
@@ -136,8 +140,10 @@ def lay_out(job: Job) -> Layout:
         return Layout(phases=job.phases, crossings=(), bias={}, dropped=tuple(sorted(dropped)))
     bias, approach = _at_start(job, shifted, stops)
     rest = max((one.end for one in approach), default=0.0)
-    if approach and not job.written:
-        stops.holds[0] = rest
+    if approach and not job.written and job.winds_up:
+        # Whole periods, so that a row stands where the path begins.
+        period = job.machine.servo_period
+        stops.holds[0] = math.ceil(rest / period - WHOLE) * period
     placed = [_delayed(one, stops.delay_at(job.phases, one.start)) for one in placed]
     placed += [_delayed(one, job.phases[k].start + stops.delay_before(k)) for k, one in stops.crossings]
     phases = with_holds(job.phases, stops.holds)
@@ -192,6 +198,13 @@ def _jogs_at_windows(job: Job, motion: MotionLaw) -> list[Crossing | Jog]:
             found += own
     return found
 
+
+WHOLE: Final = 1e-9
+"""Part of a period that counts as none."""
+
+UNDER_WAY: Final = 3.0
+"""Shortest crossings that the one lasts by which an axis comes onto its side while the path begins: it takes less than
+a thirtieth of the jerk, and the path may have the rest."""
 
 NEARLY: Final = 0.99
 """Part of the least dwell that is looked for: what is left of it where a profile was fitted to the limits."""
@@ -257,7 +270,12 @@ def _by_crossings(job: Job, axis: Axis, direction: int, _stops: _Stops) -> tuple
         return lasting_offset(axis, direction), []
     whole, more = job.whole(axis, direction), 1.0 + axis.uncertainty.backlash
     if flank:
+        whole = msgspec.structs.replace(whole, duration=whole.duration * (1.0 if job.winds_up else UNDER_WAY))
         return lasting_offset(axis, flank), [whole]
+    if not job.winds_up:
+        # On the right side it comes onto the path, on the other it stays until the path has come up with it.
+        travel, duration = lasting_offset(axis, direction), UNDER_WAY * whole.duration
+        return 0.0, [msgspec.structs.replace(whole, travel=travel, duration=duration)] if travel else []
     # From either flank: from the middle back until the other is surely touched, then forth.
     middle, half = 0.5 * sum(side_offsets(axis)), 0.5 * axis.gap.lost_motion
     back = half * more
@@ -292,6 +310,28 @@ def first_direction(track: Track, points: Sequence[TurningPoint], name: str) -> 
     s = np.linspace(0.0, track.length, 129)
     place = track.derivatives(*track.locate(s))[0][:, number]
     return int(np.sign(place[np.argmax(np.abs(place - place[0]))] - place[0]))
+
+
+def approach_sides(track: Track, points: Sequence[TurningPoint]) -> dict[str, int]:
+    """Side (1, -1) on which a program's approach leaves each axis, that of its first motion before any rapid.
+
+    An axis that rests at first comes onto the side of its first motion later, Z comes down whatever its motion is,
+    and an axis that does not move is left out, as are all where the path begins with a rapid.
+    """
+    axes = track.path.axes
+    quick = np.array([segment.rapid for segment in track.path.segments])[track.segment]
+    if quick[0]:
+        return {}
+    end = float(track.starts[np.argmax(quick)]) if quick.any() else track.length
+    origin, last = track.derivatives(*track.locate(np.array([0.0, end])))[0]
+    sides = {}
+    for column, name in enumerate(axes):
+        own = (one for one in points if one.axis == name and 0.0 < one.s < end)
+        turn = next((one for one in own if abs(one.position - origin[column]) > MEETS), None)
+        way = last[column] - origin[column]
+        first = came_from(turn) if turn is not None else int(np.sign(way)) * int(abs(way) > MEETS)
+        sides[name] = -1 if name == "Z" else first
+    return {name: side for name, side in sides.items() if side}
 
 
 def with_holds(phases: Sequence[Phase], holds: Mapping[int, float]) -> tuple[Phase, ...]:

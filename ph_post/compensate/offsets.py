@@ -25,11 +25,11 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.limit_curve import axis_limits
-from ph_post.compensate.motion import MotionLaw, sample
+from ph_post.compensate.motion import MotionLaw, cycle_time, sample
 from ph_post.compensate.violations import at_rest_around, command_noise, usage
 from ph_post.geometry.bernstein import derivative, evaluate
 from ph_post.geometry.track import Track
-from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Gap, Jog, Machine, Plan, Servo, frozen
+from ph_post.types import Array, Axis, BoolArray, Command, Crossing, Gap, Jog, Machine, Phase, Plan, Servo, frozen
 from ph_post.units import MM, MM_PER_MIN, MS
 
 DWELL: Final = 10.0 * MS
@@ -153,6 +153,22 @@ def approach_time(plan: Plan) -> float:
     """Time [s] at the beginning of a plan that belongs to the program's approach, which any program has."""
     seats = any(isinstance(one, Jog) and one.start == 0.0 for one in plan.crossings)
     return plan.phases[0].duration if seats else 0.0
+
+
+def plan_time(plan: Plan) -> float:
+    """Time [s] that a plan takes: without a program's approach, which any has, but with what a table begins with."""
+    return cycle_time(plan.phases) - approach_time(plan)
+
+
+def lead_in(phases: Sequence[Phase], crossings: Sequence[Crossing | Jog]) -> float:
+    """Time [s] at the beginning of a motion for a table in which axes are brought onto their sides, before the path.
+
+    The tool is to be off the part meanwhile: until an axis is on its side it is up to half its backlash away from the
+    start. In the table these rows have negative times.
+    """
+    shifts = any(isinstance(one, Crossing) and one.start == 0.0 for one in crossings)
+    still = phases[0].s == 0.0 and not phases[0].speed.any()
+    return phases[0].duration if shifts and still else 0.0
 
 
 EDGE = 0.3

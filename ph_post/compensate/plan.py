@@ -11,7 +11,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
-from ph_post.compensate.layout import Job, lay_out, without_axes
+from ph_post.compensate.layout import Job, approach_sides, lay_out, without_axes
 from ph_post.compensate.motion import FeedAlong, MotionLaw, cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
@@ -62,6 +62,8 @@ class Fitter:
     options : PlanOptions
     feed : FeedAlong
         Of the plain plan.
+    longest : float
+        Longest cycle time allowed [s].
     """
 
     def __init__(
@@ -72,7 +74,9 @@ class Fitter:
         requests: tuple[ProfileRequest, ...],
         options: PlanOptions,
         feed: FeedAlong,
+        longest: float,
     ) -> None:
+        self.longest = longest
         self.feed_planner, self.before, self.windows, self.requests = feed_planner, before, windows, requests
         self.options, self.feed = options, feed
         self._said: list[tuple[tuple[int, ...], str]] = []
@@ -135,7 +139,7 @@ class Fitter:
 
     def _affordable(self, valid: ValidMotion) -> float:
         """Part of their depth that all profiles may keep without the cycle time growing too much."""
-        budget = self.before.motion.end * (1.0 + self.options.max_slowdown)
+        budget = self.longest
         if self.options.chosen_by_user or valid.motion.end <= budget * (1.0 + _SAME):
             return 1.0
         flat = np.array([2.0 * site.half / site.cruise for site in valid.sites])
@@ -289,6 +293,9 @@ class Planner:
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
         feed_planner = self._feed_planner(None, NO_STOPS)
         self.before = feed_planner.settle()
+        self._approached: dict[str, int] = {}
+        if options.writes_program and not self.moving:
+            self._approached = approach_sides(analysis.track, analysis.turning_points)
         self._planned: Machine | None = None
         self.baseline = self._on(feed_planner, self.before)
         if self.lead:
@@ -368,7 +375,7 @@ class Planner:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
         feed_planner, valid, feed = self._baseline_for(result.requests)
-        fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed).fit()
+        fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed, self.longest).fit()
         missed = self._missed(result.requests, fitted.profiles)
         if missed:
             return self.plan(name, with_rests(result, missed))
@@ -394,8 +401,11 @@ class Planner:
             lead=self.lead,
             written=options.writes_program,
             shifted=result.shifted,
+            winds_up=result.winds_up,
         )
         layout = lay_out(job)
+        if not result.proven and cycle_time(layout.phases) > self.longest:
+            layout = lay_out(msgspec.structs.replace(job, winds_up=False))
         if layout.dropped:
             return self.plan(name, without_axes(result, layout.dropped))
         warnings += plan_warnings.offset_warnings(self.machine, layout)
@@ -413,7 +423,7 @@ class Planner:
             crosses_by=result.crosses_by,
             bias=layout.bias,
             inverse_dynamics=self.lead,
-            flanks=flanks_before(analysis) if feed_planner.looped else {},
+            flanks=flanks_before(analysis) if feed_planner.looped else self._approached,
             warnings=tuple(warnings),
         )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ph_post.compensate.layout import Layout
 from ph_post.compensate.limit_curve import UNBOUNDED, LimitCurve
+from ph_post.compensate.offsets import lead_in
 from ph_post.drive.axes import backlash_varies
 from ph_post.geometry.numeric import runs
 from ph_post.types import Array, Axis, Machine
@@ -70,7 +71,30 @@ def offset_warnings(machine: Machine, layout: Layout) -> list[str]:
     """Warn of axes with a lasting offset: friction has to hold the table on its side, and backlash may vary."""
     shifted = {name for name, offset in layout.bias.items() if offset}
     shifted |= {one.axis for one in layout.crossings if not machine.axes[one.axis].loop.encloses_backlash}
-    return [*friction_warnings(shifted), *varying_backlash_warnings(machine.axes[name] for name in sorted(shifted))]
+    begin = lead_in(layout.phases, layout.crossings)
+    return [
+        *lead_in_warnings(begin, [one.axis for one in layout.crossings if one.start == 0.0]),
+        *friction_warnings(shifted),
+        *varying_backlash_warnings(machine.axes[name] for name in sorted(shifted)),
+    ]
+
+
+def lead_in_warnings(time: float, axes: Iterable[str]) -> list[str]:
+    """Warn of the rows of a table before the path begins, in which axes come onto their sides.
+
+    Examples
+    --------
+    >>> print(lead_in_warnings(0.248, ["X", "X"])[0][:79])
+    the table begins 0.248 s before the path, at negative times, and brings X onto
+    """
+    if time == 0.0:
+        return []
+    names = sorted(set(axes))
+    whose = "its side" if len(names) == 1 else "their sides"
+    return [
+        f"the table begins {time:.3g} s before the path, at negative times, and brings {', '.join(names)} onto {whose} "
+        "of the backlash: the tool must be off the part until t = 0"
+    ]
 
 
 def stop_time_warning(axes: Sequence[str], time: float, part: float) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -10,7 +11,7 @@ from msgspec.structs import replace
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
-from ph_post.compensate.offsets import approach_time, command_of
+from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.simulate.assess import for_each_scenario, scenarios
@@ -32,7 +33,16 @@ TIMED: Final = 1e-4
 SAME: Final = 1e-9
 """Errors [m] that differ by less are the same."""
 
+NO_WORSE: Final = 1.002
+"""Ratio by which root mean square and percentile of the error may be larger: a motion that takes longer is sampled
+at other places. The largest error may not be."""
+
+MOST: Final = 0.95
+"""Part of the time at which the error is within its percentile that is kept."""
+
 TOO_LONG: Final = "the stops that a lasting offset needs take longer than --max-slowdown allows"
+
+OUT_OF_TIME: Final = "what was tried takes longer than --max-slowdown allows"
 
 GIVEN_UP: Final = "nothing that was tried is better than the plain motion in every case"
 
@@ -40,9 +50,11 @@ GIVEN_UP: Final = "nothing that was tried is better than the plain motion in eve
 def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     """Remove every change that makes an error larger than the plain program's in any scenario, or breaks a limit.
 
-    The largest contour error of the whole run counts: for every pick-up rule with every size of the backlash,
-    the largest of its scenarios. Round by round the last change before such an error is removed. A plan that
-    still takes too long after quicker designs were asked for is replaced by the plain one.
+    The largest contour error of the whole run counts, its root mean square and its 95th percentile: for every
+    pick-up rule with every size of the backlash, the largest of its scenarios. Round by round a change is removed:
+    the last one before a largest error, and the one around which most of the mean square, or of what lies above the
+    percentile, came to be. A plan that still takes too long after quicker designs were asked for is replaced by
+    the plain one.
 
     Parameters
     ----------
@@ -61,7 +73,8 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     for _ in range(ROUNDS):
         if _takes_too_long(plan, planner):
             break
-        blamed = checker.blame(plan)
+        removable = [k for k, one in enumerate(result.requests) if _without(one, planner.machine) is not one]
+        blamed = checker.blame(plan, removable)
         if blamed is None:
             return plan
         requests = tuple(
@@ -72,7 +85,8 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
             break
         result = replace(result, requests=requests)
         plan = planner.plan(plan.strategy, result)
-    nothing = tuple(ProfileRequest(shape=None, note=GIVEN_UP) for _ in result.requests)
+    why = OUT_OF_TIME if _takes_too_long(plan, planner) else GIVEN_UP
+    nothing = tuple(ProfileRequest(shape=None, note=why) for _ in result.requests)
     left = planner.plan(plan.strategy, StrategyResult(requests=nothing))
     return replace(left, phases=left.nominal, inverse_dynamics=False)
 
@@ -113,7 +127,7 @@ def _takes_too_long(plan: Plan, planner: Planner) -> bool:
 
 def _ends(plan: Plan) -> tuple[float, float]:
     """Durations of a plan and of the plain one [s], without the approach."""
-    return cycle_time(plan.phases) - approach_time(plan), cycle_time(plan.nominal)
+    return plan_time(plan), cycle_time(plan.nominal)
 
 
 def _without(request: ProfileRequest, machine: Machine) -> ProfileRequest:
@@ -129,12 +143,22 @@ def _case(scenario: Scenario) -> object:
     return scenario.pickup, scenario.gap
 
 
-def _largest(error: Array) -> tuple[float, int]:
-    """Largest size of an error and its row; none where no rows count."""
+class _Sizes(NamedTuple):
+    """Largest size of an error, its root mean square and 95th percentile [m], and the row of the largest."""
+
+    max: float
+    rms: float
+    most: float
+    row: int
+
+
+def _sizes(error: Array) -> _Sizes:
+    """Return the sizes of an error (n,) [m]; none where no rows count."""
     if error.size == 0:
-        return 0.0, 0
-    row = int(np.argmax(np.abs(error)))
-    return abs(float(error[row])), row
+        return _Sizes(0.0, 0.0, 0.0, 0)
+    size = np.abs(error)
+    row = int(np.argmax(size))
+    return _Sizes(float(size[row]), float(np.sqrt(np.mean(size * size))), float(np.quantile(size, MOST)), row)
 
 
 class _Checker:
@@ -145,28 +169,54 @@ class _Checker:
         self.track = planner.analysis.track
         self.period = planner.machine.servo_period
         self.nominal = Nominal(self.track)
-        command = command_of(before, self.track, self.period)
-        self.scenarios = scenarios(planner.machine, command.axes)
-        self.plain: dict[object, float] = {}
-        for scenario, (error, _) in zip(self.scenarios, self._largest(command), strict=True):
-            key = _case(scenario)
-            self.plain[key] = max(self.plain.get(key, 0.0), error)
+        self.before = command_of(before, self.track, self.period)
+        self.scenarios = scenarios(planner.machine, self.before.axes)
+        self.plain: dict[object, _Sizes] = {}
+        for scenario, found in zip(self.scenarios, self._measure(self.before), strict=True):
+            known = self.plain.get(_case(scenario), found)
+            largest, rms, most = (max(pair) for pair in zip(known[:3], found[:3], strict=True))
+            self.plain[_case(scenario)] = _Sizes(largest, rms, most, found.row)
 
-    def _largest(self, command: Command) -> tuple[tuple[float, int], ...]:
-        """Largest error in every scenario [m], and the row that has it, of those that count."""
-        return for_each_scenario(command, self.planner.machine, self.nominal, self.scenarios, _largest)
+    def _measure(self, command: Command) -> tuple[_Sizes, ...]:
+        """Sizes of the error in every scenario, of the rows that count."""
+        return for_each_scenario(command, self.planner.machine, self.nominal, self.scenarios, _sizes)
 
-    def blame(self, plan: Plan) -> set[int] | None:
-        """Return the windows to give up; None where the plan is never worse and keeps the limits."""
+    def blame(self, plan: Plan, removable: Sequence[int]) -> set[int] | None:
+        """Return the windows to give up; None where the plan is never worse and keeps the limits.
+
+        `removable` are the windows in which something can still be given up.
+        """
         command = command_of(plan, self.track, self.period)
         instants = [violation.t for violation in check_command(command, self.planner.machine)]
         first = first_counted(command, self.planner.machine)
-        for scenario, (error, row) in zip(self.scenarios, self._largest(command), strict=True):
-            if error > self.plain[_case(scenario)] + SAME:
-                instants.append(float(command.t[first + row]))
-        if not instants:
+        broader: set[int] = set()
+        worse = False
+        for scenario, found in zip(self.scenarios, self._measure(command), strict=True):
+            plain = self.plain[_case(scenario)]
+            if found.max > plain.max + SAME:
+                instants.append(float(command.t[first + found.row]))
+            elif found.rms > NO_WORSE * plain.rms + SAME or found.most > NO_WORSE * plain.most + SAME:
+                worse = True
+                limit = 0.0 if found.rms > NO_WORSE * plain.rms + SAME else plain.most
+                broader |= self._around(command, scenario, limit, removable)
+        if not instants and not worse:
             return None
-        return {self._last_before(plan, t) for t in instants} - {-1}
+        return {self._last_before(plan, t) for t in instants} - {-1} | broader
+
+    def _around(self, command: Command, scenario: Scenario, limit: float, removable: Sequence[int]) -> set[int]:
+        """Return the window around which more of the mean square beyond a limit is than in the plain program."""
+        if not removable:
+            return set()
+        places = np.array([self.planner.analysis.windows[k].s for k in removable])
+
+        def shares(one: Command) -> Array:
+            first = first_counted(one, self.planner.machine)
+            (error,) = for_each_scenario(one, self.planner.machine, self.nominal, (scenario,), np.abs)
+            owner = np.searchsorted(0.5 * (places[:-1] + places[1:]), one.s[first:])
+            weight = np.where(error > limit, error * error, 0.0)
+            return np.asarray(np.bincount(owner, weight, places.size) / max(error.size, 1))
+
+        return {removable[int(np.argmax(shares(command) - shares(self.before)))]}
 
     @staticmethod
     def _last_before(plan: Plan, t: float) -> int:

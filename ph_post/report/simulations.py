@@ -32,7 +32,8 @@ def error_view(error: ContourError | TurningError | None) -> View | None:
 
 def scenario_view(scenario: Scenario) -> View:
     """Return a scenario; null is what the machine file says."""
-    return {name: getattr(scenario, name) for name in scenario.__struct_fields__}
+    values = {name: getattr(scenario, name) for name in scenario.__struct_fields__}
+    return values | {"opposite": list(scenario.opposite)}
 
 
 def simulation_view(found: Simulation) -> View:

@@ -12,6 +12,7 @@ from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import chosen_at, crossings_at, strategy_at
 from ph_post.compensate.motion import cycle_time
+from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds
@@ -135,7 +136,7 @@ def plan_summary(plan: Plan, what: str = "") -> str:
     name = plan.path.name + (f", {what}" if what else "")
     return (
         f"{name}: {done} of {done + len(left)} reversals compensated{f' ({kinds})' if kinds else ''}; "
-        f"cycle time {before_and_after(cycle_time(plan.nominal), cycle_time(plan.phases), seconds, 's')}"
+        f"cycle time {before_and_after(cycle_time(plan.nominal), plan_time(plan), seconds, 's')}"
     )
 
 

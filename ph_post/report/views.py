@@ -16,6 +16,7 @@ from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import crossings_at, strategy_at, window_number
 from ph_post.compensate.motion import cycle_time
+from ph_post.compensate.offsets import plan_time
 from ph_post.quantities import millimetres
 from ph_post.types import (
     Axis,
@@ -235,7 +236,7 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
         view["crossings"] = [crossing_view(one) for one in mine]
     return {
         "windows": views,
-        "cycle_time": {"before": cycle_time(plan.nominal), "after": cycle_time(plan.phases)},
+        "cycle_time": {"before": cycle_time(plan.nominal), "after": plan_time(plan)},
         "strategy": plan.strategy,
         "other_crossings": [crossing_view(one) for one in plan.crossings if one not in told],
         "bias": {name: offset / MM for name, offset in plan.bias.items()},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import combinations
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -186,12 +187,12 @@ def resting_axes(command: Command) -> tuple[str, ...]:
 def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | None = None) -> tuple[Scenario, ...]:
     """List the machines that a file leaves possible, those at the file's values first.
 
-    Tried are, all axes alike: both initial flanks where an axis that rests at the beginning does not say its
-    own, and every pick-up rule where an axis with a scale on the table names none; with each of these the gap
-    larger and smaller by its uncertainty; with each rule β and C, likewise, on the first flank alone, as they
-    change the way through the gap and not where it is entered. Of axes with different uncertainties the
-    largest counts. What makes no difference to any axis is left out: at most 30 are left, 10 where the rule
-    is known, 6 where no axis has a scale on the table.
+    Tried are every combination of initial flanks of the axes that rest at the beginning and do not say their own,
+    and every pick-up rule where an axis with a scale on the table names none; with each of these the gap larger
+    and smaller by its uncertainty; with each rule β and C, likewise, on the first flanks alone, as they change the
+    way through the gap and not where it is entered. All axes have the same rule and factors; of axes with different
+    uncertainties the largest counts. What makes no difference to any axis is left out: of two axes at most 48 are
+    left, 16 where the rule is known, 12 where no axis has a scale on the table; of three 84, 28 and 24.
 
     Parameters
     ----------
@@ -209,22 +210,30 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
     --------
     >>> from ph_post.drive.machinefile import read_machine
     >>> [len(scenarios(read_machine(name), ("X", "Y"))) for name in ("mill", "paper", "router")]
-    [30, 10, 6]
+    [48, 16, 12]
     """
     drives = [machine.axes[name] for name in axes]
     resting = axes if resting is None else resting
-    open_flank = any(axis.gap.initial_flank == "unknown" and axis.name in resting for axis in drives)
+    unknown = [axis.name for axis in drives if axis.gap.initial_flank == "unknown" and axis.name in resting]
     open_rule = any(axis.loop.encloses_backlash and axis.gap.pickup is None for axis in drives)
-    flanks: tuple[Any, ...] = ("+", "-") if open_flank else (None,)
+    sides = _initial_sides(unknown)
     rules: tuple[Any, ...] = PICKUPS if open_rule else (None,)
-    nominal = [Scenario(pickup=rule, flank=flank) for rule in rules for flank in flanks]
+    nominal = [replace(one, pickup=rule) for rule in rules for one in sides]
     found = list(nominal)
     for name, uncertain in (("backlash", "gap"), ("beta", "beta"), ("gain", "gain")):
         spread = max(getattr(axis.uncertainty, name) for axis in drives)
-        bases = nominal if uncertain == "gap" else nominal[:: len(flanks)]
+        bases = nominal if uncertain == "gap" else nominal[:: len(sides)]
         for factor in (1.0 + spread, max(1.0 - spread, 0.0)):
             found += [replace(one, **{uncertain: factor}) for one in bases]
     return _distinct(found, drives, resting)
+
+
+def _initial_sides(unknown: Sequence[str]) -> list[Scenario]:
+    """Every combination of flanks of the axes whose own is not known; those that are all alike come first."""
+    if not unknown:
+        return [Scenario()]
+    others = [found for size in range(len(unknown)) for found in combinations(unknown[1:], size)]
+    return [Scenario(flank=flank, opposite=found) for found in others for flank in ("+", "-")]
 
 
 def _distinct(found: Iterable[Scenario], drives: Sequence[Axis], resting: Collection[str]) -> tuple[Scenario, ...]:
@@ -284,9 +293,14 @@ def scenario_words(scenario: Scenario) -> str:
     --------
     >>> scenario_words(Scenario(pickup="contact", gap=1.2))
     'pick-up contact, backlash × 1.2'
+    >>> scenario_words(Scenario(flank="+", opposite=("Y",)))
+    'starts on the + side, Y on the - side'
     """
     words = [f"pick-up {scenario.pickup}"] if scenario.pickup else []
-    words += [f"starts on the {scenario.flank} side"] if scenario.flank else []
+    if scenario.flank:
+        other = "-" if scenario.flank == "+" else "+"
+        words.append(f"starts on the {scenario.flank} side")
+        words += [f"{', '.join(scenario.opposite)} on the {other} side"] if scenario.opposite else []
     factors = (("backlash", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
     words += [f"{name} × {factor:g}" for name, factor in factors if factor != 1.0]
     return ", ".join(words) or "the values of the machine file"

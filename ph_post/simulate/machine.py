@@ -168,8 +168,10 @@ def axis_command(command: Command, number: int) -> AxisCommand:
 def first_flank(axis: Axis, scenario: Scenario) -> int:
     """Flank on which an axis stands before its first motion."""
     known = axis.gap.initial_flank
-    flank = (scenario.flank or "+") if known == "unknown" else known
-    return 1 if flank == "+" else -1
+    if known != "unknown":
+        return 1 if known == "+" else -1
+    side = -1 if scenario.flank == "-" else 1
+    return -side if axis.name in scenario.opposite else side
 
 
 def run_plant(trace: AxisCommand, plant: Plant, flank: int, period: float) -> tuple[Array, Array, Changes]:

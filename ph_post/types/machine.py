@@ -150,12 +150,14 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
 class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """One of the machines that a machine file leaves possible.
 
-    `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+");
-    `gap`, `beta` and `gain` are factors on the file's values. A gap of 0 is the machine without backlash.
+    `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+"); the
+    axes in `opposite` stand on the other flank. `gap`, `beta` and `gain` are factors on the file's values. A gap of
+    0 is the machine without backlash.
     """
 
     pickup: Pickup | None = None
     flank: Literal["+", "-"] | None = None
+    opposite: tuple[str, ...] = ()
     gap: float = 1.0
     beta: float = 1.0
     gain: float = 1.0

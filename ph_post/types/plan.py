@@ -144,8 +144,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     where the plan becomes a part program, made by the strategy `crosses_by` where no profile names one, or else
     by `strategy`; `bias` [m] is by axis the lasting offset with which the motion
     begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind. `flanks`
-    has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed
-    path; empty for others.
+    has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed path,
+    and that on which a program's approach leaves it; empty for others.
     """
 
     path: Path

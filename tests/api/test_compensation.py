@@ -181,3 +181,19 @@ def test_results_need_no_simulation_to_be_shown():
     result = ph.compensate("circle", "paper", strategy="suppress", output="table")
     assert repr(result.before).startswith("PlannedMotion(time=")
     assert msgspec.structs.asdict(result.options)["strategy"] == "suppress"
+
+
+def test_a_table_says_by_its_times_what_comes_before_the_path(part, tmp_path):
+    """Rows at negative times stand at the start; read back, the table has the error that is claimed."""
+    result = ph.compensate("oval", "router", output="table", max_slowdown=0.5, effort=QUICK)
+    rows = result.table()
+    before = rows.t < -1e-9
+    assert before.any()
+    assert not rows.s[before].any()
+    assert abs(rows.t[~before][0]) < 1e-12
+    assert rows.s[~before][1] > 0.0
+    assert [word for word in result.warnings if "must be off the part until t = 0" in word]
+    result.write_table(tmp_path / "oval.csv")
+    read = ph.simulate(tmp_path / "oval.csv", "router", path="oval")
+    assert read.error.max == pytest.approx(result.after.error.max, rel=1e-6)
+    assert not ph.compensate("oval", "mill", output="table", effort=QUICK).table().t[0]

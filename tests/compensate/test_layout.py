@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.motions import look, make_machine, make_path
 
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.offsets import command_of, lead_in, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.geometry.curves import Arc, Line
@@ -41,9 +41,12 @@ def hooked(flank: str = "unknown", start: str = "rest") -> tuple[Plan, Command]:
     return take_up(hook(), stepper(flank), start)
 
 
-def take_up(path: Path, machine: Machine, start: str = "rest") -> tuple[Plan, Command]:
+def take_up(
+    path: Path, machine: Machine, start: str = "rest", strategy: str = "takeup", **more
+) -> tuple[Plan, Command]:
     analysis = look(path, machine)
-    plan = make_plan(analysis, PlanOptions(strategy="takeup", start=start, max_slowdown=0.5, effort=0.05))
+    options = {"strategy": strategy, "start": start, "max_slowdown": 0.5, "effort": 0.05} | more
+    plan = make_plan(analysis, PlanOptions(**options))
     return plan, command_of(plan, analysis.track, machine.servo_period)
 
 
@@ -105,7 +108,8 @@ def test_a_gap_of_another_size_leaves_half_the_difference(flanks: tuple[int, int
 
 
 def test_a_motion_that_does_not_rest_begins_on_the_flank_it_moves_towards() -> None:
-    plan, command = hooked(start="moving")
+    """The step of controllers, which is not held against the plain program: X alone makes its mean square larger."""
+    plan, command = take_up(hook(), stepper(), start="moving", strategy="step")
     assert plan.bias["X"] == pytest.approx(0.5 * LOST)
     np.testing.assert_allclose(command.offset[0, 0], 0.5 * LOST, rtol=1e-12)
 
@@ -125,3 +129,43 @@ def test_where_all_turns_are_sharp_corners_the_gap_is_carried_too() -> None:
     table = moved_table(command, LOST, (1, 1))
     moves = command.feed > 0.0
     np.testing.assert_allclose(table[moves], (command.position - command.offset)[moves], rtol=0.0, atol=NEAR)
+
+
+def ellipse() -> Path:
+    """An arch on which both axes move at first."""
+    r = 0.02
+    start, end = (r * np.array([np.cos(angle), np.sin(angle)]) for angle in (0.7, 5.5))
+    return make_path([Arc(start, end, np.zeros(2), "ccw")])
+
+
+@pytest.mark.parametrize("flanks", FLANKS)
+def test_axes_come_onto_their_sides_before_the_path_begins_and_move_no_table_away(flanks: tuple[int, int]) -> None:
+    """Rows before the path stand at its start, as many as whole periods; from its first row on the table is on it."""
+    plan, command = take_up(ellipse(), stepper())
+    period = plan.machine.servo_period
+    rows = round(lead_in(plan.phases, plan.crossings) / period)
+    assert rows == pytest.approx(lead_in(plan.phases, plan.crossings) / period, abs=1e-9)
+    assert rows > 0
+    assert not command.s[: rows + 1].any()
+    assert not command.feed[: rows + 1].any()
+    assert command.s[rows + 1] > 0.0
+    away = moved_table(command, LOST, flanks) - (command.position - command.offset)
+    # The table is where the unknown side left it, half the backlash off in each axis, and never farther.
+    assert np.abs(away[:rows]).max() <= 0.5 * LOST + NEAR
+    turning = min(point.s for point in plan.turning_points)
+    begun = (np.arange(command.t.size) >= rows) & (command.s < turning - 2e-3)
+    np.testing.assert_allclose(away[begun], 0.0, atol=NEAR)
+
+
+def test_a_table_that_has_no_time_for_it_begins_with_the_path() -> None:
+    """No table is then farther off than the plain one: on the wrong side an axis waits until the path is there."""
+    plan, command = take_up(ellipse(), stepper(), max_slowdown=0.02)
+    plain, bare = take_up(ellipse(), stepper(), strategy="none")
+    assert lead_in(plan.phases, plan.crossings) == 0.0
+    assert plan_time(plan) <= 1.02 * plan_time(plain) * 1.005
+    assert command.offset is not None
+    for flanks in FLANKS:
+        away = moved_table(command, LOST, flanks) - (command.position - command.offset)
+        before = moved_table(bare, LOST, flanks) - bare.position
+        assert np.abs(away).max() <= np.abs(before).max() + NEAR
+        assert np.sqrt(np.mean(away**2)) < 0.2 * np.sqrt(np.mean(before**2))

@@ -17,6 +17,7 @@ from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
 from ph_post.simulate.assess import PICKUPS, assess, resting_axes, scenarios
 from ph_post.simulate.contour import Nominal
+from ph_post.simulate.machine import first_flank
 from ph_post.types import Scenario
 
 
@@ -60,13 +61,16 @@ def test_the_worse_flank_and_the_worst_case_decide():
     analysis = analyse(plan.path, plan.machine, 5e-6)
     nominal = Nominal(analysis.track)
     found = assess(command, plan.machine, nominal)
+    sides = list(product("+-", ((), ("Y",))))
     alone = {
-        (flank, gap): assess(command, plan.machine, nominal, (), [Scenario(flank=flank, gap=gap)]).error.max
-        for flank, gap in product("+-", (1.0, 1.2, 0.8))
+        (*side, gap): assess(
+            command, plan.machine, nominal, (), [Scenario(flank=side[0], opposite=side[1], gap=gap)]
+        ).error.max
+        for side, gap in product(sides, (1.0, 1.2, 0.8))
     }
-    assert found.error.max == max(alone["+", 1.0], alone["-", 1.0])
+    assert found.error.max == max(alone[(*side, 1.0)] for side in sides)
     assert found.error_worst.max == max(alone.values())
-    assert {(one.flank, one.gap) for one in found.scenarios} == set(alone)
+    assert {(one.flank, one.opposite, one.gap) for one in found.scenarios} == set(alone)
 
 
 @pytest.mark.parametrize(
@@ -94,10 +98,27 @@ def test_scenarios_try_what_the_file_leaves_open():
     assert tried[0] == Scenario(pickup="standstill", flank="+")
     nominal = [one for one in tried if one.gap == one.beta == one.gain == 1.0]
     assert list(tried[: len(nominal)]) == nominal
-    assert {(one.pickup, one.flank) for one in nominal} == set(product(PICKUPS, "+-"))
+    assert {(one.pickup, one.flank, one.opposite) for one in nominal} == set(product(PICKUPS, "+-", ((), ("Y",))))
     assert {one.gap for one in tried} == {one.beta for one in tried} == {one.gain for one in tried}
     assert {one.gap for one in tried} == {1.0, 1.2, 0.8}
     assert all([one.gap, one.beta, one.gain].count(1.0) >= 2 for one in tried)
+
+
+def test_every_combination_of_sides_is_tried_once():
+    """Of three axes eight; of an axis whose side is known, or that moves at first, no other."""
+
+    def sides(machine, axes, **how):
+        return [
+            tuple(first_flank(machine.axes[name], one) for name in axes)
+            for one in scenarios(machine, axes, **how)
+            if one.gap == one.beta == one.gain == 1.0 and one.pickup in {None, "standstill"}
+        ]
+
+    drives = machine("mill", initial_flank="unknown")
+    assert sorted(sides(drives, ("X", "Y", "Z"))) == sorted(product((1, -1), repeat=3))
+    assert sorted(sides(drives, ("X", "Y"))) == sorted(product((1, -1), repeat=2))
+    assert sorted(one[2] for one in sides(drives, ("X", "Y", "Z"), resting=("Z",))) == [-1, 1]
+    assert sorted(sides(read_machine("mill"), ("X", "Z"))) == [(-1, -1), (1, -1)]
 
 
 def test_scenarios_leave_alone_what_the_file_says():

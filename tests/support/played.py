@@ -1,7 +1,7 @@
 """A part program played by the tests' own hand: its words, its moves, and where the motors are at every instant.
 
-It knows what programs of paths hold for LinuxCNC: G0 to G3, G4 in seconds, incremental centres, millimetres, feed per
-minute. Every move runs at its feed from end to end.
+It knows what programs of paths hold for LinuxCNC: G0 to G3 and G5, G4 in seconds, incremental centres, millimetres,
+feed per minute. Every move runs at its feed from end to end.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def play_program(text: str, axes: str, period: float, start: Floats) -> Played:
         values = {letter: float(number) for letter, number in words if letter != "G"}
         codes = [f"G{float(number):g}" for letter, number in words if letter == "G"]
         feed = values["F"] * 1e-3 / 60.0 if "F" in values else feed
-        motion = next((code for code in codes if code in ("G0", "G1", "G2", "G3")), motion)
+        motion = next((code for code in codes if code in ("G0", "G1", "G2", "G3", "G5")), motion)
         cutting = "G64" in codes or (cutting and "G61" not in codes)
         here = np.array([at[axis] for axis in axes])
         if "G4" in codes:
@@ -63,6 +63,8 @@ def _curve(motion: str, here: Floats, there: Floats, values: dict[str, float]): 
     """Points of a move by its share, and its length [m]."""
     if motion in ("G0", "G1"):
         return lambda u: here + u[:, None] * (there - here), float(np.linalg.norm(there - here))
+    if motion == "G5":
+        return _spline(here, there, values)
     centre = here[:2] + 1e-3 * np.array([values.get("I", 0.0), values.get("J", 0.0)])
     first, last = here[:2] - centre, there[:2] - centre
     begin = math.atan2(first[1], first[0])
@@ -77,3 +79,19 @@ def _curve(motion: str, here: Floats, there: Floats, values: dict[str, float]): 
         return np.hstack([flat, here[2:] + u[:, None] * (there[2:] - here[2:])])
 
     return points, math.hypot(radius * turn, float(np.linalg.norm((there - here)[2:])))
+
+
+def _spline(here: Floats, there: Floats, values: dict[str, float]):  # type: ignore[no-untyped-def]
+    """A cubic by its control points, run at equal steps of its length."""
+    first = here[:2] + 1e-3 * np.array([values["I"], values["J"]])
+    second = there[:2] + 1e-3 * np.array([values["P"], values["Q"]])
+    u = np.linspace(0.0, 1.0, 257)
+    weights = ((1.0 - u) ** 3, 3.0 * u * (1.0 - u) ** 2, 3.0 * u**2 * (1.0 - u), u**3)
+    curve = sum(w[:, None] * p for w, p in zip(weights, (here[:2], first, second, there[:2]), strict=True))
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1)))
+
+    def points(share: Floats) -> Floats:
+        flat = np.stack([np.interp(share * way[-1], way, column) for column in curve.T], axis=1)
+        return np.hstack([flat, here[2:] + share[:, None] * (there[2:] - here[2:])])
+
+    return points, float(way[-1])

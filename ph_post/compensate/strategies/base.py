@@ -119,7 +119,8 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `shorter` makes a result that takes about a part of the time that this one adds. `shifted` are axes that
     carry a lasting offset even if no request crosses their gap, as on a path whose turns are all corners; a part
     program can only if the motion stops at each of their reversals. `crosses_by` names the strategy by which
-    crossings are made where no profile names one; by default it is the one that answers.
+    crossings are made where no profile names one; by default it is the one that answers. Without `winds_up` no time
+    is spent on bringing axes onto their sides before the path of a table begins.
     """
 
     requests: tuple[ProfileRequest, ...]
@@ -127,6 +128,7 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shorter: Callable[[float], StrategyResult] | None = None
     shifted: tuple[str, ...] = ()
     crosses_by: str = ""
+    winds_up: bool = True
     warnings: tuple[str, ...] = ()
 
 
