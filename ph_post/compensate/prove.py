@@ -87,7 +87,7 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
         plan = planner.plan(plan.strategy, result)
     why = OUT_OF_TIME if _takes_too_long(plan, planner) else GIVEN_UP
     nothing = tuple(ProfileRequest(shape=None, note=why) for _ in result.requests)
-    left = planner.plan(plan.strategy, StrategyResult(requests=nothing))
+    left = planner.plan(plan.strategy, StrategyResult(requests=nothing, warnings=result.warnings))
     return replace(left, phases=left.nominal, inverse_dynamics=False)
 
 

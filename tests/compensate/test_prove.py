@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -10,11 +12,14 @@ from support.motions import circle, look, make_machine
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import choose, profile, shapes
 from ph_post.compensate.motion import without_strategy
-from ph_post.compensate.offsets import command_of
+from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import Planner, make_plan
 from ph_post.compensate.prove import prove
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
+from ph_post.drive.machinefile import read_machine
+from ph_post.files.path import read_path
+from ph_post.files.storage import or_shipped
 from ph_post.simulate.machine import simulate
 from ph_post.types import Crossing, Gap, Machine, Phase, Plan, Scenario, Servo
 
@@ -129,3 +134,37 @@ def test_the_same_job_gives_the_same_plan_twice(feedback: str, monkeypatch: pyte
     first, second = (make_plan(look(circle(RADIUS, FEED), machine), options) for _ in range(2))
     assert any(found is not None for found in first.profiles)
     assert same(first, second)
+
+
+def sizes(plan: Plan, analysis: Analysis) -> tuple[float, float]:
+    """Root mean square and 95th percentile of the distance from a circle about the origin, the sides all alike."""
+    command = command_of(plan, analysis.track, plan.machine.servo_period)
+    executed = simulate(command, plan.machine, Scenario(flank="+")).executed[command.s > 0.0]
+    away = np.abs(np.hypot(*executed.T) - RADIUS)
+    return float(np.sqrt(np.mean(away**2))), float(np.quantile(away, 0.95))
+
+
+def test_a_mean_square_that_grows_is_given_up_though_the_largest_error_shrinks() -> None:
+    """X alone: the lags of X and Y no longer cancel across the path."""
+    machine = stepper()
+    analysis, planner = draft_of(machine)
+    requests = [one if one.crossings[0].axis == "X" else ProfileRequest(shape=None) for one in good(analysis)]
+    plan, kept = proven(planner, requests)
+    plain = without_strategy(plan)
+    assert error(plan, analysis, machine) <= error(plain, analysis, machine) + 1e-9
+    assert sizes(plan, analysis)[0] > 1.05 * sizes(plain, analysis)[0]
+    assert all(one <= 1.01 * other for one, other in zip(sizes(kept, analysis), sizes(plain, analysis), strict=True))
+
+
+def test_what_is_left_for_time_says_what_would_change_it() -> None:
+    """The pocket on the router: the stops of X alone would fit, but alone they make the error larger."""
+    analysis = look(read_path(or_shipped("paths", "pocket")), read_machine("router"))
+
+    def plan(max_slowdown: float) -> Plan:
+        return make_plan(analysis, PlanOptions(strategy="auto", carrier="program", max_slowdown=max_slowdown))
+
+    left = plan(0.01)
+    assert not left.crossings
+    [named] = [re.findall(r"--max-slowdown ([\d.]+) allows it", one) for one in left.warnings if "allows it" in one]
+    assert {one.axis for one in plan(float(named[0])).crossings} == {"X", "Y"}
+    assert float(named[0]) < 1.1 * (plan_time(plan(0.1)) / plan_time(left) - 1.0)
