@@ -172,6 +172,9 @@ class _Chooser:
         if self.written:
             axes = [axis for axis, _ in reversing_axes(self.sized, self.task.turning_points)]
             axes += [axis for name in self.task.path.axes if self._leaves_its_zero(axis := self.sized.axes[name])]
+            if any(may_shift(axis) for axis in axes):
+                # One axis alone may do harm where the lags of two cancel: those that never turn back come along.
+                axes += [self.sized.axes[name] for name in self.task.path.axes]
             return tuple(sorted({axis.name for axis in axes if may_shift(axis)}))
         drives = [self.sized.axes[name] for name in self.task.path.axes]
         if self.task.options.start == "moving":

@@ -86,11 +86,15 @@ def is_shifted(data: bytes) -> bool:
     return SHIFTED.search(data) is not None
 
 
+NO_OFFSET: Final = 1e-9
+"""Offsets [m] smaller than this are rounding."""
+
+
 def _offsets(plan: Plan) -> list[str]:
     """Say by how much which axes leave the path, and how they come to it."""
-    jogs = read_jogs(plan).jogs
-    facts = []
-    for axis in plan.path.axes:
+    found = read_jogs(plan)
+    jogs, facts = found.jogs, []
+    for axis, first in zip(plan.path.axes, found.first.tolist(), strict=True):
         own = [jog for jog in jogs if jog.axis == axis]
         size = max((abs(jog.travel) for jog in own), default=0.0) / MM
         if own and not plan.machine.axes[axis].loop.encloses_backlash:
@@ -99,6 +103,10 @@ def _offsets(plan: Plan) -> list[str]:
             facts.append(
                 f"axis {axis} carries an offset of {size / (1.0 if side else 2.0):g} mm from the path {where},"
                 f" changed at {len(own)} stops by a G1 between dwells, and taken back at the end"
+            )
+        elif abs(first) > NO_OFFSET:
+            facts.append(
+                f"axis {axis} carries an offset of {first / MM:g} mm from the path all along, taken back at the end"
             )
         elif own:
             facts.append(

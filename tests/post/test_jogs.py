@@ -61,9 +61,8 @@ def test_the_path_plus_the_offset_is_what_is_run(name: str, dialect: str, mode: 
     assert len(jogs) == CASES[name][2] == sum(move.word == "G4" for move in moves) - corners_shared(moves)
     half = {axis: plan.machine.axes[axis].gap.lost_motion / 2 / MM for axis in "XY"}
     offset = moves[0].start[:2] - track.derivatives(*track.locate(np.zeros(1)))[0][0] / MM
-    # An axis that never turns back has no error that an offset could take away.
-    turning = {point.axis for point in plan.turning_points}
-    assert np.abs(offset) == pytest.approx([half[axis] * (axis in turning) for axis in "XY"], abs=1e-4)
+    # An axis that never turns back is shifted with the others: the lags of two may cancel across the path.
+    assert np.abs(offset) == pytest.approx([half[axis] for axis in "XY"], abs=1e-4)
     dense = np.linspace(0, track.length * (1 - 1e-12), 200_001)
     path = cKDTree(track.derivatives(*track.locate(dense))[0] / MM)
     for k, move in enumerate(moves):
@@ -103,7 +102,8 @@ def test_rests_before_rapids_carry_jogs(mode: str) -> None:
     assert heights == [(-1.0, -1.0), (5.0, 5.0)]
     assert [round(moves[k].start[0] - moves[k].end[0], 4) for k in jogs_of(moves)] == [0.06, -0.06]
     down = [tuple(move.start[:2].round(4)) for move in moves if move.end[2] < move.start[2]]
-    assert down == [(0.03, 0.0), (30.03, 10.0)]
+    # Y goes on to plus all along, and carries its half of 0.08 mm.
+    assert down == [(0.03, 0.04), (30.03, 10.04)]
 
 
 def ring_plan(max_slowdown: float) -> Plan:
