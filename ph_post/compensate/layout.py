@@ -18,7 +18,7 @@ import numpy as np
 
 from ph_post.compensate.families import shortest_crossing, whole_crossing
 from ph_post.compensate.motion import MotionLaw
-from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, make_jog, whole_jog
+from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, corner_pause, make_jog, whole_jog
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.trial import SAME_TURN, came_from
 from ph_post.drive.axes import axis_at, lasting_offset, side_offsets
@@ -148,8 +148,9 @@ def lay_out(job: Job) -> Layout:
     placed += [_delayed(one, job.phases[k].start + stops.delay_before(k)) for k, one in stops.crossings]
     phases = with_holds(job.phases, stops.holds)
     if approach and job.written:
-        placed = [_delayed(one, rest + DWELL) for one in placed]
-        phases = with_holds(phases, {0: rest + DWELL})
+        rest += max(corner_pause(job.machine.axes[one.axis]) for one in approach)
+        placed = [_delayed(one, rest) for one in placed]
+        phases = with_holds(phases, {0: rest})
     crossings = sorted(placed + approach, key=lambda one: (one.start, one.axis))
     return Layout(phases=phases, crossings=tuple(crossings), bias=bias)
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance
+from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance, corner_pause
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets, sized_machine
 from ph_post.errors import InputError
@@ -212,6 +212,10 @@ class _Job:
         depth = start.get("Z", self.depth)
         if depth is not None:
             self.out.straight("G1", {"Z": depth}, feed)
+        # As in the plan: what lags behind is to be there before the path leaves the start.
+        late = [drive for axis in shifted_axes(self.plan) if (drive := self.plan.machine.axes[axis]).servo.c > 0.0]
+        if late:
+            self.out.write_dwell(max(map(corner_pause, late)))
 
     def _leave(self) -> None:
         """Lift off, and take the offset back, so that the axes stand where their coordinates say."""

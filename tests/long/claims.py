@@ -279,7 +279,7 @@ def main() -> None:
                 sys.stdout.write(f"{'ok ' if good else 'BAD'} {described(found)}\n")
     counts = {
         "seed": given.seed,
-        "pairs": number - given.seed + 1,
+        "pairs": len({one.number for one in judged}),
         **summary(judged),
         "other strategies over time": late,
     }
