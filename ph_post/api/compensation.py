@@ -379,6 +379,8 @@ class ProgramCompensation(Compensation):
         """The plain motion, without compensation."""
         if self.output == "table":
             return self.longest.before
+        if self.edited.motions is not None:
+            return self.edited.motions[0]
         return ProgramMotion(self.original, self.original, self.machine, "original", self._progress)
 
     @cached_property
@@ -388,6 +390,8 @@ class ProgramCompensation(Compensation):
             return self.longest.after
         if self.unchanged:
             return self.before
+        if self.edited.motions is not None:
+            return self.edited.motions[1]
         assert isinstance(self.before, ProgramMotion)
         name = "compensated program"
         return ProgramMotion(self.edited.after, self.original, self.machine, name, self._progress, self.before)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from functools import cached_property
 from typing import Final
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.api.guard import ROUNDS, chain_words, compare_motions, tightened
+from ph_post.api.results import ProgramMotion
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import Dialect
@@ -18,7 +21,7 @@ from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
 from ph_post.edit.undo import original_of
-from ph_post.edit.window_plans import WindowPlan, plan_windows, shifts_axes
+from ph_post.edit.window_plans import WindowEdits, WindowPlan, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits, declare
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
@@ -73,6 +76,7 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     edits: Edits | None = None
     windows: tuple[WindowPlan, ...] = ()
     verdict: Verdict | None = None
+    motions: tuple[ProgramMotion, ProgramMotion] | None = None
     done: bool = False
 
     @property
@@ -120,21 +124,57 @@ def compensate_program(
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
-    edits, windows = _plan(original, machine, dialect, request, progress)
-    edits = replace(edits, warnings=(*edits.warnings, *path_mode_warnings(original, machine, dialect)))
-    if edits.empty:
-        return CompensatedProgram(before=original, after=original, edits=edits, windows=windows)
-    progress("writing")
-    declaration = _declaration(original, edits, machine, dialect, request)
-    data = apply_edits(original, edits, dialect, declaration)
-    progress("verifying")
-    after = reread(original, data)
-    verdict = verify(original, after, tolerance=request.edit.tolerance, machine=machine)
-    if not verdict.ok:
-        raise _refusal(original.name, verdict)
-    return CompensatedProgram(
-        before=original, after=after, declaration=declaration, edits=edits, windows=windows, verdict=verdict
-    )
+    planner = _EditPlanner(original, machine, dialect, request, progress)
+    before = ProgramMotion(original, original, machine, "original", progress)
+    options = request.edit
+    said: tuple[str, ...] = ()
+    for _ in range(ROUNDS):
+        edits = planner.plan(options)
+        edits = replace(edits, warnings=(*edits.warnings, *path_mode_warnings(original, machine, dialect)))
+        if edits.empty:
+            break
+        progress("writing")
+        declaration = _declaration(original, edits, machine, dialect, request)
+        data = apply_edits(original, edits, dialect, declaration)
+        progress("verifying")
+        after = reread(original, data)
+        verdict = verify(original, after, tolerance=request.edit.tolerance, machine=machine)
+        if not verdict.ok:
+            failed = _failed_chains(original, verdict) - options.left
+            if not failed:
+                raise _refusal(original.name, verdict)
+            # What does not pass the check is left as it is.
+            options = replace(options, left=options.left | failed)
+            said = (f"not compensated in {chain_words(original, options.left)}: a change would not pass the check",)
+            continue
+        motion = ProgramMotion(after, original, machine, "compensated program", progress, before)
+        made = CompensatedProgram(
+            before=original,
+            after=after,
+            declaration=declaration,
+            edits=replace(edits, warnings=(*edits.warnings, *said)),
+            windows=planner.windows,
+            verdict=verdict,
+            motions=(before, motion),
+        )
+        if not planner.offsets_axes:
+            return made
+        found = compare_motions(before, motion)
+        tighter = None if found is None else tightened(options, found, request.edit.max_slowdown)
+        if found is None or tighter is None:
+            return made
+        options = tighter
+        if options.left:
+            said = (f"not compensated in {chain_words(original, options.left)}: the part would be no better",)
+    edits = replace(edits, warnings=(*edits.warnings, *said)) if edits.empty else _nothing_gained(original, edits)
+    return CompensatedProgram(before=original, after=original, edits=edits, windows=planner.windows)
+
+
+def _nothing_gained(program: PartProgram, edits: Edits) -> Edits:
+    """Return no edits, with the reason why those that were planned are not written."""
+    nothing = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
+    said = "not compensated: no plan within the time allowed makes the part better; a larger --max-slowdown may"
+    return replace(nothing, warnings=(*edits.warnings, said))
 
 
 def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -> PartProgram:
@@ -154,38 +194,54 @@ def _original(program: PartProgram, machine: Machine, request: ProgramRequest) -
     return original_of(program) or program
 
 
-def _plan(
-    program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
-) -> tuple[Edits, tuple[WindowPlan, ...]]:
-    """Plan the offsets of axes with backlash outside the loop, then the windows of the others.
+class _EditPlanner:
+    """Plans the offsets of axes with backlash outside the loop, and the windows of the others, which stay.
 
     They share the time allowed by the number of their axes.
     """
-    offsets = Edits(offset=frozen(np.zeros((program.motions.kind.size, 3))))
-    if not find_traits(request.plan.strategy).compensates:
-        return offsets, ()
-    drives = [machine.axes[name] for name in moved_axes(program)]
-    gaps = [axis.loop for axis in drives if has_backlash(axis)]
-    behind = sum(not loop.encloses_backlash for loop in gaps) if shifts_axes(request.plan) else 0
-    if behind:
-        progress("planning offsets")
-        share = request.edit.max_slowdown * behind / len(gaps)
-        options = replace(request.edit, max_slowdown=share)
-        offsets = plan_offsets(program, machine, dialect, options)
-    if behind == len(gaps):
-        return offsets, ()
-    share = request.plan.max_slowdown * (1.0 - behind / len(gaps))
-    progress("fitting the path")
-    found = plan_windows(
-        program,
-        paths_of(program),
-        machine,
-        replace(request.plan, max_slowdown=share),
-        request.edit.tolerance,
-        progress,
-        request.edit.block_time,
-    )
-    return merge_edits(offsets, found.edits), found.plans
+
+    def __init__(
+        self, program: PartProgram, machine: Machine, dialect: Dialect, request: ProgramRequest, progress: Progress
+    ) -> None:
+        self._program, self._machine, self._dialect = program, machine, dialect
+        self._request, self._progress = request, progress
+        loops = [machine.axes[name].loop for name in moved_axes(program) if has_backlash(machine.axes[name])]
+        if not find_traits(request.plan.strategy).compensates:
+            loops = []
+        behind = sum(not loop.encloses_backlash for loop in loops) if shifts_axes(request.plan) else 0
+        self.offsets_axes = behind > 0
+        self._share = behind / max(len(loops), 1)
+        self._has_windows = behind < len(loops)
+
+    @cached_property
+    def _window_edits(self) -> WindowEdits | None:
+        if not self._has_windows:
+            return None
+        self._progress("fitting the path")
+        edit, plan = self._request.edit, self._request.plan
+        return plan_windows(
+            self._program,
+            paths_of(self._program),
+            self._machine,
+            replace(plan, max_slowdown=plan.max_slowdown * (1.0 - self._share)),
+            edit.tolerance,
+            self._progress,
+            edit.block_time,
+        )
+
+    @property
+    def windows(self) -> tuple[WindowPlan, ...]:
+        """The plans of axes with backlash inside the loop."""
+        return () if self._window_edits is None else self._window_edits.plans
+
+    def plan(self, options: EditOptions) -> Edits:
+        """Return the edits; `options` bound those of the offsets."""
+        edits = Edits(offset=frozen(np.zeros((self._program.motions.kind.size, 3))))
+        if self.offsets_axes:
+            self._progress("planning offsets")
+            share = replace(options, max_slowdown=options.max_slowdown * self._share)
+            edits = plan_offsets(self._program, self._machine, self._dialect, share)
+        return edits if self._window_edits is None else merge_edits(edits, self._window_edits.edits)
 
 
 def _declaration(
@@ -211,6 +267,16 @@ def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:
     words = [f"warning: {word}" for word in (*passed, *edits.warnings)]
     more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
     return (*words[:NOTED], *more)
+
+
+def _failed_chains(program: PartProgram, verdict: Verdict) -> frozenset[int]:
+    """Return the chains in which a checker found a failure; all of them where it does not say where."""
+    motions = program.motions
+    lines = [one.original for one in verdict.failures]
+    if any(line is None for line in lines) or verdict.found > len(lines):
+        return frozenset(motions.chain.tolist())
+    behind = np.searchsorted(motions.block, np.array(lines, dtype=np.int64) - 1)
+    return frozenset(motions.chain[np.clip(behind, 0, motions.chain.size - 1)].tolist())
 
 
 def _refusal(name: str, verdict: Verdict) -> PhPostError:

@@ -209,7 +209,7 @@ class ProgramMotion(MotionResult):
         """
         if not self.command.t.size or self.time > LONGEST_SIMULATED:
             return None
-        return program_error(self.command, self.machine, self.original)
+        return program_error(self.command, self.machine, self.original, moved_by=self.program)
 
     @property
     def error(self) -> ContourError | None:

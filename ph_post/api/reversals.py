@@ -95,8 +95,9 @@ def _places(path: ProgramPath, points: Sequence[TurningPoint]) -> list[Place]:
 class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Places at which the lasting offsets of a program change.
 
-    `motion`, `share` and `column` (n,) of the stops that do it, one a shift, in order of travel; `carried`
-    (m, 3) is true for motions, rapids, that change one on their way.
+    `motion` and `share` (n, 2) of the beginnings and the ends of the stretches on which it happens, the same place
+    twice for a stop, and their `column` (n,), in order of travel; `carried` (m, 3) is true for motions, rapids, that
+    change one on their way.
     """
 
     axes: tuple[str, ...]
@@ -107,18 +108,25 @@ class _Changes(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 def _changes_of(edits: Edits) -> _Changes:
-    rows = np.array(
-        [
-            (stop.motion, stop.share, AXES.index(shift.axis), shift.travel)
-            for stop in edits.stops
-            for shift in stop.shifts
-        ]
-    )
-    motion, share, column, travel = rows.reshape(-1, 4).T
-    at = motion.astype(np.int64), column.astype(np.int64)
     steps = np.diff(edits.offset, axis=0, prepend=0.0)
-    np.subtract.at(steps, at, travel)
-    return _Changes(axes=tuple(edits.amplitude), motion=at[0], share=share, column=at[1], carried=np.abs(steps) > STILL)
+    rows = []
+    for stop in edits.stops:
+        for shift in stop.shifts:
+            column = AXES.index(shift.axis)
+            rows.append((stop.motion, stop.share, stop.motion, stop.share, column))
+            steps[stop.motion, column] -= shift.travel
+    for crossing in edits.crossings:
+        column, first, last = AXES.index(crossing.axis), crossing.parts[0], crossing.parts[-1]
+        rows.append((first.motion, first.low, last.motion, last.high, column))
+        steps[first.motion : last.motion + 1, column] = 0.0
+    found = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
+    return _Changes(
+        axes=tuple(edits.amplitude),
+        motion=found[:, [0, 2]].astype(np.int64),
+        share=found[:, [1, 3]],
+        column=found[:, 4].astype(np.int64),
+        carried=np.abs(steps) > STILL,
+    )
 
 
 def _of_path(
@@ -165,8 +173,9 @@ def _shifted(
     """
     if changes is None or not points:
         return [False] * len(points)
-    own = slice(*np.searchsorted(changes.motion, (path.motion[0], path.motion[-1] + 1)).tolist())
-    at, column = path.to_path(changes.motion[own], changes.share[own]), changes.column[own]
+    own = slice(*np.searchsorted(changes.motion[:, 0], (path.motion[0], path.motion[-1] + 1)).tolist())
+    begin_at, end_at = (path.to_path(changes.motion[own, k], changes.share[own, k]) for k in (0, 1))
+    column = changes.column[own]
     left_off = {name: _left_off(motions, path, AXES.index(name)) for name in changes.axes}
     found = []
     for point, (name, motion, share) in zip(points, places, strict=True):
@@ -177,9 +186,12 @@ def _shifted(
         if point.kind == "dwell":
             begin = left_off[name][motion]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
-        stops = (column == AXES.index(name)) & (at > low - PASSED) & (at < point.s + PASSED)
+        stops = (column == AXES.index(name)) & (end_at > low - PASSED) & (begin_at < point.s + PASSED)
         leaves = motion + 2 if share == MILLION else begin + 1
-        found.append(bool(stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
+        # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
+        behind = motion + 1 < motions.kind.size and motions.kind[motion + 1] == RAPID
+        away = share == MILLION and (behind or motions.kind[motion] == RAPID)
+        found.append(bool(away or stops.any() or changes.carried[begin + 1 : leaves, AXES.index(name)].any()))
     return found
 
 

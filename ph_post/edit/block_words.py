@@ -85,7 +85,7 @@ def exchange_words(
     own = words_by_letter(program, block)
     exchange = {own[letter]: text for letter, text in new.items() if letter in own}
     word = motion_word(program, block)
-    if word is not None and mode == "G5":
+    if word is not None and float(program.words.value[word]) != float(mode[1:]):
         exchange[word] = mode
     return exchange, [text for letter, text in new.items() if letter not in own and text]
 
@@ -247,6 +247,8 @@ class PartWords:
             self._at = self._point(0.0)
         end = self._point(part.high)
         shift = offset * 10 ** (self._fine - self._coarse)
+        if part.crossing is not None and part.crossing.line:
+            return self._block(end, offset)
         kind = self.program.motions.kind[self.motion]
         for axis in self._axes(kind):
             self._require(axis, self.program.motions.start[self.motion], self.program.motions.end[self.motion])
@@ -257,6 +259,16 @@ class PartWords:
             words |= self._cubic_words(part, end)
         self._at = end
         return words
+
+    def _block(self, end: IntArray, offset: IntArray) -> dict[str, str]:
+        """Words of a straight block of a crossing, which goes from the offset before it to its own."""
+        scale = 10 ** (self._fine - self._coarse)
+        way = end - self._at + (offset - self._last) * scale
+        axes = sorted({*self._axes(self.program.motions.kind[self.motion]), *np.flatnonzero(way).tolist()})
+        counts = end + offset * scale if self.modal.absolute else way
+        self._at, self._last = end, offset.copy()
+        left = {letter: "" for letter in (*CENTERS.values(), "R", "P", "Q") if letter in self._own}
+        return left | {AXES[axis]: AXES[axis] + self._text(counts[axis]) for axis in axes}
 
     def _require(self, axis: int, *points: Array) -> None:
         """Refuse to write a place that follows from an unknown position."""

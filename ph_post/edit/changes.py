@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 
 import msgspec
@@ -21,6 +22,22 @@ from ph_post.units import MINUTE, MM
 
 _LEAST_PAUSE = 1e-6
 """Dwells that are shorter [s] are rounding."""
+
+
+_FEED_DIGITS = 4
+"""Digits of the feeds of crossings."""
+
+
+def _lowered(feed: float) -> float:
+    """Return a feed rounded down to the digits that matter.
+
+    Examples
+    --------
+    >>> _lowered(1209.345), _lowered(47.6189)
+    (1209.0, 47.61)
+    """
+    scale = 10.0 ** (_FEED_DIGITS - 1 - math.floor(math.log10(feed)))
+    return math.floor(feed * scale + 1e-9) / scale
 
 
 class Change(msgspec.Struct, kw_only=True):
@@ -76,6 +93,10 @@ class ChangeWriter:
                 yield from self._move_to(block)
             offset = self._before(task, block)
             if not task.whole:
+                self._replaced(task, block, offset)
+            elif 1.0 in task.stops and task.stops[1.0].approach:
+                # The rapid that ends beyond stands in the change with the move that follows it.
+                yield from self._move_to(block)
                 self._replaced(task, block, offset)
             elif 1.0 in task.stops and block_words.ends_program(self._program, block):
                 # Between two stops of one change a short move could not be told from a jog.
@@ -180,13 +201,17 @@ class ChangeWriter:
         """Write the parts of a motion, and the stops between them."""
         assert self._change is not None
         words = self._wording(task.motion, block, offset)
+        self._change.label += task.labels
         for number, part in enumerate(task.parts):
             self._path_mode(task.motion, part, words.modal)
+            if part.crossing is not None:
+                offset[:] = np.rint(part.crossing.added / (words.modal.units * 10.0**-self._decimals))
             if number == 0 and task.whole:
                 self._first(block, self._numbers(block), [], words, part)
             elif number == 0:
                 new = words.part(part, offset)
-                exchange, add = block_words.exchange_words(self._program, block, new, words.mode)
+                straight = part.crossing is not None and part.crossing.line
+                exchange, add = block_words.exchange_words(self._program, block, new, "G1" if straight else words.mode)
                 self._first(block, exchange, add, words, part)
             else:
                 self._line(words, part, offset)
@@ -217,6 +242,8 @@ class ChangeWriter:
             add = [*add, f"F{feed}"]
         named = block_words.motion_word(self._program, block)
         mode = self._program.modal_after(block).motion if part.low == 0.0 and part.high == 1.0 else words.mode
+        if part.crossing is not None and part.crossing.line:
+            mode = "G1"
         first = "" if named is not None or mode == self._mode else mode or ""
         self._change.lines.append(block_words.edited_line(self._program, block, exchange, add, first=first).rstrip())
         self._mode = mode
@@ -230,12 +257,15 @@ class ChangeWriter:
         if feed is not None and (feed != self._feed or words.modal.feed_mode == 93):
             body.append(f"F{feed}")
             self._feed = feed
-        self._change.lines.append(self._joined(words.mode, *body))
-        self._mode = words.mode
+        mode = "G1" if part.crossing is not None and part.crossing.line else words.mode
+        self._change.lines.append(self._joined(mode, *body))
+        self._mode = mode
 
     def _feed_of(self, words: PartWords, part: MotionPart) -> str | None:
         """Digits of the F word of a part."""
         motions, k = self._program.motions, words.motion
+        if part.crossing is not None and part.crossing.feed is not None:
+            return self._crossing_feed(words, part, part.crossing.feed)
         if words.modal.feed_mode == 93:
             whole = float(motions.duration[k]) * (part.high - part.low)
             if motions.kind[k] == RAPID or (part.high - part.low == 1.0 and part.duration is None):
@@ -247,6 +277,19 @@ class ChangeWriter:
         # An arc whose radii disagree by their last digit is longer than the one that was planned.
         own = float(motions.feed[k])
         return self._digits((min(speed, own) if own > 0.0 else speed) / words.modal.units * MINUTE)
+
+    def _crossing_feed(self, words: PartWords, part: MotionPart, feed: float) -> str:
+        """Digits of the F word of a block of a crossing; never the program's own, so that no controller joins them."""
+        if words.modal.feed_mode == 93:
+            length = part_length(self._program.motions, words.motion, part.low, part.high)
+            own = float(self._program.motions.duration[words.motion]) / part_length(
+                self._program.motions, words.motion, 0.0, 1.0
+            )
+            return self._digits(MINUTE / max(own * length, length / feed))
+        found = _lowered(feed / words.modal.units * MINUTE)
+        if found == self._program.feed_word[words.block]:
+            found = _lowered(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
+        return self._digits(found)
 
     def _path_mode(self, motion: int, part: MotionPart, modal: Modal) -> None:
         """Let the controller blend blocks of known time in an exact-stop program, and no others."""
@@ -275,8 +318,10 @@ class ChangeWriter:
             moved[axis] += shift.travel
             offset[axis] = base[axis] + round(moved[axis] / step)
             rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
-            self._feed, self._mode = self._digits(rate), "G1"
-            lines.append(self._joined("G1", words.jog(axis, offset, share), f"F{self._feed}"))
+            feed = self._digits(rate)
+            new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]
+            self._feed, self._mode = feed, "G1"
+            lines.append(self._joined("G1", words.jog(axis, offset, share), *new))
             self._rest(shift.pause)
 
     def _rest(self, pause: float) -> None:

@@ -21,25 +21,66 @@ from ph_post.units import MM
 class OffsetShift(msgspec.Struct, frozen=True, kw_only=True):
     """A short move of one axis while the path stands still, by `travel` [m], signed, with F `velocity` [m/s].
 
-    After it the axis rests for `pause` [s].
+    After it the axis rests for `pause` [s]. It is `whole` where it leads from one side of the backlash to the other.
     """
 
     axis: str
     travel: float
     velocity: float
     pause: float
+    whole: bool = False
 
 
 class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
     """The path stops at the `share` (0 to 1) of a motion, rests for `pause` [s], and axes are shifted.
 
-    Shifts that change :attr:`Edits.offset` stay; those of a backlash take-up move add up to zero.
+    Shifts that change :attr:`Edits.offset` stay; those of a backlash take-up move add up to zero. An `approach`
+    comes from beyond: the rapid before it ends there.
     """
 
     motion: int
     share: float
     pause: float
     shifts: tuple[OffsetShift, ...]
+    approach: bool = False
+
+    @property
+    def rests(self) -> bool:
+        """True where the path rests for a dwell."""
+        return self.pause > 0.0 or any(shift.pause > 0.0 for shift in self.shifts)
+
+    @property
+    def crosses(self) -> bool:
+        """True where nothing but backlash is crossed, without a dwell: a crossing in a corner."""
+        return not (self.rests or self.approach) and all(shift.whole for shift in self.shifts)
+
+
+class CrossingPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part of a crossing, which lies on one `motion`, between two shares of it.
+
+    A `line` is a straight block in place of that part of the path, anything else the part itself. `added` (3,) [m]
+    is what the axes have beside the path at its end, `feed` [m/s] the speed along the block, None for the program's.
+    """
+
+    motion: int
+    low: float
+    high: float
+    line: bool
+    added: Array
+    feed: float | None
+
+
+class CrossingEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A crossing of the backlash on the fly: a stretch of path on which an axis gets its other offset.
+
+    `parts` in the order of travel; `length` of the stretch and largest `error` of the table [m].
+    """
+
+    axis: str
+    sign: int
+    parts: tuple[CrossingPart, ...]
+    length: float
+    error: float
 
 
 class DipEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -59,23 +100,27 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `offset` (m, 3) [m] is added to X, Y and Z at the end of every motion, on the grid of the dialect's
     decimals in the program's units. A rapid goes from the offset before it to its own; a cutting motion has
-    one offset, unless a stop on it changes that. At the end of every chain the offset is zero, where need be
-    by a stop behind the last motion. `stops` and `dips` are in the order of travel. `amplitude` [m] by axis:
-    the offset is plus or minus this, or zero; `pulse` [m] by axis: the largest backlash take-up move.
+    one offset, unless a stop or a crossing on it changes that: where it ends within a crossing its offset is what is
+    added to the path there. At the end of every chain the offset is zero, where need be
+    by a stop behind the last motion. `stops`, `dips` and `crossings` are in the order of travel. `amplitude` [m] by
+    axis: the offset is plus or minus this, or zero, or of a `one_sided` axis zero or this to its side, +1 or -1;
+    `pulse` [m] by axis: the largest backlash take-up move.
     `warnings` name what is not compensated.
     """
 
     offset: Array
     stops: tuple[StopEdit, ...] = ()
     dips: tuple[DipEdit, ...] = ()
+    crossings: tuple[CrossingEdit, ...] = ()
     amplitude: Mapping[str, float] = {}
+    one_sided: Mapping[str, int] = {}
     pulse: Mapping[str, float] = {}
     warnings: tuple[str, ...] = ()
 
     @property
     def empty(self) -> bool:
         """No change at all."""
-        return not (self.stops or self.dips or np.any(self.offset))
+        return not (self.stops or self.dips or self.crossings or np.any(self.offset))
 
 
 def merge_edits(a: Edits, b: Edits) -> Edits:
@@ -94,7 +139,9 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         offset=a.offset if a.offset is b.offset and not a.offset.any() else sealed(a.offset + b.offset),
         stops=tuple(join_stops(list(found)) for _, found in groupby(ordered, _stop_place)),
         dips=_merged_dips((*a.dips, *b.dips)),
+        crossings=(*a.crossings, *b.crossings),
         amplitude={**a.amplitude, **b.amplitude},
+        one_sided={**a.one_sided, **b.one_sided},
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )
@@ -108,7 +155,13 @@ def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
     """Make one stop of stops at one place: the longest of their pauses, their shifts one after the other."""
     first = stops[0]
     shifts = tuple(shift for stop in stops for shift in stop.shifts)
-    return StopEdit(motion=first.motion, share=first.share, pause=max(one.pause for one in stops), shifts=shifts)
+    return StopEdit(
+        motion=first.motion,
+        share=first.share,
+        pause=max(one.pause for one in stops),
+        shifts=shifts,
+        approach=any(one.approach for one in stops),
+    )
 
 
 def _merged_dips(dips: tuple[DipEdit, ...]) -> tuple[DipEdit, ...]:
@@ -137,40 +190,53 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Largest rounding of a joint where blocks of known time stand in an exact-stop program.
     block_time : float
         Longest block in ramps and dips.
+    left : frozenset of int
+        Chains in which no axis gets an offset.
     """
 
     tolerance: float = TOLERANCE
     max_slowdown: float = 0.1
     chord_tolerance: float = CHORD_TOLERANCE
     block_time: float = BLOCK_TIME
+    left: frozenset[int] = frozenset()
 
 
 _LEAST_STEPS = 4
 """A part is at least so many steps of the last decimal long: rounding could turn a shorter arc about."""
 
 
-class MotionPart(msgspec.Struct, frozen=True, kw_only=True):
-    """A part of a motion between two shares; `duration` [s] is None where the feed is the program's."""
+class MotionPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A part of a motion between two shares; `duration` [s] is None where the feed is the program's.
+
+    `crossing` says of a part of a crossing how it is written.
+    """
 
     low: float
     high: float
     duration: float | None = None
+    crossing: CrossingPart | None = None
 
 
 _WHOLE = MotionPart(low=0.0, high=1.0)
 
 
-class MotionEdit(msgspec.Struct, frozen=True, kw_only=True):
-    """The edits of one motion: its `parts` in order, and its `stops` by share."""
+class MotionEdit(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """The edits of one motion: `parts` in order, `stops` by share, and `labels` of the crossings that begin on it."""
 
     motion: int
     parts: tuple[MotionPart, ...]
     stops: dict[float, StopEdit]
+    labels: tuple[str, ...] = ()
 
     @property
     def whole(self) -> bool:
         """True where the motion itself stays unchanged."""
-        return len(self.parts) == 1 and self.parts[0].duration is None
+        return len(self.parts) == 1 and self.parts[0].duration is None and self.parts[0].crossing is None
+
+    @property
+    def crossed(self) -> bool:
+        """True where a part of it is one of a crossing."""
+        return any(part.crossing is not None for part in self.parts)
 
 
 def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
@@ -182,19 +248,33 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
     stops: dict[int, list[StopEdit]] = {}
     for stop in edits.stops:
         stops.setdefault(stop.motion, []).append(stop)
+    crossed: dict[int, list[CrossingPart]] = {}
+    labels: dict[int, list[str]] = {}
+    for crossing in edits.crossings:
+        for piece in crossing.parts:
+            crossed.setdefault(piece.motion, []).append(piece)
+        named = f"crossing {crossing.axis}{'+' if crossing.sign > 0 else '-'}"
+        labels.setdefault(crossing.parts[0].motion, []).append(named)
     return [
-        _motion_edit(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
-        for motion in sorted({*timed, *stops})
+        _crossed_motion(motion, crossed[motion], stops.get(motion, []), labels.get(motion, []))
+        if motion in crossed
+        else _motion_edit(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
+        for motion in sorted({*timed, *stops, *crossed})
     ]
 
 
 def stops_written(tasks: Iterable[MotionEdit], motions: Motions) -> tuple[int, list[StopEdit]]:
-    """Count the places at which the path stands, and return what is written there, in order.
+    """Count the stops that are more than crossings in a corner, and return what is written there, in order.
 
     Stops at one share of a motion are one already; a stop at the end of a motion and one at the start of the
     next line's are one standstill as well.
     """
-    placed = [(task.motion, share, task.stops[share]) for task in tasks for share in sorted(task.stops)]
+    placed = [
+        (task.motion, share, task.stops[share])
+        for task in tasks
+        for share in sorted(task.stops)
+        if not task.stops[share].crosses
+    ]
     shared = sum(
         (a[1], b[:2]) == (1.0, (a[0] + 1, 0.0)) and motions.block[b[0]] == motions.block[a[0]] + 1
         for a, b in pairwise(placed)
@@ -214,6 +294,24 @@ def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, MotionPart]]:
         for (k, low, high), length in zip(spans, lengths, strict=True):
             if high > low and length > 0.0:
                 yield k, MotionPart(low=low, high=high, duration=duration * length / sum(lengths))
+
+
+def _crossed_motion(motion: int, crossed: list[CrossingPart], stops: list[StopEdit], labels: list[str]) -> MotionEdit:
+    """Put the parts of crossings on a motion between those that stay as they are; feed dips give way to them."""
+    parts: list[MotionPart] = []
+    at = 0.0
+    for part in (*sorted(crossed, key=lambda one: one.low), None):
+        until = 1.0 if part is None else part.low
+        between = sorted({stop.share for stop in stops if at < stop.share < until})
+        for low, high in pairwise((at, *between, until)):
+            if high > low:
+                parts.append(MotionPart(low=low, high=high))
+        if part is not None:
+            parts.append(MotionPart(low=part.low, high=part.high, crossing=part))
+            at = part.high
+    ends = {part.high: part.high for part in parts} | {0.0: 0.0}
+    placed = _placed([stop for stop in stops if stop.share in ends], ends)
+    return MotionEdit(motion=motion, parts=tuple(parts), stops=placed, labels=tuple(labels))
 
 
 def _motion_edit(

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from ph_post.dialects.base import Dialect
+from ph_post.drive.axes import side_offsets
 from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
@@ -67,25 +68,33 @@ def word_decimals(dialect: Dialect, units: float) -> int:
     return dialect.numbers.decimals + (units > MM)
 
 
-def half_lost_motion(axis: Axis, dialect: Dialect, units: float) -> float:
-    """Half the lost motion of an axis [m], rounded to the dialect's decimals in the program's units [m].
+def written_offsets(axis: Axis, dialect: Dialect, units: float) -> tuple[float, float]:
+    """Lasting offsets of an axis while it moves to minus and to plus [m], rounded to the program's decimals.
+
+    Parameters
+    ----------
+    axis : Axis
+    dialect : Dialect
+        Its decimals count, in the program's `units` [m].
+    units : float
 
     Raises
     ------
     InputError
-        Where the decimals are too few for it.
+        Where the decimals are too few for the backlash.
     """
     step = units * 10.0 ** -word_decimals(dialect, units)
-    half = 0.5 * axis.gap.lost_motion
-    rounded = float(round(half / step) * step)
-    if rounded == 0.0 or abs(rounded - half) > axis.gap.lost_motion / FINEST:
+    exact = side_offsets(axis)
+    minus, plus = (float(round(one / step) * step) for one in exact)
+    lost = axis.gap.lost_motion
+    if plus == minus or max(abs(minus - exact[0]), abs(plus - exact[1])) > lost / FINEST:
         raise InputError(
             "--dialect",
             f"the decimals of {dialect.name} are too few for an offset of axis {axis.name}",
             expected=f">= {FINEST * step / MM:g} mm",
-            got=f"{axis.gap.lost_motion / MM:.3g} mm",
+            got=f"{lost / MM:.3g} mm",
         )
-    return rounded
+    return minus, plus
 
 
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")

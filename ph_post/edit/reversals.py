@@ -18,11 +18,12 @@ a tenth of a micrometre of travel away would leave very short arcs."""
 SAME: Final = 1e-9
 """Positions that differ by no more [m] are the same: the axis rests."""
 
-MOTION, SHARE, SIGN, CARRIED, PASSED, CHAIN = range(6)
+MOTION, SHARE, SIGN, CARRIED, PASSED, CHAIN, FIRST, SHARE0, LAST, SHARE1 = range(10)
 """Columns of a change: the motion, the share of it, the new direction, 1 where a rapid carries the change itself,
-the speed of the path there [m/s], the chain."""
+the speed of the path there [m/s], the chain; and the stretch in which the axis rests, from a share of its first
+motion to a share of its last, the same place where it turns at once."""
 
-_COLUMNS: Final = 6
+_COLUMNS: Final = 10
 
 
 @inner
@@ -142,6 +143,7 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, sign: int, row:
     """
     k0, share0, k1, share1, high = span
     row[SIGN], row[CARRIED], row[PASSED] = sign, 0.0, 0.0
+    row[FIRST], row[SHARE0], row[LAST], row[SHARE1] = k0, share0, k1, share1
     leaves = k1 + 1 if share1 == 1.0 else k1
     if leaves < high and view[0][leaves] == RAPID:
         row[MOTION], row[SHARE], row[CARRIED] = leaves, 1.0, 1.0
@@ -231,7 +233,7 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
 
     Returns
     -------
-    Array, shape (n, 6)
+    Array, shape (n, 10)
         Changes in order; columns as named in this module. The first of a chain gives its first direction.
     """
     kind, end = view[0], view[2]

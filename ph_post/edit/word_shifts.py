@@ -204,6 +204,9 @@ def motion_offsets(offset: Array, tasks: Sequence[MotionEdit], step: float) -> M
     for task in tasks:
         if 1.0 in task.stops:
             word[task.motion] -= net_shift(task.stops[1.0], step).astype(np.int32)
+        if task.crossed:
+            # Its line is written anew, with words of its own.
+            word[task.motion] = 0
     return MotionOffsets(after=after, word=word)
 
 
@@ -224,10 +227,23 @@ def stop_label(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
         return ["rest"]
     after, found = offset + net_shift(stop, step), []
     for axis, name in enumerate(AXES):
-        if any(shift.axis == name for shift in stop.shifts):
-            side = (" to 0", "+", "-")[int(np.sign(after[axis]))]
-            found.append(name + (" take-up" if after[axis] == offset[axis] else side))
+        if not any(shift.axis == name for shift in stop.shifts):
+            continue
+        if stop.approach:
+            found.append(f"{name} approach")
+        elif after[axis] == offset[axis]:
+            found.append(f"{name} take-up")
+        elif after[axis] == 0 and not crosses(stop, name):
+            found.append(f"{name} to 0")
+        else:
+            side = "+" if after[axis] > offset[axis] else "-"
+            found.append(f"crossing {name}{side}" if crosses(stop, name) else f"{name}{side}")
     return found
+
+
+def crosses(stop: StopEdit, axis: str) -> bool:
+    """Return whether a stop takes an axis through all of its backlash, without a dwell: a crossing in a corner."""
+    return not stop.rests and not stop.approach and any(one.axis == axis and one.whole for one in stop.shifts)
 
 
 def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:

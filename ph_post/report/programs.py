@@ -50,13 +50,17 @@ def _changes(delivery: CompensatedProgram) -> str:
     if edits is None or delivery.verdict is None:
         return "nothing to change"
     declared = delivery.declaration
-    offsets = [f"{axis} by ±{millimetres(size)} mm" for axis, size in sorted(edits.amplitude.items())]
+    signs = {axis: "+" if side > 0 else "-" for axis, side in edits.one_sided.items()}
+    offsets = [
+        f"{axis} by {signs.get(axis, '±')}{millimetres(size)} mm" for axis, size in sorted(edits.amplitude.items())
+    ]
     take_ups = [f"{axis} by up to {millimetres(size)} mm" for axis, size in sorted(edits.pulse.items())]
     facts = [f"compensated: {', '.join(offsets)}"] if offsets else []
     facts += [f"backlash taken up: {', '.join(take_ups)}"] if take_ups else []
-    added = [counted(declared.stops, "stop")] if declared is not None and declared.stops else []
+    added = [counted(declared.crossings, "crossing")] if declared is not None and declared.crossings else []
+    added += [counted(declared.stops, "short move")] if declared is not None and declared.stops else []
     added += [counted(declared.dips, "feed dip")] if declared is not None and declared.dips else []
-    facts += [f"{' and '.join(added)} added"] if added else []
+    facts += [f"{', '.join(added)} added"] if added else []
     return "; ".join(facts)
 
 
@@ -67,6 +71,7 @@ def program_view(result: ProgramCompensation, outcome: ResultSummary) -> dict[st
         "windows": window_views(result.places),
         **summary_view(outcome),
         "carrier": "program",
+        "crossings": 0 if told is None else told.crossings,
         "stops": 0 if told is None else told.stops,
         "dips": 0 if told is None else told.dips,
         "offsets": {} if edits is None else {axis: size / MM for axis, size in edits.amplitude.items()},
@@ -86,6 +91,7 @@ def undone_view() -> dict[str, Any]:
         "windows": [],
         **summary_view(ResultSummary()),
         "carrier": "program",
+        "crossings": 0,
         "stops": 0,
         "dips": 0,
         "offsets": {},

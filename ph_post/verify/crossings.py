@@ -27,6 +27,9 @@ _FINE = 20.0
 _ROUNDED = 2.0
 """A point may be off by so many units of its last decimal."""
 
+_WAITING = 0.1
+"""Part of the backlash within which an axis counts as having crossed it."""
+
 _LONGER = 0.01
 """A crossing may be longer than declared by this part: lengths of splines are approximate."""
 
@@ -80,7 +83,9 @@ def check_crossings(case: VerifyCase, pairing: Pairing, found: Stretches) -> Cro
     grid = _grid(case, whole)
     spare = _ROUNDED * grid + 2.0 * sagitta
     bound = np.full(whole.change.size, case.bound + declared.within + 2.0 * sagitta)
-    tables = [follow_play(new.points, new.first, sides, start, _ROUNDED * grid + EXACT) for start in starts]
+    # Where the path is flat, the table may wait outside it by what is declared, until the path comes back behind it.
+    waits = np.minimum(declared.within, _WAITING * np.max(sides[:, :, 1] - sides[:, :, 0], axis=1))
+    tables = [follow_play(new.points, new.first, sides, start, _ROUNDED * grid + EXACT + waits) for start in starts]
     fine = _check_followed(case, whole, (old, new), tables, bound)
     along = _lengths_along(old)
     places = [align(old.points, old.first, along, one.points, one.first, bound) for one in tables]

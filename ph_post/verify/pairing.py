@@ -66,7 +66,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
         return None
     old, new = pairs
     jog = _find_jogs(case, new_change, dwells)
-    approach = _find_approaches(case, old, new, new_change) & ~jog
+    approach = _find_approaches(case, old, new, new_change)
     jog |= approach
     named = np.append(case.lines.changes.crossed, False)
     crossed = named[new_change] & (other.kind != RAPID) & ~approach
@@ -140,7 +140,8 @@ def _find_approaches(case: VerifyCase, old: PlaceArray, new: PlaceArray, change:
     partner[new] = old
     rapid = np.flatnonzero((motions.kind == RAPID) & (partner >= 0))
     behind = rapid
-    for _ in AXES:
+    # Z may come down onto one side first, and then go up through its backlash.
+    for _ in range(2 * len(AXES)):
         inside = behind + 1 < change.size
         rapid, behind = rapid[inside], behind[inside] + 1
         straight = (motions.kind[behind] == LINE) & (change[behind] != NO_CHANGE)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.editing import ENOUGH
+from support.editing import ENOUGH, compensate
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.edits import EditOptions, Edits, StopEdit
-from ph_post.edit.offset_edits import APPROACH, plan_offsets
-from ph_post.edit.preconditions import half_lost_motion
+from ph_post.edit.crossing_search import APPROACH
+from ph_post.edit.crossings import ERROR
+from ph_post.edit.edits import EditOptions, Edits, OffsetShift
+from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.preconditions import written_offsets
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
 from ph_post.types import Machine
@@ -27,16 +31,29 @@ def plan(text: str, *, dialect: str = "linuxcnc", machine: Machine = STEPPER, **
 
 
 def of_axis(edits: Edits, axis: str) -> list[tuple[int, float, float]]:
-    """Stops of an axis: the motion, the share, what is shifted for good [halves of the lost motion]."""
-    return [
-        (stop.motion, stop.share, round(_lasting(stop, axis) / HALF[axis], 9))
+    """Changes of an axis: the motion, the share, what is added for good [halves of the lost motion].
+
+    A crossing counts at the middle of its chord.
+    """
+    found = [
+        (stop.motion, stop.share, round(_lasting(edits, shift) / HALF[axis], 9))
         for stop in edits.stops
-        if any(shift.axis == axis for shift in stop.shifts)
+        for shift in stop.shifts
+        if shift.axis == axis
     ]
+    for crossing in edits.crossings:
+        if crossing.axis == axis:
+            lines = [part for part in crossing.parts if part.line]
+            chord = lines[len(lines) // 2]
+            found.append((chord.motion, 0.5 * (chord.low + chord.high), 2.0 * crossing.sign))
+    return sorted(found)
 
 
-def _lasting(stop: StopEdit, axis: str) -> float:
-    return sum(shift.travel for shift in stop.shifts if shift.axis == axis)
+def _lasting(edits: Edits, shift: OffsetShift) -> float:
+    """What of a shift stays: one that comes from beyond, behind a rapid that ended there, gives the first offset."""
+    travel = shift.travel
+    came = abs(travel) == pytest.approx(edits.pulse.get(shift.axis, 0.0), rel=1e-9)
+    return float(np.copysign(edits.amplitude[shift.axis], travel)) if came else travel
 
 
 def signs(edits: Edits, axis: str) -> list[int]:
@@ -54,10 +71,33 @@ def test_a_corner_that_turns_back() -> None:
 
 
 def test_behind_a_rapid_the_axis_comes_from_beyond_its_gap() -> None:
-    first = plan(START + "G1 X10\nM2\n").stops[0]
-    ways = [shift.travel / HALF["X"] for shift in first.shifts]
-    assert ways == pytest.approx([-APPROACH, APPROACH + 1.0])
-    assert plan(START + "G1 X10\nM2\n").pulse["X"] == pytest.approx(APPROACH * HALF["X"])
+    # Where its side is not known: the rapid ends two lost motions before the place, and one move takes up the backlash.
+    edits = plan(START + "G1 X10\nM2\n")
+    first = edits.stops[0]
+    assert (first.motion, first.share, first.pause) == (0, 1.0, 0.0)
+    assert [shift.travel / HALF["X"] for shift in first.shifts] == pytest.approx([2.0 * APPROACH])
+    assert edits.pulse["X"] == pytest.approx(2.0 * APPROACH * HALF["X"])
+    text = compensate((START + "G1 X10\nM2\n").encode(), STEPPER).text.decode()
+    assert re.search(r"\n\(ph-post: \+\d -1 X approach\)\nG0 X-0\.09 Y0\nG1 X0\.03 F", text)
+
+
+def test_no_move_of_one_axis_is_followed_by_a_dwell_where_motors_do_not_lag() -> None:
+    edits = plan(START + "G1 X10\nX4\nG3 X8 Y4 I0 J4\nG1 X0\nM2\n")
+    assert edits.stops
+    assert {stop.pause for stop in edits.stops} == {0.0}
+    assert {shift.pause for stop in edits.stops for shift in stop.shifts} == {0.0}
+
+
+def test_z_carries_its_whole_backlash_on_one_side() -> None:
+    # Its zero is taken downwards: nothing on the way down, all of it on the way up.
+    edits = plan("G21 G90 G17 F600\nG0 X0 Y0 Z5\nG1 Z-1\nX5 Z-0.5\nX9 Z-1\nG0 Z5\nM2\n")
+    assert edits.one_sided == {"Z": 1}
+    assert edits.amplitude["Z"] == pytest.approx(2.0 * HALF["Z"])
+    found = of_axis(edits, "Z")
+    assert found[0] == (1, 1.0, 2.0)
+    assert [size for _, _, size in found] == [2.0, -2.0]
+    assert signs(edits, "Z")[:2] == [0, 2]
+    assert signs(edits, "Z")[3:] == [0, 0]
 
 
 def test_an_arc_turns_at_its_quadrants() -> None:
@@ -91,18 +131,25 @@ def test_a_spline_turns_where_its_derivative_vanishes() -> None:
 
 def test_a_rest_is_left_at_its_first_corner() -> None:
     edits = plan(START + "G1 X10\nY3\nY9\nX0\nM2\n")
-    assert of_axis(edits, "X")[1] == (1, 1.0, -2.0)
+    assert not [stop for stop in edits.stops if stop.motion not in (0, 4)]
+    (crossing,) = edits.crossings
+    assert (crossing.axis, crossing.sign, crossing.error) == ("X", -1, pytest.approx(0.0, abs=1e-12))
+    # On the straight edge behind the corner, on which X rests.
+    assert [(part.motion, part.low, part.line) for part in crossing.parts] == [(2, 0.0, True)]
+    assert signs(edits, "X") == [1, 1, -1, -1, 0]
 
 
 def test_a_rest_between_smooth_joints_and_a_corner_is_left_at_the_corner() -> None:
     edits = plan(START + "G1 X8\nG3 X10 Y2 R2\nG1 Y9\nX0\nM2\n")
-    assert of_axis(edits, "X")[1] == (3, 1.0, -2.0)
+    (crossing,) = edits.crossings
+    assert [(part.motion, part.high, part.line) for part in crossing.parts] == [(3, 1.0, True)]
+    assert of_axis(edits, "X")[1][2] == -2.0
 
 
 def test_a_rest_is_left_behind_a_rapid_before_the_tool_goes_down() -> None:
     edits = plan("G21 G90 G17 F600\nG0 X-5 Y0 Z5\nX0\nG1 Z-1\nX-4\nG0 Z5\nX-5 Y0\nM2\n")
-    assert of_axis(edits, "X") == [(1, 1.0, -2.0)]
-    assert signs(edits, "X") == [0, -1, -1, -1, -1, 0]
+    assert of_axis(edits, "X") == [(0, 1.0, 1.0), (1, 1.0, -2.0)]
+    assert signs(edits, "X") == [1, -1, -1, -1, -1, 0]
 
 
 def test_a_rapid_carries_the_change_itself() -> None:
@@ -118,12 +165,8 @@ def test_a_rapid_that_moves_another_axis_carries_nothing() -> None:
 
 def test_planes_and_helices() -> None:
     edits = plan("G21 G90 G18 F600\nG0 X0 Y0 Z0\nG2 X0 Z0 Y2 I10 K0\nM2\n")
-    assert [share for _, share, _ in of_axis(edits, "Z")] == [
-        1.0,
-        pytest.approx(0.25),
-        pytest.approx(0.75),
-        1.0,
-    ]
+    # Z begins downwards, the side of its zero.
+    assert of_axis(edits, "Z") == [(1, pytest.approx(0.25), 2.0), (1, pytest.approx(0.75), -2.0)]
     assert [share for _, share, _ in of_axis(edits, "X")] == [1.0, pytest.approx(0.5), 1.0]
     assert of_axis(edits, "Y") == [(0, 1.0, 1.0), (1, 1.0, -1.0)]
 
@@ -164,12 +207,16 @@ def test_motions_that_cannot_be_divided(motion: str, why: str) -> None:
     assert [why in said for said in told] == ([True] if why else [])
 
 
-def test_a_stop_in_the_middle_of_a_feed_costs_its_ramps() -> None:
+def test_a_dip_in_the_middle_of_a_feed_costs_its_ramps() -> None:
     saw = START + "".join(f"G1 X{10 * (n % 2)}\n" for n in range(1, 40)) + "M2\n"
-    circles = START + "G3 X0 Y0 I-3.1 J0\n" * 20 + "M2\n"
-    # Both have 40 changes in 40 seconds; in the corners of the saw the machine stops anyway.
+    circles = START + "G3 X0 Y0 I-1 J0\n" * 20 + "M2\n"
+    # In the corners of the saw the machine stops anyway; on small circles it slows down for each of 79 crossings.
     assert len(plan(saw, max_slowdown=0.08).stops) == len(plan(saw).stops) == 40
-    told = plan(circles, max_slowdown=0.08)
+    found = {allowed: plan(circles, max_slowdown=allowed) for allowed in (ENOUGH, 0.01, 0.001)}
+    assert [len(edits.crossings) for edits in found.values()] == [79, 79, 0]
+    errors = [max(one.error for one in edits.crossings) for edits in found.values() if edits.crossings]
+    assert errors[0] < 2e-3 * MM < errors[1] < 4.0 * ERROR
+    told = found[0.001]
     assert not told.stops
     assert "--max-slowdown" in told.warnings[0]
 
@@ -218,7 +265,9 @@ def test_too_few_decimals_are_refused() -> None:
     program = read_program((START + "G1 X5\nX0\nM2\n").encode(), "part.ngc")
     # half of 0.06 mm is three whole steps of 0.01 mm, and none of 0.1 mm
     fair = replace(coarse, numbers=replace(coarse.numbers, decimals=2))
-    assert half_lost_motion(STEPPER.axes["X"], fair, 1e-3) == pytest.approx(0.5 * STEPPER.axes["X"].gap.lost_motion)
+    half = 0.5 * STEPPER.axes["X"].gap.lost_motion
+    assert written_offsets(STEPPER.axes["X"], fair, 1e-3) == pytest.approx((-half, half))
+    assert written_offsets(STEPPER.axes["Z"], fair, 1e-3) == pytest.approx((0.0, STEPPER.axes["Z"].gap.lost_motion))
     coarse = replace(coarse, numbers=replace(coarse.numbers, decimals=1))
     with pytest.raises(InputError, match="decimals of grbl are too few for an offset of axis X"):
         plan_offsets(program, STEPPER, coarse, EditOptions())

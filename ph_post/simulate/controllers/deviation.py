@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.axes import gaps_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, PartProgram
+from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.geometry.closest import (
     EXTENT,
     FIRST,
@@ -57,6 +57,10 @@ GAPS: Final = 2.0
 
 WIDE: Final = 0.02
 """Distance from the way travelled within which a place is sought where a corner is cut [m]."""
+
+
+BEGINS: Final = 20e-6
+"""A cut has begun farther than this [m] behind a rapid: controllers blend it with what comes before."""
 
 
 class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -117,6 +121,19 @@ class CutPath:
         pairs = zip(drives, command.position.T, strict=True)
         return np.array([float(gaps_of(axis, column).max()) for axis, column in pairs])
 
+    def cuts(self, leg: IntArray, place: Array, command: Command, moved_by: PartProgram | None) -> BoolArray:
+        """Return in which rows the tool cuts, from the leg of every row and its place [m].
+
+        Rapids of the program that the command is `moved_by` do not cut, whichever place is next to them. Behind a
+        rapid an axis may be moved onto its side of the backlash before the cut begins: that is in the air.
+        """
+        behind_rapid = np.append(True, self.legs.rapid[:-1] == 1.0)[leg]
+        begins = behind_rapid & (place <= self.starts[leg] + BEGINS)
+        cuts = (self.legs.rapid[leg] == 0.0) & ~begins
+        if moved_by is not None and moved_by.motions.kind.size:
+            cuts &= moved_by.motions.kind[np.maximum(command.segment, 0)] != RAPID
+        return np.asarray(cuts)
+
     def command_distance(self, command: Command, place: Array) -> Array:
         """Return the distance of a command itself from the path in every row [m]."""
         position = self._in_space(command.axes, command.position)
@@ -172,6 +189,7 @@ def program_error(
     tried: Sequence[Scenario] = (),
     *,
     recorded: bool = False,
+    moved_by: PartProgram | None = None,
 ) -> ProgramError:
     """Simulate a command in every scenario, and measure how far the table leaves a program's path.
 
@@ -186,6 +204,8 @@ def program_error(
         In place of those that the machine file leaves open.
     recorded : bool, optional
         Whether it is of a real controller, which also runs what is not understood: only what is before that counts.
+    moved_by : PartProgram, optional
+        The program that made the command, where its `segment` numbers the motions of that.
 
     Returns
     -------
@@ -195,7 +215,7 @@ def program_error(
     path = CutPath(program, machine)
     tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
     leg, place = path.follow(command)
-    motion, cuts = path.legs.motion[leg].astype(np.int64), path.legs.rapid[leg] == 0.0
+    motion, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, moved_by)
     counted = cuts & (command.t >= settling_time(machine, command.axes))
     counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
     if recorded:

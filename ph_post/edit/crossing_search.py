@@ -1,0 +1,524 @@
+"""Choose how each reversal of a program is crossed, at which cost in time, and plan it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.compensate.offsets import DWELL, PART, corner_pause, make_jog
+from ph_post.dialects.base import Dialect
+from ph_post.dialects.planners import planner_of
+from ph_post.edit.block_words import words_by_letter
+from ph_post.edit.crossings import (
+    ERROR,
+    KINK,
+    SETTLING,
+    SHORT_LAG,
+    SHORTEST,
+    CrossingPlace,
+    CrossingPlanner,
+    CrossingShape,
+    crossing_shape,
+    find_windows,
+    places_along,
+)
+from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
+from ph_post.edit.preconditions import why_kept_whole
+from ph_post.edit.reversals import (
+    CARRIED,
+    CHAIN,
+    FIRST,
+    LAST,
+    MOTION,
+    PASSED,
+    SHARE,
+    SHARE0,
+    SHARE1,
+    SIGN,
+    chain_spans,
+    motion_view,
+)
+from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
+from ph_post.simulate.controllers.junctions import junction_speed
+from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
+
+APPROACH: Final = 2.0
+"""An axis whose side of the backlash is not known approaches its place from this many lost motions before it."""
+
+RAMPS: Final = math.sqrt(2.0)
+"""A controller that rounds the joints of a crossing in t with the axis' acceleration a takes g/(a t) for each; with
+t = √(2 g/a) the table waits for 1.8 √(g/a), and no joint is sharper than the controller passes."""
+
+ROUNDED: Final = 0.6
+"""Part of that rounding for which the table waits beyond t (seen on LinuxCNC: 17.7 ms of 0.05 mm at 500 mm/s²)."""
+
+LEAST_WAY: Final = 0.25
+LONGEST_WAY: Final = 400.0
+WAYS: Final = 200
+"""Lengths of a crossing that are tried, in lost motions."""
+
+NEARLY: Final = 0.999
+"""Part of a length that is as good as all of it."""
+
+SHARPER: Final = 1.2
+"""The joints of a crossing are sharper than its own direction by this, as the path comes in on a tangent."""
+
+LONG: Final = 0.01
+"""Length of the block before a crossing [m]."""
+
+AT_SPEED: Final = 0.98
+"""Part of the feed that counts as full."""
+
+LEAST_FEED: Final = 1e-4
+"""Feeds below this [m/s] are reckoned as this."""
+
+BEHIND_LAG: Final = 1.0
+"""Errors of crossings may be larger by this factor behind a lag, which draws the table inwards anyway."""
+
+INTERRUPTING: Final = frozenset((0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 60, 62, 63, 64, 65, 66, 67, 68))
+"""M words between two motions over which no crossing reaches."""
+
+
+class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Changes of all axes in the order of travel, n of them, a column each.
+
+    `rows` of :func:`~ph_post.edit.reversals.find_reversals`; `column` of the axis; `before` its sign ahead of the
+    change; `first` of its chain; `at` the place along the program [m]; `rest` (n, 2) and `bound` (n, 2) [m]; `feed`
+    [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of :func:`~ph_post.edit.crossings.find_windows`;
+    `calm` where the axis rests long enough for a crossing at full speed.
+    """
+
+    rows: Array
+    column: IntArray
+    before: IntArray
+    first: BoolArray
+    at: Array
+    rest: Array
+    bound: Array
+    feed: Array
+    jog: BoolArray
+    calm: BoolArray
+    window: Array
+
+
+class CrossingSearch:
+    """Finds the crossings of a program's reversals; keeps what all searches share.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    dialect : Dialect
+    sides : mapping of str to tuple
+        Offsets [m] of each axis while it moves to minus and to plus.
+    feed : Array, shape (m,)
+        Speed of the path in every motion [m/s].
+    """
+
+    def __init__(
+        self,
+        program: PartProgram,
+        machine: Machine,
+        dialect: Dialect,
+        sides: Mapping[str, tuple[float, float]],
+        feed: Array,
+    ) -> None:
+        self._program, self._machine, self._dialect, self._sides = program, machine, dialect, sides
+        self._along = places_along(program.motions)
+        timed = program.motions.duration > 0.0
+        length = np.diff(self._along)
+        self._feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
+        self._view = motion_view(program.motions)
+        self._way = np.nan_to_num(program.motions.end - program.motions.start)
+        turning = np.zeros(self._way.shape, dtype=np.bool_)
+        arcs = np.flatnonzero(program.motions.kind == ARC)
+        turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
+        self._moving = [np.flatnonzero(column) for column in ((self._way != 0.0) | turning).T]
+        self._chain_numbers = program.motions.chain[chain_spans(program.motions)[0]]
+        self._cuts = np.flatnonzero(program.motions.kind != RAPID)
+        self._rapids = np.flatnonzero(program.motions.kind == RAPID)
+        self._region = _regions(program)
+        begins = np.flatnonzero(np.diff(self._region, prepend=-2) != 0)
+        self._region_low = self._along[begins]
+        self._region_high = self._along[np.append(begins[1:], self._region.size)]
+        self._region_number = np.cumsum(np.diff(self._region, prepend=-2) != 0) - 1
+        self._divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
+        self._shapes = {name: self._shape(machine.axes[name]) for name in sides}
+        self._push = PART * 2.0 * min(axis.limits.acceleration for axis in machine.axes.values())
+
+    def _may_divide(self, k: int) -> bool:
+        kind = self._program.motions.kind[k]
+        if kind in (RAPID, NURBS) or (kind == CUBIC and self._dialect.abilities.cubic is None):
+            return False
+        return not (self._program.language.bound is not None and why_kept_whole(self._program, k))
+
+    def _shape(self, axis: Axis) -> CrossingShape:
+        fastest = float(np.max(self._feed[self._program.motions.kind != RAPID], initial=0.0))
+        # A planner that passes no crossing at full feed passes one at less.
+        for feed in (fastest, 0.5 * fastest, 0.25 * fastest):
+            first, rounding = shortest_time(self._machine, axis, max(feed, LEAST_FEED))
+            if math.isfinite(first):
+                break
+        else:
+            first, rounding = 2.0 * math.sqrt(axis.gap.lost_motion / axis.limits.acceleration), 0.0
+        first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self._machine.servo_period)
+        return crossing_shape(axis, first, rounding)
+
+    def offset(self, column: int, sign: int) -> float:
+        """Return the offset [m] of an axis that moves in a direction; 0 for none."""
+        minus, plus = self._sides[AXES[column]]
+        return plus if sign > 0 else minus if sign < 0 else 0.0
+
+    def spots(self, changes: Mapping[str, Array], coarser: float) -> Spots:
+        """Gather the changes of all axes, and find how each is crossed."""
+        parts, columns, befores, firsts = [np.zeros((0, 10))], [], [], []
+        for name, found_rows in changes.items():
+            rows = self._needed(self._wound_up(found_rows, AXES.index(name)), AXES.index(name))
+            first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
+            before = np.append(0.0, rows[:-1, SIGN])[: len(rows)]
+            before[first] = 0.0
+            parts.append(rows)
+            columns.append(np.full(len(rows), AXES.index(name)))
+            befores.append(before)
+            firsts.append(first)
+        rows = np.concatenate(parts)
+        nothing = np.zeros(0)
+        column, before, first = (np.concatenate([nothing, *found]) for found in (columns, befores, firsts))
+        motion = rows[:, MOTION].astype(np.int64)
+        length = np.diff(self._along)
+        at = self._along[motion] + rows[:, SHARE] * length[motion]
+        order = np.lexsort((column, at))
+        rows, motion, at = rows[order], motion[order], at[order]
+        found = Spots(
+            rows=rows,
+            column=column[order].astype(np.int64),
+            before=before[order].astype(np.int64),
+            first=first[order].astype(np.bool_),
+            at=at,
+            rest=self._rests(rows, motion, length),
+            bound=self._bounds(motion, at),
+            feed=self._speed(rows, motion),
+            jog=np.zeros(len(rows), dtype=np.bool_),
+            calm=np.zeros(len(rows), dtype=np.bool_),
+            window=np.zeros((len(rows), 5)),
+        )
+        return self._with_windows(found, motion, coarser)
+
+    def _wound_up(self, rows: Array, column: int) -> Array:
+        """Let the first change of a chain happen behind the rapid that brings the axis to its first place.
+
+        A rapid away from there would leave the first place on an unknown side.
+        """
+        first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
+        found = rows.copy()
+        for n in np.flatnonzero(first & (rows[:, SIGN] != 0.0)).tolist():
+            place = rows[n, FIRST] if rows[n, SHARE0] == 1.0 else rows[n, FIRST] - 1.0
+            rapid = int(np.searchsorted(self._rapids, place, side="right")) - 1
+            chain = self._chain_numbers[int(rows[n, CHAIN])]
+            if rapid < 0 or self._program.motions.chain[self._rapids[rapid]] != chain:
+                continue
+            if np.isfinite(self._program.motions.end[self._rapids[rapid], column]):
+                found[n, MOTION], found[n, SHARE], found[n, CARRIED] = self._rapids[rapid], 1.0, 0.0
+        return found
+
+    def _needed(self, rows: Array, column: int) -> Array:
+        """Leave out what an axis does in the air between two cuts, there and back, where it then comes down alone."""
+        keep = np.ones(len(rows), dtype=np.bool_)
+        kind = self._program.motions.kind
+        there, back = rows[1:-1], rows[2:]
+        before = rows[:-2]
+        pairs = (there[:, CARRIED] == 1.0) & (back[:, CARRIED] == 0.0) & (back[:, SIGN] == before[:, SIGN])
+        pairs &= (back[:, SIGN] != 0.0) & (back[:, CHAIN] == before[:, CHAIN]) & (back[:, SHARE] == 1.0)
+        for n in (1 + np.flatnonzero(pairs)).tolist():
+            first, last = int(rows[n, MOTION]), int(rows[n + 1, MOTION])
+            sign = rows[n + 1, SIGN]
+            free = self.offset(column, int(sign)) == 0.0 and self._alone(last + 1, column, sign)
+            if keep[n] and free and (kind[first : last + 1] == RAPID).all():
+                keep[n : n + 2] = False
+        return rows[keep]
+
+    def _rests(self, rows: Array, motion: IntArray, length: Array) -> Array:
+        """Places between which the axis rests, in the stretch of path that a crossing may lie in, shape (n, 2)."""
+        region = self._region_number[motion]
+        ends = [
+            self._along[rows[:, at].astype(np.int64)] + rows[:, share] * length[rows[:, at].astype(np.int64)]
+            for at, share in ((FIRST, SHARE0), (LAST, SHARE1))
+        ]
+        low, high = self._region_low[region], self._region_high[region]
+        return np.stack([np.clip(one, low, high) for one in ends], axis=1)
+
+    def _bounds(self, motion: IntArray, at: Array) -> Array:
+        """Places that crossings may not leave: half way to their neighbours, or the ends of their stretch, (n, 2)."""
+        region = self._region_number[motion]
+        middle = 0.5 * (at[1:] + at[:-1])
+        low = np.maximum(self._region_low[region], np.append(-np.inf, middle)[: at.size])
+        high = np.minimum(self._region_high[region], np.append(middle, np.inf)[: at.size])
+        return np.stack([low, high], axis=1)
+
+    def _speed(self, rows: Array, motion: IntArray) -> Array:
+        """Speed of the path at a place [m/s]: at a joint the lower of both feeds."""
+        behind = np.minimum(motion + 1, self._feed.size - 1)
+        joint = (rows[:, SHARE] == 1.0) & (self._region[behind] == self._region[motion])
+        return np.asarray(np.where(joint, np.minimum(self._feed[motion], self._feed[behind]), self._feed[motion]))
+
+    def _with_windows(self, spots: Spots, motion: IntArray, coarser: float) -> Spots:
+        motions, rows = self._program.motions, spots.rows
+        if not motion.size:
+            return spots
+        none = CrossingShape(first=0.0, wait=0.0)
+        shapes = [self._shapes.get(name, none) for name in AXES]
+        wait = np.array([one.wait for one in shapes])[spots.column]
+        crossing = np.array([one.first for one in shapes])[spots.column]
+        lag = np.array([self._machine.axes[n].servo.c if n in self._machine.axes else 0.0 for n in AXES])[spots.column]
+        # No block is shorter than a machine can tell.
+        wait = np.maximum(wait, SHORTEST / np.maximum(spots.feed, 1e-12))
+        behind = np.minimum(motion + 1, motions.kind.size - 1)
+        ends = (rows[:, SHARE] == 1.0) & ((self._region[behind] != self._region[motion]) | (behind == motion))
+        stops = (self._region[motion] < 0) | ends | (motions.exact[motion] == 1)
+        corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
+        inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & ~stops & (spots.feed > 0.0)
+        room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
+        calm = inner & (room >= spots.feed * (wait + SETTLING * lag)) & (room > 2.0 * SHORTEST)
+        turning = inner & ~calm & ~corner
+        window = np.zeros((len(rows), 5))
+        if turning.any():
+            which = np.flatnonzero(turning)
+            window[which] = find_windows(
+                self._view,
+                self._along,
+                spots.column[which],
+                rows[which, SIGN],
+                spots.rest[which],
+                spots.bound[which],
+                wait[which],
+                spots.feed[which],
+                ERROR * coarser * np.where(lag[which] < SHORT_LAG, 1.0, BEHIND_LAG),
+            )
+            short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
+            slow = window[:, 2] * crossing < 0.25 * SHORTEST
+            turning &= ~(short | slow)
+        jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
+        return replace(spots, jog=jog, calm=calm, window=np.where(turning[:, None], window, 0.0))
+
+    def cost(self, changes: Mapping[str, Array], coarser: float = 1.0) -> float:
+        """Return the time [s] that changes cost."""
+        spots = self.spots(changes, coarser)
+        total = 0.0
+        for column in np.unique(spots.column).tolist():
+            axis = self._machine.axes[AXES[column]]
+            own = spots.column == column
+            jogs = own & spots.jog
+            # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
+            move = math.sqrt(axis.gap.lost_motion / axis.limits.acceleration)
+            passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
+            total += float((move + passed / self._push)[jogs].sum() + 2.0 * self._pause(axis, coarser) * jogs.sum())
+            chords = own & (spots.window[:, 2] > 0.0)
+            speed, feed = spots.window[chords, 2], spots.feed[chords]
+            way = spots.window[chords, 1] - spots.window[chords, 0]
+            lost = (feed - speed) ** 2 / (feed * self._push) + way / speed - way / feed
+            total += float(lost.sum())
+        return total
+
+    @staticmethod
+    def _pause(axis: Axis, coarser: float) -> float:
+        """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
+        return corner_pause(axis) if axis.servo.c > 0.0 and coarser == 1.0 else 0.0
+
+    def plan(
+        self, changes: Mapping[str, Array], coarser: float
+    ) -> tuple[tuple[CrossingEdit, ...], tuple[StopEdit, ...], dict[str, float], Array]:
+        """Plan all changes.
+
+        Returns
+        -------
+        crossings : tuple of CrossingEdit
+        stops : tuple of StopEdit
+            Shifts that are moves of their own.
+        approaches : dict
+            Largest way [m] from beyond which each axis comes.
+        offset : Array, shape (m, 3)
+            Offsets at the ends of the motions [m].
+        """
+        spots = self.spots(changes, coarser)
+        planner = CrossingPlanner(self._program.motions, self._along, self._divisible)
+        current = np.zeros(3)
+        crossings: list[CrossingEdit] = []
+        stops: list[StopEdit] = []
+        approaches: dict[str, float] = {}
+        offset = np.zeros((self._program.motions.kind.size, 3))
+        inside: dict[int, Array] = {}
+        reached = -np.inf
+        for n, row in enumerate(spots.rows):
+            column = int(spots.column[n])
+            after = current.copy()
+            after[column] = self.offset(column, int(row[SIGN]))
+            last = int(row[MOTION])
+            if row[CARRIED] == 0.0 and (after[column] != current[column] or self._winds_up(spots, n)):
+                made = None if spots.jog[n] else self._crossing(planner, spots, n, current, after, reached)
+                if made is not None:
+                    crossings.append(made)
+                    reached, last = self._end_of(made), made.parts[-1].motion
+                    for part in made.parts:
+                        if part.high == 1.0 and part is not made.parts[-1]:
+                            inside[part.motion] = part.added
+                else:
+                    stop, beyond = self._jog(spots, n, float(after[column] - current[column]), coarser)
+                    stops.append(stop)
+                    if beyond > 0.0:
+                        approaches[AXES[column]] = max(approaches.get(AXES[column], 0.0), beyond)
+            offset[last:, column] = after[column]
+            current = after
+        for motion, added in inside.items():
+            offset[motion] = added
+        return tuple(crossings), tuple(stops), approaches, offset
+
+    def _winds_up(self, spots: Spots, n: int) -> bool:
+        """Return whether an axis whose offset stays has to come from beyond its backlash all the same."""
+        column, row = int(spots.column[n]), spots.rows[n]
+        moves = self._moving[column].size > 0 and self._moving[column][-1] > row[MOTION]
+        return bool(spots.first[n] and moves and not self._alone(int(row[MOTION]) + 1, column, row[SIGN]))
+
+    def _alone(self, motion: int, column: int, sign: float) -> bool:
+        """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.
+
+        It takes up its backlash on its own way then.
+        """
+        moving = self._moving[column]
+        place = int(np.searchsorted(moving, motion))
+        if place == moving.size:
+            return False
+        own = int(moving[place])
+        cut = int(np.searchsorted(self._cuts, motion))
+        if (cut < self._cuts.size and self._cuts[cut] < own) or self._program.motions.kind[own] not in (RAPID, LINE):
+            return False
+        lost = self._machine.axes[AXES[column]].gap.lost_motion
+        alone = not np.delete(self._way[own], column).any()
+        return bool(alone and self._way[own, column] * sign >= APPROACH * lost)
+
+    def _end_of(self, made: CrossingEdit) -> float:
+        last = made.parts[-1]
+        low, high = self._along[last.motion], self._along[last.motion + 1]
+        return float(low + last.high * (high - low))
+
+    def _crossing(
+        self, planner: CrossingPlanner, spots: Spots, n: int, before: Array, after: Array, reached: float
+    ) -> CrossingEdit | None:
+        name = AXES[int(spots.column[n])]
+        feed = float(spots.feed[n])
+        shape = self._shapes[name]
+        shape = replace(shape, first=max(shape.first, SHORTEST / feed), wait=max(shape.wait, SHORTEST / feed))
+        low, high = spots.bound[n].tolist()
+        spot = CrossingPlace(
+            column=int(spots.column[n]),
+            sign=int(spots.rows[n, SIGN]),
+            rest=(float(spots.rest[n, 0]), float(spots.rest[n, 1])),
+            chosen=float(spots.at[n]),
+            bound=(max(low, reached), high),
+            before=before,
+            after=after,
+            shape=shape,
+            lag=self._machine.axes[name].servo.c,
+            feed=feed,
+            calm=bool(spots.calm[n]),
+        )
+        return planner.plan(spot, spots.window[n])
+
+    def _jog(self, spots: Spots, n: int, travel: float, coarser: float) -> tuple[StopEdit, float]:
+        """Shift an axis by a move of its own, and say from how far beyond its place it comes [m].
+
+        One whose side is not known comes from beyond its backlash, in the air: the rapid before ends there.
+        """
+        row, name = spots.rows[n], AXES[int(spots.column[n])]
+        motion, share, sign = int(row[MOTION]), float(row[SHARE]), float(row[SIGN])
+        axis = self._machine.axes[name]
+        lost = self._sides[name][1] - self._sides[name][0]
+        behind_rapid = self._program.motions.kind[motion] == RAPID and share == 1.0
+        pause, velocity, beyond, ways = self._pause(axis, coarser), float(spots.feed[n]), 0.0, [travel]
+        if sign == 0.0 and not behind_rapid:
+            # Behind the last cut the path rests anyway.
+            pause = max(pause, DWELL)
+        elif behind_rapid and spots.first[n] and sign != 0.0:
+            # A motor that lags has to be there before it is called back.
+            pause, velocity, beyond = SETTLING * axis.servo.c, 0.0, APPROACH * lost
+            named = name in words_by_letter(self._program, int(self._program.motions.block[motion]))
+            if name == "Z" and sign > 0.0:
+                # A tool is never sent below the height that is programmed: from above onto a side, then through it.
+                ways = [-beyond, lost]
+            else:
+                ways = [sign * beyond] if named else [travel - sign * beyond, sign * beyond]
+        longest = max(map(abs, ways))
+        # No faster than it can be on its way: from rest to rest by half of it each.
+        reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
+        velocity = min(velocity, reached) if velocity > 0.0 else make_jog(axis, longest, 0.0).velocity
+        shifts = tuple(
+            OffsetShift(
+                axis=name,
+                travel=way,
+                velocity=min(velocity, reached, axis.limits.velocity),
+                pause=pause,
+                whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
+            )
+            for way in ways
+        )
+        approach = bool(behind_rapid and sign != 0.0)
+        return StopEdit(motion=motion, share=share, pause=pause, shifts=shifts, approach=approach), beyond
+
+
+def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, float]:
+    """Return the shortest time of a crossing that a controller's planner passes at speed, and how long it rounds [s].
+
+    Parameters
+    ----------
+    machine : Machine
+    axis : Axis
+        That crosses its backlash, at a right angle to the path.
+    feed : float
+        Of the path [m/s].
+    """
+    lost, push = axis.gap.lost_motion, axis.limits.acceleration
+    if not isinstance(planner_of(machine), ExactPath):
+        first = RAMPS * math.sqrt(lost / push)
+        return first, ROUNDED * lost / (push * first)
+    way = np.geomspace(LEAST_WAY * lost, LONGEST_WAY * lost, WAYS)
+    column = AXES.index(axis.name)
+    before, after = np.zeros((WAYS, 3)), np.zeros((WAYS, 3))
+    before[:, 1 if column == 0 else 0] = 1.0
+    after[:, 1 if column == 0 else 0], after[:, column] = way, SHARPER * lost
+    after /= np.linalg.norm(after, axis=1)[:, None]
+    passed = junction_speed(machine, before, after, LONG, way, feed=feed) >= AT_SPEED * feed
+    if not passed.any():
+        return math.inf, 0.0
+    return float(way[np.argmax(passed)]) / feed, 0.0
+
+
+def _regions(program: PartProgram) -> IntArray:
+    """Return the number of the stretch of every motion in which a crossing may lie; −1 where none may.
+
+    A stretch ends where the axes stop, where modes change, and at commands of the machine.
+    """
+    motions, words = program.motions, program.words
+    count = motions.kind.size
+    keys: dict[object, int] = {}
+    key = np.array(
+        [keys.setdefault(replace(one, motion=None, tool=None, prepared=None), len(keys)) for one in program.modal],
+        dtype=np.int64,
+    )
+    own = key[program.state[motions.block]] if count else np.zeros(0, dtype=np.int64)
+    stop = np.zeros(count + 1, dtype=np.bool_)
+    stop[1:count] |= own[1:] != own[:-1]
+    stop[1:count] |= motions.chain[1:] != motions.chain[:-1]
+    m_words = (words.letter == ord("M")) & np.isin(words.value, tuple(INTERRUPTING))
+    dwells = (words.letter == ord("G")) & np.isin(words.value, (4.0, 9.0))
+    for rows in (m_words, dwells, words.letter == ord("S"), words.letter == ord("T")):
+        stop[np.searchsorted(motions.block, words.block[rows], side="left")] = True
+        stop[np.searchsorted(motions.block, words.block[rows], side="right")] = True
+    known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
+    known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)
+    stop[1:count] |= known[1:] != known[:-1]
+    stop[1:count] |= motions.exact[1:] != motions.exact[:-1]
+    return np.asarray(np.where(known, np.cumsum(stop[:count]), -1))

@@ -1,0 +1,170 @@
+"""Closed forms of crossings on the fly against an integration of the motion and of the drive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
+from support.reference_player import play
+
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.crossings import OUTER, RESIDUE, crossing_shape
+from ph_post.types import Axis
+
+GAP = 0.05
+"""Backlash [mm]."""
+
+SMALL = [(20.0, 20.0, 0.02), (5.0, 20.0, 0.01), (20.0, 50.0, 0.014), (2.0, 10.0, 0.02)]
+"""Radius [mm], speed [mm/s] and time of a crossing [s]."""
+
+
+def executed(s: np.ndarray, motor: np.ndarray, radius: float) -> float:
+    """Largest distance from a circle whose turning point is at s = 0, x = 0, of a table dragged behind a motor."""
+    table = play(motor, GAP, -1.0)
+    return float(np.abs(np.hypot(table + radius, s) - radius).max())
+
+
+def command(s: np.ndarray, places: list[float], added: list[float], radius: float) -> np.ndarray:
+    """Axis over the other one: the circle with what is added, straight between the first and the last place."""
+    circle = np.sqrt(radius**2 - s**2) - radius
+    ends = [math.sqrt(radius**2 - place**2) - radius + more for place, more in zip(places, added, strict=True)]
+    outside = circle + np.where(s < 0.0, added[0], added[-1])
+    inside = (s > places[0]) & (s < places[-1])
+    return np.where(inside, np.interp(s, places, ends), outside)
+
+
+@pytest.mark.parametrize(("radius", "speed", "time"), SMALL)
+def test_a_one_sided_crossing_leaves_an_eighth(radius: float, speed: float, time: float) -> None:
+    s = np.linspace(-4.0 * speed * time, 4.0 * speed * time, 200_001)
+    half = 0.5 * speed * time
+    motor = command(s, [-half, half], [-GAP / 2, GAP / 2][::-1], radius)
+    # The motor pushes outwards, X+, until the turning point, and then pulls.
+    expected = (speed * time) ** 2 / (8.0 * radius)
+    assert executed(s, motor, radius) == pytest.approx(expected, rel=half**2 / radius**2 + 1e-4)
+
+
+@pytest.mark.parametrize(("radius", "speed", "time"), SMALL)
+def test_a_balanced_crossing_leaves_a_sixteenth_and_is_left_on_tangents(
+    radius: float, speed: float, time: float
+) -> None:
+    error = (speed * time) ** 2 / (16.0 * radius)
+    half, begin = 2.0 * math.sqrt(radius * error), (2.0 + math.sqrt(2.0)) * math.sqrt(radius * error)
+    assert half == pytest.approx(0.5 * speed * time, rel=1e-12)
+    assert begin == pytest.approx(OUTER * half, rel=1e-12)
+    s = np.linspace(-4.0 * half, 4.0 * half, 400_001)
+
+    def out(outward: float) -> float:
+        """Largest error with the ends of the chord by so much out of the path."""
+        added = [GAP / 2, GAP / 2 + outward, -GAP / 2 + outward, -GAP / 2]
+        return executed(s, command(s, [-begin, -half, half, begin], added, radius), radius)
+
+    small = half**2 / radius**2 + 1e-3
+    assert out(error) == pytest.approx(error, rel=5.0 * small)
+    # No other bulge is better, and none at all twice as bad.
+    best = minimize_scalar(out, bounds=(0.0, 3.0 * error), method="bounded", options={"xatol": 1e-4 * error})
+    assert best.x == pytest.approx(error, rel=0.02 + 5.0 * small)
+    assert out(0.0) == pytest.approx(2.0 * error, rel=5.0 * small)
+
+
+@pytest.mark.parametrize("radius", [2.0, 20.0])
+def test_the_tangent_through_the_end_of_the_chord_touches_the_path(radius: float) -> None:
+    # Nearer, the block cuts the path; farther, it leaves it outwards by more than it has to.
+    error = 1e-3
+    half = 2.0 * math.sqrt(radius * error)
+    share = np.linspace(0.0, 1.0, 20_001)
+
+    def inside(begin: float) -> float:
+        """Largest distance within the path of the block from `begin` to the chord's end."""
+        first = math.sqrt(radius**2 - begin**2) - radius
+        last = math.sqrt(radius**2 - half**2) - radius + error
+        x, y = first + share * (last - first), begin + share * (half - begin)
+        return float((radius - np.hypot(x + radius, y)).max())
+
+    begin = (2.0 + math.sqrt(2.0)) * math.sqrt(radius * error)
+    assert inside(begin) < 2e-3 * error
+    assert inside(1.5 * begin) > 0.05 * error
+
+
+@pytest.mark.parametrize("radius", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("time", [0.01, 0.02])
+def test_the_speed_at_which_a_crossing_keeps_an_error(radius: float, time: float) -> None:
+    error = 1.5e-3
+    speed = 4.0 / time * math.sqrt(radius * error)
+    half = 0.5 * speed * time
+    begin = OUTER * half
+    s = np.linspace(-2.0 * begin, 2.0 * begin, 200_001)
+    added = [GAP / 2, GAP / 2 + error, -GAP / 2 + error, -GAP / 2]
+    found = executed(s, command(s, [-begin, -half, half, begin], added, radius), radius)
+    assert found == pytest.approx(error, rel=5.0 * half**2 / radius**2 + 2e-3)
+
+
+def lagging(lag: float, b: float, first: float, beyond: float, until: float) -> np.ndarray:
+    """Motor behind b x'' + c x' + x = u [parts of the backlash], crossed in `first`; from the end of that on."""
+
+    def wanted(t: float) -> float:
+        rise, back = min(t / first, 1.0), min(max(t / first - 1.0, 0.0), 1.0)
+        return (1.0 + beyond) * rise - beyond * back
+
+    def slope(t: float, state: np.ndarray) -> list[float]:
+        if b == 0.0:
+            return [(wanted(t) - state[0]) / lag, 0.0]
+        return [state[1], (wanted(t) - state[0] - lag * state[1]) / b]
+
+    state, found = np.zeros(2), []
+    for start, end in ((0.0, first), (first, 2.0 * first), (2.0 * first, until)):
+        part = solve_ivp(slope, (start, end), state, rtol=1e-10, atol=1e-13, t_eval=np.linspace(start, end, 400))
+        state = part.y[:, -1]
+        found.append(part.y[0])
+    return np.concatenate(found[2:])
+
+
+@pytest.mark.parametrize("lag", [0.005, 0.01, 0.025])
+@pytest.mark.parametrize("ratio", [0.5, 1.3, 3.0])
+def test_what_goes_beyond_brings_a_lagging_motor_there_in_time(lag: float, ratio: float) -> None:
+    first = ratio * lag
+    beyond = 1.0 / math.expm1(first / lag)
+    after = lagging(lag, 0.0, first, beyond, 2.0 * first + 5.0 * lag)
+    assert np.abs(after - 1.0).max() < 1e-7
+    assert np.abs(lagging(lag, 0.0, first, 0.9 * beyond, 2.0 * first + lag) - 1.0).max() > 1e-3
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.3, 3.0])
+@pytest.mark.parametrize("left", [0.1, 0.01])
+def test_a_plain_crossing_behind_a_lag_is_late(ratio: float, left: float) -> None:
+    lag = 0.01
+    first = ratio * lag
+    late = first + lag * math.log(lag / (left * first) * -math.expm1(-first / lag))
+    assert late <= first + lag * math.log(1.0 / left)
+    if late > 2.0 * first:
+        after = lagging(lag, 0.0, first, 0.0, late)
+        assert 1.0 - after[-1] == pytest.approx(left, rel=1e-5)
+
+
+def lagging_axis(lag: float, b: float) -> Axis:
+    axis = read_machine("stepper").axes["X"]
+    return replace(axis, feedback="motor", servo=replace(axis.servo, b=b, c=lag), gap=axis.gap.with_lost_motion(5e-5))
+
+
+@pytest.mark.parametrize("lag", [0.005, 0.01, 0.025])
+@pytest.mark.parametrize("first", [0.01, 0.0141, 0.03])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.25])
+def test_the_shape_that_is_chosen_brings_the_motor_there(lag: float, first: float, share: float) -> None:
+    # b is a share of c²: at a quarter the loop is critically damped.
+    b = share * lag**2
+    shape = crossing_shape(lagging_axis(lag, b), first, 0.0)
+    assert shape.wait == pytest.approx(2.0 * shape.first)
+    assert shape.first >= first * (1.0 - 1e-9)
+    after = lagging(lag, b, shape.first, shape.beyond, shape.wait + 5.0 * lag)
+    assert np.abs(after - 1.0).max() * 5e-5 <= 1.05 * RESIDUE
+    if b == 0.0 and shape.beyond < 0.39:
+        assert shape.beyond == pytest.approx(1.0 / math.expm1(shape.first / lag), rel=1e-3)
+
+
+def test_a_stepper_goes_straight_across() -> None:
+    axis = read_machine("stepper").axes["X"]
+    shape = crossing_shape(axis, 0.014, 0.003)
+    assert (shape.first, shape.wait, shape.beyond) == (0.014, pytest.approx(0.017), 0.0)
