@@ -215,7 +215,7 @@ def test_retrograde_only_where_allowed() -> None:
         (PlanOptions(strategy="suppress", ratio=-2.0, allow_retrograde=True), "would not get through"),
         (
             PlanOptions(strategy="dance"),
-            "no such strategy; expected auto or dwell or linear or none or retrograde or step or suppress or takeup",
+            "no such strategy; expected auto or dwell or fly or linear or none or retrograde or step or suppress or takeup",
         ),
     ],
 )
@@ -309,7 +309,7 @@ class Entry:
 
 def test_a_strategy_of_somebody_else(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry(Halve())])
-    names = ("auto", "dwell", "halve", "linear", "none", "retrograde", "step", "suppress", "takeup")
+    names = ("auto", "dwell", "fly", "halve", "linear", "none", "retrograde", "step", "suppress", "takeup")
     assert registry.strategy_names() == names
     analysis = ring(jerk=1e4)
     plan = make_plan(analysis, PlanOptions(strategy="halve", start="moving", max_slowdown=1.0))

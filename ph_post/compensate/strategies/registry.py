@@ -20,6 +20,7 @@ GROUP = "ph_post.strategies"
 BUILT_IN = {
     "auto": "ph_post.compensate.strategies.auto:STRATEGY",
     "dwell": "ph_post.compensate.strategies.dwell:STRATEGY",
+    "fly": "ph_post.compensate.strategies.fly:STRATEGY",
     "linear": "ph_post.compensate.strategies.linear:STRATEGY",
     "none": "ph_post.compensate.strategies.none:STRATEGY",
     "retrograde": "ph_post.compensate.strategies.retrograde:STRATEGY",
