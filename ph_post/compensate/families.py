@@ -267,17 +267,6 @@ OFFSET: Final = _family(
     budgets=(0.15, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0),
 )
 
-FLOWING: Final = _family(
-    "fly",
-    make_offset,
-    [(0.1, 0.98), (0.2, 0.95), (0.02, 1.0), (1.0, 3.0), (-0.5, 0.5)],
-    [0.4, 0.5, 1.0, 1.0, 0.0],
-    [0.6, 0.8, 1.0, 1.0, 0.0],
-    [0.8, 0.3, 1.0, 1.0, 0.0],
-    budgets=(0.15, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0),
-)
-"""As :data:`OFFSET`, but the path keeps a fifth of its feed at the least."""
-
 BARE: Final = _family(TAKE_UP, make_bare, [(1.0, 3.0)], [1.0])
 
 PLATEAU: Final = _family(

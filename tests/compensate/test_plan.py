@@ -215,7 +215,8 @@ def test_retrograde_only_where_allowed() -> None:
         (PlanOptions(strategy="suppress", ratio=-2.0, allow_retrograde=True), "would not get through"),
         (
             PlanOptions(strategy="dance"),
-            "no such strategy; expected auto or dwell or fly or linear or none or retrograde or step or suppress or takeup",
+            "no such strategy; expected auto or dwell or fly or linear or none or retrograde or step or suppress"
+            " or takeup",
         ),
     ],
 )

@@ -7,15 +7,31 @@ the loop. A table changes the offset smoothly; in a part program straight blocks
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from typing import Final
 
-from ph_post.compensate.choose import choose
-from ph_post.compensate.families import BARE, FLOWING, DesignFamily, ReversalCase
-from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
+from ph_post.compensate import profile
+from ph_post.compensate.families import shortest_crossing, whole_crossing
+from ph_post.compensate.layout import reversing_axes
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
 from ph_post.compensate.strategies.takeup import refuse_feed_only
 from ph_post.errors import InputError
-from ph_post.types import ENCLOSING_LOOPS, EVERY_LOOP
+from ph_post.types import ENCLOSING_LOOPS, EVERY_LOOP, Window
+from ph_post.units import MM
+
+ERROR: Final = 2e-3 * MM
+"""The feed dips where the table would be farther from the path [m]."""
+
+LOWEST: Final = 0.2
+"""Lowest V / V_c of a dip."""
+
+PART: Final = 0.5
+"""Part of the limits of the axes that the ramps of a dip take."""
+
+STEEPEST: Final = 15.0 / 8.0
+BENT: Final = 10.0 / math.sqrt(3.0)
+"""Largest first and second derivative of a step with two vanishing derivatives at its ends."""
 
 
 class OnTheFly:
@@ -27,7 +43,7 @@ class OnTheFly:
     traits = StrategyTraits(shifts_axes=True)
 
     def profiles(self, task: PlanningTask) -> StrategyResult:
-        """Search for the crossing without a stop that is best in simulation at every turning point.
+        """Request a crossing around every reversal, and a dip where its curvature asks for one.
 
         Raises
         ------
@@ -42,11 +58,29 @@ class OnTheFly:
                 "a program that is made from a path crosses backlash at stops",
                 expected="--strategy takeup; or write the plain program (--strategy none), and convert that",
             )
-        return choose(task, _families, offsets=True, lead=task.options.inverse_dynamics)
+        return StrategyResult(requests=tuple(self._request(task, window) for window in task.windows))
 
-
-def _families(_task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
-    return () if case.inside_loop else (BARE, FLOWING)
+    def _request(self, task: PlanningTask, window: Window) -> ProfileRequest:
+        lead, period = task.options.inverse_dynamics, task.machine.servo_period
+        drives = reversing_axes(task.sized, [task.turning_points[k] for k in window.members])
+        own = [(axis, sign) for axis, sign in drives if axis.feedback in self.feedbacks]
+        lasts = {axis.name: shortest_crossing(axis, lead, period) for axis, _ in own}
+        crossings = tuple(whole_crossing(axis, sign, 0.0, lasts[axis.name]) for axis, sign in own)
+        if not crossings:
+            return ProfileRequest(shape=None)
+        longest = max(lasts.values())
+        speed = task.feed.at(window.s)
+        curvature = max(abs(task.turning_points[k].curvature or 0.0) for k in window.members)
+        away = (speed * longest) ** 2 * curvature / 8.0
+        if away <= ERROR:
+            return ProfileRequest(shape=None, crossings=crossings)
+        ratio = max(math.sqrt(ERROR / away), LOWEST)
+        push = min(axis.limits.acceleration for axis in task.machine.axes.values())
+        jerk = min(axis.limits.jerk for axis in task.machine.axes.values())
+        lost = (1.0 - ratio) * speed
+        ramp = max(STEEPEST * lost / push, math.sqrt(BENT * lost / jerk)) / PART
+        shape = profile.plateau(ramp, longest, ramp, ratio, order=2)
+        return ProfileRequest(shape=shape, t_star=0.5 * longest + ramp, may_leave_window=True, crossings=crossings)
 
 
 STRATEGY = OnTheFly()
