@@ -378,8 +378,10 @@ class CrossingSearch:
         return tuple(crossings), tuple(stops), approaches, offset
 
     def _winds_up(self, spots: Spots, n: int) -> bool:
-        """Return whether an axis whose offset stays has to come from beyond its backlash all the same."""
+        """Return whether an axis whose offset stays has to come from beyond its backlash all the same, behind a rapid."""
         column, row = int(spots.column[n]), spots.rows[n]
+        if self._program.motions.kind[int(row[MOTION])] != RAPID or row[SHARE] != 1.0:
+            return False
         moves = self._moving[column].size > 0 and self._moving[column][-1] > row[MOTION]
         return bool(spots.first[n] and moves and not self._alone(int(row[MOTION]) + 1, column, row[SIGN]))
 
@@ -439,8 +441,8 @@ class CrossingSearch:
         lost = self._sides[name][1] - self._sides[name][0]
         behind_rapid = self._program.motions.kind[motion] == RAPID and share == 1.0
         pause, velocity, beyond, ways = self._pause(axis, coarser), float(spots.feed[n]), 0.0, [travel]
-        if sign == 0.0 and not behind_rapid:
-            # Behind the last cut the path rests anyway.
+        if not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
+            # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
             pause = max(pause, DWELL)
         elif behind_rapid and spots.first[n] and sign != 0.0:
             # A motor that lags has to be there before it is called back.

@@ -292,7 +292,7 @@ class CrossingPlanner:
     along : Array, shape (m + 1,)
         Of :func:`places_along`.
     divisible : BoolArray, shape (m,)
-        Motions that may be divided.
+        Motions that may be divided: crossings lie on them alone.
     """
 
     def __init__(self, motions: Motions, along: Array, divisible: BoolArray) -> None:
@@ -325,6 +325,8 @@ class CrossingPlanner:
         if error > (0.25 + own) * abs(float(spot.after[spot.column] - spot.before[spot.column])):
             return None
         parts = self._parts(knots, points)
+        if not all(self._divisible[part.motion] for part in parts):
+            return None
         return CrossingEdit(
             axis=AXES[spot.column], sign=spot.sign, parts=parts, length=knots.s[-1] - knots.s[0], error=error
         )
