@@ -378,7 +378,7 @@ class CrossingSearch:
         return tuple(crossings), tuple(stops), approaches, offset
 
     def _winds_up(self, spots: Spots, n: int) -> bool:
-        """Return whether an axis whose offset stays has to come from beyond its backlash all the same, behind a rapid."""
+        """Return whether an axis whose offset stays has to come from beyond its backlash behind its first rapid."""
         column, row = int(spots.column[n]), spots.rows[n]
         if self._program.motions.kind[int(row[MOTION])] != RAPID or row[SHARE] != 1.0:
             return False

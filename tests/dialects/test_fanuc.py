@@ -234,12 +234,14 @@ PART = (
 )
 
 
-def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone() -> None:
-    found = compensate(PART, read_machine("stepper"), dialect="fanuc").text
-    assert undo(found, "a.nc") == PART
-    original = set(PART.splitlines())
+@pytest.mark.parametrize("part", [PART, PART.replace(b"G0 Z5.\nM30", b"M30")], ids=["retracted", "ends in the cut"])
+def test_splicing_writes_points_milliseconds_and_capitals_and_can_be_undone(part: bytes) -> None:
+    found = compensate(part, read_machine("stepper"), dialect="fanuc").text
+    assert undo(found, "a.nc") == part
+    original = set(part.splitlines())
     added = [line.decode() for line in found.splitlines() if line not in original]
-    assert any(line.startswith("G4 P1") for line in added)
+    # Axes rest for 10 ms where they are brought back behind the last cut; on the fly nothing rests.
+    assert any(line.startswith("G4 P10") for line in added) == (b"G0 Z5.\nM30" not in part)
     for line in added:
         assert line == line.upper()
         bare = line.split("(")[0]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pytest
 from support.editing import compensate
 
 from ph_post.dialects.grblhal import DIALECT, spline_deviation
@@ -34,8 +37,18 @@ def _at(control: np.ndarray, u: np.ndarray) -> np.ndarray:
 def test_a_spline_is_divided_where_an_axis_turns() -> None:
     text = b"G21 G90 G17 F600\nG0 X0 Y0\nG5 X0 Y30 I20 J10 P20 Q-10\nM2\n"
     found = compensate(text, read_machine("stepper"), dialect="grblhal").text.decode()
-    assert "G5 X15.03 Y15.04 I10 J5 P0 Q-5" in found
-    assert "G5 X-0.03 Y30.04 I0 J5 P10 Q-5 F600" in found
+    before, across, behind = re.findall(r"^(G5 .*|G1 X.* Y.*)$", found, re.MULTILINE)
+    first = dict(re.findall(r"([XYIJPQ])([-\d.]+)", before))
+    # The part up to u begins with u of the first leg and ends with u of a third of the derivative there.
+    control, u = np.array([[0.0, 0.0], [20.0, 10.0], [20.0, 20.0], [0.0, 30.0]]), float(first["I"]) / 20.0
+    one, two, three = np.diff(control, axis=0)
+    last = u * ((1.0 - u) ** 2 * one + 2.0 * u * (1.0 - u) * two + u * u * three)
+    assert 0.4 < u < 0.5
+    numbers = [float(first[letter]) for letter in "IJPQXY"]
+    shifted = _at(control, np.array([u]))[0] + [0.03, 0.04]
+    assert numbers == pytest.approx([*(u * one), *-last, *shifted], abs=2e-4)
+    assert across.startswith(f"G1 X{float(first['X']) - 0.06:.4f} Y{30.08 - float(first['Y']):.3f}")
+    assert behind == f"G5 X-0.03 Y30.04 I{first['P']} J{-float(first['Q'])} P{first['I']} Q-{first['J']} F600"
     assert max(map(len, found.splitlines())) <= DIALECT.syntax.max_line
     grbl = compensate(text, read_machine("stepper"), dialect="grbl")
     assert "no G5" in grbl.edits.warnings[0]
