@@ -662,7 +662,7 @@ def undo(program: PartProgram | SourceBytes | Source) -> bytes:
     --------
     >>> import pathlib, tempfile
     >>> import ph_post as ph
-    >>> original = b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nX0\nM2\n"
+    >>> original = b"G21 G90\nG0 X0 Y0\nG1 X10 F600\nY10\nX0\nY0\nM2\n"
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "part.ngc")
     ...     _ = file.write_bytes(original)

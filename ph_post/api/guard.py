@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from ph_post.api.results import ProgramMotion
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.edit.edits import EditOptions
-from ph_post.errors import InputError
+from ph_post.errors import PhPostError
 from ph_post.gcode.program import PartProgram, PlaceArray
 from ph_post.simulate.assess import is_nominal, resting_axes, run_scenarios, scenarios
 from ph_post.simulate.contour import settling_time
@@ -58,15 +58,15 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion) -> GuardFinding
     Returns
     -------
     GuardFinding or None
-        None where a program is too long to be simulated, or does not move.
+        None where a program is too long to be simulated, cannot be, or does not move.
     """
     try:
         moves = before.command.t.size and after.command.t.size
-    except InputError:
+        if not moves or max(before.time, after.time) > LONGEST_SIMULATED:
+            return None
+        one, other = (_chain_errors(motion) for motion in (before, after))
+    except (PhPostError, MemoryError):
         return None
-    if not moves or max(before.time, after.time) > LONGEST_SIMULATED:
-        return None
-    one, other = (_chain_errors(motion) for motion in (before, after))
     worse = (other > WORSE * one + SMALL).any(axis=1)
     return GuardFinding(
         worse=frozenset(np.flatnonzero(worse).tolist()), slowdown=after.time / max(before.time, 1e-9) - 1.0

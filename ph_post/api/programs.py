@@ -270,13 +270,20 @@ def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:
 
 
 def _failed_chains(program: PartProgram, verdict: Verdict) -> frozenset[int]:
-    """Return the chains in which a checker found a failure; all of them where it does not say where."""
+    """Return the chains in which a checker found a failure, all of them where it lists but some of its failures.
+
+    None are returned where a failure is not within the lines of a chain: leaving chains alone would not mend that.
+    """
     motions = program.motions
-    lines = [one.original for one in verdict.failures]
-    if any(line is None for line in lines) or verdict.found > len(lines):
-        return frozenset(motions.chain.tolist())
-    behind = np.searchsorted(motions.block, np.array(lines, dtype=np.int64) - 1)
-    return frozenset(motions.chain[np.clip(behind, 0, motions.chain.size - 1)].tolist())
+    found: set[int] = set()
+    for one in verdict.failures:
+        line = -1 if one.original is None else one.original - 1
+        last = int(np.searchsorted(motions.block, line, side="right")) - 1
+        behind = int(np.searchsorted(motions.block, line))
+        if last < 0 or behind == motions.block.size or motions.chain[last] != motions.chain[behind]:
+            return frozenset()
+        found.add(int(motions.chain[behind]))
+    return frozenset(motions.chain.tolist() if verdict.found > len(verdict.failures) else found)
 
 
 def _refusal(name: str, verdict: Verdict) -> PhPostError:

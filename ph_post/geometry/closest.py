@@ -39,6 +39,9 @@ astray by d is still found to be off, by 0.6 d where it runs along the path itse
 PROBES: Final = 256
 """Samples of a long reach that are looked at first."""
 
+SAME: Final = 1e-6
+"""Squared distances that differ by no more than this part of them are the same."""
+
 NO_CONTROL: Final = np.zeros((0, 4))
 """The control points of a path without Bézier pieces."""
 
@@ -255,7 +258,12 @@ def _closest_on_arc(pieces: Array, row: int, x: Array, near: float, low: float, 
         _put_on_arc(pieces, row, low, work)
         to_begin = _square(x, work)
         _put_on_arc(pieces, row, high, work)
-        s = low if to_begin < _square(x, work) else high
+        to_end = _square(x, work)
+        if abs(to_begin - to_end) <= SAME * to_begin:
+            # Both ends of a full turn.
+            s = low if near - low < high - near else high
+        else:
+            s = low if to_begin < to_end else high
     found: float = s
     return found
 

@@ -36,10 +36,12 @@ def part(tmp_path, monkeypatch):
 def test_the_five_lines_of_the_interface(part):
     machine = ph.read_machine("router")
     result = ph.compensate(ph.read_program("part.ngc"), machine, max_slowdown=10.0)
-    # The largest error is that of the approach at the beginning, while the path stands.
-    assert result.after.error.rms < 0.6 * result.before.error.rms
+    # Backlash is gone but for a few micrometres at the crossings; the lag of the servos stays.
+    assert result.after.error.max < 0.2 * result.before.error.max
+    assert result.after.error.rms < 0.25 * result.before.error.rms
     assert result.after.time > result.before.time > 0.0
-    assert result.after.error_gap.rms < 0.6 * result.before.error_gap.rms
+    assert result.after.error_gap.max < 0.15 * result.before.error_gap.max
+    assert result.after.error_gap.rms < 0.05 * result.before.error_gap.rms
     assert result.after.error_gap_worst.max >= result.after.error_gap.max
     assert all(isinstance(word, str) for word in result.warnings)
     result.write("part_compensated.ngc")
@@ -48,6 +50,16 @@ def test_the_five_lines_of_the_interface(part):
     assert Path("part.csv").read_text().startswith("t,segment,xi")
     assert (result.reversals, result.axes) == ((3, 3), ("X", "Y"))
     assert ph.undo("part_compensated.ngc") == PART.encode()
+
+
+def test_an_axis_that_is_brought_onto_its_side_behind_a_rapid_is_in_the_air(part):
+    """Ideal axes lose nothing on a frame once they are on their sides: what is left is a rounded decimal."""
+    part.write_text("G21 G90 G94\nG0 X0 Y0\nG1 X40 F600\nY20\nX0\nY0\nM2\n")
+    result = ph.compensate(part, "stepper")
+    assert b"(ph-post: +3 -1 X approach, Y approach)" in result.program()
+    # Half the lost motion of Y, 0.04 mm, and 0.01 mm of X that are left 0.02 mm behind the beginning.
+    assert result.before.error.max == pytest.approx(0.0404e-3, rel=0.03)
+    assert result.after.error.max < 1e-6
 
 
 @pytest.mark.parametrize(

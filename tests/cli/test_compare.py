@@ -168,8 +168,8 @@ def test_bad_usage_is_one_line(capsys, tmp_path):
         (("spatial", "-m", "paper"), "axis Z, which has no drive"),
         ((OVAL, "-m", "mill", "--strategy", "none"), "No such option"),
         ((OVAL, "-m", "mill", "--carrier", "tape"), "'tape' is not one of 'table', 'program'"),
-        ((OVAL, "-m", "mill", "--effort", "0"), "0.0 is not in the range x>0.0"),
-        ((OVAL, "-m", "mill", "--effort", "much"), "'much' is not a valid float"),
+        ((OVAL, "-m", "mill", "--effort", "0"), "0.0 is not in the range 0.0<x<=1000.0"),
+        ((OVAL, "-m", "mill", "--effort", "much"), "'much' is not a valid number"),
     ):
         status, out, err = run(capsys, "compare", *arguments)
         assert (status, out, err.count("\n")) == (2, "", 1)

@@ -10,6 +10,7 @@ import pytest
 from support.streams import without_progress
 
 from ph_post.cli.main import main
+from ph_post.verify.verdict import Failure, Verdict
 
 CIRCLE = b"""%
 G21 G17 G90 G64 P0.005
@@ -133,7 +134,8 @@ def test_json_tells_times_errors_and_what_was_done(circle, tmp_path, capfdbinary
     assert view["cycle_time"]["after"] > view["cycle_time"]["before"]
     # Without compensation the table stays behind by half the lost motion, 0.04 mm on Y, and more of it on X.
     assert view["error"]["after"]["max"] < 0.2 * view["error"]["before"]["max"]
-    assert view["offsets"] == pytest.approx({"X": 0.03, "Y": 0.04, "Z": 0.015})
+    # The zero of Z was taken going down: going up it carries all of its 0.03 mm.
+    assert view["offsets"] == pytest.approx({"X": 0.03, "Y": 0.04, "Z": 0.03})
     turning = [(one["axis"], one["strategy"]) for one in view["windows"] if one["kind"] == "smooth"]
     assert turning == [("Y", "takeup"), ("X", "takeup"), ("Y", "takeup")]
 
@@ -207,6 +209,32 @@ def test_a_program_that_does_not_pass_is_not_written(circle, tmp_path, capfdbina
     assert status == 2
     assert "does not pass its own check" in said
     assert not out.exists()
+
+
+def test_a_chain_that_does_not_pass_is_left_as_it_was(tmp_path, capfdbinary, monkeypatch):
+    """Of two circles the checker refuses one: the other is compensated, and the first keeps its bytes."""
+    from ph_post.api import programs
+
+    place, out = tmp_path / "two.ngc", tmp_path / "out.ngc"
+    cut = b"G0 X20 Y0\nG1 Z-1 F300\nG3 X20 Y0 I-20 J0 F1200\nG0 Z5\n"
+    place.write_bytes(CIRCLE.replace(cut, cut + b"T2 M6\nG0 X30 Y0 Z5\n" + cut.replace(b"20", b"25")))
+    honest, refused = programs.verify, []
+
+    def strict(*given, **named):
+        verdict = honest(*given, **named)
+        if refused:
+            return verdict
+        refused.append(Failure(kind="path", original=7, compensated=None, what="the way is another"))
+        return Verdict(failures=tuple(refused), found=1, checked=verdict.checked)
+
+    monkeypatch.setattr(programs, "verify", strict)
+    status, _, said = run(capfdbinary, "convert", place, *ROOMY, "-o", out)
+    assert status == 0
+    assert "not compensated in lines 4 to 8: a change would not pass the check" in said
+    before, _, after = out.read_bytes().partition(b"T2 M6")
+    assert cut in before
+    assert b"crossing" in after
+    assert run(capfdbinary, "verify", place, out, "-m", "stepper")[0] == 0
 
 
 @pytest.mark.parametrize(

@@ -106,8 +106,8 @@ def test_a_program_that_is_compensated_already_ends_with_its_line(
     part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     once, twice = tmp_path / "once.ngc", tmp_path / "twice.ngc"
-    first, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "0.05", "-o", str(once))
-    again, _ = ended(capsys, "convert", str(once), "-m", "stepper", "--max-slowdown", "0.05", "-o", str(twice))
+    first, _ = ended(capsys, "convert", str(part), "-m", "stepper", "--max-slowdown", "0.005", "-o", str(once))
+    again, _ = ended(capsys, "convert", str(once), "-m", "stepper", "--max-slowdown", "0.005", "-o", str(twice))
     assert "NOT COMPENSATED" in first[-2]
     assert first[-2:] == again[-2:]
 

@@ -7,7 +7,7 @@ from row to row, and the distance is taken to the stretch of path a little befor
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.axes import gaps_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, RAPID, PartProgram
+from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
 from ph_post.geometry.closest import (
     EXTENT,
     FIRST,
@@ -61,6 +61,10 @@ WIDE: Final = 0.02
 
 BEGINS: Final = 20e-6
 """A cut has begun farther than this [m] behind a rapid: controllers blend it with what comes before."""
+
+
+APPROACH: Final = 3.0
+"""A move of one axis behind a rapid by at most so many of its gaps only brings it onto its side of the backlash."""
 
 
 class ProgramError(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -131,7 +135,9 @@ class CutPath:
         begins = behind_rapid & (place <= self.starts[leg] + BEGINS)
         cuts = (self.legs.rapid[leg] == 0.0) & ~begins
         if moved_by is not None and moved_by.motions.kind.size:
-            cuts &= moved_by.motions.kind[np.maximum(command.segment, 0)] != RAPID
+            number = np.maximum(command.segment, 0)
+            gaps = dict(zip(command.axes, self.gaps(command).tolist(), strict=True))
+            cuts &= (moved_by.motions.kind[number] != RAPID) & ~_approaches(moved_by, gaps)[number]
         return np.asarray(cuts)
 
     def command_distance(self, command: Command, place: Array) -> Array:
@@ -180,6 +186,27 @@ class CutPath:
         for number, name in enumerate(axes):
             full[:, AXES.index(name)] = values[:, number]
         return full
+
+
+def _approaches(program: PartProgram, gaps: Mapping[str, float]) -> BoolArray:
+    """Mask of the motions (m,) that bring an axis onto its side of the backlash behind a rapid.
+
+    They are in the air: straight moves of one axis alone, by little more than its gap [m], at most twice an axis.
+    """
+    motions = program.motions
+    unknown = np.isnan(motions.start) & np.isnan(motions.end)
+    way = np.where(unknown, 0.0, np.nan_to_num(np.abs(motions.end - motions.start), nan=np.inf))
+    width = APPROACH * np.array([gaps.get(name, 0.0) for name in AXES])
+    short = (motions.kind == LINE) & (np.count_nonzero(way, axis=1) == 1) & (way <= width).all(axis=1)
+    found = np.zeros(motions.kind.size, dtype=np.bool_)
+    for rapid in np.flatnonzero(motions.kind == RAPID).tolist():
+        moved = [0] * len(AXES)
+        for k in range(rapid + 1, motions.kind.size):
+            axis = int(way[k].argmax())
+            if not short[k] or moved[axis] == 2:
+                break
+            found[k], moved[axis] = True, moved[axis] + 1
+    return found
 
 
 def program_error(
