@@ -282,11 +282,12 @@ def make_folder(name: str) -> pathlib.Path:
     return folder
 
 
-Kind = Literal["paths", "machines", "freecad"]
+Kind = Literal["paths", "programs", "machines", "freecad"]
 
 _PACKAGE: Final = pathlib.Path(__file__).resolve().parent.parent
 _FOLDERS: Final[dict[Kind, tuple[pathlib.Path, pathlib.Path, str]]] = {
     "paths": (_PACKAGE / "data" / "paths", _PACKAGE.parent / "paths", ".json"),
+    "programs": (_PACKAGE / "data" / "programs", _PACKAGE.parent / "samples" / "programs", ".ngc"),
     "machines": (_PACKAGE / "data" / "machines", _PACKAGE.parent / "samples" / "machines", ".toml"),
     "freecad": (_PACKAGE / "data" / "freecad", _PACKAGE / "data" / "freecad", ".py"),
 }
@@ -305,7 +306,7 @@ def shipped_names(kind: Kind) -> tuple[str, ...]:
 
 
 def shipped(kind: Kind, name: str) -> pathlib.Path:
-    """Return the file of a shipped path or machine.
+    """Return the file of a shipped path, part program or machine.
 
     Raises
     ------

@@ -10,7 +10,7 @@ import msgspec
 
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
-from ph_post.compensate.comparison import chosen_at, crossings_at, strategy_at
+from ph_post.compensate.comparison import chosen_at
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import plan_time
 from ph_post.compensate.strategies.registry import PLAIN
@@ -18,7 +18,7 @@ from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds
 from ph_post.report.views import radius, windows_by_point
 from ph_post.types import Plan, TurningPoint
-from ph_post.units import MM, MM_PER_MIN, MS
+from ph_post.units import MM, MS
 
 
 def print_json(view: dict[str, Any]) -> None:
@@ -160,38 +160,3 @@ def chosen_words(plan: Plan) -> str:
         f"{'not compensated:' if name == PLAIN else f'{name} at'} {_numbers(indices)}"
         for name, indices in chosen_at(plan).items()
     )
-
-
-def dip_table(analysis: Analysis, plan: Plan) -> str:
-    """Return the short table of ``demo``: a reversal a line with lag, Δt, window and strategy."""
-    header = (
-        "#",
-        "axis",
-        "sense",
-        "position",
-        "lag ms",
-        "duration ms",
-        "window mm",
-        "t* ms",
-        "feed mm/min",
-        "dip to",
-        "take-up mm",
-        "strategy",
-    )
-    own = {member: number for number, window in enumerate(plan.windows) for member in window.members}
-    rows = []
-    for point in plan.turning_points:
-        number = own.get(point.index)
-        window = NOTHING if number is None else millimetres(plan.windows[number].half_length)
-        profile = None if number is None else plan.profiles[number]
-        dip = (NOTHING, NOTHING, NOTHING)
-        if profile is not None:
-            cruise = profile.cruise / MM_PER_MIN
-            dip = (f"{profile.t_star / MS:.1f}", f"{cruise:.0f}", f"{cruise * profile.ratio:.0f}")
-        mine = [one.travel for one in crossings_at(plan, point)]
-        crossed = millimetres(sum(mine), "+") if mine else NOTHING
-        chosen = strategy_at(plan, point)
-        lag, duration, _ = _gap_cells(analysis, point)
-        place = (str(point.index), point.axis, point.sense, millimetres(point.position))
-        rows.append((*place, lag, duration, window, *dip, crossed, chosen))
-    return format_table(header, rows)

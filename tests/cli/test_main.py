@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 from support.streams import without_progress
 
+import ph_post as ph
 from ph_post.cli.main import COMMANDS, cli, main
 from ph_post.quantities import micrometres
 from ph_post.units import MM
@@ -339,14 +340,26 @@ def test_unwritable_output_touches_nothing(capsys, tmp_path):
     assert list(tmp_path.iterdir()) == [table]
 
 
-def test_demo_writes_program_table_and_picture(capsys, tmp_path, monkeypatch):
+def test_demo_writes_programs_page_and_picture(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    status, out, _ = run(capsys, "demo")
-    assert status == 0
+    status, out, err = run(capsys, "demo")
+    assert (status, out) == (0, "")
     folder = tmp_path / "ph_post_demo"
-    assert {path.name for path in folder.iterdir()} == {"oval.ngc", "oval.csv", "oval.png"}
-    assert (folder / "oval.png").read_bytes().startswith(b"\x89PNG")
-    assert {"lag", "duration", "window", "strategy", "takeup"} <= set(out.split())
+    names = {"pocket.ngc", "pocket_compensated.ngc", "pocket.html", "pocket.png"}
+    assert {path.name for path in folder.iterdir()} == names
+    original = (ROOT / "samples" / "programs" / "pocket.ngc").read_bytes()
+    assert (folder / "pocket.ngc").read_bytes() == original
+    assert ph.undo(folder / "pocket_compensated.ngc") == original
+    assert (folder / "pocket.png").read_bytes().startswith(b"\x89PNG")
+    # The figures of the README: 0.03 and 0.04 mm off at once, and what is left of it, in a time that grows by 2 %.
+    last = err.splitlines()[-1]
+    assert last.startswith("backlash error 50 → 2 µm max (10 if the backlash is 20 % off), 35 → 0.6 µm rms; ")
+    assert last.endswith("; 14.8 → 15.0 s; X, Y, Z compensated, 11 of 11 reversals")
+    said = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert "from 50 µm to 2 µm at most, and from 35 µm to 0.6 µm rms" in said
+    assert "15.0 s in place of 14.8 s" in said
+    status, out, _ = run(capsys, "demo", "--json")
+    assert strict_json(out)["reversals"] == {"compensated": 11, "all": 11}
 
 
 def test_paper_numbers_all_agree(capsys):
