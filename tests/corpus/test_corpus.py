@@ -21,7 +21,7 @@ ROUNDING = Decimal("0.00011")
 TOLERANCE = 5e-6
 HUNK = re.compile(rb"\(ph-post: \+(\d+) -(\d+)\b.*\)\s*")
 OURS = re.compile(rb"\((ph-post[ :]|  ).*\)\s*")
-OFFSET = re.compile(rb"\(ph-post: offset ([XYZ]) ([0-9.]+) (?:mm|inch)\)")
+OFFSET = re.compile(rb"\(ph-post: offset ([XYZ]) ([-+]?)([0-9.]+) (?:mm|inch)\)")
 WORD = re.compile(rb"([A-Za-z])[ \t]*([+-]?(?:\d+\.?\d*|\.\d+))")
 OWN_NUMBER = re.compile(rb"^([ \t]*/?[ \t]*)N\d+(?:\.\d+)?[ \t]*", re.IGNORECASE | re.MULTILINE)
 MOTIONS = ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")
@@ -123,8 +123,14 @@ def test_outside_hunks_only_declared_numbers_change(name, machine, strategy):
             require_offsets(before[old], after[new], declared_by(output.data))
 
 
-def declared_by(data: bytes) -> dict[bytes, Decimal]:
-    return {axis: Decimal(size.decode()) for axis, size in OFFSET.findall(data)}
+def declared_by(data: bytes) -> dict[bytes, tuple[Decimal, ...]]:
+    """Offsets by axis that a head declares: to either side, or with a sign none or one to that side."""
+    return {
+        axis: (Decimal(0), Decimal((sign + size).decode()))
+        if sign
+        else (Decimal(size.decode()), -Decimal(size.decode()))
+        for axis, sign, size in OFFSET.findall(data)
+    }
 
 
 def kept_lines(old: bytes, new: bytes) -> list[tuple[int, int]]:
@@ -145,7 +151,7 @@ def kept_lines(old: bytes, new: bytes) -> list[tuple[int, int]]:
     return pairs
 
 
-def require_offsets(old: bytes, new: bytes, declared: dict[bytes, Decimal]):
+def require_offsets(old: bytes, new: bytes, declared: dict[bytes, tuple[Decimal, ...]]):
     """Demand the same line but for numbers that differ by declared offsets: one, or from one to the other."""
     parts, values = WORD.split(COMMENT.sub(b"", old)), WORD.split(COMMENT.sub(b"", new))
     assert COMMENT.findall(old) == COMMENT.findall(new)
@@ -155,9 +161,10 @@ def require_offsets(old: bytes, new: bytes, declared: dict[bytes, Decimal]):
             continue
         assert k % 3 == 2, (old, new)
         letter = parts[k - 1].upper()
-        step = declared[CENTRES.get(letter, letter)]
+        sides = declared[CENTRES.get(letter, letter)]
+        steps = {abs(a - b) for a in (*sides, Decimal(0)) for b in sides} - {Decimal(0)}
         change = Decimal(other.decode()) - Decimal(one.decode())
-        assert abs(change) in (step, 2 * step), (old, new)
+        assert abs(change) in steps, (old, new)
 
 
 @jobs
@@ -220,7 +227,7 @@ def by_line(calls: list[tuple[int, str, str]]) -> dict[int, list[tuple[str, str]
 def compare_calls(before, after, declared):
     """Demand the same calls of every line that was kept, but for declared offsets of positions."""
     assert before.keys() == after.keys()
-    steps = {Decimal(0), *declared.values(), *(2 * step for step in declared.values())}
+    steps = {Decimal(0)} | {abs(a - b) for both in declared.values() for a in (*both, Decimal(0)) for b in both}
     for line, calls in before.items():
         assert [name for name, _ in calls] == [name for name, _ in after[line]], line
         for (name, old), (_, new) in zip(calls, after[line], strict=True):
