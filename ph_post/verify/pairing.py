@@ -261,15 +261,19 @@ def _shift_of(
 def crossing_axes(case: VerifyCase, pairing: Pairing) -> BoolArray:
     """Mask (h + 1, 3) of the axes that cross their backlash in each change; the last row is for no change.
 
-    They are those that the change names, and those whose shift it changes. Where its mark has no room for all
-    names, every axis with an offset may.
+    They are those that the change names, those whose shift it changes, and those of its jogs, which may well leave the
+    shift at the end as it was at the beginning. Where its mark has no room for all names, every axis with an offset
+    may.
     """
     found = np.zeros((case.lines.changes.number + 1, 3), dtype=bool)
     declared = list(declared_sides(case.declared))
     for change, names in enumerate(case.lines.changes.crossings):
         for axis, _ in names or ():
             found[change, [AXES.index(axis)] if axis else declared] = True
+    motions = case.compensated.motions
     moved = np.abs(pairing.after - pairing.before) > EXACT
+    jogged = np.flatnonzero(pairing.jog & pairing.crossed)
+    moved[jogged] |= np.nan_to_num(np.abs(motions.end[jogged] - motions.start[jogged])) > EXACT
     motion, column = np.nonzero(moved & pairing.crossed[:, None])
     found[pairing.new_change[motion], column] = True
     found[:, [n for n in range(len(AXES)) if n not in declared]] = False

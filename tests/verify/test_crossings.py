@@ -274,6 +274,64 @@ def test_commands_at_a_joint_stay_in_the_crossing_over_it():
     assert found == {-2: False, -1: False, 0: True, 1: True, 2: False}
 
 
+ZIGZAG = """G21 G90 G17 G94
+G0 X0 Y0 Z0
+G1 X20 Y10 F800
+G1 X10 Y20
+G1 X20 Y30
+G1 X30
+G1 X40 Y25
+G0 X0 Y0 Z0
+M2
+"""
+
+STOPPED = """(ph-post 0.3.0 compensated this program)
+(ph-post: original sha256 {digest})
+(ph-post: machine bench, sha256 0123456789abcdef)
+(ph-post: options sha256 fedcba9876543210)
+(ph-post: offset X 0.025 mm)
+(ph-post: offset Y 0.025 mm)
+(ph-post: 2 stops, 0 dips)
+(ph-post: 1 crossings, up to 0.6000 mm long, within 0.0002 mm)
+(ph-post: dwell 0.1 s, decimals 4, chord tolerance 0.001 mm, block time 5 ms)
+G21 G90 G17 G94
+G0 X0.025 Y0.025 Z0
+G1 X20.025 Y10.025 F800
+(ph-post: +11 -3 X-, X+, crossing Y-)
+G4 P0.1
+G1 X19.975 F300
+G4 P0.1
+G1 X9.975 Y20.025 F800
+G4 P0.1
+G1 X10.025 F300
+G4 P0.1
+G1 X20.025 Y30.025 F800
+G1 X24.025
+G1 X24.625 Y29.975 F802.7
+G1 X30.025 F800
+G1 X40.025 Y24.975
+G0 X0 Y0 Z0
+M2
+"""
+
+
+def test_stops_of_an_axis_there_and_back_stand_in_one_change_with_a_crossing_of_another():
+    """At the end of the change X carries what it carried at its beginning, and yet it crosses twice in it."""
+    text = STOPPED.format(digest=sha256(ZIGZAG.encode()).hexdigest())
+    both = (-0.025, 0.025)
+    assert table_deviation(ZIGZAG, text, {"X": both, "Y": both}, 1.0) < 0.0002 + SAMPLING
+    verdict = judged(ZIGZAG, text)
+    assert [failure.sentence() for failure in verdict.failures] == []
+    assert verdict.checked["crossings"] == 1
+    for old, new in (
+        ("G1 X19.975 F300", "G1 X20.005 F300"),
+        ("G1 X10.025 F300", "G1 X10.005 F300"),
+        ("G1 X9.975 Y20.025", "G1 X10.025 Y20.025"),
+        ("X-, X+, crossing Y-", "X-, crossing X+, crossing Y-"),
+    ):
+        assert not judged(ZIGZAG, text.replace(old, new)).ok, new
+
+
 FELT = 0.03
 """A place that is changed by more than this [mm] is outside every tolerance."""
 
