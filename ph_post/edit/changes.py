@@ -40,6 +40,12 @@ def _lowered(feed: float) -> float:
     return math.floor(feed * scale + 1e-9) / scale
 
 
+def _goes_on(before: MotionEdit, task: MotionEdit) -> bool:
+    """Return true where a crossing on a motion goes on over the joint to the next one."""
+    both = (before.parts[-1].crossing, task.parts[0].crossing)
+    return before.motion + 1 == task.motion and None not in both
+
+
 class Change(msgspec.Struct, kw_only=True):
     """New `lines` in place of `removed` lines of the original from `block` on; `label` says what for."""
 
@@ -87,8 +93,10 @@ class ChangeWriter:
 
     def write(self, tasks: list[MotionEdit]) -> Iterator[Change]:
         """Write the changes of all tasks, which come in the order of travel."""
-        for task in tasks:
+        for before, task in zip([None, *tasks], tasks, strict=False):
             block = int(self._program.motions.block[task.motion])
+            if before is not None and _goes_on(before, task):
+                self._take_in(block)
             if not task.whole or 0.0 in task.stops:
                 yield from self._move_to(block)
             offset = self._before(task, block)
@@ -106,6 +114,19 @@ class ChangeWriter:
                 yield from self._move_to(block + 1)
                 self._behind(task, block)
         yield from self._move_to(self._program.blocks + 1)
+
+    def _take_in(self, block: int) -> None:
+        """Take the lines up to one into the change, as they are: a crossing goes on behind them."""
+        change = self._change
+        if change is None:
+            return
+        for line in range(change.block + change.removed, block):
+            change.lines.append(block_words.line_text(self._program, line))
+            change.removed += 1
+            if "F" in block_words.words_by_letter(self._program, line):
+                self._feed = self._feeds.after(line)
+            if block_words.motion_word(self._program, line) is not None:
+                self._mode = self._program.modal_after(line).motion
 
     def _move_to(self, block: int, apart: bool = False) -> Iterator[Change]:
         """End the change before a line unless it goes on there, and name the mode where a line needs it.

@@ -460,15 +460,19 @@ class CrossingPlanner:
             stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if crosses else 1.0
             low = s[n - 1]
             for end, extra in zip(ends.tolist(), added, strict=True):
-                parts.append(self._part(low, end, extra, knots.speed[n] * stretched, line=knots.line[n]))
+                parts.append(self._part(low, end, extra, knots.speed[n], stretched, line=knots.line[n]))
                 low = end
         return tuple(parts)
 
-    def _part(self, low: float, high: float, added: Array, speed: float, *, line: bool) -> CrossingPart:
+    def _part(
+        self, low: float, high: float, added: Array, speed: float, stretched: float, *, line: bool
+    ) -> CrossingPart:
         k, end = self._locate(high)
         begin = (low - float(self._along[k])) / (float(self._along[k + 1]) - float(self._along[k]))
         timed = float(self._motions.duration[k])
         own = (self._along[k + 1] - self._along[k]) / timed if timed > 0.0 else float(self._motions.feed[k])
+        # The table is never faster than the motion's own feed, also where the crossing begins on a slower one.
+        speed = min(speed, own) * stretched if own > 0.0 else speed * stretched
         return CrossingPart(
             motion=k,
             low=0.0 if begin < SAME_SHARE else begin,

@@ -20,7 +20,10 @@ from support.reference_player import BEGINS, Move, distance, interpret, run, tab
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
+from ph_post.gcode.read import reread
 from ph_post.types import Machine
+from ph_post.units import MM
+from ph_post.verify.verify import verify
 
 PUSH = 500.0
 """Acceleration of the machines [mm/s²]."""
@@ -395,3 +398,37 @@ def test_an_axis_that_begins_in_a_cut_on_its_own_side_is_not_moved(cut: str) -> 
     assert all(shift.travel and shift.velocity for shift in shifts)
     assert not found.edits.offset[:3, 2].any()
     assert undo(found.text, "part.ngc") == found.program.data
+
+
+@pytest.mark.parametrize("between", ["(half)", "", "F1200", "F900", "N70", "(half)\n\nF900 (slower)"])
+@pytest.mark.parametrize("dialect", DIALECTS[:3])
+def test_a_crossing_reaches_over_lines_that_move_nothing(dialect: str, between: str) -> None:
+    # The arcs meet 0.2 mm behind the quadrant: the crossing there covers the joint, and the lines in it.
+    x, y = (round(20.0 * turn(0.01), 4) for turn in (math.cos, math.sin))
+    cut = f"G0 X0 Y-20 Z5\nG1 Z-1 F300\nG3 X{x} Y{y} I0 J20 F1200\n{between}\nG3 X0 Y20 I{-x} J{-y}\n"
+    text = BEGIN + FULL + cut + END
+    found = compensate(text.encode(), machine(dialect), dialect=dialect)
+    changed = found.text.decode()
+    assert [(one.axis, one.sign) for one in found.edits.crossings] == [("X", -1)]
+    assert largest(errors(text, changed, XY)) <= within(changed) + 3.0 * STEP.get(dialect, 1e-4)
+    assert f"\n{between}\n" in changed
+    assert undo(found.text, "part.ngc") == text.encode()
+    verdict = verify(found.program, reread(found.program, found.text), tolerance=0.005 * MM, machine=machine(dialect))
+    assert [one.sentence() for one in verdict.failures] == []
+    # Behind the crossing the path goes on as the program says.
+    last = [[move for move in interpret(one) if move.mode > 1][-1].feed for one in (text, changed)]
+    assert last[1] == pytest.approx(last[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS[:3])
+def test_a_crossing_that_begins_on_a_slower_motion_keeps_its_feed(dialect: str) -> None:
+    # X comes from the right, and turns back on the arc right behind the way down.
+    cut = "G0 X20 Y19.928 Z5\nG1 Z-1 F300\nG1 X15\nG0 Z5\nG0 X11.142\n"
+    cut += "G1 Z-1 F300\nF2400\nG3 X11.3946 Y20.1724 I0.2954 J-0.0526\n"
+    text = BEGIN + FULL + cut + END
+    found = compensate(text.encode(), machine(dialect, (0.1, 0.0, 0.0), 2000.0), dialect=dialect)
+    down = [move for move in interpret(found.text.decode()) if move.mode > 0 and move.end[2] < move.start[2] - 1e-6]
+    assert len(down) > 2
+    assert all(move.feed <= 300.0 * 1.003 for move in down)
+    verdict = verify(found.program, reread(found.program, found.text), tolerance=0.005 * MM)
+    assert [one.sentence() for one in verdict.failures] == []
