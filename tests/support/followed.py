@@ -78,8 +78,26 @@ def table_deviation(original: str, compensated: str, sides: dict[str, tuple[floa
 
     Where the first cut begins the shift of an axis says on which side of its backlash it is.
     """
+    return float(_tree(original).query(_table(original, compensated, sides, unit, 0.003))[0].max())
+
+
+def strayed(
+    original: str, compensated: str, damaged: str, sides: dict[str, tuple[float, float]], unit: float = 1.0
+) -> float:
+    """Largest distance [mm] from the original's path where damage takes the table elsewhere than it went before."""
+    before, way = (_table(original, text, sides, unit, ELSEWHERE) for text in (compensated, damaged))
+    away = _tree(original).query(way)[0]
+    return float(away[cKDTree(before).query(way)[0] > ELSEWHERE].max(initial=0.0))
+
+
+ELSEWHERE = 0.001
+"""Places that are farther apart are others [mm]."""
+
+
+def _table(original, compensated, sides, unit, spacing):
+    """Places of the table while it cuts [mm]."""
     path, cuts = sampled(original, 0.001)
-    motor, own = sampled(compensated, 0.003)
+    motor, own = sampled(compensated, spacing)
     first = int(np.argmax(own)) - 1
     start = path[int(np.argmax(cuts)) - 1]
     table = motor.copy()
@@ -91,7 +109,7 @@ def table_deviation(original: str, compensated: str, sides: dict[str, tuple[floa
         for n in range(first, len(out)):
             at = min(max(at, low[n]), high[n])
             out[n] = at
-    return float(_tree(original).query(table[own])[0].max())
+    return table[own]
 
 
 @lru_cache(maxsize=32)
