@@ -18,7 +18,6 @@ from ph_post.edit.crossings import (
     ERROR,
     KINK,
     SETTLING,
-    SHORT_LAG,
     SHORTEST,
     CrossingPlace,
     CrossingPlanner,
@@ -76,9 +75,6 @@ AT_SPEED: Final = 0.98
 
 LEAST_FEED: Final = 1e-4
 """Feeds below this [m/s] are reckoned as this."""
-
-BEHIND_LAG: Final = 1.0
-"""Errors of crossings may be larger by this factor behind a lag, which draws the table inwards anyway."""
 
 INTERRUPTING: Final = frozenset((0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 60, 62, 63, 64, 65, 66, 67, 68))
 """M words between two motions over which no crossing reaches."""
@@ -297,7 +293,7 @@ class CrossingSearch:
                 spots.bound[which],
                 wait[which],
                 spots.feed[which],
-                ERROR * coarser * np.where(lag[which] < SHORT_LAG, 1.0, BEHIND_LAG),
+                np.full(which.size, ERROR * coarser),
             )
             short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
             slow = window[:, 2] * crossing < 0.25 * SHORTEST
@@ -378,12 +374,18 @@ class CrossingSearch:
         return tuple(crossings), tuple(stops), approaches, offset
 
     def _winds_up(self, spots: Spots, n: int) -> bool:
-        """Return whether an axis whose offset stays has to come from beyond its backlash behind its first rapid."""
+        """Return whether an axis whose offset stays has to come from beyond its backlash all the same.
+
+        Only a rapid can take it there: in a stretch that begins with a cut it is left as it is.
+        """
         column, row = int(spots.column[n]), spots.rows[n]
-        if self._program.motions.kind[int(row[MOTION])] != RAPID or row[SHARE] != 1.0:
+        if not self._behind_rapid(row):
             return False
         moves = self._moving[column].size > 0 and self._moving[column][-1] > row[MOTION]
         return bool(spots.first[n] and moves and not self._alone(int(row[MOTION]) + 1, column, row[SIGN]))
+
+    def _behind_rapid(self, row: Array) -> bool:
+        return bool(self._program.motions.kind[int(row[MOTION])] == RAPID and row[SHARE] == 1.0)
 
     def _alone(self, motion: int, column: int, sign: float) -> bool:
         """Return whether an axis, from a motion on, first moves alone, before any cut, and by more than its backlash.
@@ -439,7 +441,7 @@ class CrossingSearch:
         motion, share, sign = int(row[MOTION]), float(row[SHARE]), float(row[SIGN])
         axis = self._machine.axes[name]
         lost = self._sides[name][1] - self._sides[name][0]
-        behind_rapid = self._program.motions.kind[motion] == RAPID and share == 1.0
+        behind_rapid = self._behind_rapid(row)
         pause, velocity, beyond, ways = self._pause(axis, coarser), float(spots.feed[n]), 0.0, [travel]
         if not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.

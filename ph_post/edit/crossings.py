@@ -139,6 +139,7 @@ def points_along(view: Any, along: Any, s: Any) -> Any:
 
 
 HALVINGS: Final = 40
+"""Halvings of the speed by which the fastest one within the error is found."""
 
 
 @compiled

@@ -269,7 +269,9 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     search = ReversalSearch(program, machine, dialect, amplitude, sides, _open_chains(program, blocked, options.left))
     changes, coarser, said_of_time = affordable_reversals(search, options)
     crossings, stops, pulse, offset = search.crossings.plan(changes, coarser)
-    used = {name: size for name, size in amplitude.items() if len(changes[name])}
+    shifted = {one.axis for one in crossings} | {shift.axis for stop in stops for shift in stop.shifts}
+    shifted |= {name for name in amplitude if offset[:, AXES.index(name)].any()}
+    used = {name: size for name, size in amplitude.items() if name in shifted}
     edits = Edits(
         offset=sealed(offset),
         stops=tuple(join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))),
