@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 from support.editing import ENOUGH, compensate
 
+from ph_post.compensate.offsets import DWELL
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.crossing_search import APPROACH
@@ -35,12 +36,11 @@ def of_axis(edits: Edits, axis: str) -> list[tuple[int, float, float]]:
 
     A crossing counts at the middle of its chord.
     """
-    found = [
-        (stop.motion, stop.share, round(_lasting(edits, shift) / HALF[axis], 9))
-        for stop in edits.stops
-        for shift in stop.shifts
-        if shift.axis == axis
-    ]
+    found = []
+    for stop in edits.stops:
+        shifts = [shift for shift in stop.shifts if shift.axis == axis]
+        if shifts:
+            found.append((stop.motion, stop.share, round(_lasting(edits, shifts) / HALF[axis], 9)))
     for crossing in edits.crossings:
         if crossing.axis == axis:
             lines = [part for part in crossing.parts if part.line]
@@ -49,11 +49,16 @@ def of_axis(edits: Edits, axis: str) -> list[tuple[int, float, float]]:
     return sorted(found)
 
 
-def _lasting(edits: Edits, shift: OffsetShift) -> float:
-    """What of a shift stays: one that comes from beyond, behind a rapid that ended there, gives the first offset."""
-    travel = shift.travel
-    came = abs(travel) == pytest.approx(edits.pulse.get(shift.axis, 0.0), rel=1e-9)
-    return float(np.copysign(edits.amplitude[shift.axis], travel)) if came else travel
+def _lasting(edits: Edits, shifts: list[OffsetShift]) -> float:
+    """What of an axis' shifts at a place stays.
+
+    Where the last comes from beyond the gap that is the first offset, whatever leads out there.
+    """
+    axis, travel = shifts[-1].axis, shifts[-1].travel
+    if abs(travel) != pytest.approx(edits.pulse.get(axis, 0.0), rel=1e-9):
+        return sum(shift.travel for shift in shifts)
+    side = float(np.sign(travel))
+    return side * edits.amplitude[axis] if edits.one_sided.get(axis, side) == side else 0.0
 
 
 def signs(edits: Edits, axis: str) -> list[int]:
@@ -83,8 +88,18 @@ def test_behind_a_rapid_the_axis_comes_from_beyond_its_gap() -> None:
 
 def test_no_move_of_one_axis_is_followed_by_a_dwell_where_motors_do_not_lag() -> None:
     edits = plan(START + "G1 X10\nX4\nG3 X8 Y4 I0 J4\nG1 X0\nM2\n")
-    assert edits.stops
-    assert {stop.pause for stop in edits.stops} == {0.0}
+    *inside, last = edits.stops
+    assert [stop.motion for stop in inside] == [0, 1, 2, 3]
+    assert {stop.pause for stop in inside} == {0.0}
+    assert {shift.pause for stop in inside for shift in stop.shifts} == {0.0}
+    # Behind the last cut the path rests anyway: its end is not rounded off by the way back to no offset.
+    assert (last.motion, last.share, last.pause) == (4, 1.0, DWELL)
+    assert [(shift.axis, shift.pause) for shift in last.shifts] == [("X", DWELL), ("Y", DWELL)]
+
+
+def test_a_rest_behind_the_last_cut_is_not_needed_behind_a_rapid() -> None:
+    edits = plan(START + "Z5\nG1 Z0\nX10\nX4\nG0 Z5\nM2\n")
+    assert [(stop.motion, stop.pause) for stop in edits.stops][-1] == (5, 0.0)
     assert {shift.pause for stop in edits.stops for shift in stop.shifts} == {0.0}
 
 
@@ -165,8 +180,10 @@ def test_a_rapid_that_moves_another_axis_carries_nothing() -> None:
 
 def test_planes_and_helices() -> None:
     edits = plan("G21 G90 G18 F600\nG0 X0 Y0 Z0\nG2 X0 Z0 Y2 I10 K0\nM2\n")
-    # Z begins downwards, the side of its zero.
-    assert of_axis(edits, "Z") == [(1, pytest.approx(0.25), 2.0), (1, pytest.approx(0.75), -2.0)]
+    # Z begins downwards, the side of its zero, and comes from above as its side is not known.
+    assert of_axis(edits, "Z") == [(0, 1.0, 0.0), (1, pytest.approx(0.25), 2.0), (1, pytest.approx(0.75), -2.0)]
+    (approach,) = [shift for shift in edits.stops[0].shifts if shift.axis == "Z"]
+    assert approach.travel / HALF["Z"] == pytest.approx(-2.0 * APPROACH)
     assert [share for _, share, _ in of_axis(edits, "X")] == [1.0, pytest.approx(0.5), 1.0]
     assert of_axis(edits, "Y") == [(0, 1.0, 1.0), (1, 1.0, -1.0)]
 
@@ -185,6 +202,17 @@ def test_the_reversal_is_at_the_extreme_not_where_the_dead_band_is_left() -> Non
 def test_at_the_beginning_of_a_chain_a_change_waits_for_the_first_rapid() -> None:
     edits = plan(START + "G92 X0 Y0\nG0 Y5\nG0 Y6\nG1 X5\nM2\n")
     assert of_axis(edits, "X")[0] == (1, 1.0, 1.0)
+    # The rapid does not name X: one move takes it beyond its gap, and one back through it onto its side.
+    out, back = edits.stops[0].shifts
+    assert (out.axis, back.axis) == ("X", "X")
+    assert back.travel / HALF["X"] == pytest.approx(2.0 * APPROACH)
+    assert (out.travel + back.travel) / HALF["X"] == pytest.approx(1.0)
+
+
+def test_an_axis_that_carries_no_offset_is_not_declared() -> None:
+    # Where Y begins is not known, and behind its rapid nothing is cut.
+    edits = plan("G21 G90 G17 F600\nG0 X0\nG1 X10 Y5\nX4\nG0 Y1\nM2\n")
+    assert list(edits.amplitude) == ["X"]
 
 
 def test_a_tool_change_separates() -> None:
@@ -213,11 +241,18 @@ def test_a_dip_in_the_middle_of_a_feed_costs_its_ramps() -> None:
     # In the corners of the saw the machine stops anyway; on small circles it slows down for each of 79 crossings.
     assert len(plan(saw, max_slowdown=0.08).stops) == len(plan(saw).stops) == 40
     found = {allowed: plan(circles, max_slowdown=allowed) for allowed in (ENOUGH, 0.01, 0.001)}
-    assert [len(edits.crossings) for edits in found.values()] == [79, 79, 0]
-    errors = [max(one.error for one in edits.crossings) for edits in found.values() if edits.crossings]
+    assert [len(edits.crossings) for edits in found.values()] == [79, 79, 39]
+    errors = [max(one.error for one in edits.crossings) for edits in found.values()]
     assert errors[0] < 2e-3 * MM < errors[1] < 4.0 * ERROR
-    told = found[0.001]
+    # Within what counts as no slower one axis of the two is left; the other is named.
+    assert {one.axis for one in found[0.001].crossings} == {"X"}
+    assert "axis Y not compensated" in found[0.001].warnings[0]
+    assert "--max-slowdown" in found[0.001].warnings[0]
+    # On circles of half that size the ramps are too long for either.
+    told = plan(circles.replace("I-1", "I-0.5"), max_slowdown=0.001)
+    assert not told.crossings
     assert not told.stops
+    assert not told.offset.any()
     assert "--max-slowdown" in told.warnings[0]
 
 

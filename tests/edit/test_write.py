@@ -302,8 +302,11 @@ def test_words_in_comments_and_deleted_blocks_stay() -> None:
     found = compensate(text.encode(), STEPPER)
     assert "G1 X10.03 (X10 Y3) ; X5" in lines(found)
     assert {"; X7", "/X3"} <= set(lines(found))
-    # Before the block that may be skipped the axis is where the program has it.
-    assert lines(found)[lines(found).index("; X7") - 1] == "G1 X10"
+    # Before the block that may be skipped the axis is where the program has it, and the feed is the program's.
+    place = lines(found).index("; X7")
+    last = [line for line in lines(found)[:place] if "X" in line][-1]
+    assert re.fullmatch(r"G1 X10 F\d+\.?\d*", last)
+    assert lines(found)[place - 1] == "F600"
 
 
 def test_a_program_in_two_units_carries_no_offset() -> None:
