@@ -63,7 +63,7 @@ def junction_speed(
     >>> from ph_post.drive.machinefile import read_machine
     >>> x, y = np.eye(3)[:2]
     >>> round(float(junction_speed(read_machine("stepper"), x, y, 0.01, 0.01)), 5)
-    0.00253
+    0.00261
     """
     shape = np.broadcast_shapes(np.shape(before)[:-1], np.shape(after)[:-1], np.shape(before_length), np.shape(feed))
     one, two = (np.broadcast_to(value, (*shape, 3)).reshape(-1, 3) for value in (before, after))
