@@ -197,7 +197,7 @@ def predict_errors(
     nominal = declared[0] or programs[0]
     targets = (nominal, declared[1] or nominal)
     plain = {programs[0].data: runs[0].command} if runs[0].command is not None else {}
-    found = [_predicted(runs[k], targets[k], machine, plain, worst=k == 1) for k in (0, 1)]
+    found = [_predicted(runs[k], programs[k], targets[k], machine, plain, worst=k == 1) for k in (0, 1)]
     moved = {name for one in runs if one.command is not None for name in moving_axes(one.command).axes}
     spreads = [machine.axes[name].uncertainty.backlash for name in moved if has_backlash(machine.axes[name])]
     return PredictedErrors(
@@ -209,9 +209,15 @@ def predict_errors(
 
 
 def _predicted(
-    run: PredictedRun, target: PartProgram, machine: Machine, plain: dict[bytes, Command], *, worst: bool
+    run: PredictedRun,
+    program: PartProgram,
+    target: PartProgram,
+    machine: Machine,
+    plain: dict[bytes, Command],
+    *,
+    worst: bool,
 ) -> tuple[ContourError | None, ContourError | None, ContourError | None]:
-    """Error of a run from the path of a program: by all causes, by backlash, and that at worst if asked for.
+    """Error of a program's run from the path of a target: by all causes, by backlash, and that at worst if asked for.
 
     `plain` are the commands of programs that were run already, by their bytes.
     """
@@ -220,7 +226,7 @@ def _predicted(
         return None, None, None
     moving = moving_axes(command)
     known = backlash_scenarios(scenarios(machine, moving.axes, resting_axes(moving)))
-    found = program_error(command, machine, target, [one for one in known if one.gap == 1.0])
+    found = program_error(command, machine, target, [one for one in known if one.gap == 1.0], moved_by=program)
     if target.data not in plain:
         plain[target.data] = run_program(target, machine)
     how = (found, command, machine, CutPath(target, machine))

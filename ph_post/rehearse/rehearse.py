@@ -147,7 +147,7 @@ def rehearse(
 
     progress("planning")
     planned = run_program(program, machine, RoundedPath())
-    plan = Execution(command=planned, error=program_error(planned, machine, target))
+    plan = Execution(command=planned, error=program_error(planned, machine, target, moved_by=program))
     real, recording = execute(program, {})
     lost = {name: axis.gap.lost_motion for name, axis in machine.axes.items()}
     before = execute(target, {})[0] if original is not None else None
