@@ -75,6 +75,9 @@ FASTER: Final = 2e-3
 WITH_LAG: Final = 5
 """Knots of a crossing behind a lag."""
 
+CAUTIOUS: Final = 0.9
+"""Part of the way that a motor has more than the path by which the feed is raised: lengths are approximate."""
+
 SAMPLES: Final = 33
 """Places of a crossing at which its error is read off."""
 
@@ -247,7 +250,7 @@ def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
 def _stretch(begin: float, ends: Array, start: Array, points: Array) -> float:
     """Return how much longer the motor's way is than the path's, where it is least on the parts of a block."""
     ways = np.linalg.norm(np.diff(points, axis=0, prepend=start[None, :]), axis=1)
-    return max(float((ways / np.diff(ends, prepend=begin)).min()), 1.0)
+    return 1.0 + CAUTIOUS * max(float((ways / np.diff(ends, prepend=begin)).min()) - 1.0, 0.0)
 
 
 class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -26,7 +26,18 @@ from ph_post.edit.preconditions import (
     why_not_editable,
     written_offsets,
 )
-from ph_post.edit.reversals import CARRIED, CHAIN, MOTION, SHARE, SIGN, chain_spans, find_reversals, motion_view
+from ph_post.edit.reversals import (
+    CARRIED,
+    CHAIN,
+    FIRST,
+    MOTION,
+    SHARE,
+    SHARE0,
+    SIGN,
+    chain_spans,
+    find_reversals,
+    motion_view,
+)
 from ph_post.gcode.motion_parts import arc_lengths
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, PartProgram
@@ -159,6 +170,19 @@ class ReversalSearch:
                 if why and self.open[name][int(chain)]:
                     self.give_up(name, int(chain), why)
                     found = True
+            found |= self._unknown_sides(name, rows)
+        return found
+
+    def _unknown_sides(self, name: str, rows: Array) -> bool:
+        """Give up chains in which a cut from an unknown place ends where an axis is to be shifted first."""
+        motions, found = self.program.motions, False
+        first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
+        for row in rows[first & (rows[:, SIGN] != 0.0)]:
+            begin, chain = int(row[FIRST]), int(row[CHAIN])
+            cuts = motions.kind[begin] != RAPID and row[SHARE0] == 1.0
+            if cuts and np.isnan(motions.start[begin, AXES.index(name)]) and self.open[name][chain]:
+                self.give_up(name, chain, f"the cut in line {motions.block[begin] + 1} leaves it on an unknown side")
+                found = True
         return found
 
 
