@@ -159,7 +159,8 @@ class OpenGap(msgspec.Struct, frozen=True, kw_only=True):
 
         Examples
         --------
-        >>> gap = open_gap(gain=1.0, beta=0.0, amplitude=0.0, omega=1.0, t_i=0.0, x_i=-2.0)
+        >>> own = {"gain": 1.0, "beta": 0.0, "amplitude": 0.0, "omega": 1.0, "sine": 0.0, "cosine": 1.0}
+        >>> gap = OpenGap(**own, error=2.0, drive=2.0)
         >>> gap.duration(4.0)  # a constant error of 2: θ = t²
         2.0
         """
