@@ -62,7 +62,7 @@ def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: fl
         ε of the windows [m].
     """
     done, edits = _done(found.windows), found.edits
-    changes = None if edits is None or not edits.amplitude else _changes_of(edits)
+    changes = None if edits is None or not edits.followed else _changes_of(edits)
     return [
         one
         for path in paths_of(found.before)
@@ -121,7 +121,7 @@ def _changes_of(edits: Edits) -> _Changes:
         steps[first.motion : last.motion + 1, column] = 0.0
     found = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
     return _Changes(
-        axes=tuple(edits.amplitude),
+        axes=edits.followed,
         motion=found[:, [0, 2]].astype(np.int64),
         share=found[:, [1, 3]],
         column=found[:, 4].astype(np.int64),
@@ -141,9 +141,8 @@ def _of_path(
     lines = found.before.motions.block[motion] + 1
     windows = {member: window for window in analysis.windows for member in window.members}
     shifted = _shifted(changes, found.before.motions, path, analysis.turning_points, places)
-    after = np.minimum(
-        np.searchsorted(path.motion, motion) + [one[2] == MILLION for one in places], path.motion.size - 1
-    )
+    at_end = np.array([one[2] == MILLION for one in places], dtype=np.int64)
+    after = np.minimum(np.searchsorted(path.motion, motion) + at_end, path.motion.size - 1)
     rows = zip(analysis.turning_points, places, lines.tolist(), shifted, path.motion[after].tolist(), strict=True)
     for point, place, line, carried, behind in rows:
         edit = done.get(place, ReversalEdit())

@@ -104,7 +104,8 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     added to the path there. At the end of every chain the offset is zero, where need be
     by a stop behind the last motion. `stops`, `dips` and `crossings` are in the order of travel. `amplitude` [m] by
     axis: the offset is plus or minus this, or zero, or of a `one_sided` axis zero or this to its side, +1 or -1;
-    `pulse` [m] by axis: the largest backlash take-up move.
+    `pulse` [m] by axis: the largest backlash take-up move. `followed` are the axes whose reversals were planned: one
+    that is exact on the side of its zero may need no offset.
     `warnings` name what is not compensated.
     """
 
@@ -114,6 +115,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crossings: tuple[CrossingEdit, ...] = ()
     amplitude: Mapping[str, float] = {}
     one_sided: Mapping[str, int] = {}
+    followed: tuple[str, ...] = ()
     pulse: Mapping[str, float] = {}
     warnings: tuple[str, ...] = ()
 
@@ -142,6 +144,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         crossings=(*a.crossings, *b.crossings),
         amplitude={**a.amplitude, **b.amplitude},
         one_sided={**a.one_sided, **b.one_sided},
+        followed=tuple(dict.fromkeys((*a.followed, *b.followed))),
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )

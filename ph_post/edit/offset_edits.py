@@ -301,6 +301,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         stops=tuple(join_stops(list(found)) for _, found in groupby(stops, lambda one: (one.motion, one.share))),
         crossings=crossings,
         amplitude=used,
+        followed=tuple(name for name in amplitude if len(changes[name])),
         one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
         pulse=pulse,
     )

@@ -305,6 +305,6 @@ def test_without_scripts_it_is_told_in_words(browser, files):
     page = context.new_page()
     page.goto(files[0].as_uri())
     text = page.locator("noscript").inner_text()
-    assert "largest error" in text
+    assert "backlash error" in text
     assert "suppress" in text
     context.close()

@@ -117,7 +117,7 @@ def page_of(browser, folder, path, *more):
 def test_a_path_without_a_window_is_shown(browser, tmp_path):
     shown = page_of(browser, tmp_path, line())
     assert "No axis reverses" in shown.page.locator("main").inner_text()
-    assert "nothing changed" in shown.page.locator("h1").inner_text()
+    assert "no axis with backlash reverses" in shown.page.locator("h1").inner_text()
     assert shown.count("tr.go") == 0
     box = shown.page.locator("#feed").bounding_box()
     assert "original: error" in shown.point_at(box["x"] + 200, box["y"] + 60)
