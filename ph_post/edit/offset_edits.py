@@ -98,7 +98,7 @@ class ReversalSearch:
         chains: BoolArray,
     ) -> None:
         self.program, self.machine, self.dialect = program, machine, dialect
-        self.amplitude = amplitude
+        self.amplitude, self.sides = amplitude, sides
         self.times = motion_times(program, machine)
         self.low, self.high = chain_spans(program.motions)
         self.chain_times = np.add.reduceat(self.times, self.low)
@@ -176,6 +176,9 @@ class ReversalSearch:
     def _unknown_sides(self, name: str, rows: Array) -> bool:
         """Give up chains in which a cut from an unknown place ends where an axis is to be shifted first."""
         motions, found = self.program.motions, False
+        if 0.0 not in self.sides[name]:
+            # Half of the backlash to either side is no worse than the plain program, whichever side it is.
+            return False
         first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
         for row in rows[first & (rows[:, SIGN] != 0.0)]:
             begin, chain = int(row[FIRST]), int(row[CHAIN])
