@@ -13,12 +13,9 @@ from ph_post.api.results import ProgramMotion
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.edit.edits import EditOptions
 from ph_post.errors import PhPostError
+from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import PartProgram, PlaceArray
-from ph_post.simulate.assess import is_nominal, resting_axes, run_scenarios, scenarios
-from ph_post.simulate.contour import settling_time
-from ph_post.simulate.controllers.deviation import CutPath, moving_axes
-from ph_post.simulate.controllers.unknown import known_rows
-from ph_post.simulate.machine import simulate
+from ph_post.simulate.assess import is_nominal, run_scenarios
 from ph_post.types import Array, Scenario
 from ph_post.units import MM
 
@@ -36,7 +33,6 @@ MOST: Final = 1.1
 
 ROUNDS: Final = 4
 """Plans that are tried before a program is left as it is."""
-
 
 SHOWN: Final = 3
 """Places that a warning names."""
@@ -83,21 +79,13 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion) -> GuardFinding
 
 def _chain_errors(motion: ProgramMotion) -> Array:
     """Largest, root mean square and 95th percentile of the error of every chain [m], shape (c, 3)."""
-    machine, original = motion.machine, motion.original
-    command = moving_axes(motion.command)
-    path = CutPath(original, machine)
-    leg, place = path.follow(command)
-    number, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, motion.program)
-    counted = cuts & (command.t >= settling_time(machine, command.axes))
-    counted &= known_rows(original, number, command.position, cuts, path.gaps(command))
-    chain = original.motions.chain[number]
-    count = int(original.motions.chain.max(initial=-1)) + 1
+    cut, chains = motion.cut, motion.original.motions.chain
+    chain, count = chains[cut.motion], int(chains.max(initial=-1)) + 1
 
     def errors(scenario: Scenario) -> Array:
-        distance = path.distance(simulate(command, machine, scenario), place)
-        return _by_chain(distance[counted], chain[counted], count)
+        return _by_chain(cut.simulate(scenario)[1][cut.counted], chain[cut.counted], count)
 
-    tried = [one for one in scenarios(machine, command.axes, resting_axes(command)) if is_nominal(one)]
+    tried = [one for one in cut.scenarios() if is_nominal(one)]
     return np.asarray(np.max(run_scenarios(errors, tried), axis=0))
 
 
@@ -134,9 +122,7 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float) -> Ed
 def chain_words(program: PartProgram, chains: frozenset[int]) -> str:
     """Name the lines of chains for a warning, the first few of them."""
     motions = program.motions
-    spans = []
-    for number in sorted(chains)[:SHOWN]:
-        own = motions.block[motions.chain == number]
-        spans.append(f"lines {own[0] + 1} to {own[-1] + 1}")
+    own = (motions.block[motions.chain == number] for number in sorted(chains)[:SHOWN])
+    spans = [line_words(int(blocks[0]), int(blocks[-1])) for blocks in own]
     more = f" and {len(chains) - SHOWN} more places" if len(chains) > SHOWN else ""
     return ", ".join(spans) + more

@@ -17,7 +17,7 @@ from ph_post.gcode.program import PartProgram
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.assess import Assessment, assess, backlash_scenarios, gap_error
 from ph_post.simulate.contour import ContourError, Nominal
-from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
+from ph_post.simulate.controllers.deviation import FollowedCut, ProgramError, cut_error, follow_cut, program_gap_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Command, Machine, Plan, Scenario
 
@@ -202,6 +202,11 @@ class ProgramMotion(MotionResult):
         return run_program(self.program, self.machine)
 
     @cached_property
+    def cut(self) -> FollowedCut:
+        """The command beside the original's path."""
+        return follow_cut(self.command, self.machine, self.original, moved_by=self.program)
+
+    @cached_property
     def assessment(self) -> ProgramError | None:
         """Error of the motion on every machine that the file leaves possible.
 
@@ -209,7 +214,7 @@ class ProgramMotion(MotionResult):
         """
         if not self.command.t.size or self.time > LONGEST_SIMULATED:
             return None
-        return program_error(self.command, self.machine, self.original, moved_by=self.program)
+        return cut_error(self.cut)
 
     @property
     def error(self) -> ContourError | None:
@@ -233,5 +238,4 @@ class ProgramMotion(MotionResult):
         return None if found is None else self._gap_error(found, backlash_scenarios(found.scenarios))
 
     def _gap_error(self, found: ProgramError, tried: Sequence[Scenario]) -> ContourError | None:
-        path = CutPath(self.original, self.machine)
-        return program_gap_error(found, self.command, self.machine, path, tried, self._plain.command)
+        return program_gap_error(found, self.command, self.machine, self.cut.path, tried, self._plain.command)

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.compensate.offsets import DWELL, PART, corner_pause, make_jog
+from ph_post.compensate.offsets import DWELL, corner_pause, make_jog
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.planners import planner_of
 from ph_post.edit.block_words import words_by_letter
@@ -24,7 +24,6 @@ from ph_post.edit.crossings import (
     CrossingShape,
     crossing_shape,
     find_windows,
-    places_along,
 )
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.preconditions import why_kept_whole
@@ -42,6 +41,7 @@ from ph_post.edit.reversals import (
     chain_spans,
     motion_view,
 )
+from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.junctions import junction_speed
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
@@ -145,7 +145,7 @@ class CrossingSearch:
         self._region_number = np.cumsum(np.diff(self._region, prepend=-2) != 0) - 1
         self._divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
         self._shapes = {name: self._shape(machine.axes[name]) for name in sides}
-        self._push = PART * 2.0 * min(axis.limits.acceleration for axis in machine.axes.values())
+        self._push = min(axis.limits.acceleration for axis in machine.axes.values())
 
     def _may_divide(self, k: int) -> bool:
         kind = self._program.motions.kind[k]

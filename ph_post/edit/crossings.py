@@ -11,7 +11,8 @@ how far the axis is from its turning point is read off the path.
 
 With the loop closed at the motor, the motor follows the command with the lag c. A command that crosses in t, goes
 beyond by the part k of the backlash and comes back in t has the motor arrive at 2 t exactly where b = 0 and
-k = 1/(exp(t/c) - 1); the table waits for 2 t in place of t + c ln(g/r), after which r of a plain crossing is left.
+k = 1/(exp(t/c) - 1); the table waits for 2 t in place of at most t + c ln(g/r), after which r of a plain crossing is
+left.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ import numpy as np
 from ph_post.compiling import compiled, inner
 from ph_post.edit.edits import CrossingEdit, CrossingPart
 from ph_post.edit.reversals import motion_view
-from ph_post.gcode.motion_parts import arc_lengths
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, Motions
 from ph_post.types import Array, Axis, BoolArray
 from ph_post.units import MM
@@ -72,9 +72,6 @@ SETTLING: Final = 4.0
 FASTER: Final = 2e-3
 """Feeds that differ by less than this part are the same."""
 
-WITH_LAG: Final = 5
-"""Knots of a crossing behind a lag."""
-
 CAUTIOUS: Final = 0.9
 """Part of the way that a motor has more than the path by which the feed is raised: lengths are approximate."""
 
@@ -86,20 +83,6 @@ NOTHING: Final = 1e-12
 
 SAME_SHARE: Final = 1e-9
 """Shares of a motion that differ by no more are the same."""
-
-
-def places_along(motions: Motions) -> Array:
-    """Return where the motions begin along the program, and where the last one ends [m], shape (m + 1,).
-
-    Within a motion places go by its share; a cubic counts with the length of its polygon.
-    """
-    way = np.nan_to_num(motions.end - motions.start)
-    length = np.sqrt((way * way).sum(axis=1))
-    arcs = np.flatnonzero(motions.kind == ARC)
-    length[arcs] = arc_lengths(motions, arcs)
-    for k, control in motions.control.items():
-        length[k] = np.sqrt((np.diff(np.nan_to_num(control), axis=0) ** 2).sum(axis=1)).sum()
-    return np.append(0.0, np.cumsum(np.nan_to_num(length)))
 
 
 @inner
@@ -156,7 +139,7 @@ def find_windows(
     view : tuple
         Of :func:`~ph_post.edit.reversals.motion_view`.
     along : Array, shape (m + 1,)
-        Of :func:`places_along`.
+        Of :func:`~ph_post.gcode.motion_parts.places_along`.
     axis, sign : arrays, shape (n,)
         Axis that turns, and its new direction.
     rest : Array, shape (n, 2)
@@ -279,12 +262,14 @@ class _Knots(msgspec.Struct, kw_only=True, eq=False):
     """Places of a crossing in order, what is added to the path there, and how each part is passed.
 
     `line` says of the part that ends at a knot whether it is a straight block; `speed` [m/s] the path's there.
+    `beyond` says that the offset goes beyond its new value and comes back.
     """
 
     s: list[float]
     added: list[Array]
     line: list[bool]
     speed: list[float]
+    beyond: bool = False
 
 
 class CrossingPlanner:
@@ -294,7 +279,7 @@ class CrossingPlanner:
     ----------
     motions : Motions
     along : Array, shape (m + 1,)
-        Of :func:`places_along`.
+        Of :func:`~ph_post.gcode.motion_parts.places_along`.
     divisible : BoolArray, shape (m,)
         Motions that may be divided: crossings lie on them alone.
     """
@@ -339,7 +324,7 @@ class CrossingPlanner:
         """Return the largest distance [m] from the path of a table that waits while its motor is in the backlash."""
         s = np.unique(np.concatenate([np.linspace(knots.s[0], knots.s[-1], SAMPLES), knots.s]))
         path = points_along(self._view, self._along, s)
-        column, straight = spot.column, np.zeros(s.size, dtype=np.bool_)
+        column = spot.column
         motor = path + np.array([np.interp(s, knots.s, added) for added in np.array(knots.added).T]).T
         for n in range(1, len(knots.s)):
             straight = (s >= knots.s[n - 1]) & (s <= knots.s[n]) & knots.line[n]
@@ -400,6 +385,7 @@ class CrossingPlanner:
                 added=[spot.before, spot.before + bulge, peak, spot.after + bulge, spot.after],
                 line=[False, True, True, True, True],
                 speed=[spot.feed, speed, speed, speed, spot.feed],
+                beyond=True,
             )
         # The table waits longer than the motor's block lasts where the controller rounds its ends.
         ahead = max(0.5 * (finish - begin - max(spot.shape.first * speed, SHORTEST)), 0.0)
@@ -460,7 +446,7 @@ class CrossingPlanner:
                 added = points[n - 1] + share[:, None] * (points[n] - points[n - 1]) - path
             else:
                 added = np.tile(knots.added[n], (ends.size, 1))
-            crosses = knots.line[n] and len(s) != WITH_LAG and n == len(s) // 2
+            crosses = knots.line[n] and not knots.beyond and n == len(s) // 2
             stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if crosses else 1.0
             low = s[n - 1]
             for end, extra in zip(ends.tolist(), added, strict=True):

@@ -54,6 +54,10 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
         """True where nothing but backlash is crossed, without a dwell: a crossing in a corner."""
         return not (self.rests or self.approach) and all(shift.whole for shift in self.shifts)
 
+    def crosses_in(self, axis: str) -> bool:
+        """Return whether it takes an axis through all of its backlash without a dwell, whatever the others do."""
+        return not (self.rests or self.approach) and any(one.axis == axis and one.whole for one in self.shifts)
+
 
 class CrossingPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part of a crossing, which lies on one `motion`, between two shares of it.

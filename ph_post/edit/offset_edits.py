@@ -38,9 +38,9 @@ from ph_post.edit.reversals import (
     find_reversals,
     motion_view,
 )
-from ph_post.gcode.motion_parts import arc_lengths
+from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import ARC, AXES, CUBIC, RAPID, PartProgram
+from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Array, BoolArray, Machine, frozen, sealed
 from ph_post.units import MM
@@ -51,12 +51,7 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
     motions = program.motions
     with np.errstate(invalid="ignore", divide="ignore"):
         way = np.nan_to_num(np.abs(motions.end - motions.start))
-        length = np.sqrt((way * way).sum(axis=1))
-        arcs = np.flatnonzero(motions.kind == ARC)
-        length[arcs] = arc_lengths(motions, arcs)
-        for k in np.flatnonzero(motions.kind == CUBIC).tolist():
-            way_k = np.diff(np.nan_to_num(motions.control[k]), axis=0)
-            length[k] = np.sqrt((way_k**2).sum(axis=1)).sum()
+        length = np.diff(places_along(motions))
         rapid = np.zeros(length.size)
         for column, name in enumerate(AXES):
             if name in machine.axes:

@@ -233,17 +233,12 @@ def stop_label(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
             found.append(f"{name} approach")
         elif after[axis] == offset[axis]:
             found.append(f"{name} take-up")
-        elif after[axis] == 0 and not crosses(stop, name):
+        elif after[axis] == 0 and not stop.crosses_in(name):
             found.append(f"{name} to 0")
         else:
             side = "+" if after[axis] > offset[axis] else "-"
-            found.append(f"crossing {name}{side}" if crosses(stop, name) else f"{name}{side}")
+            found.append(f"crossing {name}{side}" if stop.crosses_in(name) else f"{name}{side}")
     return found
-
-
-def crosses(stop: StopEdit, axis: str) -> bool:
-    """Return whether a stop takes an axis through all of its backlash, without a dwell: a crossing in a corner."""
-    return not stop.rests and not stop.approach and any(one.axis == axis and one.whole for one in stop.shifts)
 
 
 def shifted_words(program: PartProgram, found: MotionOffsets) -> ShiftedWords:

@@ -86,3 +86,17 @@ def arc_lengths(motions: Motions, arcs: IntArray) -> Array:
     rise = np.take_along_axis(motions.end[arcs] - motions.start[arcs], planes[:, 2:], axis=1)[:, 0]
     swept = np.hypot(start[:, 0], start[:, 1]) * motions.angle[arcs]
     return np.asarray(np.hypot(swept, np.nan_to_num(rise)))
+
+
+def places_along(motions: Motions) -> Array:
+    """Return where the motions begin along the program, and where the last one ends [m], shape (m + 1,).
+
+    Within a motion places go by its share; a cubic counts with the length of its polygon.
+    """
+    way = np.nan_to_num(motions.end - motions.start)
+    length = np.sqrt((way * way).sum(axis=1))
+    arcs = np.flatnonzero(motions.kind == ARC)
+    length[arcs] = arc_lengths(motions, arcs)
+    for k, control in motions.control.items():
+        length[k] = np.sqrt((np.diff(np.nan_to_num(control), axis=0) ** 2).sum(axis=1)).sum()
+    return np.append(0.0, np.cumsum(np.nan_to_num(length)))

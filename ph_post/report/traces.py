@@ -24,7 +24,7 @@ from ph_post.report.programs import window_views
 from ph_post.report.result_line import ResultSummary, summarize, summarize_program
 from ph_post.report.views import View, turning_point_views, windows_by_point
 from ph_post.simulate.contour import ContourError, Nominal, TurningError, turning_errors
-from ph_post.simulate.controllers.deviation import CutPath, program_error
+from ph_post.simulate.controllers.deviation import CutPath, cut_error
 from ph_post.simulate.controllers.unknown import unknown_lines, unknown_motions
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Plan, Run, Scenario, TurningPoint
 from ph_post.units import MM
@@ -220,15 +220,18 @@ def program_picture(
 ) -> Picture:
     """Run a program as it was and as compensated on the models of controller and drives."""
     original = delivery.before
-    path = CutPath(original, machine)
+    if delivery.motions is None:
+        before = ProgramMotion(original, original, machine, "original", progress)
+        after = ProgramMotion(delivery.after, original, machine, "compensated program", progress, before)
+    else:
+        before, after = delivery.motions
+    path = before.cut.path
     progress("locating turning points, windows and backlash intervals")
     turns = program_reversals(delivery, machine, tolerance)
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
-    before = ProgramMotion(original, original, machine, "original", progress)
     both = [("original", before)]
     if delivery.after.data != original.data:
-        after = ProgramMotion(delivery.after, original, machine, "compensated program", progress, before)
         both.append(("compensated", after))
     traces = [_program_trace(name, motion, path, points) for name, motion in both]
     axes = traces[0].run.axes
@@ -290,7 +293,7 @@ def _program_mark(
 
 def _program_trace(name: str, motion: ProgramMotion, path: CutPath, points: Sequence[TurningPoint]) -> DrawnMotion:
     command = motion.command
-    found = motion.assessment or program_error(command, motion.machine, motion.original)
+    found = motion.assessment or cut_error(motion.cut)
     _, place = path.closest_points(found.run, found.place)
     foot = path.points(place, found.run.axes)
     rows = found.counted

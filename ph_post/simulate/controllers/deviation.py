@@ -209,6 +209,50 @@ def _approaches(program: PartProgram, gaps: Mapping[str, float]) -> BoolArray:
     return found
 
 
+class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A command beside the path of a program: where it is in every row, and whether the error counts there.
+
+    `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
+    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`.
+    """
+
+    command: Command
+    machine: Machine
+    path: CutPath
+    motion: IntArray
+    place: Array
+    counted: BoolArray
+
+    def simulate(self, scenario: Scenario) -> tuple[Run, Array]:
+        """Run a machine, and return the distance of its table from the path in every row [m]."""
+        run = simulate(self.command, self.machine, scenario)
+        return run, self.path.distance(run, self.place)
+
+    def scenarios(self) -> tuple[Scenario, ...]:
+        """Return what the machine file leaves open."""
+        return scenarios(self.machine, self.command.axes, resting_axes(self.command))
+
+
+def follow_cut(
+    command: Command,
+    machine: Machine,
+    program: PartProgram,
+    *,
+    recorded: bool = False,
+    moved_by: PartProgram | None = None,
+) -> FollowedCut:
+    """Follow a command along the path of a program; parameters as of :func:`program_error`."""
+    command = moving_axes(command)
+    path = CutPath(program, machine)
+    leg, place = path.follow(command)
+    motion, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, moved_by)
+    counted = cuts & (command.t >= settling_time(machine, command.axes))
+    counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
+    if recorded:
+        counted &= rows_before(program, path.legs.motion, path.starts, place)
+    return FollowedCut(command=command, machine=machine, path=path, motion=motion, place=place, counted=counted)
+
+
 def program_error(
     command: Command,
     machine: Machine,
@@ -238,26 +282,17 @@ def program_error(
     -------
     ProgramError
     """
-    command = moving_axes(command)
-    path = CutPath(program, machine)
-    tried = tuple(tried) or scenarios(machine, command.axes, resting_axes(command))
-    leg, place = path.follow(command)
-    motion, cuts = path.legs.motion[leg].astype(np.int64), path.cuts(leg, place, command, moved_by)
-    counted = cuts & (command.t >= settling_time(machine, command.axes))
-    counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
-    if recorded:
-        counted &= rows_before(program, path.legs.motion, path.starts, place)
+    return cut_error(follow_cut(command, machine, program, recorded=recorded, moved_by=moved_by), tried)
 
-    def measure(scenario: Scenario) -> tuple[ContourError | None, Run, Array]:
-        run = simulate(command, machine, scenario)
-        distance = path.distance(run, place)
-        return contour_error(distance[counted]), run, distance
 
-    errors = run_scenarios(lambda one: measure(one)[0], tried)
+def cut_error(cut: FollowedCut, tried: Sequence[Scenario] = ()) -> ProgramError:
+    """Measure as :func:`program_error`, along a path that was followed already."""
+    tried = tuple(tried) or cut.scenarios()
+    errors = run_scenarios(lambda one: contour_error(cut.simulate(one)[1][cut.counted]), tried)
     sizes = [-1.0 if error is None else error.max for error in errors]
     nominal = [k for k, one in enumerate(tried) if is_nominal(one)] or [0]
     decides, worst = max(nominal, key=lambda k: sizes[k]), int(np.argmax(sizes))
-    _, run, distance = measure(tried[decides])
+    run, distance = cut.simulate(tried[decides])
     return ProgramError(
         scenarios=tried,
         errors=errors,
@@ -266,9 +301,9 @@ def program_error(
         worst=tried[worst],
         run=run,
         distance=distance,
-        counted=counted,
-        motion=motion,
-        place=place,
+        counted=cut.counted,
+        motion=cut.motion,
+        place=cut.place,
     )
 
 
