@@ -36,7 +36,9 @@ from ph_post.units import MM
 _ROUNDING = 1e-6
 """A time that is longer than whole steps by no more than this part of one is rounding."""
 
-PRECONDITIONS = "assumed: work offset G54, feed override 100 percent, tool length and spindle as set before"
+PRECONDITIONS = (
+    "assumed: work offset G54, not rotated, feed override 100 percent, tool length and spindle as set before"
+)
 """What programs of most machine tools take for granted."""
 
 

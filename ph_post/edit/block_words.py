@@ -11,6 +11,7 @@ import numpy as np
 
 from ph_post.edit.edits import MotionPart
 from ph_post.errors import InputError
+from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.motion_parts import place, split_cubic
 from ph_post.gcode.program import ARC, AXES, CENTERS, CUBIC, PLANE_AXES, Modal, PartProgram
 from ph_post.types import Array, IntArray
@@ -20,9 +21,6 @@ MOTION_WORDS: Final = {
     number: f"G{number:g}" for number in (0, 1, 2, 3, 5, 5.1, 5.2, 5.3, 33, 33.1, 38.2, 38.3, 38.4, 38.5, *_CANNED)
 }
 """Words that set the motion mode, by the number behind the G."""
-
-_APART: Final = (4.0, 10.0, 28.0, 28.1, 30.0, 30.1, 92.0, 92.1, 92.2, 92.3)
-"""G words whose block uses its axis words for itself."""
 
 AFTER_MOTION: Final = (0.0, 1.0, 2.0, 30.0, 60.0)
 """M words that RS274/NGC executes after the motion of their block; all others go before it."""
@@ -95,7 +93,7 @@ def relies_on_mode(program: PartProgram, block: int) -> bool:
     words, moves = program.words, False
     for word in program.words_of(block):
         letter, value = chr(int(words.letter[word])), float(words.value[word])
-        if letter == "G" and (value in MOTION_WORDS or value in _APART):
+        if letter == "G" and (value in MOTION_WORDS or takes_axes(value)):
             return False
         moves |= letter in MOTION_LETTERS
     return moves

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -97,6 +98,9 @@ def written_offsets(axis: Axis, dialect: Dialect, units: float) -> tuple[float, 
     return minus, plus
 
 
+_WORK_SYSTEMS: Final = (2.0, 20.0)
+"""L words with which G10 sets a work offset."""
+
 _COMMENT: Final = re.compile(rb"\([^)\r\n]*\)|;[^\r\n]*")
 
 _OWN_ON: Final = re.compile(rb"^[ \t]*M425\b(?![^;\r\n]*F0*\.?0*(?:[^.\d]|$))", re.IGNORECASE | re.MULTILINE)
@@ -135,8 +139,10 @@ def why_not_editable(program: PartProgram) -> list[str]:
     words = program.words
     turned = (words.letter == ord("G")) & (words.digits == 10) & (words.decimals == 0)
     for block in words.block[turned].tolist():
-        own = program.words_of(block)
-        if any(words.letter[word] == ord("R") and words.value[word] != 0.0 for word in own):
+        own = {chr(words.letter[word]): float(words.value[word]) for word in program.words_of(block)}
+        # With other L words G10 sets tools (R is a radius then) and parameters; a computed L may be any.
+        systems = math.isnan(own.get("L", math.nan)) or own["L"] in _WORK_SYSTEMS
+        if systems and own.get("R", 0.0) != 0.0:
             troubles.append(f"line {block + 1} turns the work system (G10 with R) away from the axes")
     if len(program_units(program)) > 1:
         troubles.append("it moves in mm and in inches")

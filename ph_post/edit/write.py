@@ -36,6 +36,9 @@ _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _WIDEST: Final = 10**7
 """Offsets, in steps, that are counted in a table of their own."""
 
+UNTURNED: Final = "holds for work offsets that are not rotated, mirrored or scaled"
+"""Note in the head of every compensated program: reversals are those of the machine's axes."""
+
 _LARGEST: Final = 10**13
 """Numbers of more digits than this would not survive the sum with an offset."""
 
@@ -312,5 +315,5 @@ def declare(
         path_mode=path_mode,
         dialect=program.language.name,
         commands=dialect.notices.guard,
-        notes=notes,
+        notes=(UNTURNED, *notes),
     )

@@ -172,6 +172,24 @@ for _number, _codes in _GROUPS.items():
 FRAMES = np.array([[70, 80], [160, 150], [510, 500], [511, 501], [680, 690]])
 """Words that make the frame another, and words that end that: diameters (G7), polar coordinates (G16), scaled
 (G51), mirrored (G51.1), turned (G68)."""
+TAKES_AXES = (GROUP < 0) | (GROUP == 0) | (GROUP == 17)
+TAKES_AXES[[431, 432, 530]] = True, True, False
+"""Words that take the axis words of their block for themselves, or may, as nobody knows them (by ten times their
+number); beside all others, and G53, axis words are a motion."""
+
+
+def takes_axes(number: float) -> bool:
+    """Return True if a G word takes the axis words of its block for itself, or is not known.
+
+    Examples
+    --------
+    >>> takes_axes(68.0), takes_axes(28.0), takes_axes(54.0), takes_axes(53.0)
+    (True, True, False, False)
+    """
+    code = 10.0 * number
+    return not (0.0 <= code < GROUP.size and abs(code - round(code)) < 1e-6) or bool(TAKES_AXES[round(code)])
+
+
 FIELD = np.array(
     [
         -1,

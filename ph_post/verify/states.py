@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from ph_post.gcode.codes import takes_axes
 from ph_post.gcode.program import Modal, PartProgram, PlaceArray, expand, runs
 from ph_post.types import Array, IntArray
 from ph_post.verify.line_pairs import NO_CHANGE, VerifyCase
@@ -18,6 +19,8 @@ _GEOMETRY = np.frombuffer(b"XYZABCUVWIJKRFNPQ", dtype=np.uint8)
 
 _FREE = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 5.1, 61.0, 61.1, 64.0, 90.0, 91.0, 90.1, 91.1, 93.0, 94.0)
 """G words a change may bring: moves, dwells, and modes that are checked to be set back."""
+
+_MOTIONS = (0.0, 1.0, 2.0, 3.0, 5.0, 5.1)
 
 _G = ord("G")
 _COMMENT = re.compile(rb"\([^)\r\n]*\)?|;[^\r\n]*")
@@ -45,8 +48,37 @@ def check_commands(case: VerifyCase) -> None:
     case.findings.count("commands in changes", old.shape[1])
     if not np.array_equal(old, new):
         _report_commands(case, old, new)
+    _check_motion_words(case)
     for change in np.flatnonzero(case.lines.changes.old_last > case.lines.changes.old_first).tolist():
         _check_remarks(case, change)
+
+
+def _check_motion_words(case: VerifyCase) -> None:
+    """Demand that no change puts a motion word beside a word that takes the axis words of its line for itself.
+
+    On such a line as ``G68 X0 Y0 R30`` the axis words would then be a motion.
+    """
+    changes = case.lines.changes
+    found = _axis_takers(case.compensated, expand(changes.new_first, changes.new_last)[0])
+    known = _axis_takers(case.original, expand(changes.old_first, changes.old_last)[0]).values() if found else ()
+    for line, own in found.items():
+        if any(value in _MOTIONS for value in own) and own not in known:
+            text = quoted(case.compensated.text(line).strip())
+            what = "a motion word stands beside a word that takes the axis words"
+            case.findings.add("command", what, compensated=line, got=text)
+
+
+def _axis_takers(program: PartProgram, lines: IntArray) -> dict[int, list[float]]:
+    """Return the G words of those of some lines that have one which takes the axis words, by line."""
+    words = program.words
+    codes = words.letter == _G
+    takes = {value: takes_axes(value) for value in np.unique(words.value[codes]).tolist()}
+    which = np.flatnonzero(codes & np.isin(words.value, [value for value, own in takes.items() if own]))
+    blocks = np.intersect1d(words.block[which], lines).tolist()
+    return {
+        block: sorted(float(words.value[w]) for w in program.words_of(block) if words.letter[w] == _G)
+        for block in blocks
+    }
 
 
 def _commands(program: PartProgram, change: PlaceArray) -> Array:

@@ -114,6 +114,7 @@ def test_a_head_tells_the_warnings_where_nobody_sees_them_elsewhere():
     request = replace(asked(), noted=True)
     found = delivered(text, request=request).after.data
     notes = [line for line in found.splitlines() if line.startswith(b"(ph-post: note ")]
+    assert notes.pop(0) == b"(ph-post: note holds for work offsets that are not rotated, mirrored or scaled)"
     assert notes[0] == b"(ph-post: note warning: line 2: parameter: _1=1: passed through unchanged)"
     assert notes[NOTED].endswith(b" more warnings)")
     assert len(notes) == NOTED + 1

@@ -52,7 +52,7 @@ _STEP: Final = 10
 _LAST: Final = "N99999999"
 
 _ASSUMED: Final = (
-    "assumed: datum set, feed override 100 percent, tool called with axis Z and spindle on as set before",
+    "assumed: datum set, not rotated, feed override 100 percent, tool called with axis Z and spindle on as set before",
     end_remark("M30"),
 )
 _NOT_EDITABLE: Final = (

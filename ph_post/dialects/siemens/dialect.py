@@ -147,7 +147,8 @@ DIALECT = Dialect(
     language=Language(read=read_siemens),
     notices=Notices(
         assumed=(
-            "assumed: work offset G54, feed override 100 percent, tool, its length and spindle as set before",
+            "assumed: work offset G54, not rotated, feed override 100 percent, tool, its length and spindle as set"
+            " before",
             "assumed: polynomial interpolation is enabled, axes and coefficients fit into a block, and positions"
             " are rounded to the resolution of the control alone, MD10200",
             "the compressor is switched off by COMPOF and stays off",
