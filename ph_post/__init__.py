@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ph_post.api.checks import diff, rehearse, verify
-    from ph_post.api.compensation import Compensation, compensate, undo
+    from ph_post.api.compensation import compensate, undo
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
     from ph_post.api.motion import Inspection, Simulation, StrategyComparison, compare, inspect, simulate
+    from ph_post.api.outcomes import Compensation
     from ph_post.diff.compare import Comparison
     from ph_post.errors import InputError, PhPostError
     from ph_post.gcode.program import PartProgram
@@ -63,10 +64,11 @@ __all__ = [
 
 _HOMES: Final = {
     "api.checks": ("diff", "rehearse", "verify"),
-    "api.compensation": ("Compensation", "compensate", "undo"),
+    "api.compensation": ("compensate", "undo"),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
     "api.motion": ("Inspection", "Simulation", "StrategyComparison", "compare", "inspect", "simulate"),
+    "api.outcomes": ("Compensation",),
     "diff.compare": ("Comparison",),
     "errors": ("InputError", "PhPostError"),
     "gcode.program": ("PartProgram",),

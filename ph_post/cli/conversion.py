@@ -15,8 +15,10 @@ from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.progress import Progress
 
 if TYPE_CHECKING:
-    from ph_post.api.compensation import Compensation, PathCompensation, ProgramCompensation
     from ph_post.api.options import CompensateOptions
+    from ph_post.api.outcomes import Compensation
+    from ph_post.api.path_compensation import PathCompensation
+    from ph_post.api.program_compensation import ProgramCompensation
     from ph_post.api.programs import CompensatedProgram
     from ph_post.compensate.options import PlanOutput
     from ph_post.files.storage import Content, SourceBytes
@@ -59,7 +61,7 @@ def converted_program(
     raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False
 ) -> ProgramCompensation:
     """Compensate a part program, whatever its name ends with; as :func:`converted`."""
-    from ph_post.api.compensation import ProgramCompensation
+    from ph_post.api.program_compensation import ProgramCompensation
 
     result = ProgramCompensation(raw, how["machine"], options_for_program(how, noted), "program", progress)
     if result.options.require_all:
@@ -92,7 +94,8 @@ def _options(how: Mapping[str, Any], noted: bool = False) -> CompensateOptions:
 
 def conversion_lines(result: Compensation) -> tuple[str, ...]:
     """Say what was done in one line, and what was left alone or has to be known in one line each."""
-    from ph_post.api.compensation import PathCompensation, ProgramCompensation
+    from ph_post.api.path_compensation import PathCompensation
+    from ph_post.api.program_compensation import ProgramCompensation
     from ph_post.report.programs import program_summary
     from ph_post.report.tables import plan_summary
 
@@ -105,12 +108,10 @@ def conversion_lines(result: Compensation) -> tuple[str, ...]:
 
 def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> int:
     """Compensate a path file, or a part program as a path, and write what the options ask for."""
-    from ph_post.api.compensation import (
-        PathCompensation,
-        ProgramCompensation,
-        compensated,
-        require_all_compensated,
-    )
+    from ph_post.api.compensation import compensated
+    from ph_post.api.outcomes import require_all_compensated
+    from ph_post.api.path_compensation import PathCompensation
+    from ph_post.api.program_compensation import ProgramCompensation
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.files.table import table_content
@@ -169,7 +170,7 @@ def _view(
     path: PathCompensation, plans: dict[PlanOutput, Plan], found: Mapping[PlanOutput, ResultSummary], simulated: bool
 ) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return the JSON object, and the plans with what the simulation has to say about them."""
-    from ph_post.api.compensation import with_warnings
+    from ph_post.api.path_compensation import with_warnings
     from ph_post.report.result_line import plan_result_view
     from ph_post.report.simulations import error_view, table_would_reach
 

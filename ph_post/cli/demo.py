@@ -32,7 +32,8 @@ def command(out: str, as_json: bool) -> int:
     JSON:
       the same object as of convert, of the program
     """
-    from ph_post.api.compensation import ProgramCompensation, compensate
+    from ph_post.api.compensation import compensate
+    from ph_post.api.program_compensation import ProgramCompensation
     from ph_post.cli.conversion import print_results
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import make_folder, read_raw, shipped, write_atomically

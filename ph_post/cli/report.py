@@ -160,8 +160,8 @@ def _of_log(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progr
 
 
 def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
-    from ph_post.api.compensation import compensated_path
     from ph_post.api.options import CompensateOptions
+    from ph_post.api.path_compensation import compensated_path
     from ph_post.report.product import motion_product
     from ph_post.report.traces import path_picture
 

@@ -14,8 +14,8 @@ from typing import Any, Final, NamedTuple
 
 import click
 
-from ph_post.api.compensation import ProgramCompensation
 from ph_post.api.inputs import read_machine
+from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.cli import options
 from ph_post.cli.conversion import conversion_lines, converted, silenced
 from ph_post.cli.outputs import refuse_bad_suffix

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ph_post.api.compensation import ProgramCompensation
+from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.reversals import ProgramReversal
 from ph_post.files.check import counted

@@ -131,13 +131,13 @@ def test_every_command_falls_back_to_feeds_where_the_dialect_writes_no_jogs(tmp_
     """Jogs between two stops are blended away where a dwell does not stop the axes."""
     monkeypatch.chdir(tmp_path)
     dialect = "linuxcnc"
-    from ph_post.api import compensation
+    from ph_post.api import path_compensation
 
     def refuse(jogs, dialect):
         if jogs:
             raise ph.InputError("--dialect", "cannot write jogs")
 
-    monkeypatch.setattr(compensation, "check_jogs", refuse)
+    monkeypatch.setattr(path_compensation, "check_jogs", refuse)
     words = ("--effort", str(QUICK), "--max-slowdown", "0.5")
     Path("oval.json").write_bytes((ROOT / "paths" / "oval.json").read_bytes())
     status = main([*command, "oval.json", "-m", "router", "--dialect", dialect, *words])

@@ -1,0 +1,129 @@
+"""What a compensation gives, of a path and of a part program alike."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from ph_post.api.inputs import Source
+from ph_post.api.options import CompensateOptions
+from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
+from ph_post.compensate.options import PlanOutput
+from ph_post.errors import NotCompensatedError
+from ph_post.files.check import counted
+from ph_post.files.storage import write_atomically
+from ph_post.files.table import table_content
+from ph_post.types import Command, Machine
+
+
+class Compensation(ABC):
+    """Result of :func:`compensate`: the motion before and after, and the outputs to write.
+
+    `machine` and `options` are those of the request; `before` and `after` are motions of the `output`, program or
+    table. The other output is planned when it is first used.
+    """
+
+    machine: Machine
+    options: CompensateOptions
+    output: PlanOutput
+
+    @property
+    @abstractmethod
+    def before(self) -> MotionResult:
+        """The plain motion, without compensation."""
+
+    @property
+    @abstractmethod
+    def after(self) -> MotionResult:
+        """The compensated motion."""
+
+    @property
+    @abstractmethod
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings: what was reduced or not compensated, a sentence each."""
+
+    @property
+    @abstractmethod
+    def axis_reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals of every axis with backlash."""
+
+    @property
+    def reversals(self) -> ReversalCount:
+        """Numbers of compensated reversals and of all, of axes with backlash."""
+        rows = self.axis_reversals
+        return ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows))
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes with a compensated reversal."""
+        return tuple(row.axis for row in self.axis_reversals if row.compensated)
+
+    def check_all(self) -> None:
+        """Refuse a result in which a reversal at which the tool cuts is not compensated.
+
+        Raises
+        ------
+        NotCompensatedError
+        """
+        require_all_compensated(self.axis_reversals, self.warnings)
+
+    @abstractmethod
+    def program(self) -> bytes:
+        """Return the compensated part program.
+
+        Raises
+        ------
+        InputError
+            Where the dialect cannot write it, or an option does not fit.
+        """
+
+    @abstractmethod
+    def table(self) -> Command:
+        """Return the rows of the interpolator table; of a part program it is that of its longest path."""
+
+    def write(self, target: Source) -> None:
+        """Write the compensated part program to a file, whole or not at all.
+
+        Parameters
+        ----------
+        target : str or path
+            A file name, or ``-`` for standard output.
+
+        Raises
+        ------
+        InputError
+            As :meth:`program`, and where the file cannot be written.
+        """
+        write_atomically({os.fspath(target): self.program()})
+
+    def write_table(self, target: Source) -> None:
+        """Write the interpolator table to a file, whole or not at all.
+
+        Parameters
+        ----------
+        target : str or path
+            A name that ends with ``.csv``, ``.npz`` or ``.parquet``, or ``-`` for CSV on standard output.
+
+        Raises
+        ------
+        InputError
+            As :meth:`table`, and where the file cannot be written.
+        """
+        name = os.fspath(target)
+        write_atomically({name: table_content(self.table(), name)})
+
+
+def require_all_compensated(rows: Sequence[AxisReversals], warnings: Sequence[str]) -> None:
+    """Refuse reversals at which the tool cuts and which are not compensated.
+
+    Raises
+    ------
+    NotCompensatedError
+        With the axes, and the first of the warnings that says why.
+    """
+    left = [row for row in rows if row.cut]
+    if left:
+        what = ", ".join(f"{row.axis} at {row.cut} of {counted(row.all, 'reversal')}" for row in left)
+        why = next((f"; {word}" for word in warnings if "not compensated" in word), "")
+        raise NotCompensatedError(f"--require-all: not compensated: {what}{why}; nothing was written")

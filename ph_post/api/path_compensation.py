@@ -1,0 +1,197 @@
+"""Compensate a path: as a plan of its own for each output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import msgspec
+import numpy as np
+
+from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.inputs import Source, analyse_job, machine_warnings
+from ph_post.api.options import CompensateOptions
+from ph_post.api.outcomes import Compensation
+from ph_post.api.results import AxisReversals, PlannedMotion, count_reversals
+from ph_post.compensate.comparison import strategy_at
+from ph_post.compensate.motion import without_strategy
+from ph_post.compensate.offsets import lead_in
+from ph_post.compensate.options import PlanOutput
+from ph_post.compensate.plan import make_plan
+from ph_post.compensate.strategies.registry import PLAIN, find_traits
+from ph_post.dialects.registry import find_dialect
+from ph_post.errors import InputError
+from ph_post.files.storage import SourceBytes
+from ph_post.geometry.piecewise import MEETS
+from ph_post.post.moves import check_jogs, read_jogs
+from ph_post.post.program import make_program
+from ph_post.progress import Progress
+from ph_post.types import Command, Machine, Path, Plan, TurningPoint, frozen
+
+
+class PathCompensation(Compensation):
+    """A compensated path.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        With a machine.
+    notes : tuple of str
+        Parts of a part program that the path does not show.
+    options : CompensateOptions
+    output : "program" or "table"
+        Output that is planned at once.
+    progress : callable
+    """
+
+    def __init__(
+        self,
+        analysis: Analysis,
+        notes: tuple[str, ...],
+        options: CompensateOptions,
+        output: PlanOutput,
+        progress: Progress,
+    ) -> None:
+        assert analysis.machine is not None
+        self.analysis, self.machine, self.options, self.output = analysis, analysis.machine, options, output
+        self.notes = notes
+        self._progress = progress
+        self._plans: dict[PlanOutput, Plan] = {}
+        self._texts: dict[PlanOutput, bytes] = {}
+        self._motions: dict[PlanOutput, PlannedMotion] = {}
+        self._written: set[PlanOutput] = set()
+        plan = self.plan(output)
+        self._plans[output] = with_warnings(plan, *machine_warnings(self.machine, analysis.path.axes))
+
+    @property
+    def plans(self) -> Mapping[PlanOutput, Plan]:
+        """The plans that were made so far, by output, with their warnings."""
+        return self._plans
+
+    def plan(self, output: PlanOutput) -> Plan:
+        """Return the plan for an output."""
+        if output not in self._plans:
+            self._progress(f"planning the {output}")
+            found = make_plan(self.analysis, self.options.plan(output), self._progress)
+            if output == "program" and find_traits(found.strategy).chooses:
+                found = self._writable(found)
+            self._plans[output] = found
+        return self._plans[output]
+
+    def _writable(self, plan: Plan) -> Plan:
+        """Return the plan, or one of feeds alone where the dialect cannot write what it adds to the path."""
+        try:
+            check_jogs(read_jogs(plan).jogs, find_dialect(plan.machine.dialect))
+        except InputError as error:
+            self._progress("planning the program once more, by feeds alone")
+            feeds = make_plan(self.analysis, self.options.plan("program", feed_only=True), self._progress)
+            reason = str(error).removeprefix("--dialect: ")
+            return with_warnings(feeds, f"nothing is added to the path: {reason}")
+        return plan
+
+    def motion(self, output: PlanOutput) -> PlannedMotion:
+        """Return the compensated motion of an output."""
+        if output not in self._motions:
+            self._motions[output] = PlannedMotion(self.analysis, self.plan(output))
+        return self._motions[output]
+
+    @cached_property
+    def before(self) -> PlannedMotion:
+        """The plain motion, without compensation."""
+        return PlannedMotion(self.analysis, without_strategy(self.plan(self.output)))
+
+    @property
+    def after(self) -> PlannedMotion:
+        """The compensated motion."""
+        return self.motion(self.output)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings: what was reduced or not compensated, a sentence each."""
+        if self.output == "program":
+            self.program()
+        said = (word for plan in self._plans.values() for word in plan.warnings)
+        return tuple(dict.fromkeys((*self.notes, *said)))
+
+    @property
+    def axis_reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals of every axis with backlash."""
+        return self.count(self.output)
+
+    def count(self, output: PlanOutput) -> tuple[AxisReversals, ...]:
+        """Count the reversals in the plan of an output by axis; none is at the rest with which a motion begins."""
+        plan = self.plan(output)
+        rests = bool(plan.phases) and plan.phases[0].speed[0] == 0.0
+        length = self.analysis.track.length
+        points = [one for one in plan.turning_points if not rests or MEETS < one.s < length - MEETS]
+        cuts = [not plan.path.segments[segment].rapid for segment in self._segments_behind(points)]
+        rows = ((point.axis, strategy_at(plan, point) != PLAIN, cut) for point, cut in zip(points, cuts, strict=True))
+        return count_reversals(rows, plan.machine)
+
+    def _segments_behind(self, points: Sequence[TurningPoint]) -> list[int]:
+        """Numbers of the segments that begin at, or hold, turning points."""
+        track = self.analysis.track
+        s = np.array([point.s for point in points]) + MEETS
+        s = np.where(s > track.length, s - track.length if track.closed else track.length, s)
+        return [int(track.segment[piece]) for piece in track.locate(s)[0].tolist()]
+
+    def program(self) -> bytes:
+        """Return the compensated part program."""
+        if "program" not in self._texts:
+            plan = self.plan("program")
+            self._progress("writing the program")
+            dialect = find_dialect(plan.machine.dialect)
+            made = make_program(plan, self.analysis.track, dialect, self.options.writing)
+            plan = self._plans["program"] = with_warnings(plan, *made.warnings)
+            notes = plan.warnings if self.options.notes_in_header else ()
+            head = [line for word in notes for line in dialect.comment(f"warning: {word}")]
+            self._texts["program"] = "".join([*(f"{line}\n" for line in head), made.text]).encode()
+            self._compare("program")
+        return self._texts["program"]
+
+    def table(self) -> Command:
+        """Return the rows of the interpolator table; those before the path begins have negative times."""
+        rows = self.motion("table")
+        self._progress("sampling the interpolator table")
+        if "table" not in self._written:
+            self._compare("table")
+        plan = self.plan("table")
+        begin = lead_in(plan.phases, plan.crossings)
+        return msgspec.structs.replace(rows.command, t=frozen(rows.command.t - begin)) if begin else rows.command
+
+    def _compare(self, written: PlanOutput) -> None:
+        """Say what the table holds that the program beside it cannot, once both are made."""
+        self._written.add(written)
+        if len(self._written) < 2:
+            return
+        table, program = self._plans["table"], self._plans["program"]
+        held = ["inverse dynamics"] if table.inverse_dynamics else []
+        held += ["crossings of the gap"] if table.crossings and not program.crossings else []
+        if held:
+            caveat = f"the program cannot carry the {' and '.join(held)} of the table"
+            self._plans["program"] = with_warnings(program, caveat)
+
+
+def with_warnings(plan: Plan, *more: str) -> Plan:
+    """Add warnings to a plan's own."""
+    return msgspec.structs.replace(plan, warnings=(*plan.warnings, *more))
+
+
+def compensated_path(
+    job: Path | SourceBytes,
+    machine: Machine | Source,
+    options: CompensateOptions,
+    output: PlanOutput,
+    progress: Progress,
+) -> PathCompensation:
+    """Compensate a path, or the longest path of a part program."""
+    analysis, notes = analyse_job(
+        job,
+        machine,
+        tolerance=options.tolerance,
+        feed=options.feed,
+        dialect=options.dialect,
+        interval_table=options.interval_table,
+        progress=progress,
+    )
+    return PathCompensation(analysis, notes, options, output, progress)

@@ -1,0 +1,160 @@
+"""Compensate a part program: only what has to change of it is changed."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import msgspec
+
+from ph_post.api.inputs import Source, machine_named, program_in, raw_job
+from ph_post.api.options import CompensateOptions
+from ph_post.api.outcomes import Compensation
+from ph_post.api.path_compensation import PathCompensation, compensated_path
+from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
+from ph_post.api.results import AxisReversals, MotionResult, ProgramMotion, count_reversals
+from ph_post.api.reversals import ProgramReversal, program_reversals
+from ph_post.compensate.options import PlanOutput
+from ph_post.compensate.strategies.registry import PLAIN
+from ph_post.dialects.planners import planner_notes
+from ph_post.drive.axes import gravity_notes
+from ph_post.files.storage import SourceBytes
+from ph_post.gcode.program import PartProgram
+from ph_post.progress import Progress
+from ph_post.simulate.controllers.run import moved_axes
+from ph_post.types import Command, Machine
+from ph_post.verify.verdict import Verdict
+
+
+class ProgramCompensation(Compensation):
+    """A compensated part program: only what has to change of it is changed.
+
+    Parameters
+    ----------
+    job : PartProgram or SourceBytes
+    machine : Machine, str or path
+    options : CompensateOptions
+    output : "program" or "table"
+        Output that is made at once; the table is that of the program's longest path.
+    progress : callable
+    """
+
+    def __init__(
+        self,
+        job: PartProgram | SourceBytes,
+        machine: Machine | Source,
+        options: CompensateOptions,
+        output: PlanOutput,
+        progress: Progress,
+    ) -> None:
+        self.options, self.output, self._progress = options, output, progress
+        self._job, self._named = job, machine
+        if output == "table":
+            self.machine = self.longest.machine
+            return
+        options.check_for_program()
+        progress("reading")
+        self.machine, _ = machine_named(machine, options.dialect)
+        assert self.edited is not None
+
+    @cached_property
+    def longest(self) -> PathCompensation:
+        """The compensation of the program's longest path."""
+        machine = self._named if self.output == "table" else self.machine
+        return compensated_path(raw_job(self._job), machine, self.options, "table", self._progress)
+
+    @cached_property
+    def request(self) -> ProgramRequest:
+        """Request to compensate the program itself."""
+        options = self.options
+        return ProgramRequest(
+            plan=options.plan("program"),
+            edit=options.editing,
+            force=options.force,
+            noted=options.notes_in_header,
+        )
+
+    @cached_property
+    def edited(self) -> CompensatedProgram:
+        """The program before and after, with the changes."""
+        self.options.check_for_program()
+        program = program_in(self._job, self.machine.dialect, strict=self.options.strict)
+        return compensate_program(program, self.machine, self.request, self._progress)
+
+    @property
+    def original(self) -> PartProgram:
+        """The original program, recovered where the job was compensated before."""
+        return self.edited.before
+
+    @property
+    def unchanged(self) -> bool:
+        """True where nothing had to change."""
+        return self.edited.after.data == self.edited.before.data
+
+    @property
+    def already_compensated(self) -> bool:
+        """True where the job was this very compensation already."""
+        return self.edited.done
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Verdict of :func:`ph_post.verify` on the result; None where nothing was changed."""
+        return self.edited.verdict
+
+    @cached_property
+    def before(self) -> MotionResult:
+        """The plain motion, without compensation."""
+        if self.output == "table":
+            return self.longest.before
+        if self.edited.motions is not None:
+            return self.edited.motions[0]
+        return ProgramMotion(self.original, self.original, self.machine, "original", self._progress)
+
+    @cached_property
+    def after(self) -> MotionResult:
+        """The compensated motion."""
+        if self.output == "table":
+            return self.longest.after
+        if self.unchanged:
+            return self.before
+        if self.edited.motions is not None:
+            return self.edited.motions[1]
+        assert isinstance(self.before, ProgramMotion)
+        name = "compensated program"
+        return ProgramMotion(self.edited.after, self.original, self.machine, name, self._progress, self.before)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings: what was passed through, reduced or not compensated, a sentence each."""
+        if self.output == "table":
+            return self.longest.warnings
+        said = (*gravity_notes(self.machine, moved_axes(self.original)), *planner_notes(self.machine))
+        return (*self.edited.warnings, *said)
+
+    @property
+    def axis_reversals(self) -> tuple[AxisReversals, ...]:
+        """Numbers of reversals of every axis with backlash."""
+        if self.output == "table":
+            return self.longest.axis_reversals
+        rows = ((one.point.axis, one.strategy != PLAIN, one.cut) for one in self.places)
+        return count_reversals(rows, self.machine)
+
+    @cached_property
+    def planned(self) -> CompensatedProgram:
+        """The program with its changes, found again where the job was compensated before."""
+        if not self.already_compensated:
+            return self.edited
+        anew = msgspec.structs.replace(self.request, force=True)
+        return compensate_program(self.original, self.machine, anew, self._progress)
+
+    @cached_property
+    def places(self) -> list[ProgramReversal]:
+        """The reversals of the program, and what is done at each."""
+        return program_reversals(self.planned, self.machine, self.options.tolerance)
+
+    def program(self) -> bytes:
+        """Return the compensated part program."""
+        return self.edited.after.data
+
+    def table(self) -> Command:
+        """Return the rows of the interpolator table of the program's longest path."""
+        return self.longest.table()
