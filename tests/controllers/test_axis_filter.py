@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.axis import MISSING, WHY_NOT, Axis, running_axis
+from support.axis import MISSING, PATIENCE, WHY_NOT, Axis, running_axis
 from support.pipelines import ROOT
 from support.shop import SLOT
 
@@ -40,7 +40,8 @@ def axis() -> Iterator[Axis]:
 
 def opened(axis: Axis, program: Path) -> tuple[Path, str]:
     """Open a file; what LinuxCNC has loaded then, and the program as the screen shows it."""
-    assert axis.open(program).wait(120) == 0
+    with axis.opening(program) as process:
+        assert process.wait(PATIENCE) == 0
     seen = axis.look()
     assert not seen["dialog"], seen["dialog"]
     return Path(seen["file"]), without_numbers(seen["shown"])
@@ -48,7 +49,7 @@ def opened(axis: Axis, program: Path) -> tuple[Path, str]:
 
 def message(axis: Axis) -> dict[str, Any]:
     """Wait until a message stands in front of the screen."""
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + PATIENCE
     while not (seen := axis.look())["dialog"]:
         assert time.monotonic() < end
         time.sleep(0.5)
@@ -91,13 +92,12 @@ def test_what_cannot_be_filtered_is_told_in_a_line(axis: Axis) -> None:
     before = axis.look()["file"]
     bad = axis.folder / "bad.ngc"
     bad.write_text(SLOT.replace("G3 X30 Y12 I0 J6", "G3 X30 Y12 I0 J7"))
-    waiting = axis.open(bad)
-    seen = message(axis)
-    text = "\n".join(seen["dialog"])
-    assert "exited with code 2" in text
-    said = [line for line in text.splitlines() if line.startswith("ph-post: ")]
-    assert len(said) == 1
-    assert f"{bad}:7:" in said[0]
-    assert "FILTER_PROGRESS" not in text
-    assert axis.look("close")["file"] == before
-    waiting.wait(60)
+    with axis.opening(bad):
+        seen = message(axis)
+        text = "\n".join(seen["dialog"])
+        assert "exited with code 2" in text
+        said = [line for line in text.splitlines() if line.startswith("ph-post: ")]
+        assert len(said) == 1
+        assert f"{bad}:7:" in said[0]
+        assert "FILTER_PROGRESS" not in text
+        assert axis.look("close")["file"] == before

@@ -22,8 +22,11 @@ NEEDED = ("linuxcnc", "axis", "axis-remote", "Xvfb")
 MISSING = [name for name in NEEDED if shutil.which(name, path=SYSTEM) is None]
 WHY_NOT = f"not installed here: {', '.join(MISSING)} ({INSTALL} xvfb)"
 
-START_UP = 60.0
-"""Time within which the screen has to answer [s]."""
+PATIENCE = 300.0
+"""Time after which the screen counts as dead [s]: beside other work on a busy computer it may take long."""
+
+ANSWER = 30.0
+"""Time after which a question is put again [s]."""
 
 SPY = r"""
 import json, sys, tkinter
@@ -64,9 +67,15 @@ class Axis:
         self.folder = folder
         self._environment = environment
 
-    def open(self, program: Path) -> subprocess.Popen[bytes]:
+    @contextlib.contextmanager
+    def opening(self, program: Path) -> Iterator[subprocess.Popen[bytes]]:
         """Open a file as ``axis-remote`` does; it comes back when the file is loaded, or the message read."""
-        return subprocess.Popen(["axis-remote", str(program)], env=self._environment)
+        with subprocess.Popen(["axis-remote", str(program)], env=self._environment) as process:
+            try:
+                yield process
+                process.wait(PATIENCE)
+            finally:
+                process.kill()
 
     def ready(self) -> bool:
         """Tell whether it answers, and has opened the program that it opens by itself."""
@@ -76,15 +85,24 @@ class Axis:
         return bool(seen["file"]) and not seen["busy"]
 
     def look(self, *words: str) -> dict[str, Any]:
-        """See which file LinuxCNC has loaded, what the screen shows, and the message in front of it."""
+        """See which file LinuxCNC has loaded, what the screen shows, and the message in front of it.
+
+        A question that meets the screen while it waits for another program may get no answer: it is put again.
+        """
         command = ["/usr/bin/python3", "-c", SPY, *words]
-        done = subprocess.run(command, env=self._environment, capture_output=True, timeout=60, check=True)
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                done = subprocess.run(command, env=self._environment, capture_output=True, timeout=ANSWER, check=True)
+                break
+            except subprocess.TimeoutExpired:
+                assert time.monotonic() < end
         found: dict[str, Any] = json.loads(done.stdout)
         return found
 
     def call(self, *words: str) -> bool:
         """Run a command of the machine's in the screen's surroundings; whether it succeeded."""
-        done = subprocess.run(words, env=self._environment, capture_output=True, timeout=60, check=False)
+        done = subprocess.run(words, env=self._environment, capture_output=True, timeout=PATIENCE, check=False)
         return done.returncode == 0
 
 
@@ -144,7 +162,7 @@ def _run(ini: Path, axis: Axis, environment: dict[str, str]) -> Iterator[Axis]:
             start_new_session=True,
         )
         try:
-            end = time.monotonic() + START_UP
+            end = time.monotonic() + PATIENCE
             while not axis.ready():
                 assert process.poll() is None, log.read_text(errors="replace")
                 assert time.monotonic() < end, log.read_text(errors="replace")
