@@ -203,9 +203,11 @@ class NumberFormat(msgspec.Struct, frozen=True, kw_only=True):
     decimals : int
         Decimals of lengths in mm.
     feed_digits : int
-        Significant digits of F words and dwells.
+        Most significant digits of F words, of feeds that change within a block, and of dwells.
     feed_decimals : int or None
         Decimals of F, where a controller counts those and not digits; never less than the last of them.
+    least_feed : float
+        Least feed [mm/min] at which the controller moves, whatever F says; no F is less.
     point : bool
         Whether every length, and every feed, has to have a decimal point: without one it may be counted in
         increments.
@@ -217,11 +219,15 @@ class NumberFormat(msgspec.Struct, frozen=True, kw_only=True):
     >>> fanuc = NumberFormat(decimals=3, feed_digits=6, feed_decimals=2, point=True)
     >>> fanuc.length(12000), fanuc.feed(1200.0), fanuc.counts([0.0125]).tolist(), f"{fanuc.quantum:.0e}"
     ('12.', '1200.', [12500], '1e-06')
+    >>> grbl = NumberFormat(decimals=4, feed_digits=6, least_feed=1.0)
+    >>> grbl.feed(0.025), grbl.inverse_time(0.025)
+    ('1', '0.025')
     """
 
     decimals: int
     feed_digits: int
     feed_decimals: int | None = None
+    least_feed: float = 0.0
     point: bool = False
     plus: bool = False
 
@@ -244,7 +250,11 @@ class NumberFormat(msgspec.Struct, frozen=True, kw_only=True):
         return sign + self._pointed(decimal_text(count, self.decimals if decimals is None else decimals))
 
     def feed(self, value: float) -> str:
-        """Write a feed [mm/min], or an inverse time [1/min]."""
+        """Write a feed [mm/min]."""
+        return self.inverse_time(max(value, self.least_feed))
+
+    def inverse_time(self, value: float) -> str:
+        """Write the F of a block under G93 [1/min], which has no least."""
         if self.feed_decimals is not None:
             count = max(1, round(value * 10**self.feed_decimals))
             return self._pointed(decimal_text(count, self.feed_decimals))

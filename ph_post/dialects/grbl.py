@@ -69,7 +69,7 @@ DIALECT = Dialect(
         inverse_time=frozenset(("line",)),
         stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
     ),
-    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
     recording=Recording(lines=status_reports),
     planner=PLANNER,
 )

@@ -27,6 +27,7 @@ from ph_post.dialects.base import (
 )
 from ph_post.dialects.grbl import PLANNER, status_reports
 from ph_post.types import Array
+from ph_post.units import MM_PER_MIN
 
 _DECIMALS: Final = 4
 """0.1 µm, as for Grbl: single precision has no more at the size of such machines."""
@@ -61,7 +62,7 @@ DIALECT = Dialect(
     abilities=Abilities(
         cubic=CubicAbility(deviation=spline_deviation, pieces=_STEPS), inverse_time=frozenset(("line",))
     ),
-    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
+    numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
     notices=Notices(own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,"),
     recording=Recording(lines=status_reports),
     planner=replace(PLANNER, blocks=_PLANNER_BLOCKS - 2),

@@ -179,9 +179,8 @@ class LineWriter:
             time[jogs] = moves.length[part][jogs] / moves.feed[part][jogs]
             values = MINUTE / time
         cutting = moves.feed[first:last] > 0.0
-        return [
-            self._digits(value) if cuts else "" for value, cuts in zip(values.tolist(), cutting.tolist(), strict=True)
-        ]
+        digits = self.dialect.numbers.inverse_time if self._inverse else self._digits
+        return [digits(value) if cuts else "" for value, cuts in zip(values.tolist(), cutting.tolist(), strict=True)]
 
     def _left(self, moves: Moves, i: int) -> bool:
         """Return True if an arc is counterclockwise in its plane."""

@@ -25,7 +25,7 @@ _LEAST_PAUSE = 1e-6
 
 
 _FEED_DIGITS = 4
-"""Digits of the feeds of crossings."""
+"""Digits of the feeds of crossings and jogs, which are so within a thousandth; blocks of known time have more."""
 
 
 def _lowered(feed: float) -> float:
@@ -291,7 +291,7 @@ class ChangeWriter:
             whole = float(motions.duration[k]) * (part.high - part.low)
             if motions.kind[k] == RAPID or (part.high - part.low == 1.0 and part.duration is None):
                 return self._feeds.after(words.block)
-            return self._digits(MINUTE / (part.duration or whole))
+            return self._inverse(MINUTE / (part.duration or whole))
         if part.duration is None:
             return self._feeds.after(words.block)
         speed = part_length(motions, k, part.low, part.high) / part.duration
@@ -306,7 +306,7 @@ class ChangeWriter:
             own = float(self._program.motions.duration[words.motion]) / part_length(
                 self._program.motions, words.motion, 0.0, 1.0
             )
-            return self._digits(MINUTE / max(own * length, length / feed))
+            return self._inverse(MINUTE / max(own * length, length / feed))
         found = _lowered(feed / words.modal.units * MINUTE)
         if found == self._program.feed_word[words.block]:
             found = _lowered(found * (1.0 - 10.0**-_FEED_DIGITS * 5.0))
@@ -339,7 +339,7 @@ class ChangeWriter:
             moved[axis] += shift.travel
             offset[axis] = base[axis] + round(moved[axis] / step)
             rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
-            feed = self._digits(rate)
+            feed = self._inverse(rate) if modal.feed_mode == 93 else self._digits(_lowered(rate))
             new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]
             self._feed, self._mode = feed, "G1"
             lines.append(self._joined("G1", words.jog(axis, offset, share), *new))
@@ -354,6 +354,10 @@ class ChangeWriter:
 
     def _digits(self, value: float) -> str:
         return self._dialect.numbers.feed(value)
+
+    def _inverse(self, value: float) -> str:
+        """Digits of an F under G93, a time."""
+        return self._dialect.numbers.inverse_time(value)
 
     def _joined(self, *words: str) -> str:
         return ("" if self._dialect.syntax.terse else " ").join(words)

@@ -55,10 +55,14 @@ def _why_indivisible_cubic(program: PartProgram, dialect: Dialect, motion: int, 
     return f"the parts of the G5 in line {line} could not be trusted to {dialect.name}"
 
 
+FINE: Final = 4
+"""Most decimals of a mm in an edited program: 0.1 µm, so that half of a backlash known to a micrometre is exact."""
+
+
 def word_decimals(dialect: Dialect, units: float) -> int:
     """Return the number of decimals of a length in a program whose unit is `units` [m].
 
-    A dialect's decimals are those of a mm; of an inch, 25 times as long, one more is taken.
+    A dialect's decimals are those of a mm, no more than :data:`FINE`; of an inch, 25 times as long, one more is taken.
 
     Examples
     --------
@@ -66,7 +70,7 @@ def word_decimals(dialect: Dialect, units: float) -> int:
     >>> word_decimals(find_dialect("grbl"), 1e-3), word_decimals(find_dialect("grbl"), 25.4e-3)
     (4, 5)
     """
-    return dialect.numbers.decimals + (units > MM)
+    return min(dialect.numbers.decimals, FINE) + (units > MM)
 
 
 def written_offsets(axis: Axis, dialect: Dialect, units: float) -> tuple[float, float]:
