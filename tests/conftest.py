@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +30,13 @@ hypothesis.settings.register_profile("ph_post", deadline=None, max_examples=exam
 hypothesis.settings.load_profile("ph_post")
 
 HERE = Path(__file__).parent
+ROOT = HERE.parent
+
+COMPILING = (
+    ("simulate circle -m mill", "convert pocket.ngc -m router -o -"),
+    ("convert pocket.ngc -m stepper -o -", "diff pocket.ngc pocket.ngc"),
+)
+"""Commands that have nearly all compiled that tests use, a process each row."""
 
 SLOW_FOLDERS = ("pages", "hidden")
 """Folders whose tests drive a browser, or hide effects in plants and look for them."""
@@ -92,6 +103,28 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.skip(reason=f"slow: runs with {ALL}=1, or where its file is named"))
     if not named:
         items.sort(key=lambda item: BEGINNING.get(item.path, len(LONG)))
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Have compiled what all processes need before they begin, or on a fresh clone each compiles all of it."""
+    side_by_side = getattr(session.config.option, "tx", None) and not hasattr(session.config, "workerinput")
+    if not side_by_side or any((ROOT / "ph_post").rglob("*.nbi")):
+        return
+    print("compiling, once: about a minute ...", flush=True)  # noqa: T201
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(ROOT / "samples" / "programs" / "pocket.ngc", folder)
+        rows = [
+            subprocess.Popen(
+                "; ".join(f"{shlex.quote(sys.executable)} -m ph_post {words}" for words in row),
+                shell=True,
+                cwd=folder,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            for row in COMPILING
+        ]
+        for one in rows:
+            one.wait()
 
 
 @pytest.hookimpl(optionalhook=True)
