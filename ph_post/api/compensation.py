@@ -65,6 +65,8 @@ def compensate(
     block_time: float = BLOCK_TIME,
     safe_z: float | None = None,
     depth: float | None = None,
+    position_from: Literal["+", "-"] | None = None,
+    overshoot: float | None = None,
     strict: bool = False,
     force: bool = False,
     require_all: bool = False,
@@ -125,6 +127,10 @@ def compensate(
         Longest block in ramps and dips [s].
     safe_z, depth : float, optional
         Height at which a path is approached and left, and at which a planar path is cut [m].
+    position_from : {"+", "-"}, optional
+        Side from which X and Y of a part program come to places at which they rest while the tool cuts, as holes.
+    overshoot : float, optional
+        From how far beyond its place an axis comes in the air [m]; by default twice its lost motion.
     strict : bool
         Refuse a part program with commands that are not understood.
     force : bool
@@ -181,6 +187,8 @@ def compensate(
         block_time=block_time,
         safe_z=safe_z,
         depth=depth,
+        position_from=position_from,
+        overshoot=overshoot,
         strict=strict,
         force=force,
         require_all=require_all,

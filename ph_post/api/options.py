@@ -19,13 +19,13 @@ from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramO
 
 _NUMBERS = (
     *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown"),
-    *("effort", "chord_tolerance", "block_time", "safe_z", "depth"),
+    *("effort", "chord_tolerance", "block_time", "safe_z", "depth", "overshoot"),
 )
 """Options that are numbers."""
 
 _RANGES = {
     **dict.fromkeys(("tolerance", "feed", "t_star", "min_feed"), (0.0, True, math.inf)),
-    **dict.fromkeys(("chord_tolerance", "block_time"), (0.0, True, math.inf)),
+    **dict.fromkeys(("chord_tolerance", "block_time", "overshoot"), (0.0, True, math.inf)),
     "max_slowdown": (0.0, False, math.inf),
     "effort": (0.0, True, MOST_EFFORT),
 }
@@ -60,6 +60,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     block_time: float = BLOCK_TIME
     safe_z: float | None = None
     depth: float | None = None
+    position_from: Literal["+", "-"] | None = None
+    overshoot: float | None = None
     strict: bool = False
     force: bool = False
     require_all: bool = False
@@ -84,6 +86,9 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
                 most = f" and at most {high:g}" if math.isfinite(high) else ""
                 option = f"--{name.replace('_', '-')}"
                 raise InputError(option, "out of range", expected=f"a finite number{least}{most}", got=str(value))
+
+        if self.position_from not in (None, "+", "-"):
+            raise InputError("--position-from", "unknown side", expected="+ or -", got=str(self.position_from))
 
     @property
     def chosen_strategy(self) -> str:
@@ -139,6 +144,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             max_slowdown=self.max_slowdown,
             chord_tolerance=self.chord_tolerance,
             block_time=self.block_time,
+            position_from=0 if self.position_from is None else int(f"{self.position_from}1"),
+            overshoot=self.overshoot,
         )
 
     def check_for_program(self) -> None:

@@ -58,7 +58,12 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
-        return hashlib.sha256(msgspec.json.encode([self.plan, self.edit, dialect])).hexdigest()
+        edit = msgspec.json.decode(msgspec.json.encode(self.edit))
+        for name in ("position_from", "overshoot"):
+            # Programs that were compensated before these options were known are still recognized.
+            if not edit[name]:
+                del edit[name]
+        return hashlib.sha256(msgspec.json.encode([self.plan, edit, dialect])).hexdigest()
 
 
 class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):

@@ -91,6 +91,7 @@ _UNITS = {
     "min_feed": MM_PER_MIN,
     "chord_tolerance": MM,
     "block_time": MS,
+    "overshoot": MM,
     "safe_z": MM,
     "depth": MM,
 }
@@ -318,6 +319,19 @@ _WRITING = (
         type=Number(),
         metavar="MM",
         help="Z at which a planar path file is cut; needs --safe-z.",
+    ),
+    click.option(
+        "--position-from",
+        type=click.Choice(["+", "-"]),
+        default=None,
+        help="One-sided positioning in part programs: X and Y come to holes, and to all places at which they rest while"
+        " the tool cuts, always from their plus side, or from their minus side.",
+    ),
+    click.option(
+        "--overshoot",
+        type=positive,
+        metavar="MM",
+        help="From how far beyond its place an axis of a part program comes in the air.  [default: twice its backlash]",
     ),
 )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 import msgspec
@@ -26,10 +26,13 @@ from ph_post.edit.crossings import (
     find_windows,
 )
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
+from ph_post.edit.positions import Restart
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.reversals import (
+    BEYOND,
     CARRIED,
     CHAIN,
+    COLUMNS,
     FIRST,
     LAST,
     MOTION,
@@ -114,6 +117,9 @@ class CrossingSearch:
         Offsets [m] of each axis while it moves to minus and to plus.
     feed : Array, shape (m,)
         Speed of the path in every motion [m/s].
+    overshoot : mapping of str to float
+        From how far beyond its place each axis comes in the air [m].
+    restarts : collection of Restart
     """
 
     def __init__(
@@ -123,7 +129,10 @@ class CrossingSearch:
         dialect: Dialect,
         sides: Mapping[str, tuple[float, float]],
         feed: Array,
+        overshoot: Mapping[str, float],
+        restarts: Collection[Restart] = (),
     ) -> None:
+        self._overshoot, self._restarts = overshoot, restarts
         self._program, self._machine, self._dialect, self._sides = program, machine, dialect, sides
         self._along = places_along(program.motions)
         timed = program.motions.duration > 0.0
@@ -172,7 +181,7 @@ class CrossingSearch:
 
     def spots(self, changes: Mapping[str, Array], coarser: float) -> Spots:
         """Gather the changes of all axes, and find how each is crossed."""
-        parts, columns, befores, firsts = [np.zeros((0, 10))], [], [], []
+        parts, columns, befores, firsts = [np.zeros((0, COLUMNS))], [], [], []
         for name, found_rows in changes.items():
             rows = self._needed(self._wound_up(found_rows, AXES.index(name)), AXES.index(name))
             first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
@@ -229,7 +238,13 @@ class CrossingSearch:
         there, back = rows[1:-1], rows[2:]
         before = rows[:-2]
         pairs = (there[:, CARRIED] == 1.0) & (back[:, CARRIED] == 0.0) & (back[:, SIGN] == before[:, SIGN])
-        pairs &= (back[:, SIGN] != 0.0) & (back[:, CHAIN] == before[:, CHAIN]) & (back[:, SHARE] == 1.0)
+        pairs &= (
+            (there[:, BEYOND] == 0.0)
+            & (back[:, BEYOND] == 0.0)
+            & (back[:, SIGN] != 0.0)
+            & (back[:, CHAIN] == before[:, CHAIN])
+            & (back[:, SHARE] == 1.0)
+        )
         for n in (1 + np.flatnonzero(pairs)).tolist():
             first, last = int(rows[n, MOTION]), int(rows[n + 1, MOTION])
             sign = rows[n + 1, SIGN]
@@ -311,6 +326,10 @@ class CrossingSearch:
             jogs = own & spots.jog
             # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
             move = math.sqrt(axis.gap.lost_motion / axis.limits.acceleration)
+            far = own & (spots.rows[:, BEYOND] == 1.0)
+            # Out there and back from it, in the air.
+            total += 2.0 * math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration) * float(far.sum())
+            total += 2.0 * SETTLING * axis.servo.c * float(far.sum())
             passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
             total += float((move + passed / self._push)[jogs].sum() + 2.0 * self._pause(axis, coarser) * jogs.sum())
             chords = own & (spots.window[:, 2] > 0.0)
@@ -371,7 +390,32 @@ class CrossingSearch:
             current = after
         for motion, added in inside.items():
             offset[motion] = added
-        return tuple(crossings), tuple(stops), approaches, offset
+        begins = self._lines_for_restarts(spots, stops)
+        marked = (replace(one, restart=True) if one.approach and one.motion in begins else one for one in stops)
+        return tuple(crossings), tuple(marked), approaches, offset
+
+    def _lines_for_restarts(self, spots: Spots, stops: list[StopEdit]) -> frozenset[int]:
+        """Return the rapids from which a program may be started again: all axes come to their sides behind them."""
+        used = {(int(chain), int(column)) for chain, column in zip(spots.rows[:, CHAIN], spots.column, strict=True)}
+        approached: dict[int, set[int]] = {}
+        for stop in stops:
+            if stop.approach:
+                approached.setdefault(stop.motion, set()).update(AXES.index(one.axis) for one in stop.shifts)
+        found = set()
+        for one in self._restarts:
+            here = sorted(motion for motion in range(one.first, one.cut) if motion in approached)
+            axes = set().union(*(approached[motion] for motion in here))
+            axes |= {2} if self._comes_down(one) else set()
+            if here and all(column in axes for chain, column in used if chain == one.chain):
+                found.add(here[0])
+        return frozenset(found)
+
+    def _comes_down(self, one: Restart) -> bool:
+        """Return whether Z is on the side of its way down where the tool begins to cut, and carries nothing there."""
+        ways = self._way[one.first : one.cut, 2]
+        last = ways[ways != 0.0][-1:]
+        lost = self._machine.axes["Z"].gap.lost_motion if "Z" in self._machine.axes else 0.0
+        return bool(last.size and last[0] <= -APPROACH * lost)
 
     def _winds_up(self, spots: Spots, n: int) -> bool:
         """Return whether an axis whose offset stays has to come from beyond its backlash all the same.
@@ -379,6 +423,8 @@ class CrossingSearch:
         Only a rapid can take it there: in a stretch that begins with a cut it is left as it is.
         """
         column, row = int(spots.column[n]), spots.rows[n]
+        if row[BEYOND] == 1.0:
+            return True
         if not self._behind_rapid(row):
             return False
         moves = self._moving[column].size > 0 and self._moving[column][-1] > row[MOTION]
@@ -446,9 +492,9 @@ class CrossingSearch:
         if not behind_rapid and (sign == 0.0 or spots.before[n] == 0):
             # Behind the last cut the path rests anyway, and where no rapid led to the first place it has to once.
             pause = max(pause, DWELL)
-        elif behind_rapid and spots.first[n] and sign != 0.0:
+        elif behind_rapid and (spots.first[n] or row[BEYOND] == 1.0) and sign != 0.0:
             # A motor that lags has to be there before it is called back.
-            pause, velocity, beyond = SETTLING * axis.servo.c, 0.0, APPROACH * lost
+            pause, velocity, beyond = SETTLING * axis.servo.c, 0.0, self._overshoot[name]
             named = name in words_by_letter(self._program, int(self._program.motions.block[motion]))
             if name == "Z" and sign > 0.0:
                 # A tool is never sent below the height that is programmed: from above onto a side, then through it.

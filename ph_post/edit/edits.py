@@ -35,7 +35,7 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
     """The path stops at the `share` (0 to 1) of a motion, rests for `pause` [s], and axes are shifted.
 
     Shifts that change :attr:`Edits.offset` stay; those of a backlash take-up move add up to zero. An `approach`
-    comes from beyond: the rapid before it ends there.
+    comes from beyond: the rapid before it ends there; at a `restart` all axes do that need it.
     """
 
     motion: int
@@ -43,6 +43,7 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
     pause: float
     shifts: tuple[OffsetShift, ...]
     approach: bool = False
+    restart: bool = False
 
     @property
     def rests(self) -> bool:
@@ -168,6 +169,7 @@ def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
         pause=max(one.pause for one in stops),
         shifts=shifts,
         approach=any(one.approach for one in stops),
+        restart=any(one.restart for one in stops),
     )
 
 
@@ -199,6 +201,11 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Longest block in ramps and dips.
     left : frozenset of int
         Chains in which no axis gets an offset.
+    position_from : {0, 1, -1}
+        Side from which axes come to places to which a rapid brings them, and at which they rest while the tool cuts;
+        0 for either.
+    overshoot : float, optional
+        From how far beyond its place an axis comes in the air; by default twice its lost motion.
     """
 
     tolerance: float = TOLERANCE
@@ -206,6 +213,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     chord_tolerance: float = CHORD_TOLERANCE
     block_time: float = BLOCK_TIME
     left: frozenset[int] = frozenset()
+    position_from: int = 0
+    overshoot: float | None = None
 
 
 _LEAST_STEPS = 4

@@ -12,9 +12,10 @@ from msgspec.structs import replace
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.plan_warnings import friction_warnings, round_up, varying_backlash_warnings
 from ph_post.dialects.base import Dialect
-from ph_post.edit.crossing_search import CrossingSearch
+from ph_post.edit.crossing_search import APPROACH, CrossingSearch
 from ph_post.edit.crossings import COARSER
 from ph_post.edit.edits import EditOptions, Edits, join_stops
+from ph_post.edit.positions import approach_again, find_restarts, position_from, resting_places
 from ph_post.edit.preconditions import (
     blocked_chains,
     cutting_feed,
@@ -38,11 +39,12 @@ from ph_post.edit.reversals import (
     find_reversals,
     motion_view,
 )
+from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.run import moved_axes
-from ph_post.types import Array, BoolArray, Machine, frozen, sealed
+from ph_post.types import Array, Axis, BoolArray, Machine, frozen, sealed
 from ph_post.units import MM
 
 
@@ -63,6 +65,9 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
 SPARE: Final = 3e-3
 """Part of a program's time that does not count as slower."""
 
+LITTLE: Final = 0.01
+"""Where less slowdown [part of the time] is allowed nothing is spent on lines for a restart."""
+
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, down to a sixtieth of it."""
 
@@ -81,6 +86,7 @@ class ReversalSearch:
         Offsets of an axis that moves to minus, and to plus, by axis [m].
     chains : BoolArray, shape (c,)
         Chains that may be shifted.
+    options : EditOptions
     """
 
     def __init__(
@@ -91,6 +97,7 @@ class ReversalSearch:
         amplitude: dict[str, float],
         sides: dict[str, tuple[float, float]],
         chains: BoolArray,
+        options: EditOptions,
     ) -> None:
         self.program, self.machine, self.dialect = program, machine, dialect
         self.amplitude, self.sides = amplitude, sides
@@ -100,7 +107,15 @@ class ReversalSearch:
         self.open = {name: chains.copy() for name in amplitude}
         self._view = motion_view(program.motions)
         self._feed = np.nan_to_num(cutting_feed(program, self.times))
-        self.crossings = CrossingSearch(program, machine, dialect, sides, self._feed)
+        # No less than what the numbers of the program can say of the backlash.
+        self._overshoot = {
+            name: APPROACH * (plus - minus) if options.overshoot is None else max(options.overshoot, plus - minus)
+            for name, (minus, plus) in sides.items()
+        }
+        self._from = -options.position_from
+        self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
+        self._restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
+        self.crossings = CrossingSearch(program, machine, dialect, sides, self._feed, self._overshoot, self._restarts)
         self.warnings: list[str] = []
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
@@ -119,7 +134,19 @@ class ReversalSearch:
             self.open[name],
             np.full(self.low.size, band),
         )
+        if axis < 2:
+            rows = approach_again(self._from_one_side(rows, axis), self._restarts, axis)
         return self._closed(rows, axis)
+
+    def _from_one_side(self, rows: Array, axis: int) -> Array:
+        if not self._from:
+            return rows
+        motions, name = self.program.motions, AXES[axis]
+        own = np.searchsorted(self.low, [first for first, _ in self._places[axis]], side="right") - 1
+        places = [
+            place for place, chain in zip(self._places[axis], own.tolist(), strict=True) if self.open[name][chain]
+        ]
+        return position_from(rows, places, motions, axis, self._from, self._overshoot[name])
 
     def _closed(self, rows: Array, axis: int) -> Array:
         """Add the change to no offset at the end of every chain that has changes.
@@ -288,7 +315,9 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     sides = {axis.name: written_offsets(axis, dialect, units) for axis in axes}
     amplitude = {name: max(map(abs, pair)) for name, pair in sides.items()}
     blocked = blocked_chains(program)
-    search = ReversalSearch(program, machine, dialect, amplitude, sides, _open_chains(program, blocked, options.left))
+    _check_overshoot(axes, options)
+    chains = _open_chains(program, blocked, options.left)
+    search = ReversalSearch(program, machine, dialect, amplitude, sides, chains, options)
     changes, coarser, said_of_time = affordable_reversals(search, options)
     crossings, stops, pulse, offset = search.crossings.plan(changes, coarser)
     shifted = {one.axis for one in crossings} | {shift.axis for stop in stops for shift in stop.shifts}
@@ -308,6 +337,17 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         own = double_compensation(program, dialect)
         warnings += [*friction_warnings(edits.amplitude), *own, *dialect.notices.cautions]
     return replace(edits, warnings=tuple(warnings))
+
+
+def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:
+    for axis in axes:
+        if options.overshoot is not None and options.overshoot < axis.gap.lost_motion:
+            raise InputError(
+                "--overshoot",
+                f"less than the lost motion of {axis.name}",
+                expected=f">= {axis.gap.lost_motion / MM:g} mm",
+                got=f"{options.overshoot / MM:g} mm",
+            )
 
 
 def _open_chains(program: PartProgram, blocked: dict[str, BoolArray], left: Collection[int]) -> BoolArray:

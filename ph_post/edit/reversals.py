@@ -18,12 +18,12 @@ a tenth of a micrometre of travel away would leave very short arcs."""
 SAME: Final = 1e-9
 """Positions that differ by no more [m] are the same: the axis rests."""
 
-MOTION, SHARE, SIGN, CARRIED, PASSED, CHAIN, FIRST, SHARE0, LAST, SHARE1 = range(10)
+MOTION, SHARE, SIGN, CARRIED, PASSED, CHAIN, FIRST, SHARE0, LAST, SHARE1, BEYOND = range(11)
 """Columns of a change: the motion, the share of it, the new direction, 1 where a rapid carries the change itself,
 the speed of the path there [m/s], the chain; and the stretch in which the axis rests, from a share of its first
-motion to a share of its last, the same place where it turns at once."""
+motion to a share of its last, the same place where it turns at once; 1 where it comes to its place from beyond."""
 
-_COLUMNS: Final = 10
+COLUMNS: Final = 11
 
 
 @inner
@@ -128,7 +128,7 @@ def _grown(rows: Any, count: int) -> Any:
         return rows
     larger = np.empty((2 * rows.shape[0], rows.shape[1]))
     for row in range(count):
-        for column in range(_COLUMNS):
+        for column in range(COLUMNS):
             larger[row, column] = rows[row, column]
     return larger
 
@@ -142,7 +142,7 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, sign: int, row:
     a rapid that is before the tool goes down.
     """
     k0, share0, k1, share1, high = span
-    row[SIGN], row[CARRIED], row[PASSED] = sign, 0.0, 0.0
+    row[SIGN], row[CARRIED], row[PASSED], row[BEYOND] = sign, 0.0, 0.0, 0.0
     row[FIRST], row[SHARE0], row[LAST], row[SHARE1] = k0, share0, k1, share1
     leaves = k1 + 1 if share1 == 1.0 else k1
     if leaves < high and view[0][leaves] == RAPID:
@@ -233,11 +233,11 @@ def find_reversals(view: Any, axis: int, feed: Any, exact: Any, low: Any, high: 
 
     Returns
     -------
-    Array, shape (n, 10)
+    Array, shape (n, 11)
         Changes in order; columns as named in this module. The first of a chain gives its first direction.
     """
     kind, end = view[0], view[2]
-    rows, count = np.empty((64, _COLUMNS)), 0
+    rows, count = np.empty((64, COLUMNS)), 0
     spot = np.zeros((2, 5))
     for chain in range(low.size):
         if not active[chain]:

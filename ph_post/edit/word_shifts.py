@@ -17,6 +17,9 @@ from ph_post.types import Array, IntArray
 MOST_DECIMALS: Final = 15
 """Most decimals of a number that can be shifted."""
 
+RESTART: Final = "restart here"
+"""Words of a mark behind which a program may be started again, wherever the axes are."""
+
 LONGEST: Final = 48
 """Most characters of a shifted number."""
 
@@ -225,7 +228,7 @@ def stop_label(stop: StopEdit, offset: IntArray, step: float) -> list[str]:
     """
     if not stop.shifts:
         return ["rest"]
-    after, found = offset + net_shift(stop, step), []
+    after, found = offset + net_shift(stop, step), [RESTART] if stop.restart else []
     for axis, name in enumerate(AXES):
         if not any(shift.axis == name for shift in stop.shifts):
             continue

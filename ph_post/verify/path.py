@@ -243,7 +243,9 @@ def check_direction(case: VerifyCase, pairing: Pairing) -> None:
     for name, amount in case.declared.offsets.items():
         axis, band = AXES.index(name), max(case.band, amount.metres)
         chain = np.where(crossing[:, axis] & pairing.crossed, _ANEW, still)
-        sign = np.rint(pairing.after[:, axis] / amount.metres).astype(np.int8)
+        # Beyond an approach an axis is on neither side.
+        sides = np.rint(pairing.after[:, axis] / amount.metres)
+        sign = np.where(np.abs(sides) > 1.0, 0.0, sides).astype(np.int8)
         sign[np.abs(pairing.after[:, axis] - sign * amount.metres) > EXACT] = 0
         ends = (motions.start[:, axis], motions.end[:, axis])
         shift = (pairing.before[:, axis], pairing.after[:, axis])

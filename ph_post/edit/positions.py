@@ -1,0 +1,189 @@
+"""Places in the air at which axes come onto a side of their backlash: one-sided positioning, and restarts."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.edit.reversals import BEYOND, CARRIED, CHAIN, COLUMNS, FIRST, LAST, MOTION, SHARE, SHARE0, SHARE1, SIGN
+from ph_post.gcode.program import AXES, RAPID, Motions, PartProgram
+from ph_post.types import Array, BoolArray, IntArray
+
+RESTART: Final = 60.0
+"""A program that cuts for so long [s] can be started again from a line in between: an approach costs 0.1 s."""
+
+NOTHING: Final = 1e-12
+"""Axes that move by no more [m] rest."""
+
+
+def moves(motions: Motions) -> BoolArray:
+    """Mask (m, 3) of the axes that motions move, also from where it is not known."""
+    turned = np.abs(np.nan_to_num(motions.angle)) > 0.0
+    return np.asarray(np.isfinite(motions.end) & ~(np.abs(motions.end - motions.start) <= NOTHING) | turned[:, None])
+
+
+def resting_places(motions: Motions, column: int) -> list[tuple[int, int]]:
+    """Find where a rapid brings an axis to a place at which it rests while the tool cuts, until a rapid moves it again.
+
+    Returns
+    -------
+    list of tuple
+        The rapid, and the next motion that moves the axis, or the first of another chain.
+    """
+    moving = np.flatnonzero(moves(motions)[:, column])
+    cuts = np.append(0, np.cumsum(motions.kind != RAPID))
+    ends = np.append(np.flatnonzero(np.diff(motions.chain)) + 1, motions.kind.size)
+    found = []
+    for n, first in enumerate(moving.tolist()):
+        end = int(ends[np.searchsorted(ends, first, side="right")])
+        last = min(int(moving[n + 1]), end) if n + 1 < moving.size else end
+        free = last == end or motions.kind[last] == RAPID
+        if motions.kind[first] == RAPID and free and cuts[last] > cuts[first]:
+            found.append((first, last))
+    return found
+
+
+def position_from(
+    rows: Array, places: list[tuple[int, int]], motions: Motions, column: int, sign: int, overshoot: float
+) -> Array:
+    """Let an axis come to its places of rest from one side.
+
+    Parameters
+    ----------
+    rows : Array, shape (n, 11)
+        Changes of an axis as of :func:`~ph_post.edit.reversals.find_reversals`.
+    places : list of tuple
+        Of :func:`resting_places`, in chains that may be shifted.
+    motions : Motions
+    column, sign : int
+        The axis, and the direction in which it moves last.
+    overshoot : float
+        Way of that last move [m], where the rapid does not go as far in that direction.
+    """
+    found: list[Array] = []
+    n, held, chain = 0, 0.0, -1.0
+
+    def take(until: int) -> None:
+        """Keep the changes before a motion."""
+        nonlocal n, held
+        while n < len(rows) and rows[n, MOTION] < until:
+            found.append(rows[n])
+            held, n = rows[n, SIGN], n + 1
+
+    numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
+    begins = {first for first, _ in places}
+    for first, last in places:
+        take(first)
+        if chain != numbers[first]:
+            held = found[-1][SIGN] if found and found[-1][CHAIN] == numbers[first] else 0.0
+            chain = float(numbers[first])
+        travel = sign * (motions.end[first, column] - motions.start[first, column])
+        arrives = bool(travel >= overshoot)
+        found.append(_change(first, sign, chain, carried=arrives, beyond=not arrives))
+        while n < len(rows) and rows[n, MOTION] < last:
+            held, n = rows[n, SIGN], n + 1
+        here = n < len(rows) and rows[n, MOTION] == last
+        goes_on = last < numbers.size and numbers[last] == chain
+        if goes_on and not here and last not in begins and held not in (0.0, sign):
+            found.append(_change(last, held, chain, carried=True))
+    take(motions.kind.size + 1)
+    return np.array(found).reshape(-1, COLUMNS)
+
+
+def _change(motion: int, sign: float, chain: float, *, carried: bool, beyond: bool = False) -> Array:
+    row = np.zeros(COLUMNS)
+    row[[MOTION, SHARE, SIGN, CHAIN, FIRST, SHARE0, LAST, SHARE1]] = motion, 1.0, sign, chain, motion, 1.0, motion, 1.0
+    row[CARRIED], row[BEYOND] = float(carried), float(beyond)
+    return row
+
+
+class Restart(msgspec.Struct, frozen=True, kw_only=True):
+    """Rapids from `first` to before `cut` behind which a program may be started again.
+
+    `rapid` by column of X and Y: the one that brings the axis to its place; `late` where the approach is there for a
+    restart alone.
+    """
+
+    first: int
+    cut: int
+    chain: int
+    rapid: tuple[int, int]
+    late: bool
+
+
+def find_restarts(program: PartProgram, times: Array, *, late: bool) -> list[Restart]:
+    """Find the rapids ahead of a plunge that bring all axes to their places, wherever they were.
+
+    Parameters
+    ----------
+    program : PartProgram
+    times : Array, shape (m,)
+        Time of every motion [s].
+    late : bool
+        Not only the first of each chain, but one at least :data:`RESTART` behind another as well.
+    """
+    motions = program.motions
+    if not motions.kind.size:
+        return []
+    named, moving, rapid = _named(program), moves(motions), motions.kind == RAPID
+    absolute = np.array([modal.absolute for modal in program.modal], dtype=np.bool_)[program.state[motions.block]]
+    # The tool goes down alone before it cuts.
+    alone = ~rapid & ~moving[:, :2].any(axis=1)
+    clock = np.append(0.0, np.cumsum(times))
+    numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
+    found: list[Restart] = []
+    apart = np.append(True, np.diff(numbers) != 0)
+    ends = np.flatnonzero(np.append(~alone | apart, True))
+    rests = np.flatnonzero(np.append(~rapid | apart, True))
+    for first in np.flatnonzero(rapid & ~np.append(False, rapid[:-1] & ~apart[1:])).tolist():
+        fresh = not found or found[-1].chain != numbers[first]
+        if not fresh and not (late and clock[first] - clock[found[-1].first] >= RESTART):
+            continue
+        run = slice(first, int(rests[np.searchsorted(rests, first, side="right")]))
+        cut = int(ends[np.searchsorted(ends, run.stop)])
+        down = moving[first:cut, 2] & (motions.end[first:cut, 2] < motions.start[first:cut, 2])
+        own = [np.flatnonzero(named[run, column] & absolute[run]) for column in range(2)]
+        ready = all(places.size for places in own) and bool(down.any()) and absolute[first:cut].all()
+        if ready:
+            x, y = (first + int(places[-1]) for places in own)
+            found.append(Restart(first=first, cut=cut, chain=int(numbers[first]), rapid=(x, y), late=not fresh))
+    return found
+
+
+def _named(program: PartProgram) -> BoolArray:
+    """Mask (m, 3) of the axes that the lines of motions name."""
+    words, motions = program.words, program.motions
+    owner = np.full(program.blocks, -1, dtype=np.int64)
+    owner[motions.block] = np.arange(motions.block.size)
+    found = np.zeros((motions.block.size, 3), dtype=np.bool_)
+    for column, letter in enumerate(AXES):
+        rows: IntArray = owner[words.block[words.letter == ord(letter)]]
+        found[rows[rows >= 0], column] = True
+    return found
+
+
+def approach_again(rows: Array, restarts: list[Restart], column: int) -> Array:
+    """Let an axis come from beyond its backlash where a program may be started again.
+
+    Parameters
+    ----------
+    rows : Array, shape (n, 11)
+        Changes of an axis as of :func:`~ph_post.edit.reversals.find_reversals`.
+    restarts : list of Restart
+    column : int
+        0 or 1: X or Y.
+    """
+    found, places, more = rows.copy(), [], []
+    for one in restarts:
+        motion = one.rapid[column]
+        last = int(np.searchsorted(rows[:, MOTION], motion, side="right")) - 1
+        if not one.late or last < 0 or rows[last, CHAIN] != one.chain or rows[last, SIGN] == 0.0:
+            continue
+        if rows[last, MOTION] == motion:
+            found[last, [CARRIED, BEYOND]] = 0.0, 1.0
+        else:
+            places.append(last + 1)
+            more.append(_change(motion, rows[last, SIGN], float(one.chain), carried=False, beyond=True))
+    return np.insert(found, places, more, axis=0) if more else found
