@@ -29,7 +29,7 @@ from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
-from ph_post.simulate.controllers.path_modes import path_mode_warnings
+from ph_post.simulate.controllers.path_modes import chord_warnings, path_mode_warnings
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Machine, frozen
 from ph_post.verify.verdict import Verdict
@@ -132,10 +132,12 @@ def compensate_program(
     planner = _EditPlanner(original, machine, dialect, request, progress)
     before = ProgramMotion(original, original, machine, "original", progress)
     options = request.edit
+    paths_said = path_mode_warnings(original, machine, dialect)
+    paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     said: tuple[str, ...] = ()
     for _ in range(ROUNDS):
         edits = planner.plan(options)
-        edits = replace(edits, warnings=(*edits.warnings, *path_mode_warnings(original, machine, dialect)))
+        edits = replace(edits, warnings=(*edits.warnings, *paths_said))
         if edits.empty:
             break
         progress("writing")

@@ -282,6 +282,8 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
         that is not switched off by `guard`.
     own_tables : str
         The settings of all that the controller compensates by itself, for test programs; empty as above.
+    arc_setting : str
+        The setting by which the controller draws arcs in finer chords; empty where it draws arcs.
     """
 
     assumed: tuple[str, ...] | None = None
@@ -289,6 +291,7 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     guard: tuple[str, ...] = ()
     own_compensation: str = ""
     own_tables: str = ""
+    arc_setting: str = ""
 
 
 READ_WITH = "read it with "

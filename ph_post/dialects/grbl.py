@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from ph_post.dialects.base import (
     Abilities,
     Dialect,
+    Notices,
     NumberFormat,
     Recording,
     StreamLimit,
@@ -70,6 +71,7 @@ DIALECT = Dialect(
         stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
+    notices=Notices(arc_setting="$12"),
     recording=Recording(lines=status_reports),
     planner=PLANNER,
 )

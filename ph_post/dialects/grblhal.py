@@ -63,7 +63,9 @@ DIALECT = Dialect(
         cubic=CubicAbility(deviation=spline_deviation, pieces=_STEPS), inverse_time=frozenset(("line",))
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6, least_feed=PLANNER.least_feed / MM_PER_MIN),
-    notices=Notices(own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,"),
+    notices=Notices(
+        own_compensation="the backlash settings of grblHAL ($160 on), where it was built with them,", arc_setting="$12"
+    ),
     recording=Recording(lines=status_reports),
     planner=replace(PLANNER, blocks=_PLANNER_BLOCKS - 2),
 )

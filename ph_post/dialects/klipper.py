@@ -64,7 +64,7 @@ DIALECT = Dialect(
     ),
     abilities=Abilities(arc_planes=()),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),
-    notices=Notices(assumed=_ASSUMED),
+    notices=Notices(assumed=_ASSUMED, arc_setting="resolution in [gcode_arcs]"),
     planner=ExactPath(
         corner=KlipperCorner(velocity=5.0 * MM),
         chords=KlipperChords(length=1.0 * MM),

@@ -88,7 +88,9 @@ DIALECT = Dialect(
         stream=StreamLimit(rate=_STREAM_RATE, window=_PLANNER_BLOCKS),
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
-    notices=Notices(assumed=_ASSUMED, cautions=(_JOINED,), guard=(_OWN_OFF,)),
+    notices=Notices(
+        assumed=_ASSUMED, cautions=(_JOINED,), guard=(_OWN_OFF,), arc_setting="MAX_ARC_SEGMENT_MM in the firmware"
+    ),
     planner=ExactPath(
         corner=MarlinCorner(deviation=0.013 * MM),
         chords=MarlinChords(longest=1.0 * MM, shortest=0.1 * MM, per_turn=72),

@@ -11,6 +11,7 @@ from ph_post.dialects.registry import find_dialect, is_dialect
 from ph_post.files.machine import PLANNER_KEYS
 from ph_post.types import (
     ControllerPlanner,
+    ExactPath,
     GrblChords,
     GrblCorner,
     JerkCorner,
@@ -135,6 +136,22 @@ def _chords(chords: Chords, stated: PlannerSettings) -> Chords:
         return chords if stated.arc_resolution is None else KlipperChords(length=stated.arc_resolution)
     longest = chords.longest if stated.arc_segment is None else stated.arc_segment
     return replace(chords, longest=longest, shortest=min(chords.shortest, longest))
+
+
+def with_finer_chords(planner: ExactPath, size: float) -> ExactPath:
+    """Return a planner whose setting for the chords of arcs is `size` [m]: their error for Grbl, their length else.
+
+    Examples
+    --------
+    >>> with_finer_chords(find_dialect("klipper").planner, 0.5e-3).chords
+    KlipperChords(length=0.0005)
+    """
+    return replace(planner, chords=_chords(planner.chords, PlannerSettings(**{chord_setting(planner): size})))
+
+
+def chord_setting(planner: ExactPath) -> str:
+    """Name the setting of a planner that decides on the chords of arcs."""
+    return _SETTINGS[type(planner.chords)][0]
 
 
 def planner_of(machine: Machine) -> ControllerPlanner:

@@ -154,6 +154,26 @@ def chord_counts(planner: ExactPath, radius: Array, sweep: Array, length: Array)
     return np.clip(np.floor(found + _WHOLE), 1.0, _COUNTABLE).astype(np.int64)
 
 
+def chord_errors(planner: ExactPath, radius: Array, sweep: Array, length: Array) -> Array:
+    """Return how far the chords of arcs are off them [m], towards their centres, shape (n,).
+
+    Parameters
+    ----------
+    planner : ExactPath
+    radius, sweep, length : Array, shape (n,)
+        As of :func:`chord_counts`.
+
+    Examples
+    --------
+    >>> from ph_post.dialects.klipper import DIALECT
+    >>> circle = np.array([0.02]), np.array([math.tau]), np.array([math.tau * 0.02])
+    >>> f"{chord_errors(DIALECT.planner, *circle)[0] * 1e6:.2f} µm"
+    '6.32 µm'
+    """
+    half = 0.5 * np.abs(sweep) / chord_counts(planner, radius, sweep, length)
+    return np.asarray(2.0 * radius * np.sin(0.5 * half) ** 2)
+
+
 def _arc_points(legs: Legs, row: IntArray, share: Array) -> Array:
     """Return points of arcs and helices at shares of them; of lines, any point."""
     angle = (legs.sweep[row] * share)[:, None]

@@ -1,4 +1,4 @@
-"""Warnings of path modes that round corners by more than the backlash that is to be compensated."""
+"""Warnings of what a controller makes of a path: corners rounded by more than the backlash, arcs drawn in chords."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from typing import Final
 import numpy as np
 
 from ph_post.dialects.base import Dialect
-from ph_post.dialects.planners import planner_of
-from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram, number_text
+from ph_post.dialects.planners import chord_setting, planner_of, values_of, with_finer_chords
+from ph_post.files.machine import PLANNER_KEYS
+from ph_post.gcode.motion_parts import arc_lengths
+from ph_post.gcode.program import ARC, AXES, CUBIC, NURBS, RAPID, PartProgram, number_text, plane_columns
+from ph_post.simulate.controllers.chords import chord_errors
 from ph_post.simulate.controllers.legs import ACROSS, Legs
 from ph_post.simulate.controllers.planner import QUARTER
 from ph_post.simulate.controllers.run import limit_table, tolerances, written_legs
-from ph_post.types import Array, BoolArray, Machine, RoundedPath
+from ph_post.types import Array, BoolArray, ExactPath, Machine, RoundedPath
 from ph_post.units import MICROMETRE, MM
 
 WIDEST: Final = 0.01 * MM
@@ -21,6 +24,12 @@ WIDEST: Final = 0.01 * MM
 
 PART: Final = 0.5
 """Share of the backlash that corners may be rounded by as is advised."""
+
+COARSE: Final = 1.001
+"""Chords are coarser than a tolerance beyond this multiple of it: a setting of the same size is meant to keep it."""
+
+FINEST_CHORD: Final = 1e-6 * MM
+"""Nothing finer is advised [m]."""
 
 _STILL: Final = 1e-9
 """Part of a direction below which an axis does not move; angles [rad] below it are none."""
@@ -70,6 +79,47 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
             f" {_micrometres(advised * units)}"
         )
     return said
+
+
+def chord_warnings(program: PartProgram, machine: Machine, dialect: Dialect, tolerance: float) -> list[str]:
+    """Warn, once, where the controller itself draws arcs in chords that are coarser than the tolerance.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    dialect : Dialect
+        The machine's. Nothing is said of controllers that draw arcs.
+    tolerance : float
+        [m].
+
+    Returns
+    -------
+    list of str
+        A sentence with the worst arc, and the setting that keeps them all within the tolerance; or none.
+    """
+    planner, motions = planner_of(machine), program.motions
+    arcs = np.flatnonzero((motions.kind == ARC) & np.isfinite(motions.start).any(axis=1))
+    if not isinstance(planner, ExactPath) or not dialect.notices.arc_setting or not arcs.size:
+        return []
+    rows = np.arange(arcs.size)[:, None]
+    columns = plane_columns(motions.plane[arcs])[:, :2]
+    ray = motions.start[arcs][rows, columns] - motions.center[arcs]
+    sizes = np.hypot(*ray.T), motions.angle[arcs], arc_lengths(motions, arcs)
+    error = chord_errors(planner, *sizes)
+    worst = int(np.argmax(error))
+    if not error[worst] > COARSE * tolerance:
+        return []
+    setting = chord_setting(planner)
+    size = values_of(planner)[setting]
+    while chord_errors(with_finer_chords(planner, size), *sizes).max() > tolerance and size > FINEST_CHORD:
+        size = float(f"{0.9 * size:.1e}")
+    line = int(motions.block[arcs[worst]]) + 1
+    return [
+        f"{dialect.name} draws arcs as straight chords, here up to {_micrometres(error[worst])} inside them (line"
+        f" {line}), more than the {_micrometres(tolerance)} of --tolerance: {dialect.notices.arc_setting} ="
+        f" {size / MM:g} keeps them within it ({PLANNER_KEYS[setting][0]} in the machine file)"
+    ]
 
 
 def _mode_words(named: str) -> str:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from ph_post.dialects.planners import planner_of
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.program import PartProgram
 from ph_post.gcode.read import read_program
-from ph_post.simulate.controllers.path_modes import corner_rounding, path_mode_warnings
-from ph_post.simulate.controllers.run import run_program, tolerances
+from ph_post.simulate.controllers.chords import straight_blocks
+from ph_post.simulate.controllers.path_modes import chord_warnings, corner_rounding, path_mode_warnings
+from ph_post.simulate.controllers.run import limit_table, run_program, tolerances, written_legs
 from ph_post.types import Machine, PlannerSettings
 
 ROUTER = replace(read_machine("router"), servo_period=1e-3)  # 80 and 110 µm of backlash
@@ -92,3 +96,42 @@ def test_nothing_is_said_where_nothing_is_rounded_or_lost() -> None:
     assert warnings(*CORNER, machine=replace(ROUTER, axes=axes)) == []
     stated = replace(ROUTER, planner=PlannerSettings(path_tolerance=1e-5))
     assert warnings(*CORNER, machine=stated) == [], "the machine starts with G64 P0.01"
+
+
+ARC = ("G0 X{0} Y0", "G1 Z-1 F300", "G3 X{0} Y0 I-{0} J0 F1200", "M2")
+
+
+def chords(dialect: str, radius: float, tolerance: float, **settings: float) -> list[str]:
+    machine = replace(read_machine("stepper"), dialect=dialect, planner=PlannerSettings(**settings))
+    part = read_program("\n".join([line.format(radius) for line in ARC]).encode(), "test")
+    return chord_warnings(part, machine, find_dialect(dialect), tolerance)
+
+
+@pytest.mark.parametrize("radius", [0.5, 2.0, 20.0, 300.0])
+@pytest.mark.parametrize("dialect", ["grbl", "grblhal", "marlin", "klipper"])
+def test_what_chords_leave_is_said_once_with_a_setting_that_mends_it(dialect: str, radius: float) -> None:
+    keys = {"grbl": "arc_tolerance", "grblhal": "arc_tolerance", "klipper": "arc_resolution", "marlin": "arc_segment"}
+    for tolerance in (1e-6, 5e-6):
+        said = chords(dialect, radius, tolerance)
+        off = largest_sagitta(dialect, radius)
+        assert len(said) == (off > 1.01 * tolerance)
+        if said:
+            assert float(re.search(r"up to ([\d.]+) µm inside them \(line 3\)", said[0])[1]) == pytest.approx(
+                1e6 * off, rel=0.06
+            )
+            size = 1e-3 * float(re.search(r" = ([-.\de]+) keeps", said[0])[1])
+            assert chords(dialect, radius, tolerance, **{keys[dialect]: size}) == []
+
+
+def largest_sagitta(dialect: str, radius: float) -> float:
+    """Measured on the blocks that the model gives the machine: the midpoint nearest to the centre [m]."""
+    machine = replace(read_machine("stepper"), dialect=dialect)
+    part = read_program("\n".join([line.format(radius) for line in ARC]).encode(), "test")
+    limits = limit_table(machine)
+    blocks = straight_blocks(part, written_legs(part, limits), limits, planner_of(machine))
+    middle = 0.5 * (blocks.start + blocks.end)[blocks.motion == 2, :2]
+    return float(1e-3 * radius - np.linalg.norm(middle, axis=1).min())
+
+
+def test_linuxcnc_draws_arcs() -> None:
+    assert chords("linuxcnc", 20.0, 1e-9) == []
