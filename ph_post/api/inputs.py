@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
+from typing import Final
 
 import msgspec
 
@@ -21,6 +22,8 @@ from ph_post.drive.effects.active import ignored_effects, unmoved_axes
 from ph_post.drive.intervalfile import read_intervals
 from ph_post.drive.intervals import IntervalTable, backlash_interval, look_up
 from ph_post.edit.edits import TOLERANCE
+from ph_post.edit.undo import original_of
+from ph_post.errors import InputError
 from ph_post.files.path import path_of
 from ph_post.files.storage import SourceBytes, SourceText, decoded, is_program, or_shipped, read_raw
 from ph_post.gcode.paths import line_words, main_path
@@ -28,6 +31,9 @@ from ph_post.gcode.program import PartProgram
 from ph_post.identify import logprogram
 from ph_post.progress import Progress, no_progress
 from ph_post.types import Axis, BacklashInterval, Log, Machine, Path
+
+COMPENSATED_BEFORE: Final = "compensated before"
+"""What a note says of a program of which the original is taken."""
 
 Source = str | os.PathLike[str]
 """The name of a file, of a shipped one, or ``-`` for standard input."""
@@ -283,9 +289,26 @@ def _read_path(raw: SourceBytes, machine: Machine | None, dialect: str | None) -
     if not is_program(raw):
         return path_of(decoded(raw)), ()
     program = read_as(dialect_of([raw.data], dialect, machine), raw.data, raw.name)
+    program, past = _uncompensated(program)
     found, warnings = main_path(program)
     notes = (f"{line_words(note.first, note.last)}: {note.what}: not in the path" for note in program.notes)
-    return found.path, (*warnings, *notes)
+    return found.path, (*past, *warnings, *notes)
+
+
+def _uncompensated(program: PartProgram) -> tuple[PartProgram, tuple[str, ...]]:
+    """Return the original of a compensated program, and that it is; another program as it is.
+
+    The path that the part should have is the original's.
+    """
+    try:
+        original = original_of(program, f"original of {program.name}")
+    except InputError:
+        said = "compensated, and changed since then: this is its path with the offsets, which the part has not"
+        return program, (f"{program.name} was {said}",)
+    if original is None:
+        return program, ()
+    said = "this is the path of its original; `report` or `diff -m` judge the program itself"
+    return original, (f"{program.name} was {COMPENSATED_BEFORE}: {said}",)
 
 
 def read_job(

@@ -15,8 +15,8 @@ from ph_post.analysis.certification import certify as certify_turning_points
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.inputs import Job, Source, analyse_job, any_machine, machine_warnings
 from ph_post.api.options import CompensateOptions
+from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import Contender, compare_strategies, describe_violation, without_backlash
-from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.violations import Violation, check_command
@@ -141,7 +141,8 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A command on a machine, as :func:`simulate` runs it.
 
     `analysis` and `assessment` are None where the path is not known. `run` is the run that `error` belongs to.
-    `notes` say what of a part program is not in its path, `caveats` what else has to be known.
+    `motion` is that of the plan, None of a table. `notes` say what of a part program is not in its path, `caveats` what
+    else has to be known.
     """
 
     name: str
@@ -150,6 +151,7 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     analysis: Analysis | None
     run: Run
     assessment: Assessment | None
+    motion: PlannedMotion | None = None
     notes: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
 
@@ -269,6 +271,7 @@ def simulate(
     notes: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     analysis: Analysis | None = None
+    motion: PlannedMotion | None = None
     progress("reading")
     table = _table_of(job)
     if table is not None:
@@ -287,8 +290,9 @@ def simulate(
         analysis, notes = _analysed(job, machine, how, progress)
         progress("planning the feed")
         plan = make_plan(analysis, how.plan(output), progress)
-        drives, caveats = plan.machine, plan.warnings
-        command = command_of(plan, analysis.track, drives.servo_period)
+        drives, caveats = _with_rules(plan.machine, pickup, initial_flank), plan.warnings
+        motion = PlannedMotion(analysis, replace(plan, machine=drives))
+        command = motion.command
         name = f"{analysis.path.name}, strategy {plan.strategy}"
     caveats = (*caveats, *_caveats(command, drives))
     drives = _with_rules(drives, pickup, initial_flank)
@@ -297,7 +301,8 @@ def simulate(
     if analysis is None:
         run = simulated.simulate(command, drives, scenarios(drives, command.axes)[0])
     else:
-        assessment = assess(command, drives, Nominal(analysis.track), analysis.turning_points)
+        nominal = Nominal(analysis.track)
+        assessment = assess(command, drives, nominal, analysis.turning_points) if motion is None else motion.assessment
         run = assessment.run
         if assessment.error is None:
             seconds = settling_time(drives, command.axes)
@@ -310,6 +315,7 @@ def simulate(
         analysis=analysis,
         run=run,
         assessment=assessment,
+        motion=motion,
         notes=notes,
         caveats=caveats,
     )

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 
 import msgspec
-import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.inputs import Source, analyse_job, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation
-from ph_post.api.results import AxisReversals, PlannedMotion, count_reversals
-from ph_post.compensate.comparison import strategy_at
+from ph_post.api.results import AxisReversals, PlannedMotion, plan_reversals
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import lead_in
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.strategies.registry import PLAIN, find_traits
+from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceBytes
-from ph_post.geometry.piecewise import MEETS
 from ph_post.post.moves import check_jogs, read_jogs
 from ph_post.post.program import make_program
 from ph_post.progress import Progress
-from ph_post.types import Command, Machine, Path, Plan, TurningPoint, frozen
+from ph_post.types import Command, Machine, Path, Plan, frozen
 
 
 class PathCompensation(Compensation):
@@ -120,20 +117,7 @@ class PathCompensation(Compensation):
 
     def count(self, output: PlanOutput) -> tuple[AxisReversals, ...]:
         """Count the reversals in the plan of an output by axis; none is at the rest with which a motion begins."""
-        plan = self.plan(output)
-        rests = bool(plan.phases) and plan.phases[0].speed[0] == 0.0
-        length = self.analysis.track.length
-        points = [one for one in plan.turning_points if not rests or MEETS < one.s < length - MEETS]
-        cuts = [not plan.path.segments[segment].rapid for segment in self._segments_behind(points)]
-        rows = ((point.axis, strategy_at(plan, point) != PLAIN, cut) for point, cut in zip(points, cuts, strict=True))
-        return count_reversals(rows, plan.machine)
-
-    def _segments_behind(self, points: Sequence[TurningPoint]) -> list[int]:
-        """Numbers of the segments that begin at, or hold, turning points."""
-        track = self.analysis.track
-        s = np.array([point.s for point in points]) + MEETS
-        s = np.where(s > track.length, s - track.length if track.closed else track.length, s)
-        return [int(track.segment[piece]) for piece in track.locate(s)[0].tolist()]
+        return plan_reversals(self.analysis.track, self.plan(output))
 
     def program(self) -> bytes:
         """Return the compensated part program."""

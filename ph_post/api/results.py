@@ -8,12 +8,17 @@ from functools import cached_property
 from typing import NamedTuple
 
 import msgspec
+import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.bounds import LONGEST_SIMULATED
+from ph_post.compensate.comparison import strategy_at
 from ph_post.compensate.offsets import command_of, plan_time
+from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.drive.axes import has_backlash
 from ph_post.gcode.program import PartProgram
+from ph_post.geometry.piecewise import MEETS
+from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.assess import Assessment, assess, backlash_scenarios, gap_error
 from ph_post.simulate.contour import ContourError, Nominal
@@ -63,6 +68,25 @@ def count_reversals(found: Iterable[tuple[str, bool, bool]], machine: Machine) -
         )
         for axis, one in sorted(rows.items())
     )
+
+
+def plan_reversals(track: Track, plan: Plan) -> tuple[AxisReversals, ...]:
+    """Count the reversals of a plan by axis; none is at the rest with which a motion begins or ends.
+
+    Parameters
+    ----------
+    track : Track
+        That of its path.
+    plan : Plan
+    """
+    rests = bool(plan.phases) and plan.phases[0].speed[0] == 0.0
+    points = [one for one in plan.turning_points if not rests or MEETS < one.s < track.length - MEETS]
+    behind = np.array([point.s for point in points]) + MEETS
+    behind = np.where(behind > track.length, behind - track.length if track.closed else track.length, behind)
+    segments = track.segment[track.locate(behind)[0]].tolist()
+    cuts = [not plan.path.segments[segment].rapid for segment in segments]
+    rows = ((point.axis, strategy_at(plan, point) != PLAIN, cut) for point, cut in zip(points, cuts, strict=True))
+    return count_reversals(rows, plan.machine)
 
 
 class MotionResult(ABC):

@@ -37,6 +37,8 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
       strategies         a list of {name, error, error_worst, error_gap, cycle_time [s], min_feed [mm/min],
                          standstill_time [s], retrograde, peak_acceleration, ok, reason, chosen, warnings}
       error_without_gap  {max, rms} [mm]
+      result             of the strategy that chooses: {strategy, error_gap, reversals, axes, not_compensated,
+                         result_line, …} as in convert
       warnings           a list of sentences
     """
     import ph_post as ph

@@ -121,6 +121,7 @@ def command(
       axes           the compensated axes
       not_compensated
                      what is left and why; null where nothing is
+      result_line    the line of the result
       offsets        largest added offset, by axis [mm]
       warnings       a list of sentences
       carrier        output that the object describes: table or program

@@ -74,6 +74,7 @@ def command(
       orders, notes    other commands that differ; stretches compared as text
       error            with -m: {a, b}, contour error [mm], else null
       error_gap        with -m: {a, b, b_worst}: what backlash adds [mm], else null
+      result_line      with -m: the line of the result, else null
     """
     import ph_post as ph
     from ph_post.cli.progress import ProgressPrinter

@@ -57,9 +57,10 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
       ph-post filter -m mill.toml part.ngc > filtered.ngc
       PH_POST_MACHINE=mill.toml ph-post-filter part.json
     """
-    from ph_post.cli.conversion import conversion_lines, converted, silenced
+    from ph_post.cli.conversion import conversion_lines, converted, print_results, silenced
     from ph_post.cli.progress import FilterProgress
     from ph_post.files.storage import STDIO, read_raw, write_atomically
+    from ph_post.report.result_line import summarize
 
     ctx.ensure_object(dict)["one_line"] = True
     dialect = how["dialect"] or _DIALECT
@@ -73,8 +74,13 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
         program, lines = result.program(), conversion_lines(result)
     write_atomically({STDIO: program})
     progress("done")
-    for line in () if quiet else lines:
+    if quiet:
+        return 0
+    for line in lines:
         click.echo(line, err=True)
+    with silenced():
+        outcome = summarize(result)
+    print_results({"program": outcome})
     return 0
 
 

@@ -63,6 +63,7 @@ def command(
       error     {before, after, planned, before_worst, after_worst, backlash}, each {max, rms} [mm]
       error_gap {before, after, after_worst}: what backlash adds; null without the original
       axes      axes that the program declares as compensated
+      result_line  the line of the result; null without the original
       lockstep  whether it ran period by period, not in real time
     """
     import ph_post as ph

@@ -24,7 +24,7 @@ from ph_post.cli import options
 @click.option(
     "--flank",
     type=click.Choice(["+", "-"]),
-    help="Side of the backlash on which all axes start, in place of that of the machine file.",
+    help="Way in which all axes moved last before the start, in place of that of the machine file.",
 )
 @click.option("--log", metavar="OUT.csv", help="Write commanded and executed motion; - for standard output.")
 @options.plot("the contour error")
@@ -66,6 +66,9 @@ def command(
       events              a list of {t [s], axis, kind}
       scenario            the case that error belongs to
       scenarios           every simulated case, with its error
+      reversals, axes     {compensated, all}, and the compensated axes
+      not_compensated     what is not, and what would change that
+      result_line         the line of the result
       warnings            a list of sentences
     """
     import ph_post as ph

@@ -53,8 +53,9 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
       ph-post slicer -m stepper part.gcode
       ph-post-slicer -m router.toml --backup --max-slowdown 0.25 part.gcode
     """
-    from ph_post.cli.conversion import conversion_lines, converted_program, silenced
+    from ph_post.cli.conversion import conversion_lines, converted_program, print_results, silenced
     from ph_post.files.storage import Content, SourceBytes, read_raw, write_atomically
+    from ph_post.report.result_line import summarize
 
     ctx.ensure_object(dict)["one_line"] = True
     if machine is None:
@@ -74,6 +75,9 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
     for line in conversion_lines(result):
         click.echo(line, err=True)
     options.report_written((), products)
+    with silenced():
+        outcome = summarize(result)
+    print_results({"program": outcome})
     return 0
 
 

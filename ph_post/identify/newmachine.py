@@ -245,7 +245,7 @@ def _axis_rows(name: str, axis: AxisAnswers) -> Iterator[Row]:
     if axis.loop.encloses_backlash:
         yield from _drive_rows(axis, model)
     yield _backlash_row(axis)
-    flank = 'where it rests in its backlash: "+", "-" (its weight pulls to minus) or not known'
+    flank = 'the way it moved last before the program: "+", "-" or not known'
     yield Row("initial_flank", "unknown", flank, assumed=True)
     if not axis.loop.encloses_backlash:
         zero = 'the way it moves when its zero is taken: "+", "-" or "both"'

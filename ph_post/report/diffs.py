@@ -53,6 +53,7 @@ def diff_view(found: Comparison) -> View:
         },
         "orders": [{"what": one.what, "a": _line(one.a), "b": _line(one.b)} for one in found.orders],
         **_predicted_view(found.predicted),
+        "result_line": next(iter(diff_result(found)[-1:]), None),
         "notes": list(found.notes),
     }
 

@@ -42,6 +42,7 @@ def rehearsal_view(found: Rehearsal) -> dict[str, Any]:
         },
         "error_gap": dict(zip(("before", "after", "after_worst"), map(error_view, found.gaps), strict=True)),
         "axes": list(declared_axes(found.program)),
+        "result_line": next(iter(_result_lines(found)[-1:]), None),
         "lockstep": found.lockstep,
     }
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.inputs import COMPENSATED_BEFORE
 from ph_post.api.outcomes import Compensation
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.program_compensation import ProgramCompensation
@@ -20,6 +21,7 @@ from ph_post.api.results import (
     ProgramMotion,
     ReversalCount,
     count_reversals,
+    plan_reversals,
 )
 from ph_post.api.reversals import ProgramReversal
 from ph_post.bounds import LONGEST_SIMULATED
@@ -52,7 +54,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     `error_gap_worst` that of the compensated motion if the backlash is off by its relative `uncertainty`. What was
     not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with backlash,
     None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
-    nothing could be simulated.
+    nothing could be simulated. `alone` where both motions are one, and nothing is compared.
     """
 
     time: tuple[float, float] | None = None
@@ -64,6 +66,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     reversals: ReversalCount | None = None
     left: str = ""
     trouble: str = ""
+    alone: bool = False
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -92,6 +95,26 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
     return _counted(found or ResultSummary(), rows, warnings, notes)
+
+
+def summarize_plans(
+    before: PlannedMotion, after: PlannedMotion, notes: tuple[str, ...] = (), warnings: Sequence[str] | None = None
+) -> ResultSummary:
+    """Summarize two planned motions along one path, or one that is given twice.
+
+    Parameters
+    ----------
+    before, after : PlannedMotion
+    notes : tuple of str, optional
+        Parts of a part program that the path does not show.
+    warnings : sequence of str, optional
+        In place of those of the plan.
+    """
+    plan = after.plan
+    found = summarize_motions(before, after, plan.machine, plan.path.axes)
+    found = msgspec.structs.replace(found, alone=before is after)
+    rows = plan_reversals(after.analysis.track, plan)
+    return _counted(found, rows, plan.warnings if warnings is None else warnings, notes)
 
 
 def _simulated(before: MotionResult, after: MotionResult, machine: Machine, axes: Iterable[str]) -> ResultSummary:
@@ -130,7 +153,7 @@ def _counted(
         found,
         axes=tuple(row.axis for row in rows if row.compensated),
         reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
-        left=left_words(rows, warnings, notes),
+        left=left_words(rows, warnings, [note for note in notes if COMPENSATED_BEFORE not in note]),
     )
 
 
@@ -208,7 +231,7 @@ X, Y, Z compensated, 42 of 42 reversals
     parts = [_error_words(found)]
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
-        parts.append(f"{before} → {after} s")
+        parts.append(f"{after} s" if found.alone else f"{before} → {after} s")
     parts += [words for words in [_axis_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
@@ -226,15 +249,14 @@ def _error_words(found: ResultSummary) -> str:
             else "it is over before its error counts"
         )
         return f"backlash error not simulated, as {why}"
-    high, low = (
-        f"{rounded_micrometres(a)} → {rounded_micrometres(b)} µm"
-        for a, b in ((before.max, after.max), (before.rms, after.rms))
-    )
+    high, low = (rounded_micrometres(one) for one in (after.max, after.rms))
+    if not found.alone:
+        high, low = f"{rounded_micrometres(before.max)} → {high}", f"{rounded_micrometres(before.rms)} → {low}"
     worst = ""
     if found.error_gap_worst is not None and found.uncertainty > 0.0:
         size = rounded_micrometres(found.error_gap_worst.max)
         worst = f" ({size} if the backlash is {100.0 * found.uncertainty:.2g} % off)"
-    return f"backlash error {high} max{worst}, {low} rms"
+    return f"backlash error {high} µm max{worst}, {low} µm rms"
 
 
 def _axis_words(found: ResultSummary) -> str:
@@ -258,6 +280,7 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "axes": list(found.axes),
         "not_compensated": found.left or None,
         "not_simulated": found.trouble or None,
+        "result_line": result_lines(found)[-1],
     }
 
 

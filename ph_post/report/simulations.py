@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 from ph_post.api.motion import Simulation, StrategyComparison
 from ph_post.api.results import PlannedMotion
 from ph_post.compensate.comparison import Contender, chosen_at
-from ph_post.compensate.strategies.registry import find_traits
+from ph_post.compensate.motion import without_strategy
+from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.quantities import NOTHING, micrometres, millimetres, seconds
-from ph_post.report.result_line import result_lines, summarize_motions
+from ph_post.report.result_line import ResultSummary, result_lines, summarize_plans, summary_view
 from ph_post.report.tables import chosen_words, format_table
 from ph_post.report.views import View
 from ph_post.simulate.assess import Assessment, scenario_words
@@ -23,6 +25,10 @@ COLUMN_NOTES = (
     "slowest: lowest feed while cutting, standstills and their ramps excluded",
 )
 """Meaning of the columns of the comparison."""
+
+
+REMEDY: Final = "--strategy auto, or `convert`, compensates them"
+"""What would change that a plain program is not compensated."""
 
 
 def error_view(error: ContourError | TurningError | None) -> View | None:
@@ -58,7 +64,9 @@ def simulation_view(found: Simulation) -> View:
             "per_turning_point": [_turning_view(assessment, number, p) for number, p in enumerate(points)],
             "scenarios": [{**scenario_view(one), "error": error_view(error)} for one, error in tried],
         }
-    return {**view, "warnings": list(found.caveats)}
+    result = summary_view(simulation_result(found))
+    own = {name: result[name] for name in ("reversals", "axes", "not_compensated", "result_line")}
+    return {**view, **own, "warnings": list(found.caveats)}
 
 
 def simulation_lines(found: Simulation) -> Iterator[str]:
@@ -78,6 +86,21 @@ def simulation_lines(found: Simulation) -> Iterator[str]:
             yield f"around the reversals{side}:"
             yield turning_table(assessment, found.turning_points)
     yield from event_words(run.events)
+    yield from result_lines(simulation_result(found))
+
+
+def simulation_result(found: Simulation) -> ResultSummary:
+    """Summarize a simulated motion: of a strategy beside the plain program, of a table by itself."""
+    if found.motion is None:
+        if found.assessment is None:
+            return ResultSummary(trouble="the path is not known, which --path gives")
+        time, assessment = found.time, found.assessment
+        errors = (assessment.error, assessment.error), (assessment.error_gap, assessment.error_gap)
+        return ResultSummary(time=(time, time), error=errors[0], error_gap=errors[1], alone=True)
+    after = found.motion
+    if after.plan.strategy == PLAIN:
+        return summarize_plans(after, after, found.notes, [f"not compensated: {REMEDY}"])
+    return summarize_plans(PlannedMotion(after.analysis, without_strategy(after.plan)), after, found.notes)
 
 
 def _turning_view(assessment: Assessment, number: int, point: TurningPoint) -> View:
@@ -106,9 +129,11 @@ def table_would_reach(program: ContourError | None, table: ContourError | None) 
 
 def comparison_view(found: StrategyComparison) -> View:
     """Return what ``compare --json`` prints."""
+    result = comparison_result(found)
     return {
         "strategies": [_contender_view(one) for one in found.strategies],
         "error_without_gap": error_view(found.error_without_gap),
+        "result": None if result is None else {"strategy": result[0], **summary_view(result[1])},
         "warnings": list(found.caveats),
     }
 
@@ -122,19 +147,20 @@ def comparison_lines(found: StrategyComparison) -> Iterator[str]:
     yield from COLUMN_NOTES
     yield from (f"refused {one.name}: {one.reason}" for one in found.strategies if not one.ok)
     yield from choices(found.strategies)
-    yield from _result(found)
+    result = comparison_result(found)
+    if result is not None:
+        yield from (f"{result[0]}: {line}" for line in result_lines(result[1]))
 
 
-def _result(found: StrategyComparison) -> Iterator[str]:
-    """Yield the line of the result, from the plain program to what the strategy that chooses makes of it."""
+def comparison_result(found: StrategyComparison) -> tuple[str, ResultSummary] | None:
+    """Return the strategy that chooses, and the result from the plain program to what it makes of it."""
     plain = found.strategies[0].plan
     chosen = next((one.plan for one in found.strategies if one.ok and find_traits(one.name).chooses), None)
     machine = found.analysis.machine
     if plain is None or chosen is None or machine is None:
-        return
+        return None
     before, after = (PlannedMotion(found.analysis, plan) for plan in (plain, chosen))
-    summary = summarize_motions(before, after, machine, chosen.path.axes)
-    yield f"{chosen.strategy}: {result_lines(summary)[-1]}"
+    return chosen.strategy, summarize_plans(before, after, found.notes)
 
 
 def _contender_view(one: Contender) -> View:

@@ -43,6 +43,7 @@ class Gap(msgspec.Struct, frozen=True, kw_only=True):
     `lost_motion` [m] is what a dial indicator shows, r Δθ_m / N. The other fields are None where a
     `motor` or `none` axis does not need them: `motor_angle` Δθ_m [rad], `gear_ratio` N,
     `travel_per_rad` r [m/rad], `inertia_fraction` η, `beta` 1/τ [1/s].
+    `initial_flank` is the way in which the axis moved last before the start, on whose side its motor pushes.
     """
 
     lost_motion: float

@@ -134,3 +134,74 @@ def test_all_reversals_of_a_path_may_be_required(tmp_path: Path, capsys: pytest.
     assert main([*words, "--require-all"]) == 0
     assert out.exists()
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("command", ["filter", "slicer"])
+def test_pipelines_end_with_the_line_of_convert(
+    part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    words = ("-m", "stepper", "--max-slowdown", "0.01", "--dialect", "linuxcnc")
+    expected, _ = ended(capsys, "convert", str(part), *words, "-o", str(tmp_path / "out.ngc"))
+    said, _ = ended(capsys, command, str(part), *words)
+    assert expected[-2].startswith("NOT COMPENSATED: ")
+    assert said[-2:] == expected[-2:]
+
+
+def test_a_quiet_filter_says_nothing(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ended(capsys, "filter", str(part), "-m", "stepper", "--quiet")[0] == []
+
+
+ALONE = re.compile(
+    r"backlash error (?P<max>\S+) µm max( \(\S+ if the backlash is \S+ % off\))?, (?P<rms>\S+) µm rms; "
+    r"(?P<time>\S+) s; no axis compensated, 0 of (?P<all>\d+) reversals"
+)
+
+
+def test_simulate_judges_the_plain_program_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out = ended(capsys, "simulate", "circle", "-m", "stepper")
+    *_, left, last = out.splitlines()
+    found = ALONE.fullmatch(last)
+    assert found is not None, last
+    assert left.startswith("NOT COMPENSATED: X at ")
+    assert "convert" in left
+    view = json.loads(ended(capsys, "simulate", "circle", "-m", "stepper", "--json")[1])
+    assert view["result_line"] == last
+    assert left.endswith(view["not_compensated"])
+    assert float(found["max"]) == pytest.approx(1e3 * view["error_gap"]["max"], rel=0.05)
+    assert view["reversals"] == {"compensated": 0, "all": int(found["all"])}
+
+
+def test_simulate_and_compare_tell_of_a_strategy_beside_the_plain_program(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("circle", "-m", "stepper", "--effort", "0.01")
+    _, out = ended(capsys, "simulate", *words, "--strategy", "auto")
+    last = out.splitlines()[-1]
+    assert LINE.fullmatch(last) is not None, last
+    _, out = ended(capsys, "compare", *words)
+    assert out.splitlines()[-1] == f"auto: {last}"
+    view = json.loads(ended(capsys, "compare", *words, "--json")[1])["result"]
+    assert (view["strategy"], view["result_line"]) == ("auto", last)
+
+
+def test_a_compensated_program_is_not_taken_for_the_part(
+    part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.ngc"
+    ended(capsys, "convert", str(part), "-m", "stepper", "-o", str(out))
+    plain, compensated = (ended(capsys, "simulate", str(name), "-m", "stepper") for name in (part, out))
+    # The path that the part should have is the original's.
+    assert compensated[1].splitlines()[-2:] == plain[1].splitlines()[-2:]
+    assert any("this is the path of its original" in line for line in compensated[0])
+    text = out.read_text()
+    assert "F200" in text
+    out.write_text(text.replace("F200", "F150"))
+    said, _ = ended(capsys, "simulate", str(out), "-m", "stepper")
+    assert any("changed since then" in line for line in said)
+
+
+def test_diff_and_json_have_the_line(part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.ngc"
+    said, text = ended(capsys, "convert", str(part), "-m", "stepper", "-o", str(out), "--json")
+    assert json.loads(text)["result_line"] == said[-1]
+    assert main(["diff", str(part), str(out), "-m", "stepper", "--json"]) == 1
+    line = json.loads(capsys.readouterr().out)["result_line"]
+    assert line.split("; ")[:2] == said[-1].split("; ")[:2]

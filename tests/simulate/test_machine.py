@@ -296,3 +296,9 @@ def test_an_asymmetry_of_nothing_is_none() -> None:
     assert np.array_equal(run(none).executed, run().executed)
     same = run(effect("viscous_friction", following_error_s=0.004))
     assert np.array_equal(run(both).executed, same.executed)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_axis_that_moved_down_last_stands_above_its_motor(way: int) -> None:
+    run = run_case(Case(make_axis("motor", **SOFT, flank=way), np.zeros(50), PERIOD))
+    assert run.motor - run.executed == pytest.approx(way * 2e-4, abs=1e-12)
