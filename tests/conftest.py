@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,13 @@ BEGINNING = {HERE / name: number for number, name in enumerate(LONG)}
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the slow tests out where nobody asks for them, or for a file by its name; long files first."""
     named = any(Path(word.partition("::")[0]).suffix == ".py" for word in config.args)
+    cases: Counter[str] = Counter()
     for item in items:
+        if thinned := item.get_closest_marker("thinned"):
+            function = item.nodeid.partition("[")[0]
+            if cases[function] % thinned.args[0]:
+                item.add_marker(pytest.mark.slow)
+            cases[function] += 1
         if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).parts[0] in SLOW_FOLDERS:
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not (named or os.environ.get(ALL)):

@@ -30,6 +30,7 @@ def still(tmp_path_factory):
     return name
 
 
+@pytest.mark.slow
 def test_identify_is_the_command(capsys, run, tmp_path):
     found = ph.identify(ph.read_log(run), "router")
     view = printed(capsys, "identify", run, "-m", "router", "-o", tmp_path / "machine.toml")

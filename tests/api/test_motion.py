@@ -49,6 +49,7 @@ def test_simulate_is_the_command(capsys, tmp_path):
     assert (tmp_path / "again.csv").read_bytes() == found.log()
 
 
+@pytest.mark.slow
 def test_units_are_si(capsys):
     found = ph.simulate("circle", "router", feed=0.01)
     view = printed(capsys, "simulate", "circle", "-m", "router", "--feed", "600")
@@ -74,6 +75,7 @@ def test_a_path_is_its_own(capsys):
         ph.simulate("circle", "router", path="circle")
 
 
+@pytest.mark.slow
 def test_compare_is_the_command(capsys):
     found = ph.compare("circle", "router", output="program", effort=0.01)
     assert found.strategies[0].name == "none"

@@ -63,6 +63,7 @@ def test_all_strategies_the_plain_program_first(capsys, hump):
             assert row["reason"] is None
 
 
+@pytest.mark.slow
 def test_the_papers_circle(capsys):
     rows = {row["name"]: row for row in compared(capsys, "circle", "-m", "paper", "--start", "moving")}
     plain = rows["none"]
@@ -74,6 +75,7 @@ def test_the_papers_circle(capsys):
     assert rows["suppress"]["min_feed"] == pytest.approx(0.25 * plain["min_feed"], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_refusal_is_listed_with_its_reason(capsys, hump):
     rows = {row["name"]: row for row in compared(capsys, hump, "-m", "mill")}
     refused = rows["retrograde"]
@@ -99,6 +101,7 @@ class Entry:
         return ForScales()
 
 
+@pytest.mark.slow
 def test_a_strategy_of_another_loop_is_refused(capsys, monkeypatch, hump):
     monkeypatch.setattr("ph_post.registry.entry_points", lambda group: [Entry()])
     for machine, fits in (("mill", True), ("router", False)):
@@ -134,6 +137,7 @@ def test_the_table_has_a_line_a_strategy(capsys, tmp_path, hump):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_what_was_chosen_where_and_what_is_lag(capsys):
     status, out, _ = run(capsys, "compare", OVAL, "-m", "router", *QUICK, "--json")
     assert status == 0
@@ -146,12 +150,14 @@ def test_what_was_chosen_where_and_what_is_lag(capsys):
     assert view["error_without_gap"]["max"] < 0.25 * rows["none"]["error"]["max"]
 
 
+@pytest.mark.slow
 def test_a_program_is_refused_what_it_cannot_carry(capsys):
     rows = {row["name"]: row for row in compared(capsys, OVAL, "-m", "stepper", "--carrier", "program")}
     assert rows["auto"]["ok"]
     assert "part program" in rows["step"]["reason"]
 
 
+@pytest.mark.slow
 def test_effects_that_do_not_act_are_named_once(capsys, tmp_path, hump):
     text = (ROOT / "samples" / "machines" / "router.toml").read_text()
     machine = tmp_path / "router.toml"

@@ -15,7 +15,6 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from support.amount import thinned
 from support.pipelines import PATIENCE, heeding_interrupts
 from support.streams import without_progress
 
@@ -562,7 +561,8 @@ def test_a_file_that_comes_up_meanwhile_stays_and_no_answer_is_lost(tmp_path):
 # --- the machine that was written works at once ---
 
 
-@pytest.mark.parametrize(("dialect", "loop"), thinned(product(dialect_names(), ("load", "motor", "none")), 4))
+@pytest.mark.thinned(4)
+@pytest.mark.parametrize(("dialect", "loop"), list(product(dialect_names(), ("load", "motor", "none"))))
 def test_a_new_machine_works_at_once(capsys, tmp_path, loop, dialect):
     file, program = str(tmp_path / "mine.toml"), tmp_path / "oval.ngc"
     described = ("--loop", loop, "--dialect", dialect, "--lost-motion", "0.05")

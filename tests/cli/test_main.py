@@ -138,6 +138,7 @@ def test_auto_is_the_default_and_tells_what_it_chose(capsys, tmp_path):
     assert climb[0] in err
 
 
+@pytest.mark.slow
 def test_what_a_table_would_reach_is_told_of_a_program_alone(capsys, tmp_path):
     program = ("-o", str(tmp_path / "oval.ngc"))
     _, out, err = run(capsys, "convert", OVAL, "-m", "mill", *SUPPRESS, *program, "--json")
@@ -201,6 +202,7 @@ def test_convert_simulates_only_where_that_is_asked_for(capsys):
     assert view["reversals"]["all"] == 4
 
 
+@pytest.mark.slow
 def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):
     program, table = str(tmp_path / "oval.ngc"), str(tmp_path / "oval.csv")
     both = (*SUPPRESS, "-o", program, "--table", table)
@@ -214,6 +216,7 @@ def test_a_program_beside_a_table_is_said_not_to_lead(capsys, tmp_path):
 
 @pytest.mark.parametrize("strategy", ["none", "linear", "suppress", "dwell"])
 @pytest.mark.parametrize("machine", ["mill", "router", "stepper"])
+@pytest.mark.thinned(4)
 def test_tables_keep_the_limits_with_all_that_is_added(capsys, tmp_path, strategy, machine):
     from ph_post.compensate.violations import check_command
     from ph_post.drive.machinefile import read_machine
@@ -225,6 +228,7 @@ def test_tables_keep_the_limits_with_all_that_is_added(capsys, tmp_path, strateg
     assert check_command(read_table(table), read_machine(machine)) == ()
 
 
+@pytest.mark.slow
 def test_tables_lead_the_path_but_for_the_baselines(capsys, tmp_path):
     # In steady motion along a line at V a lead is c V: at most 0.030 s of 20 mm/s here.
     table = tmp_path / "oval.csv"
@@ -254,6 +258,7 @@ def test_convert_to_standard_output_is_the_program_alone(capsys):
     assert "ph-post" in out.splitlines()[0] + out.splitlines()[1]
 
 
+@pytest.mark.slow
 def test_convert_is_deterministic(capsys):
     for strategy in (SUPPRESS, QUICK):
         arguments = ("convert", POCKET, "-m", "stepper", "--dialect", "grbl", *strategy)
@@ -280,6 +285,7 @@ def test_moving_holds_the_feed_from_end_to_end(capsys):
     assert time_["after"] == pytest.approx(12.0 + 4 * saved, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_standard_input_and_output(capsys, monkeypatch, tmp_path):
     command = [sys.executable, "-m", "ph_post", "convert", "-", "-m", "mill", *SUPPRESS, "--table", "-"]
     text = Path(OVAL).read_text()

@@ -70,6 +70,7 @@ def test_the_filter_gives_nothing_but_the_program(part, tmp_path):
     assert told[-1] == 100
 
 
+@pytest.mark.slow
 def test_the_filter_writes_the_words_of_linuxcnc_whatever_the_machine_names(part):
     done = run("filter", "-m", "stepper", "--quiet", *ROOMY, part)
     assert done.returncode == 0
@@ -136,6 +137,7 @@ def test_what_cannot_be_filtered_is_one_line_and_no_program(tmp_path, name, text
 # Slicers
 
 
+@pytest.mark.slow
 def test_a_slicer_has_its_program_edited_in_place(tmp_path):
     """A copy with another ending, as slicers hand it over; they tell the name that it will have."""
     handed, final = tmp_path / "slic3r 1.gcode.pp", tmp_path / "SD card" / "part.gcode"
@@ -192,6 +194,7 @@ def extrusion(program):
 
 
 @pytest.mark.parametrize("dialect", ["marlin", "klipper"])
+@pytest.mark.thinned(2)
 def test_a_print_keeps_its_extrusion(tmp_path, dialect):
     """Every E of the original stands in the outcome, in order; what is between lies between."""
     machine, handed = tmp_path / "printer.toml", tmp_path / "print.gcode.pp"
@@ -216,6 +219,7 @@ def test_a_print_keeps_its_extrusion(tmp_path, dialect):
     assert list(rest) == []
 
 
+@pytest.mark.slow
 def test_for_a_print_host_the_backup_stays_on_this_machine(tmp_path):
     handed = tmp_path / "temporary.gcode"
     handed.write_text(CIRCLE)
@@ -322,6 +326,7 @@ LAYERS = [
 ]
 
 
+@pytest.mark.slow
 def test_cura_gets_the_compensated_program_in_layers(cura, tmp_path, monkeypatch):
     loaded, shown = cura
     command = executable(tmp_path / "ph-post slicer", "slicer")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.amount import thinned
 from support.streams import without_progress
 
 from ph_post.cli.main import main
@@ -27,7 +26,8 @@ def data_of(text):
     return json.loads(found, parse_constant=refuse)
 
 
-@pytest.mark.parametrize("name", thinned(shipped_names("paths"), 3))
+@pytest.mark.thinned(3)
+@pytest.mark.parametrize("name", shipped_names("paths"))
 def test_every_shipped_path_has_a_page_without_nan_and_not_too_large(name, tmp_path, capsys):
     page = tmp_path / "page.html"
     assert main(["report", name, "-m", "mill", *SUPPRESS, "-o", str(page), "--json"]) == 0
@@ -76,6 +76,7 @@ def test_a_compensated_program_is_shown_beside_its_original(tmp_path, capsys):
         assert [one["line"] for one in found["windows"]] == [one["line"] for one in known["windows"]]
 
 
+@pytest.mark.slow
 def test_the_page_goes_to_standard_output_and_a_picture_beside_it(tmp_path, capsys):
     assert main(["report", "oval", "-m", "mill", *SUPPRESS]) == 0
     assert capsys.readouterr().out.startswith("<!DOCTYPE html>")
@@ -128,7 +129,8 @@ DRAWING = [
 ]
 
 
-@pytest.mark.parametrize(("ending", "command"), thinned(product(("png", "svg", "pdf"), DRAWING), 5))
+@pytest.mark.thinned(5)
+@pytest.mark.parametrize(("ending", "command"), list(product(("png", "svg", "pdf"), DRAWING)))
 def test_commands_draw_in_the_format_of_the_ending(tmp_path, monkeypatch, capsys, command, ending):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.ngc").write_text("G21 G90\nG0 X0 Y0\nG1 X10 F100\nY10\n")
@@ -165,6 +167,7 @@ def test_a_short_motion_is_drawn_as_it_is():
     assert rows.tolist() == list(range(50))
 
 
+@pytest.mark.slow
 def test_identify_draws_what_is_left_of_the_record(tmp_path, capsys):
     picture = tmp_path / "left.png"
     assert main(["identify", str(WORN), "-m", "router", "--plot", str(picture)]) == 0
@@ -172,6 +175,7 @@ def test_identify_draws_what_is_left_of_the_record(tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_what_is_thinned_keeps_what_the_table_tells_and_says_so(tmp_path, monkeypatch):
     page, whole = tmp_path / "thin.html", tmp_path / "whole.html"
     assert main(["report", "oval", "-m", "mill", *SUPPRESS, "-o", str(whole)]) == 0

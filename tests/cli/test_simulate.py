@@ -65,6 +65,7 @@ def test_the_papers_circle(capsys):
     assert view["cycle_time"] == pytest.approx(12.0, abs=0.0011)
 
 
+@pytest.mark.slow
 def test_a_table_is_the_plan_it_was_made_from(capsys, table):
     ours = simulated(capsys, OVAL, "-m", "mill", "--strategy", "suppress")
     read = simulated(capsys, table, "--path", OVAL, "-m", "mill")
@@ -80,6 +81,7 @@ def test_a_table_without_its_path_has_no_error(capsys, table):
     assert view["events"]
 
 
+@pytest.mark.slow
 def test_the_log_holds_the_motion(capsys, tmp_path, table):
     log = tmp_path / "log.csv"
     status, _, err = run(capsys, "simulate", table, "-m", "mill", "--log", str(log))
@@ -105,6 +107,7 @@ def test_the_log_is_the_same_every_time(capsys):
 
 
 @pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
+@pytest.mark.thinned(2)
 def test_pictures_with_and_without_a_path(capsys, tmp_path, table, ending):
     for number, more in enumerate(((), ("--path", OVAL))):
         picture = tmp_path / f"{number}{ending}"

@@ -53,6 +53,7 @@ def test_what_is_there_and_what_comes_is_converted(folders):
     assert (source / "a.ngc").read_text() == CIRCLE
 
 
+@pytest.mark.slow
 def test_a_half_written_file_is_left_until_it_is_whole(folders):
     source, target = folders
     with watching(source, "-o", target) as watched, (source / "part.ngc").open("w") as file:
@@ -67,6 +68,7 @@ def test_a_half_written_file_is_left_until_it_is_whole(folders):
     assert watched.said[-1] == "stopped; 1 converted, 0 refused"
 
 
+@pytest.mark.slow
 def test_a_file_that_changes_or_is_replaced_is_converted_again(folders, tmp_path):
     source, target = folders
     part = source / "part.ngc"
@@ -86,6 +88,7 @@ def test_a_file_that_changes_or_is_replaced_is_converted_again(folders, tmp_path
     assert (target / "renamed.ngc").read_bytes() == (target / "part.ngc").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_bad_file_is_named_and_the_next_has_its_turn(folders):
     source, target = folders
     with watching(source, "-o", target) as watched:

@@ -114,6 +114,7 @@ def test_a_motion_that_does_not_rest_begins_on_the_flank_it_moves_towards() -> N
     np.testing.assert_allclose(command.offset[0, 0], 0.5 * LOST, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_known_flank_needs_no_approach() -> None:
     known, open_ = (hooked(flank)[0] for flank in ("+", "unknown"))
     assert not [one for one in known.crossings if one.axis == "X" and one.start == 0.0]

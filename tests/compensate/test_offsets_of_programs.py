@@ -85,6 +85,7 @@ def behind_play(position: np.ndarray, gap: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("flank", [-1, 1])
+@pytest.mark.thinned(2)
 def test_a_table_behind_a_play_stays_on_the_path(flank) -> None:
     analysis, plan = written(read_path(shipped("paths", "oval")), "stepper")
     track, period = analysis.track, plan.machine.servo_period
@@ -106,6 +107,7 @@ def test_a_table_behind_a_play_stays_on_the_path(flank) -> None:
         assert np.abs(position - path[:, number])[away] == pytest.approx(0.5 * gap, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_path_rests_during_jogs_and_dwells() -> None:
     _, plan = written(read_path(shipped("paths", "oval")), "router")
     motion = MotionLaw.from_phases(plan.phases)
@@ -118,6 +120,7 @@ def test_the_path_rests_during_jogs_and_dwells() -> None:
 
 
 @pytest.mark.parametrize("machine", ["stepper", "router"])
+@pytest.mark.thinned(2)
 def test_the_gain_over_none_of_loops_that_are_not_closed_over_the_table(machine) -> None:
     analysis, plan = written(read_path(shipped("paths", "oval")), machine)
     before, after = before_and_after(analysis, plan)
@@ -130,6 +133,7 @@ def test_the_gain_over_none_of_loops_that_are_not_closed_over_the_table(machine)
     assert cycle_time(plan.phases) - approach <= 1.1 * cycle_time(plan.nominal)
 
 
+@pytest.mark.slow
 def test_a_program_for_a_loop_over_the_table_is_never_worse() -> None:
     analysis, plan = written(read_path(shipped("paths", "circle")), "paper", "auto", effort=0.05)
     before, after = before_and_after(analysis, plan)

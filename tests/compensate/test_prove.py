@@ -156,6 +156,7 @@ def test_a_mean_square_that_grows_is_given_up_though_the_largest_error_shrinks()
     assert all(one <= 1.01 * other for one, other in zip(sizes(kept, analysis), sizes(plain, analysis), strict=True))
 
 
+@pytest.mark.slow
 def test_what_is_left_for_time_says_what_would_change_it() -> None:
     """The pocket on the router: the stops of X alone would fit, but alone they make the error larger."""
     analysis = look(read_path(or_shipped("paths", "pocket")), read_machine("router"))

@@ -21,6 +21,7 @@ def part(tmp_path: Path) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_json_log_and_picture(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, picture = part.with_suffix(".csv"), part.with_suffix(".png")
     words = ["rehearse", str(part), "-m", "router", "--against", str(part), "--backlash"]
@@ -52,6 +53,7 @@ def test_what_linuxcnc_refuses_is_told_in_one_line(tmp_path: Path, capsys: pytes
     assert "bad.ngc:3" in said[0]
 
 
+@pytest.mark.slow
 def test_a_shifted_path_has_no_error_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without the plain program nothing says where the table should be; with it the error is that from its path."""
     plain, offset = tmp_path / "plain.ngc", tmp_path / "offset.ngc"
@@ -73,6 +75,7 @@ def test_a_shifted_path_has_no_error_of_its_own(tmp_path: Path, capsys: pytest.C
     assert capsys.readouterr().out.splitlines()[-1].startswith("backlash error ")
 
 
+@pytest.mark.slow
 def test_what_follows_a_cycle_is_not_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     square = ["G0 X0 Y0", "G1 Z-1 F300", "G1 X20 F1200", "Y20", "X0", "Y0", "G0 Z5"]
     understood = ["G21 G90 G64 P0.01", "G0 X0 Y0 Z5", *square]

@@ -94,6 +94,7 @@ def test_every_byte_is_kept(name):
 
 
 @each
+@pytest.mark.thinned(6)
 def test_what_is_read_is_what_linuxcnc_reads(name):
     if RS274 is None:
         pytest.skip("LinuxCNC's rs274 is not installed")
@@ -108,6 +109,7 @@ def test_what_is_read_is_what_linuxcnc_reads(name):
 
 
 @jobs
+@pytest.mark.thinned(6)
 def test_the_compensated_program_is_judged_right(name, machine, strategy):
     program, output = programs(name, machine, strategy)
     verdict = verify(program, output, tolerance=TOLERANCE, machine=MACHINES[machine])
@@ -185,6 +187,7 @@ def test_a_second_run_changes_nothing(name, machine, strategy):
 
 
 @jobs
+@pytest.mark.thinned(6)
 def test_linuxcnc_accepts_the_output_and_makes_the_same_of_what_is_not_declared(name, machine, strategy):
     if RS274 is None:
         pytest.skip("LinuxCNC's rs274 is not installed")

@@ -110,6 +110,7 @@ CASES = {
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.thinned(6)
 def test_a_known_place_comes_first(name: str, motion: str) -> None:
     case, m = CASES[name], MOTIONS[motion]()
     first, *_ = places(m, case.residual(m))
@@ -131,6 +132,7 @@ def test_the_share_of_two_causes_is_split_between_them() -> None:
     assert found["period"].value == pytest.approx(2.0 * np.pi * MM, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_reversals_that_differ_by_direction_and_place() -> None:
     m = to_and_fro()
     up = places(m, 2.0 * UM * np.where(m.v > 0.0, decaying(m.v, 0.02), 0.0))[0]

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.amount import thinned
 from support.firmware import LINES, RefusedError, commands, travel
 
 from ph_post.analysis.path_analysis import analyse
@@ -60,7 +59,8 @@ CASES = [
 """No program of a path can carry `step` or `fly`."""
 
 
-@pytest.mark.parametrize(("path", "strategy"), thinned(CASES, 4))
+@pytest.mark.thinned(4)
+@pytest.mark.parametrize(("path", "strategy"), CASES)
 def test_no_program_has_a_word_that_firmware_refuses(path: Path, strategy: str) -> None:
     plan = plan_of(path, strategy)
     track = Track(plan.path)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.amount import thinned
 from support.languages import Reader, run_fanuc, run_klartext, run_tnc_iso
 from support.measure import samples
 from support.plans import make_path, make_plan
@@ -56,7 +55,8 @@ def ran(name: str, dialect: str) -> Reader:
     return RUN[dialect](written(name, dialect).text)
 
 
-@pytest.mark.parametrize(("name", "dialect"), thinned(product(NAMES, RUN), 3))
+@pytest.mark.thinned(3)
+@pytest.mark.parametrize(("name", "dialect"), list(product(NAMES, RUN)))
 def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> None:
     program, found = written(name, dialect), ran(name, dialect)
     moves = found.run.moves[1 - program.moves :] if program.moves > 1 else found.run.moves
@@ -73,7 +73,8 @@ def test_a_control_would_go_along_the_shipped_path(name: str, dialect: str) -> N
     assert distance(thinned, reached).max() <= 2.0 * TOLERANCE + 2.0 * quantum
 
 
-@pytest.mark.parametrize(("name", "dialect"), thinned(product(NAMES, RUN), 3))
+@pytest.mark.thinned(3)
+@pytest.mark.parametrize(("name", "dialect"), list(product(NAMES, RUN)))
 def test_reading_back_gives_what_a_control_would_do(name: str, dialect: str) -> None:
     program, expected = written(name, dialect), ran(name, dialect).run.moves
     found = read_as(dialect, program.text.encode(), "a.nc", strict=True)
@@ -160,6 +161,7 @@ def test_a_cubic_comes_back_as_the_same_nurbs_to_the_last_decimal() -> None:
     assert sorted(opening) == list(opening)
 
 
+@pytest.mark.slow
 def test_plain_programs_hold_no_word_of_an_option() -> None:
     for name in NAMES:
         assert not {"G6.2", "G5.1", "G93", "G64", "G61"} & {*written(name, "fanuc").text.split()}
@@ -168,6 +170,7 @@ def test_plain_programs_hold_no_word_of_an_option() -> None:
 
 
 @pytest.mark.parametrize("dialect", ["fanuc", "heidenhain", "heidenhain-iso", "heidenhain+tolerance"])
+@pytest.mark.thinned(3)
 def test_the_programs_of_a_calibration_kit_are_in_the_language_too(dialect: str, tmp_path: Path) -> None:
     shipped = Path(__file__).resolve().parents[2] / "samples" / "machines" / "mill.toml"
     machine = tmp_path / "mill.toml"
@@ -204,6 +207,7 @@ def test_a_program_in_another_language_is_not_rehearsed_on_linuxcnc(capsys, tmp_
     assert "not in those of another controller; expected a machine file for LinuxCNC" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_the_decimals_cannot_hold_is_left_out_by_auto_and_told(capsys, tmp_path: Path) -> None:
     # jogs of 2.5 µm, which the increment system IS-B of 1 µm would round by a fifth
     out = str(tmp_path / "a.nc")

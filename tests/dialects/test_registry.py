@@ -91,6 +91,7 @@ def test_the_signs_of_files_name_dialects_of_this_package() -> None:
     assert {*registry.ENDINGS.values(), *(one.dialect for one in registry.SIGNATURES)} <= {*registry.BUILT_IN}
 
 
+@pytest.mark.slow
 def test_reading_by_shared_words_loads_no_dialect() -> None:
     code = (
         "import sys; from ph_post.dialects.reading import read_as;"

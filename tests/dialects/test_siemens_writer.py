@@ -126,6 +126,7 @@ CURVES = {
 
 @pytest.mark.parametrize("low", [0.9, 0.2, -0.5])
 @pytest.mark.parametrize("curve", CURVES)
+@pytest.mark.thinned(3)
 def test_feeds_follow_the_profile(curve: str, low: float) -> None:
     """Cubics over the way of the blocks that were written, against the profile itself; -0.5 goes to 2 %."""
     mpmath.mp.dps = 25
@@ -173,6 +174,7 @@ def test_a_rest_is_left_to_the_controller() -> None:
             assert sum(before.feed) == after.feed[0]
 
 
+@pytest.mark.slow
 def test_every_word_is_in_the_manual(tmp_path: Path) -> None:
     """Addresses and words outside comments, of programs with all kinds of blocks."""
     found = set()

@@ -23,6 +23,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return files
 
 
+@pytest.mark.slow
 def test_a_shifted_path_is_measured_from_that_of_a(programs: tuple[Path, Path]) -> None:
     """Measured from its own shifted path, B would be as bad as A: the table follows the path, not the command."""
     machine = ph.read_machine(RING / "machine.toml")

@@ -210,6 +210,7 @@ def test_convert_by_table_is_convert_by_solution(capsys, tmp_path: Path) -> None
         assert other["profile"]["t_star"] == pytest.approx(one["profile"]["t_star"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_loops_closed_elsewhere_need_no_table(capsys, tmp_path: Path) -> None:
     """The router's gap lies behind its loops: no β or C in it, so it is solved as ever."""
     table = tmp_path / "paper.json"

@@ -127,6 +127,7 @@ def test_stops_on_a_sampled_curve_stand_at_its_outermost_vertices() -> None:
     assert end[stopped[1], 1] == end[:, 1].min()
 
 
+@pytest.mark.slow
 def test_pulses_go_out_and_back_between_pauses() -> None:
     found = planned(SLOT, "mill", strategy="takeup", effort=0.1)
     stops = found.edits.stops
@@ -186,6 +187,7 @@ def test_every_chain_is_planned() -> None:
     assert [stop.motion for stop in found.edits.stops] == [2, 3, 4, 7, 8, 9]
 
 
+@pytest.mark.slow
 def test_a_search_is_shared_out_and_told() -> None:
     text = SLOT.replace("M2\n", "T2 M6\n") + SLOT
     program, said = program_of(text), []

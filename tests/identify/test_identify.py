@@ -128,6 +128,7 @@ def test_friction_is_not_taken_for_play() -> None:
     assert any("friction of" in note and "better than backlash" in note for note in found.sentences)
 
 
+@pytest.mark.slow
 def test_friction_and_play_that_noise_makes_alike_are_said_to_be() -> None:
     found = identify(record(FINE, "act", noise=2e-5, track=LADDER), None, {"X": "motor"})
     assert "lost_motion" in found.drives["X"].parameters
@@ -169,6 +170,7 @@ def test_slow_motion_does_not_show_b() -> None:
 
 
 @pytest.mark.parametrize("table_too", [False, True])
+@pytest.mark.thinned(2)
 def test_a_coast_down_gives_beta_of_what_moves(table_too: bool) -> None:
     """The motor runs out as an exponential; with the table on it the rate is another one and is only told."""
     track = to_and_fro(np.random.default_rng(2)).move((0.1, 0.0), 0.05, 1.0)
@@ -189,6 +191,7 @@ def test_a_coast_down_gives_beta_of_what_moves(table_too: bool) -> None:
         assert abs(off(drive.parameters[name], truth(plant)[name])) < 3.0, name
 
 
+@pytest.mark.slow
 def test_the_loop_is_assumed_from_what_was_read() -> None:
     for plant, channels, why in (
         (MOTOR, ("motor",), "only the motor was read"),

@@ -7,7 +7,6 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.amount import thinned
 from support.motions import make_path
 from support.played import play_program
 from support.two_masses import Nominal, body_of, settling, table_of
@@ -92,7 +91,8 @@ def largest_error(text, track, machine, side):
     return away[round(settling(bodies) / PERIOD) :].max()
 
 
-@pytest.mark.parametrize(("name", "machine"), thinned(product(PATHS, ("router", "stepper")), 3))
+@pytest.mark.thinned(3)
+@pytest.mark.parametrize(("name", "machine"), list(product(PATHS, ("router", "stepper"))))
 def test_the_program_is_as_good_as_it_says_whatever_side_the_axes_stood_on(name: str, machine: str) -> None:
     path = path_named(name)
     drives = replace(ph.read_machine(machine), dialect="linuxcnc")

@@ -50,6 +50,7 @@ def jogs_of(moves: list[Move]) -> list[int]:
 @pytest.mark.parametrize("mode", ["per-minute", "inverse-time"])
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])
 @pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.thinned(4)
 def test_the_path_plus_the_offset_is_what_is_run(name: str, dialect: str, mode: str) -> None:
     plan, track = planned(name)
     program = make_program(plan, track, find_dialect(dialect), replace(HOW, feed_mode=mode))
@@ -122,6 +123,7 @@ def test_the_motion_stops_for_jogs_where_there_is_no_room_for_a_profile() -> Non
     assert plan.phases[-1].start - plan.nominal[-1].start < 4 * 0.35
 
 
+@pytest.mark.slow
 def test_the_slowdown_that_is_named_allows_the_stops() -> None:
     """With less only the axis with more play has its stops, or none."""
     [said] = [one for one in ring_plan(0.2).warnings if "not compensated" in one]

@@ -103,6 +103,7 @@ def test_each_spline_is_one_that_linuxcnc_plays_within_a_micrometre():
     assert spline_deviation(np.array(control) * 1e-3).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_cubics_with_an_inflection_stay_themselves():
     curve = {
         "degree": 3,

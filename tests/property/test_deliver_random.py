@@ -37,6 +37,7 @@ def asked(rng: random.Random) -> ProgramRequest:
 
 
 @pytest.mark.parametrize("start", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (30, 60, 90))])
+@pytest.mark.thinned(3)
 def test_what_is_delivered_passes_and_comes_back(start):
     changed = 0
     for seed in range(start, start + 30):

@@ -44,6 +44,7 @@ def judged(original, text, machine):
 
 
 @pytest.mark.parametrize("start", starts(100))
+@pytest.mark.thinned(3)
 def test_what_the_writer_writes_is_accepted(start):
     changed = 0
     for seed in range(start, start + 20):
@@ -55,6 +56,7 @@ def test_what_the_writer_writes_is_accepted(start):
 
 
 @pytest.mark.parametrize("start", starts(40))
+@pytest.mark.thinned(2)
 def test_no_number_can_be_changed_unseen(start):
     """A digit of a coordinate, by what can be felt, or of G, M, S and T: whichever it is, it is noticed."""
     tried = unseen = 0

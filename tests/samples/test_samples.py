@@ -52,6 +52,7 @@ def test_compensate_program():
     assert result.after.error.max < result.before.error.max / 3.0
 
 
+@pytest.mark.slow
 def test_close_the_loop():
     errors, found = load("close_the_loop").close_the_loop()
     # The worn router's play of 1.5 x 0.12 mm, and its friction.

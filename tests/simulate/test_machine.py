@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.amount import thinned
 from support.circle import circle
 from support.drives import AMPLITUDE, OMEGA, PAPER_GAP
 from support.drives import axis as paper_axis
@@ -48,10 +47,11 @@ def assert_same(run: Run, expected: Motion, within: float = 1e-9) -> None:
 
 
 PICKUPS = ("standstill", "momentum", "contact")
-LOAD_LOOPS = product(("P", "PI", "PID"), PICKUPS, ("sines", "trapezoids", "circle"))
+LOAD_LOOPS = list(product(("P", "PI", "PID"), PICKUPS, ("sines", "trapezoids", "circle")))
 
 
-@pytest.mark.parametrize(("control", "pickup", "kind"), thinned(LOAD_LOOPS, 4))
+@pytest.mark.thinned(4)
+@pytest.mark.parametrize(("control", "pickup", "kind"), LOAD_LOOPS)
 def test_load_loops(control: str, pickup: Pickup, kind: str) -> None:
     rng = np.random.default_rng([len(control), len(pickup), len(kind)])
     case = Case(random_axis(rng, "load", pickup, control, 0.25), random_command(rng, kind, 0.25, T), PERIOD)
@@ -115,7 +115,8 @@ EFFECTS = {
 }
 
 
-@pytest.mark.parametrize(("name", "pickup", "flank"), thinned(product(EFFECTS, PICKUPS, (1, -1)), 5))
+@pytest.mark.thinned(5)
+@pytest.mark.parametrize(("name", "pickup", "flank"), list(product(EFFECTS, PICKUPS, (1, -1))))
 def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
     axis = make_axis("load", **SOFT, pickup=pickup, flank=flank, effects=EFFECTS[name])
     case = Case(axis, WAVES, PERIOD)
@@ -128,6 +129,7 @@ def test_effects_inside_the_loop(name: str, pickup: Pickup, flank: int) -> None:
     ids=[k for k in EFFECTS if k != "half impact"],
 )
 @pytest.mark.parametrize("flank", [1, pytest.param(-1, marks=pytest.mark.slow)])
+@pytest.mark.thinned(6)
 def test_effects_with_the_gap_outside(effects: list[EffectSetting], flank: int) -> None:
     case = Case(make_axis("motor", **SOFT, flank=flank, effects=effects), WAVES, PERIOD)
     assert_same(run_case(case), reference(case))

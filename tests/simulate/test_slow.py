@@ -176,6 +176,7 @@ def two_bodies(force: Force, rule: Pickup) -> Integrated:
 
 
 @pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.thinned(2)
 def test_a_force_on_an_axis_without_a_gap(name: str) -> None:
     """Closer than what a part of a sample may be wrong by."""
     found = run(make_axis("load", gap=0.0, **SOFT, effects=plugged(name)))
@@ -185,12 +186,14 @@ def test_a_force_on_an_axis_without_a_gap(name: str) -> None:
     assert np.abs(found.executed - without.executed).max() > 1e-5
 
 
+@pytest.mark.slow
 def test_forces_add_up_and_count_time_as_the_command_does() -> None:
     found = run(make_axis("load", gap=0.0, **SOFT, effects=plugged("shaker", "cubic")), begin=7.3)
     expected, _ = one_body(lambda *given: shaker(*given) + cubic(*given), begin=7.3)
     assert found.executed[:, 0] == pytest.approx(expected, abs=slow.NEGLIGIBLE)
 
 
+@pytest.mark.slow
 def test_a_force_on_the_motor_before_a_gap_outside_the_loop() -> None:
     """The table is the play operator's, which goes from turn to turn of the motor."""
     found = run(make_axis("motor", gap=GAP, **SOFT, effects=plugged("cogging")))
@@ -206,6 +209,7 @@ def test_a_force_on_the_motor_before_a_gap_outside_the_loop() -> None:
 
 
 @pytest.mark.parametrize("rule", ["standstill", "momentum"])
+@pytest.mark.thinned(2)
 def test_a_force_and_a_gap_inside_the_loop(rule: Pickup) -> None:
     """Also where a pick-up makes the force jump within a sample."""
     found = run(make_axis("load", gap=GAP, **SOFT, pickup=rule, effects=plugged("cubic")))

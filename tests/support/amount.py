@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Iterable, Sequence
-from typing import Any
+from collections.abc import Hashable, Sequence
 
 import numpy as np
-import pytest
-
-SLOW = pytest.mark.slow
 
 ALL = "PH_POST_ALL_TESTS"
 """Environment variable that asks for the slow tests too, as `.ci/run` does."""
@@ -24,17 +20,6 @@ FEWEST = 8
 def examples(count: int) -> int:
     """How many of `count` random examples to try."""
     return count if os.environ.get(ALL) else max(count // PART, min(count, FEWEST))
-
-
-def thinned(cases: Iterable[Any], every: int) -> list[Any]:
-    """Cases of a parametrized test of which one in `every` is tried always, the others with the slow tests."""
-    found = []
-    for number, case in enumerate(cases):
-        values, name = case if isinstance(case, tuple) else (case,), None
-        if hasattr(case, "marks"):  # pytest.param
-            values, name = case.values, case.id
-        found.append(pytest.param(*values, id=name, marks=SLOW if number % every else ()))
-    return found
 
 
 def sample(kinds: Sequence[Hashable], each: int) -> list[int]:

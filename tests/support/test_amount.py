@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from support.amount import sample, thinned
+from support.amount import sample
 
 
-def test_thinning_leaves_no_case_out() -> None:
-    cases = [(1, "a"), "b", pytest.param(3, "c", id="named")]
-    found = thinned(cases * 3, 4)
-    assert [one.values for one in found] == [(1, "a"), ("b",), (3, "c")] * 3
-    assert [one.id for one in found] == [None, None, "named"] * 3
-    assert [bool(one.marks) for one in found] == [number % 4 > 0 for number in range(9)]
+@pytest.mark.thinned(4)
+@pytest.mark.parametrize("number", range(9))
+def test_of_cases_that_are_alike_some_are_tried_always(number: int, request: pytest.FixtureRequest) -> None:
+    assert bool(request.node.get_closest_marker("slow")) == (number % 4 > 0)
 
 
 def test_a_sample_has_some_of_every_kind_and_is_always_the_same() -> None:

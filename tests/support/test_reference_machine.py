@@ -67,6 +67,7 @@ def test_settled_reversal_of_the_worked_example() -> None:
     assert run.table[-1] == pytest.approx(float(exact), abs=1e-10)
 
 
+@pytest.mark.slow
 def test_whole_swing_settles() -> None:
     """From the start through three reversals; the chords of 2 ms move a reversal by less than 1 µs."""
     run = swing(2e-3, 15.2)
@@ -179,6 +180,7 @@ def test_table_slides_to_rest_in_the_gap_under_friction() -> None:
     assert run.table[-1] == pytest.approx(way, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_load_is_held_by_an_error() -> None:
     """With nothing commanded the table sinks until the controller holds the load; PI takes it all out."""
     rest = np.zeros(1501)

@@ -15,6 +15,7 @@ RULES = ("standstill", "momentum", "contact")
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("servo", [(0.0, 0.0), (3.0, 0.0), (2.0, 2e-3)])
 @pytest.mark.parametrize("rule", RULES)
+@pytest.mark.thinned(4)
 def test_small_steps_come_to_the_same_table(rule: str, servo: tuple[float, float], side: int) -> None:
     t = PERIOD * np.arange(500)
     command = 0.004 * (1.0 - np.cos(13.0 * t)) - 1e-3 * np.sin(31.0 * t)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from support.amount import thinned
 from support.engine_cases import (
     PERIOD,
     SOFT,
@@ -48,10 +47,11 @@ def run(
     return simulate(make_command(command[:, None], period), make_machine([axis], period))
 
 
-CASES = product([(COGGING,), (COGGING, FINE), (COGGING, DRY)], ["standstill", "momentum", "contact"], LOOPS)
+CASES = list(product([(COGGING,), (COGGING, FINE), (COGGING, DRY)], ["standstill", "momentum", "contact"], LOOPS))
 
 
-@pytest.mark.parametrize(("effects", "pickup", "feedback"), thinned(CASES, 4))
+@pytest.mark.thinned(4)
+@pytest.mark.parametrize(("effects", "pickup", "feedback"), CASES)
 def test_against_an_integration(effects: tuple[EffectSetting, ...], pickup: Pickup, feedback: Feedback) -> None:
     """A nanometre: what a part of a sample is wrong by is of its third power."""
     axis = make_axis(feedback, **SOFT, pickup=pickup, effects=effects)

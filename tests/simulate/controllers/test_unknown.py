@@ -87,6 +87,7 @@ def test_the_numbers_are_those_of_the_parts_that_are_understood():
     assert whole.error_worst.max <= part.error_worst.max * (1.0 + 1e-6)
 
 
+@pytest.mark.slow
 def test_the_page_draws_nothing_there_and_says_which_lines_these_are(tmp_path):
     (tmp_path / "cycles.ngc").write_text("\n".join(LINES))
     out = tmp_path / "page.html"
