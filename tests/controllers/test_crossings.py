@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.editing import compensate
 from support.rehearsing import HERE, WHY_NOT
 
 import ph_post as ph
@@ -46,11 +48,16 @@ CASES = [
 ]
 
 
-def program(case: Case) -> bytes:
+def program(case: Case, mode: str = "G64 P0.002", chords: int = 0) -> bytes:
+    """Two turns of a circle, as arcs or in as many chords."""
     r = case.radius
-    lines = ["G21 G90 G17 G64 P0.002", f"G0 X{r} Y0 Z5", f"G1 Z0 F{case.feed}"]
-    lines += 2 * [f"G{case.sense} X{r} Y0 I-{r} J0"] + ["G0 Z5", "M2", ""]
-    return "\n".join(lines).encode()
+    lines = [f"G21 G90 G17 {mode}", f"G0 X{r} Y0 Z5", f"G1 Z0 F{case.feed}"]
+    if chords:
+        turned = [math.tau * k / chords for k in range(1, 2 * chords + 1)]
+        lines += [f"G1 X{r * math.cos(t):.4f} Y{r * math.sin(t):.4f}" for t in turned]
+    else:
+        lines += 2 * [f"G{case.sense} X{r} Y0 I-{r} J0"]
+    return "\n".join([*lines, "G0 Z5", "M2", ""]).encode()
 
 
 def machine_of(case: Case):
@@ -109,8 +116,8 @@ def recorded(text: bytes, case: Case, backlash=None) -> np.ndarray:
     return np.asarray(found.position if backlash is None else found.motor)
 
 
-def crossed(case: Case) -> bytes:
-    job = read_program(program(case), "circle.ngc")
+def crossed(case: Case, text: bytes | None = None) -> bytes:
+    job = read_program(program(case) if text is None else text, "circle.ngc")
     return ph.compensate(job, machine_of(case), max_slowdown=0.25).program()
 
 
@@ -128,3 +135,44 @@ def test_a_crossing_costs_a_micrometre_or_two(case: Case) -> None:
     least = (case.feed / 60.0) ** 2 * case.lost / (4.0 * case.push * case.radius) * 1e3
     if least < 1.5 and not case.lag:
         assert done[2] <= 1.02 * untouched[2]
+
+
+@pytest.mark.parametrize(
+    ("mode", "chords"),
+    [
+        ("G61", 0),
+        ("G61.1", 0),
+        # A quarter of the backlash, and all of it.
+        ("G64 P0.0125", 0),
+        ("G64 P0.05", 0),
+        # The detector of collinear moves joins chords, and takes 10 and 50 µm from the radius; crossings stay.
+        ("G64 P0.0125 Q0.0125", 400),
+        ("G64 P0.05", 400),
+    ],
+)
+def test_path_modes_leave_crossings_as_they_are(mode: str, chords: int) -> None:
+    case = CASES[0]
+    text = program(case, mode, chords)
+    plain = recorded(text, case)
+    own, untouched = errors(plain, case, 0.0), errors(plain, case, case.lost)
+    done = errors(recorded(crossed(case, text), case), case, case.lost)
+    assert untouched[0] > own[0] + 24.0
+    assert done[0] <= own[0] + 1.5
+    assert done[1] <= own[1] + 0.5
+    # Where the controller stops at every joint a crossing is a move of its own.
+    assert done[2] <= (1.08 if mode.startswith("G61") else 1.02) * untouched[2]
+
+
+@pytest.mark.parametrize("chords", [0, 400])
+def test_without_a_tolerance_crossings_stay_but_corners_are_cut_and_said(chords: int) -> None:
+    case = CASES[0]
+    text = program(case, "G64", chords)
+    plain = recorded(text, case)
+    own, untouched = errors(plain, case, 0.0), errors(plain, case, case.lost)
+    written = compensate(text, machine_of(case), max_slowdown=0.25).text
+    done = errors(recorded(written, case), case, case.lost)
+    assert untouched[0] > own[0] + 24.0
+    assert done[0] <= own[0] + 1.5
+    result = ph.compensate(read_program(text, "circle.ngc"), machine_of(case), max_slowdown=0.25)
+    said = r"line 1: G64 without P rounds corners by up to \d+ µm \(line 3\), .*: G64 P0.01 Q0 keeps them"
+    assert any(re.match(said, word) for word in result.warnings)
