@@ -79,6 +79,12 @@ AT_SPEED: Final = 0.98
 LEAST_FEED: Final = 1e-4
 """Feeds below this [m/s] are reckoned as this."""
 
+PERIODS: Final = 2.0
+"""No block is to be shorter than so many servo periods: a controller slows down for it."""
+
+LINE_SIZE: Final = 35.0
+"""Length of a line of a crossing [bytes], for controllers that are fed over a serial line."""
+
 INTERRUPTING: Final = frozenset((0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 60, 62, 63, 64, 65, 66, 67, 68))
 """M words between two motions over which no crossing reaches."""
 
@@ -133,6 +139,8 @@ class CrossingSearch:
         restarts: Collection[Restart] = (),
     ) -> None:
         self._overshoot, self._restarts = overshoot, restarts
+        stream = dialect.abilities.stream
+        self._least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
         self._program, self._machine, self._dialect, self._sides = program, machine, dialect, sides
         self._along = places_along(program.motions)
         timed = program.motions.duration > 0.0
@@ -360,7 +368,7 @@ class CrossingSearch:
             Offsets at the ends of the motions [m].
         """
         spots = self.spots(changes, coarser)
-        planner = CrossingPlanner(self._program.motions, self._along, self._divisible)
+        planner = CrossingPlanner(self._program.motions, self._along, self._divisible, self._least)
         current = np.zeros(3)
         crossings: list[CrossingEdit] = []
         stops: list[StopEdit] = []

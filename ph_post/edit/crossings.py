@@ -57,6 +57,9 @@ RESIDUE: Final = 0.5e-3 * MM
 SHORTEST: Final = 0.02 * MM
 """Blocks of crossings are no shorter [m]; one that would be is moved to the end of the motion beside it."""
 
+LOOSER: Final = 1.3
+"""A crossing may have so many times its error where that spares a block too short for the controller."""
+
 KINK: Final = math.cos(math.radians(20.0))
 """In a corner sharper than this the shift is a move of its own, as the path is slow there anyway."""
 
@@ -282,10 +285,12 @@ class CrossingPlanner:
         Of :func:`~ph_post.gcode.motion_parts.places_along`.
     divisible : BoolArray, shape (m,)
         Motions that may be divided: crossings lie on them alone.
+    least : float
+        Blocks last at least this long [s] at the feed of the path, where that does not cost too much.
     """
 
-    def __init__(self, motions: Motions, along: Array, divisible: BoolArray) -> None:
-        self._motions, self._along, self._divisible = motions, along, divisible
+    def __init__(self, motions: Motions, along: Array, divisible: BoolArray, least: float) -> None:
+        self._motions, self._along, self._divisible, self._least = motions, along, divisible, least
         self._view = motion_view(motions)
 
     def plan(self, spot: CrossingPlace, window: Array) -> CrossingEdit | None:
@@ -297,6 +302,15 @@ class CrossingPlanner:
         window : Array, shape (5,)
             Of :func:`find_windows`.
         """
+        long = spot.feed * self._least
+        found = self._planned(spot, window, long)
+        if long <= SHORTEST or (found is not None and found.error <= ERROR):
+            return found
+        # A block that the controller has to slow down for costs less than a crossing in the wrong place.
+        finer = self._planned(spot, window, SHORTEST)
+        return found if finer is None or (found is not None and found.error <= LOOSER * finer.error) else finer
+
+    def _planned(self, spot: CrossingPlace, window: Array, least: float) -> CrossingEdit | None:
         if spot.calm:
             knots = self._in_rest(spot)
         elif window[2] > 0.0:
@@ -305,7 +319,7 @@ class CrossingPlanner:
             return None
         if knots is None:
             return None
-        if not self._snap(knots, spot):
+        if not self._snap(knots, spot, max(least, SHORTEST)):
             return None
         points = points_along(self._view, self._along, np.array(knots.s)) + np.array(knots.added)
         error = self._error(knots, points, spot)
@@ -416,21 +430,21 @@ class CrossingPlanner:
         low, high = float(self._along[k]), float(self._along[k + 1])
         return k, (s - low) / (high - low) if high > low else 1.0
 
-    def _snapped(self, s: float, down: bool) -> float:
+    def _snapped(self, s: float, down: bool, least: float) -> float:
         """Move a place to an end of its motion where a part would be too short, or where it may not be divided."""
         k, share = self._locate(s)
         low, high = float(self._along[k]), float(self._along[k + 1])
         if not self._divisible[k] and 0.0 < share < 1.0:
             return low if down else high
-        if s - low < SHORTEST:
+        if s - low < min(least, 0.5 * (high - low)):
             return low
-        return high if high - s < SHORTEST else s
+        return high if high - s < least else s
 
-    def _snap(self, knots: _Knots, spot: CrossingPlace) -> bool:
+    def _snap(self, knots: _Knots, spot: CrossingPlace, least: float) -> bool:
         """Move knots where motions may be divided; return whether the crossing still fits."""
         count = len(knots.s)
-        knots.s = [self._snapped(one, 2 * n < count) for n, one in enumerate(knots.s)]
-        inside = knots.s[0] > spot.bound[0] - SHORTEST and knots.s[-1] < spot.bound[1] + SHORTEST
+        knots.s = [self._snapped(one, 2 * n < count, least) for n, one in enumerate(knots.s)]
+        inside = knots.s[0] > spot.bound[0] - least and knots.s[-1] < spot.bound[1] + least
         return inside and bool(np.all(np.diff(knots.s) > 0.5 * SHORTEST))
 
     def _parts(self, knots: _Knots, points: Array) -> tuple[CrossingPart, ...]:
