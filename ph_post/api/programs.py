@@ -20,6 +20,7 @@ from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
 from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.preconditions import require_tool
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import WindowEdits, WindowPlan, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits, declare
@@ -126,6 +127,7 @@ def compensate_program(
     dialect.require_editable(program.name)
     check_block_time(request.edit.block_time, machine.servo_period)
     original = _original(program, machine, request)
+    require_tool(original, machine)
     if original is not program and not request.force:
         return CompensatedProgram(before=original, after=program, done=True)
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")

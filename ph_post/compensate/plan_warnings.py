@@ -11,7 +11,7 @@ from ph_post.compensate.limit_curve import UNBOUNDED, LimitCurve
 from ph_post.compensate.offsets import lead_in
 from ph_post.drive.axes import backlash_varies
 from ph_post.geometry.numeric import runs
-from ph_post.types import Array, Axis, Machine
+from ph_post.types import Array, Axis, Machine, Tool
 from ph_post.units import MM, MM_PER_MIN
 
 _MOST = 12
@@ -74,7 +74,7 @@ def offset_warnings(machine: Machine, layout: Layout) -> list[str]:
     begin = lead_in(layout.phases, layout.crossings)
     return [
         *lead_in_warnings(begin, [one.axis for one in layout.crossings if one.start == 0.0]),
-        *friction_warnings(shifted),
+        *friction_warnings(shifted, machine.tool or "cutter"),
         *varying_backlash_warnings(machine.axes[name] for name in sorted(shifted)),
     ]
 
@@ -123,16 +123,23 @@ def round_up(fraction: float) -> float:
     return float(f"{fraction * (1.0 + _ROOM):.1e}")
 
 
-def friction_warnings(shifted: Iterable[str]) -> list[str]:
-    """Warn that only friction holds the table on its side on axes with a lasting offset."""
+def friction_warnings(shifted: Iterable[str], tool: Tool = "cutter") -> list[str]:
+    """Warn that only friction holds the table on its side on axes with a lasting offset.
+
+    Where no cutter pulls at it nothing but the table's own inertia, and what hangs on it, is left to do that.
+
+    Examples
+    --------
+    >>> friction_warnings(["X"], "laser")
+    ['axis X counts on friction to hold the table on its side of the backlash']
+    """
     names = sorted(shifted)
     if not names:
         return []
     who = f"axis {names[0]} counts" if len(names) == 1 else f"axes {', '.join(names)} count"
-    return [
-        f"{who} on friction to hold the table on its side of the backlash: a cutter that pulls the "
-        "table along, as in climb milling, can pull it across"
-    ]
+    said = f"{who} on friction to hold the table on its side of the backlash"
+    cut = ": a cutter that pulls the table along, as in climb milling, can pull it across"
+    return [said + cut if tool == "cutter" else said]
 
 
 def varying_backlash_warnings(axes: Iterable[Axis]) -> list[str]:

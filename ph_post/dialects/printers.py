@@ -54,7 +54,7 @@ def reader_of(still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bo
 def why_bound(line: bytes) -> str:
     """Return why the motion of a line cannot be divided, in words; empty where it can."""
     command = line.partition(b";")[0]
-    return "extrudes (E), and is not divided" if _EXTRUDED.search(command) else ""
+    return "extrudes (E), and is not divided without M82 or M83 before it" if _EXTRUDED.search(command) else ""
 
 
 def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
@@ -89,9 +89,15 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
 
 
 def _says_nothing(word: bytes, rest: bytes) -> bool:
-    """Return True if a command does not concern the path: G4 that only waits for moves, G92 of the extruder."""
+    """Return True if a command does not concern the path.
+
+    G4 that only waits for moves, G92 of the extruder, and retraction by the firmware (G10, G11), which moves E and Z
+    and takes both back by itself.
+    """
     if word == b"G4":
         return not _letters(rest) & set(b"PS")
+    if word in (b"G10", b"G11"):
+        return _letters(rest) <= set(b"S")
     return word == b"G92" and _letters(rest) == set(b"E")
 
 

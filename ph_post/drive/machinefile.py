@@ -42,6 +42,7 @@ from ph_post.types import (
     Machine,
     PlannerSettings,
     Servo,
+    Tool,
     Uncertainty,
 )
 from ph_post.units import MM, MS
@@ -177,8 +178,18 @@ def machine_of(text: SourceText) -> Machine:
         servo_period=record.controller.servo_period_ms * MS,
         axes=axes,
         planner=_planner_settings(record.controller, text.name),
+        tool=_tool(record.controller, text.name),
         digest=text.digest,
     )
+
+
+def _tool(record: ControllerRecord, file: str) -> Tool | None:
+    """Take the tool; only printer firmware has words for an extruder."""
+    extrudes = record.tool == "extruder" and is_dialect(record.dialect)
+    if extrudes and find_dialect(record.dialect).language.bound is None:
+        where = place(file, ("controller", "tool"))
+        raise InputError(where, f"{record.dialect} has no words for an extruder", expected="marlin or klipper")
+    return record.tool
 
 
 def _planner_settings(record: ControllerRecord, file: str) -> PlannerSettings:

@@ -12,6 +12,7 @@ from ph_post.dialects.base import Dialect
 from ph_post.edit import block_words
 from ph_post.edit.block_words import PartWords, fine_decimals
 from ph_post.edit.edits import MotionEdit, MotionPart, StopEdit
+from ph_post.edit.extrusion import filament_of, with_filament
 from ph_post.edit.preconditions import why_kept_whole
 from ph_post.edit.word_shifts import MotionOffsets, stop_label
 from ph_post.errors import InputError
@@ -111,8 +112,9 @@ class ChangeWriter:
                 yield from self._move_to(block, apart=True)
                 self._replaced(task, block, offset)
             elif 1.0 in task.stops:
-                yield from self._move_to(block + 1)
-                self._behind(task, block)
+                last = block if task.stops[1.0].behind is None else task.stops[1.0].behind
+                yield from self._move_to(last + 1)
+                self._behind(task, last)
         yield from self._move_to(self._program.blocks + 1)
 
     def _take_in(self, block: int) -> None:
@@ -266,7 +268,10 @@ class ChangeWriter:
         if part.crossing is not None and part.crossing.line:
             mode = "G1"
         first = "" if named is not None or mode == self._mode else mode or ""
-        self._change.lines.append(block_words.edited_line(self._program, block, exchange, add, first=first).rstrip())
+        line = block_words.edited_line(self._program, block, exchange, add, first=first).rstrip()
+        if part.low > 0.0 or part.high < 1.0:
+            line = with_filament(self._program, block, line, part.low, part.high)
+        self._change.lines.append(line)
         self._mode = mode
         self._feed = feed if cuts or own is not None else self._feed
 
@@ -274,6 +279,9 @@ class ChangeWriter:
         """Write a further part on a line of its own."""
         assert self._change is not None
         body = [text for text in words.part(part, offset).values() if text]
+        filament = filament_of(self._program).get(words.block)
+        if filament is not None:
+            body.append(filament.word(part.low, part.high))
         feed = self._feed_of(words, part)
         if feed is not None and (feed != self._feed or words.modal.feed_mode == 93):
             body.append(f"F{feed}")

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from ph_post.compensate.offsets import DWELL, corner_pause, make_jog
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.planners import planner_of
+from ph_post.edit.beams import BeamGuard
 from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.crossings import (
     ERROR,
@@ -41,7 +42,6 @@ from ph_post.edit.reversals import (
     SHARE0,
     SHARE1,
     SIGN,
-    chain_spans,
     motion_view,
 )
 from ph_post.gcode.motion_parts import places_along
@@ -84,6 +84,8 @@ PERIODS: Final = 2.0
 
 LINE_SIZE: Final = 35.0
 """Length of a line of a crossing [bytes], for controllers that are fed over a serial line."""
+BEAM_COARSER: Final = (2.0, 4.0, 8.0)
+"""Multiples of the least error that a crossing with a beam on is given before it is left alone."""
 
 INTERRUPTING: Final = frozenset((0, 1, 3, 4, 5, 6, 7, 8, 9, 19, 60, 62, 63, 64, 65, 66, 67, 68))
 """M words between two motions over which no crossing reaches."""
@@ -123,6 +125,8 @@ class CrossingSearch:
         Offsets [m] of each axis while it moves to minus and to plus.
     feed : Array, shape (m,)
         Speed of the path in every motion [m/s].
+    low : IntArray, shape (c,)
+        First motion of every chain.
     overshoot : mapping of str to float
         From how far beyond its place each axis comes in the air [m].
     restarts : collection of Restart
@@ -135,6 +139,7 @@ class CrossingSearch:
         dialect: Dialect,
         sides: Mapping[str, tuple[float, float]],
         feed: Array,
+        low: IntArray,
         overshoot: Mapping[str, float],
         restarts: Collection[Restart] = (),
     ) -> None:
@@ -152,7 +157,8 @@ class CrossingSearch:
         arcs = np.flatnonzero(program.motions.kind == ARC)
         turning[arcs[:, None], plane_columns(program.motions.plane[arcs])[:, :2]] = True
         self._moving = [np.flatnonzero(column) for column in ((self._way != 0.0) | turning).T]
-        self._chain_numbers = program.motions.chain[chain_spans(program.motions)[0]]
+        self._low = low
+        self._beam = BeamGuard(program, machine)
         self._cuts = np.flatnonzero(program.motions.kind != RAPID)
         self._rapids = np.flatnonzero(program.motions.kind == RAPID)
         self._region = _regions(program)
@@ -232,8 +238,7 @@ class CrossingSearch:
         for n in np.flatnonzero(first & (rows[:, SIGN] != 0.0)).tolist():
             place = rows[n, FIRST] if rows[n, SHARE0] == 1.0 else rows[n, FIRST] - 1.0
             rapid = int(np.searchsorted(self._rapids, place, side="right")) - 1
-            chain = self._chain_numbers[int(rows[n, CHAIN])]
-            if rapid < 0 or self._program.motions.chain[self._rapids[rapid]] != chain:
+            if rapid < 0 or self._rapids[rapid] < self._low[int(rows[n, CHAIN])]:
                 continue
             if np.isfinite(self._program.motions.end[self._rapids[rapid], column]):
                 found[n, MOTION], found[n, SHARE], found[n, CARRIED] = self._rapids[rapid], 1.0, 0.0
@@ -305,19 +310,28 @@ class CrossingSearch:
         calm = inner & (room >= spots.feed * (wait + SETTLING * lag)) & (room > 2.0 * SHORTEST)
         turning = inner & ~calm & ~corner
         window = np.zeros((len(rows), 5))
+        # A beam is not slowed down: a coarser crossing has to do.
+        lit = self._beam.is_beam & self._beam.works.on[motion]
+        steady = [one * ERROR for one in BEAM_COARSER]
+        which = np.flatnonzero(turning)
+        for number, error in enumerate([ERROR * coarser, *steady]):
+            if which.size:
+                window[which] = find_windows(
+                    self._view,
+                    self._along,
+                    spots.column[which],
+                    rows[which, SIGN],
+                    spots.rest[which],
+                    spots.bound[which],
+                    wait[which],
+                    spots.feed[which],
+                    np.full(which.size, error),
+                )
+            slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
+            which = np.flatnonzero(slowed)
+            if number == len(steady):
+                turning &= ~slowed
         if turning.any():
-            which = np.flatnonzero(turning)
-            window[which] = find_windows(
-                self._view,
-                self._along,
-                spots.column[which],
-                rows[which, SIGN],
-                spots.rest[which],
-                spots.bound[which],
-                wait[which],
-                spots.feed[which],
-                np.full(which.size, ERROR * coarser),
-            )
             short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
             slow = window[:, 2] * crossing < 0.25 * SHORTEST
             turning &= ~(short | slow)
@@ -354,7 +368,7 @@ class CrossingSearch:
 
     def plan(
         self, changes: Mapping[str, Array], coarser: float
-    ) -> tuple[tuple[CrossingEdit, ...], tuple[StopEdit, ...], dict[str, float], Array]:
+    ) -> tuple[tuple[CrossingEdit, ...], tuple[StopEdit, ...], dict[str, float], Array, tuple[int, ...]]:
         """Plan all changes.
 
         Returns
@@ -366,6 +380,8 @@ class CrossingSearch:
             Largest way [m] from beyond which each axis comes.
         offset : Array, shape (m, 3)
             Offsets at the ends of the motions [m].
+        burnt : tuple of int
+            Motions at whose place a shift would have the beam burn a dot.
         """
         spots = self.spots(changes, coarser)
         planner = CrossingPlanner(self._program.motions, self._along, self._divisible, self._least)
@@ -376,6 +392,7 @@ class CrossingSearch:
         offset = np.zeros((self._program.motions.kind.size, 3))
         inside: dict[int, Array] = {}
         reached = -np.inf
+        burnt: list[int] = []
         for n, row in enumerate(spots.rows):
             column = int(spots.column[n])
             after = current.copy()
@@ -390,6 +407,8 @@ class CrossingSearch:
                         if part.high == 1.0 and part is not made.parts[-1]:
                             inside[part.motion] = part.added
                 else:
+                    if self._beam.marks(row, int(spots.before[n]), behind_rapid=self._behind_rapid(row)):
+                        burnt.append(last)
                     stop, beyond = self._jog(spots, n, float(after[column] - current[column]), coarser)
                     stops.append(stop)
                     if beyond > 0.0:
@@ -400,7 +419,7 @@ class CrossingSearch:
             offset[motion] = added
         begins = self._lines_for_restarts(spots, stops)
         marked = (replace(one, restart=True) if one.approach and one.motion in begins else one for one in stops)
-        return tuple(crossings), tuple(marked), approaches, offset
+        return tuple(crossings), tuple(marked), approaches, offset, tuple(burnt)
 
     def _lines_for_restarts(self, spots: Spots, stops: list[StopEdit]) -> frozenset[int]:
         """Return the rapids from which a program may be started again: all axes come to their sides behind them."""
@@ -509,22 +528,31 @@ class CrossingSearch:
                 ways = [-beyond, lost]
             else:
                 ways = [sign * beyond] if named else [travel - sign * beyond, sign * beyond]
+        elif self._beam.tends and self._beam.works.stays[motion]:
+            pause = 0.0
         longest = max(map(abs, ways))
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
-        velocity = min(velocity, reached) if velocity > 0.0 else make_jog(axis, longest, 0.0).velocity
+        # With its power in proportion to the speed over F a beam burns no more in a move at F than along the path.
+        steady = bool(self._beam.works.follows[motion]) and sign != 0.0 and not behind_rapid
+        if not steady:
+            velocity = min(velocity, reached) if velocity > 0.0 else make_jog(axis, longest, 0.0).velocity
         shifts = tuple(
             OffsetShift(
                 axis=name,
                 travel=way,
-                velocity=min(velocity, reached, axis.limits.velocity),
+                velocity=min(velocity, math.inf if steady else reached, axis.limits.velocity),
                 pause=pause,
                 whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
             )
             for way in ways
         )
         approach = bool(behind_rapid and sign != 0.0)
-        return StopEdit(motion=motion, share=share, pause=pause, shifts=shifts, approach=approach), beyond
+        behind = self._beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None
+        return (
+            StopEdit(motion=motion, share=share, pause=pause, shifts=shifts, approach=approach, behind=behind),
+            beyond,
+        )
 
 
 def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, float]:
@@ -574,6 +602,8 @@ def _regions(program: PartProgram) -> IntArray:
     dwells = (words.letter == ord("G")) & np.isin(words.value, (4.0, 9.0))
     for rows in (m_words, dwells, words.letter == ord("S"), words.letter == ord("T")):
         stop[np.searchsorted(motions.block, words.block[rows], side="left")] = True
+    # S and T of a line are executed before its motion.
+    for rows in (m_words, dwells):
         stop[np.searchsorted(motions.block, words.block[rows], side="right")] = True
     known = np.isfinite(motions.start).any(axis=1) & (motions.kind != RAPID) & (motions.kind != NURBS)
     known &= ~(np.isnan(motions.start) & ~np.isnan(motions.end)).any(axis=1)

@@ -378,7 +378,7 @@ class CrossingPlanner:
         k = self._motion_at(begin)
         while k < self._motions.kind.size and self._along[k] < high:
             low, end = max(begin, float(self._along[k])), min(high, float(self._along[k + 1]))
-            if self._motions.kind[k] == LINE and end - low >= run:
+            if self._motions.kind[k] == LINE and end - low >= run - NOTHING:
                 return low, min(low + (finish - begin), end)
             k += 1
         return 0.0, 0.0

@@ -35,7 +35,8 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
     """The path stops at the `share` (0 to 1) of a motion, rests for `pause` [s], and axes are shifted.
 
     Shifts that change :attr:`Edits.offset` stay; those of a backlash take-up move add up to zero. An `approach`
-    comes from beyond: the rapid before it ends there; at a `restart` all axes do that need it.
+    comes from beyond: the rapid before it ends there; at a `restart` all axes do that need it. It is written `behind`
+    that line where it is not None, as a beam is off there, and else behind the motion's own.
     """
 
     motion: int
@@ -44,6 +45,7 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
     shifts: tuple[OffsetShift, ...]
     approach: bool = False
     restart: bool = False
+    behind: int | None = None
 
     @property
     def rests(self) -> bool:
@@ -170,6 +172,7 @@ def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
         shifts=shifts,
         approach=any(one.approach for one in stops),
         restart=any(one.restart for one in stops),
+        behind=max((one.behind for one in stops if one.behind is not None), default=None),
     )
 
 

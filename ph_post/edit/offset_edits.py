@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from itertools import groupby
 from typing import Final
 
@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.plan_warnings import friction_warnings, round_up, varying_backlash_warnings
 from ph_post.dialects.base import Dialect
+from ph_post.edit.beams import BeamGuard, run_beside
 from ph_post.edit.crossing_search import APPROACH, CrossingSearch
 from ph_post.edit.crossings import COARSER
 from ph_post.edit.edits import EditOptions, Edits, join_stops
@@ -85,8 +86,11 @@ class ReversalSearch:
     sides : dict
         Offsets of an axis that moves to minus, and to plus, by axis [m].
     chains : BoolArray, shape (c,)
-        Chains that may be shifted.
+        Chains of the program that may be shifted.
     options : EditOptions
+    left : sequence of tuple
+        First motion, and the one behind the last, of stretches in which no axis is shifted: each is a chain of its own
+        here, and so is what is before and behind it.
     """
 
     def __init__(
@@ -98,13 +102,20 @@ class ReversalSearch:
         sides: dict[str, tuple[float, float]],
         chains: BoolArray,
         options: EditOptions,
+        left: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.program, self.machine, self.dialect = program, machine, dialect
         self.amplitude, self.sides = amplitude, sides
         self.times = motion_times(program, machine)
-        self.low, self.high = chain_spans(program.motions)
+        whole, _ = chain_spans(program.motions)
+        ends = [place for span in left for place in span if place < program.motions.kind.size]
+        self.low = np.unique(np.append(whole, np.array(ends, dtype=np.int64)))
+        self.high = np.append(self.low[1:], program.motions.kind.size)
         self.chain_times = np.add.reduceat(self.times, self.low)
-        self.open = {name: chains.copy() for name in amplitude}
+        opened = chains[np.searchsorted(whole, self.low, side="right") - 1]
+        opened &= np.logical_or.reduceat(program.motions.kind != RAPID, self.low)
+        opened &= ~np.isin(self.low, [begin for begin, _ in left])
+        self.open = {name: opened.copy() for name in amplitude}
         self._view = motion_view(program.motions)
         self._feed = np.nan_to_num(cutting_feed(program, self.times))
         # No less than what the numbers of the program can say of the backlash.
@@ -114,8 +125,12 @@ class ReversalSearch:
         }
         self._from = -options.position_from
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
-        self._restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
-        self.crossings = CrossingSearch(program, machine, dialect, sides, self._feed, self._overshoot, self._restarts)
+        restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
+        chain = np.searchsorted(self.low, [one.first for one in restarts], side="right") - 1
+        self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
+        self.crossings = CrossingSearch(
+            program, machine, dialect, sides, self._feed, self.low, self._overshoot, self._restarts
+        )
         self.warnings: list[str] = []
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
@@ -146,7 +161,7 @@ class ReversalSearch:
         places = [
             place for place, chain in zip(self._places[axis], own.tolist(), strict=True) if self.open[name][chain]
         ]
-        return position_from(rows, places, motions, axis, self._from, self._overshoot[name])
+        return position_from(rows, places, motions, self.low, axis, self._from, self._overshoot[name])
 
     def _closed(self, rows: Array, axis: int) -> Array:
         """Add the change to no offset at the end of every chain that has changes.
@@ -316,10 +331,18 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     amplitude = {name: max(map(abs, pair)) for name, pair in sides.items()}
     blocked = blocked_chains(program)
     _check_overshoot(axes, options)
-    chains = _open_chains(program, blocked, options.left)
-    search = ReversalSearch(program, machine, dialect, amplitude, sides, chains, options)
-    changes, coarser, said_of_time = affordable_reversals(search, options)
-    crossings, stops, pulse, offset = search.crossings.plan(changes, coarser)
+    beam = BeamGuard(program, machine)
+    runs, unmarked = beam.runs(), frozenset[int]()
+    for number in range(ROUNDS):
+        left = [runs[run] for run in sorted(unmarked)]
+        chains = _open_chains(program, blocked, options.left)
+        search = ReversalSearch(program, machine, dialect, amplitude, sides, chains, options, left)
+        changes, coarser, said_of_time = affordable_reversals(search, options)
+        crossings, stops, pulse, offset, burnt = search.crossings.plan(changes, coarser)
+        if not burnt:
+            break
+        found = {run_beside(runs, motion) for motion in burnt}
+        unmarked |= found if number + 2 < ROUNDS and not found <= unmarked else set(range(len(runs)))
     shifted = {one.axis for one in crossings} | {shift.axis for stop in stops for shift in stop.shifts}
     shifted |= {name for name in amplitude if offset[:, AXES.index(name)].any()}
     used = {name: size for name, size in amplitude.items() if name in shifted}
@@ -333,9 +356,14 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         pulse=pulse,
     )
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *said_of_time]
+    warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
     if edits.amplitude:
         own = double_compensation(program, dialect)
-        warnings += [*friction_warnings(edits.amplitude), *own, *dialect.notices.cautions]
+        warnings += [
+            *friction_warnings(edits.amplitude, beam.tool),
+            *own,
+            *dialect.notices.cautions,
+        ]
     return replace(edits, warnings=tuple(warnings))
 
 
@@ -348,6 +376,10 @@ def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:
                 expected=f">= {axis.gap.lost_motion / MM:g} mm",
                 got=f"{options.overshoot / MM:g} mm",
             )
+
+
+ROUNDS: Final = 6
+"""Plans that are made before nothing is shifted wherever a beam is on."""
 
 
 def _open_chains(program: PartProgram, blocked: dict[str, BoolArray], left: Collection[int]) -> BoolArray:

@@ -46,7 +46,13 @@ def resting_places(motions: Motions, column: int) -> list[tuple[int, int]]:
 
 
 def position_from(
-    rows: Array, places: list[tuple[int, int]], motions: Motions, column: int, sign: int, overshoot: float
+    rows: Array,
+    places: list[tuple[int, int]],
+    motions: Motions,
+    low: IntArray,
+    column: int,
+    sign: int,
+    overshoot: float,
 ) -> Array:
     """Let an axis come to its places of rest from one side.
 
@@ -57,6 +63,8 @@ def position_from(
     places : list of tuple
         Of :func:`resting_places`, in chains that may be shifted.
     motions : Motions
+    low : IntArray, shape (c,)
+        First motion of every chain.
     column, sign : int
         The axis, and the direction in which it moves last.
     overshoot : float
@@ -72,7 +80,7 @@ def position_from(
             found.append(rows[n])
             held, n = rows[n, SIGN], n + 1
 
-    numbers = np.cumsum(np.append(False, np.diff(motions.chain) != 0))
+    numbers = np.searchsorted(low, np.arange(motions.kind.size), side="right") - 1
     begins = {first for first, _ in places}
     for first, last in places:
         take(first)

@@ -12,13 +12,15 @@ import numpy as np
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets
 from ph_post.edit.block_words import words_by_letter
+from ph_post.edit.extrusion import filament_of
 from ph_post.edit.reversals import chain_spans
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import split_cubic
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, CUBIC, NURBS, RAPID, PartProgram
+from ph_post.gcode.working import tool_in_words
 from ph_post.post.moves import FINEST
-from ph_post.types import Array, Axis, BoolArray
+from ph_post.types import Array, Axis, BoolArray, Machine
 from ph_post.units import MM
 
 
@@ -39,10 +41,13 @@ def why_indivisible(program: PartProgram, dialect: Dialect, motion: int, share: 
     return ""
 
 
-def why_kept_whole(program: PartProgram, motion: int) -> str:
-    """Return the reason why the program's language keeps a motion's line whole; empty where it does not."""
-    bound = program.language.bound
-    return "" if bound is None else bound(program.text(int(program.motions.block[motion])))
+def why_kept_whole(program: PartProgram, motion: int, *, shared: bool = True) -> str:
+    """Return the reason why the program's language keeps a motion's line whole; empty where it does not.
+
+    Where what is extruded may be `shared` between the parts, that is no reason.
+    """
+    bound, block = program.language.bound, int(program.motions.block[motion])
+    return "" if bound is None or (shared and block in filament_of(program)) else bound(program.text(block))
 
 
 def _why_indivisible_cubic(program: PartProgram, dialect: Dialect, motion: int, share: float) -> str:
@@ -133,6 +138,38 @@ def blocked_chains(program: PartProgram) -> dict[str, BoolArray]:
     if low.size == 0:
         return {}
     return {why: np.logical_or.reduceat(marks, low) for why, marks in found.items() if marks.any()}
+
+
+def require_tool(program: PartProgram, machine: Machine) -> None:
+    """Refuse a program of another tool than the machine file states, and one that extrudes where nothing can.
+
+    Raises
+    ------
+    InputError
+    """
+    words = program.words
+    if program.language.read is None and program.language.hide is None:
+        moves = words.block[(words.letter == ord("G")) & np.isin(words.value, (0.0, 1.0, 2.0, 3.0))]
+        others = words.block[words.letter == ord("M")]
+        extrudes = words.block[(words.letter == ord("E")) & np.isin(words.block, moves)]
+        extrudes = extrudes[~np.isin(extrudes, others)]
+        if extrudes.size:
+            raise InputError(
+                f"{program.name}:{extrudes[0] + 1}",
+                f"the line extrudes (E), for which {machine.dialect} has no words",
+                expected="a machine file with the dialect marlin or klipper",
+            )
+    found = tool_in_words(program)
+    if found is None or machine.tool is None or found[0] == machine.tool:
+        return
+    if found[0] == "extruder" or machine.tool in ("cutter", "extruder"):
+        nozzle = found[0] == "extruder"
+        raise InputError(
+            f"{program.name}:{found[1] + 1}",
+            "the line extrudes (E)" if nozzle else "the program is a laser's or a torch's: S or M3 switches the beam",
+            expected='a machine file with tool = "extruder"' if nozzle else 'one with tool = "laser" or "plasma"',
+            got=f'"{machine.tool}"',
+        )
 
 
 def why_not_editable(program: PartProgram) -> list[str]:

@@ -187,7 +187,8 @@ def plan_windows(
             said.append(f"{where}: windows not compensated: {error}")
             continue
         made = WindowPlan(path=part.path, analysis=analysis, plan=plan)
-        done = place_plan(program.motions, part.path, made.plan, block_time, partial(why_kept_whole, program))
+        whole = partial(why_kept_whole, program, shared=False)
+        done = place_plan(program.motions, part.path, made.plan, block_time, whole)
         stops += done.stops
         dips += done.dips
         plans.append(made)

@@ -13,7 +13,7 @@ import msgspec
 import tomlkit
 from tomlkit.items import AoT, Item, Table
 
-from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, GravitySide, Loop, ReferenceDirection
+from ph_post.types import LOOPS, ByAxis, EffectSetting, Feedback, GravitySide, Loop, ReferenceDirection, Tool
 from ph_post.units import MM, MS
 
 DIGITS: Final = 7
@@ -317,6 +317,7 @@ class ControllerRecord(MachineTableRecord, frozen=True, kw_only=True):
     arc_segment_mm: Annotated[float, msgspec.Meta(ge=1e-3)] | None = None
     path_tolerance_mm: NotNegative | None = None
     dwell_step_ms: Annotated[float, msgspec.Meta(ge=0, le=10_000)] | None = None
+    tool: Tool | None = None
 
 
 PLANNER_KEYS: Final[Mapping[str, tuple[str, float]]] = {

@@ -19,6 +19,7 @@ from ph_post.types.machine import (
     ReferenceDirection,
     Scenario,
     Servo,
+    Tool,
     Uncertainty,
 )
 from ph_post.types.path import Curve, Path, Segment, Sense, TurningKind, TurningPoint, Window, WindowLimit
@@ -104,6 +105,7 @@ __all__ = [
     "Segment",
     "Sense",
     "Servo",
+    "Tool",
     "TurningKind",
     "TurningPoint",
     "Uncertainty",

@@ -19,6 +19,7 @@ Flank = Literal["+", "-", "unknown"]
 Pickup = Literal["standstill", "momentum", "contact"]
 ReferenceDirection = Literal["+", "-", "both"]
 GravitySide = Literal["+", "-"]
+Tool = Literal["cutter", "laser", "plasma", "extruder"]
 USUAL_REFERENCE: Final[Mapping[str, ReferenceDirection]] = MappingProxyType({"X": "both", "Y": "both", "Z": "-"})
 """From which side the zero of an axis is taken where its file does not say it: tools are touched off downwards."""
 
@@ -138,13 +139,17 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
-    """A machine: axes by name, controller dialect and servo period [s], and what the file says of its planner."""
+    """A machine: axes by name, controller dialect and servo period [s], and what the file says of its planner.
+
+    `tool` is what works there, None where the file does not say it.
+    """
 
     name: str
     dialect: str
     servo_period: float
     axes: Mapping[str, Axis]
     planner: PlannerSettings = PlannerSettings()
+    tool: Tool | None = None
     digest: str = ""
 
 

@@ -101,8 +101,13 @@ def largest_of(values: Array, first: IntArray, last: IntArray) -> Array:
 
 
 def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
-    """Check that every motion of one axis while the path rests has a feed that it can reach within its limits."""
+    """Check that every motion of one axis while the path rests has a feed that it can reach within its limits.
+
+    With a laser whose power follows the speed (M4) it may have the feed of the cut before or behind it: at a lower one
+    the same power would stay longer on the same place.
+    """
     motions, jogs = case.compensated.motions, np.flatnonzero(alone)
+    beside = _feeds_with_a_beam(case, alone, machine)[jogs]
     ways = np.nan_to_num(np.abs(motions.end[jogs] - motions.start[jogs]))
     timed = motions.duration[jogs]
     axis, length = np.argmax(ways, axis=1), np.max(ways, axis=1, initial=0.0)
@@ -115,7 +120,7 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
             case.findings.add("limits", f"the machine has no axis {name}", compensated=block)
             continue
         limits = machine.axes[name].limits
-        most = np.minimum(limits.velocity, np.sqrt(limits.acceleration * length[own]))
+        most = np.minimum(limits.velocity, np.fmax(np.sqrt(limits.acceleration * length[own]), beside[own]))
         for place in np.flatnonzero(~(feed[own] <= most * (1.0 + _ROUNDING))).tolist():
             case.findings.add(
                 "limits",
@@ -124,6 +129,19 @@ def check_jogs(case: VerifyCase, alone: BoolArray, machine: Machine) -> None:
                 expected=f"<= {most[place] / MM_PER_MIN:.6g} mm/min",
                 got=f"{feed[own[place]] / MM_PER_MIN:.6g} mm/min",
             )
+
+
+def _feeds_with_a_beam(case: VerifyCase, alone: BoolArray, machine: Machine) -> Array:
+    """Feed of the cut beside every motion (m,) [m/s], where a beam is on whose power follows the speed; else 0."""
+    program, motions = case.compensated, case.compensated.motions
+    lit = np.array([one.spindle == "M4" and one.speed != 0.0 for one in program.modal], dtype=np.bool_)
+    cuts = np.flatnonzero(~alone & (motions.kind != RAPID))
+    if machine.tool not in (None, "laser") or not cuts.size:
+        return np.zeros(motions.kind.size)
+    behind = np.searchsorted(cuts, np.arange(motions.kind.size))
+    feed = np.nan_to_num(motions.feed[cuts])
+    found = np.maximum(feed[np.maximum(behind - 1, 0)], feed[np.minimum(behind, cuts.size - 1)])
+    return np.asarray(np.where(lit[program.state[motions.block]], found, 0.0))
 
 
 _ANGLE = 1e-9

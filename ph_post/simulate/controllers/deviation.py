@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from ph_post.drive.axes import gaps_of
 from ph_post.errors import InputError
 from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
+from ph_post.gcode.working import working_motions
 from ph_post.geometry.closest import (
     EXTENT,
     FIRST,
@@ -113,6 +114,7 @@ class CutPath:
         self.starts = np.concatenate([[0.0], np.cumsum(self.legs.length)])
         self._pieces = pieces_of(self.legs)
         self._machine = machine
+        self._works = working_motions(program, machine.tool).on
 
     def follow(self, command: Command) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m]."""
@@ -128,16 +130,19 @@ class CutPath:
     def cuts(self, leg: IntArray, place: Array, command: Command, moved_by: PartProgram | None) -> BoolArray:
         """Return in which rows the tool cuts, from the leg of every row and its place [m].
 
+        Neither do motions with the beam or the extruder off.
         Rapids of the program that the command is `moved_by` do not cut, whichever place is next to them. Behind a
         rapid an axis may be moved onto its side of the backlash before the cut begins: that is in the air.
         """
-        behind_rapid = np.append(True, self.legs.rapid[:-1] == 1.0)[leg]
-        begins = behind_rapid & (place <= self.starts[leg] + BEGINS)
-        cuts = (self.legs.rapid[leg] == 0.0) & ~begins
+        works = self._works[self.legs.motion.astype(np.int64)] & (self.legs.rapid == 0.0)
+        behind_rest = np.append(True, ~works[:-1])[leg]
+        begins = behind_rest & (place <= self.starts[leg] + BEGINS)
+        cuts = works[leg] & ~begins
         if moved_by is not None and moved_by.motions.kind.size:
             number = np.maximum(command.segment, 0)
             gaps = dict(zip(command.axes, self.gaps(command).tolist(), strict=True))
-            cuts &= (moved_by.motions.kind[number] != RAPID) & ~_approaches(moved_by, gaps)[number]
+            works = working_motions(moved_by, self._machine.tool).on & (moved_by.motions.kind != RAPID)
+            cuts &= works[number] & ~_approaches(moved_by, gaps)[number]
         return np.asarray(cuts)
 
     def command_distance(self, command: Command, place: Array) -> Array:

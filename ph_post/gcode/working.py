@@ -1,0 +1,112 @@
+"""Where the tool of a program works: a beam that is on, a nozzle that extrudes, a cutter in everything but rapids.
+
+Where the facts are from. Grbl 1.1, `doc/markdown/laser_mode.md`: in laser mode the beam is on in G1, G2 and G3 only, at
+S; with M3 at constant power also while the axes stand, with M4 at a power of S times the speed over F, so none at rest.
+A torch (plasma) is on from M3 or M4 to M5, in rapids too. Printer firmware extrudes where a line has an E word.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.gcode.program import RAPID, PartProgram
+from ph_post.types import BoolArray, Tool, sealed
+
+_EXTRUDES: Final = re.compile(
+    rb"^[ \t]*(?:[Nn]\d+[ \t]*)?[Gg]0*[0-3](?![\d.])[^\r\n;E]*E[ \t]*[-+.\d]", re.MULTILINE | re.IGNORECASE
+)
+
+_TURNED_ON: Final = 2
+"""A program that cuts at one height and turns its spindle on as often as this moves a beam."""
+
+
+class WorkingMotions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Where the tool works.
+
+    `on` (m,) while it moves; `stays` (m,) where a straight move of an axis right behind the motion would work too;
+    `burns` (m,) where it goes on while the axes stand there. `follows` (m,) where a beam's power is in proportion to
+    the speed, with all of it at F.
+    """
+
+    on: BoolArray
+    stays: BoolArray
+    burns: BoolArray
+    follows: BoolArray
+
+
+def tool_in_words(program: PartProgram) -> tuple[Tool, int] | None:
+    """Return the tool that a program's own words show, and the line; None where they could be a cutter's.
+
+    A line of printer firmware with E extrudes. A laser's program sets S in the lines that cut, or turns the spindle on
+    again and again, while no cut moves Z.
+    """
+    blocks = _extruding(program)
+    if blocks.size:
+        return "extruder", int(blocks[0])
+    motions, words = program.motions, program.words
+    cuts = motions.kind != RAPID
+    if not cuts.any() or np.any(motions.end[cuts, 2] != motions.start[cuts, 2], where=_known(program)[cuts]):
+        return None
+    if np.any(words.letter == ord("T")):
+        return None
+    starts = words.block[(words.letter == ord("M")) & np.isin(words.value, (3.0, 4.0))]
+    power = words.block[(words.letter == ord("S")) & np.isin(words.block, motions.block[cuts])]
+    power = power[~np.isin(power, starts)]
+    if power.size:
+        return "laser", int(power[0])
+    fresh = np.unique(np.searchsorted(motions.block[cuts], starts))
+    return ("laser", int(starts[0])) if fresh.size >= _TURNED_ON else None
+
+
+def _known(program: PartProgram) -> BoolArray:
+    motions = program.motions
+    return np.asarray(np.isfinite(motions.end[:, 2]) & np.isfinite(motions.start[:, 2]))
+
+
+def _extruding(program: PartProgram) -> np.ndarray:
+    """Lines that move and extrude, (n,)."""
+    if program.language.bound is None:
+        return np.zeros(0, dtype=np.int64)
+    starts = np.array([match.start() for match in _EXTRUDES.finditer(program.data)], dtype=np.int64)
+    return np.searchsorted(program.lines, starts.astype(program.lines.dtype), side="right") - 1
+
+
+def tool_of(program: PartProgram, stated: Tool | None) -> Tool:
+    """Return the tool of a program: the one that a machine file states, else what its own words show."""
+    if stated is not None:
+        return stated
+    found = tool_in_words(program)
+    return "cutter" if found is None else found[0]
+
+
+@lru_cache(maxsize=4)
+def working_motions(program: PartProgram, stated: Tool | None) -> WorkingMotions:
+    """Return where the tool of a program works.
+
+    Parameters
+    ----------
+    program : PartProgram
+    stated : str or None
+        Tool of the machine file.
+    """
+    motions, tool = program.motions, tool_of(program, stated)
+    cuts = motions.kind != RAPID
+    nowhere = np.zeros(cuts.size, dtype=np.bool_)
+    if tool == "cutter":
+        return WorkingMotions(on=sealed(cuts), stays=sealed(cuts), burns=sealed(nowhere), follows=sealed(nowhere))
+    if tool == "extruder":
+        on = cuts & np.isin(motions.block, _extruding(program))
+        stays = on & np.append(on[1:], False)[: on.size]
+        return WorkingMotions(on=sealed(on), stays=sealed(stays), burns=sealed(nowhere), follows=sealed(nowhere))
+    lit = np.array([modal.spindle in ("M3", "M4") and modal.speed != 0.0 for modal in program.modal], dtype=np.bool_)
+    scaled = np.array([modal.spindle == "M4" for modal in program.modal], dtype=np.bool_)
+    state = program.state[motions.block]
+    stays = lit[state] if state.size else nowhere
+    follows = stays & scaled[state] & (tool == "laser") if state.size else nowhere
+    on = stays if tool == "plasma" else stays & cuts
+    return WorkingMotions(on=sealed(on), stays=sealed(stays), burns=sealed(stays & ~follows), follows=sealed(follows))

@@ -1,0 +1,326 @@
+"""Reversals with a laser, a torch or an extruder on, held to what a beam burns and a nozzle lays down.
+
+The reference reads the programs itself. What a beam burns in a block is exact: at a power of S times speed over F (M4)
+it is S times the block's length over F, however the speed changes; at constant power (M3) it is S times the time, which
+for a block at F that no corner slows down is the same.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from support.editing import Compensated, compensate
+from support.reference_player import BEGINS, Move, distance, interpret, run, tables
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.drive.machinefile import read_machine
+from ph_post.edit.extrusion import filament_of
+from ph_post.gcode.read import read_program
+from ph_post.gcode.working import tool_in_words, working_motions
+from ph_post.types import Machine
+from ph_post.verify.verify import verify
+
+GAPS = (0.06, 0.08, 0.0)
+"""Backlash of the stepper router in X and Y [mm]; these programs do not move its Z."""
+
+SQUARE = "G1 X50 Y10 S800 F1500\nG1 X50 Y40\nG1 X10 Y40\nG1 X10 Y10\n"
+DIAMOND = "G1 X20 Y20 S800 F1500\nG1 X10 Y30\nG1 X0 Y20\nG1 X10 Y10\n"
+ROUND = "G2 X10 Y10 I12 J0 S800 F1500\nG2 X10 Y10 I12 J0\n"
+SMALL = "G2 X10 Y10 I3 J0 S800 F1500\nG2 X10 Y10 I3 J0\n"
+CUTS = {"square": SQUARE, "diamond": DIAMOND, "round": ROUND, "small": SMALL}
+
+
+def laser(cut: str, mode: str, end: str = "M5\n") -> str:
+    return f"G21 G90\n{mode} S0\nG0 X10 Y10\n{cut}{end}G0 X0 Y0\nM2\n"
+
+
+def stepper(tool: str | None = None, dialect: str = "grbl") -> Machine:
+    return replace(read_machine("stepper"), tool=tool, dialect=dialect)
+
+
+def compensated(text: str, machine: Machine) -> Compensated:
+    """A program compensated, and found right by the checker."""
+    found = compensate(text.encode(), machine, dialect=machine.dialect, max_slowdown=0.5)
+    after = read_program(found.text, "after", language=found.program.language)
+    if found.text != text.encode():
+        verdict = verify(found.program, after, tolerance=5e-6, machine=machine)
+        assert verdict.ok, verdict.failures
+    return found
+
+
+def made(text: str, machine: Machine) -> str:
+    return compensated(text, machine).text.decode()
+
+
+@dataclass(frozen=True)
+class Lit:
+    """A motion with the beam on: its line, S, F, and whether the power follows the speed."""
+
+    move: Move
+    power: float
+    follows: bool
+
+
+def lit(text: str) -> Iterator[Lit]:
+    """Motions with the beam on, in Grbl's laser mode."""
+    moves = {move.line: move for move in interpret(text, BEGINS[0])}
+    spindle, power = "M5", 0.0
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = re.sub(r"\([^)]*\)|;.*", "", raw).upper()
+        for word in re.findall(r"M0?[345](?!\d)", line):
+            spindle = word.replace("0", "")
+        power = float(found[1]) if (found := re.search(r"S([\d.]+)", line)) else power
+        if spindle != "M5" and power > 0.0 and number in moves and moves[number].mode > 0:
+            yield Lit(moves[number], power, spindle == "M4")
+
+
+def dwells_while_lit(text: str) -> list[int]:
+    """Lines with a dwell while M3 S.. is on, or before the next line that moves with the beam on."""
+    spindle, power, found = "M5", 0.0, []
+    for number, raw in enumerate(text.splitlines(), 1):
+        line = re.sub(r"\([^)]*\)|;.*", "", raw).upper()
+        for word in re.findall(r"M0?[345](?!\d)", line):
+            spindle = word.replace("0", "")
+        power = float(seen[1]) if (seen := re.search(r"S([\d.]+)", line)) else power
+        if spindle != "M5" and power > 0.0 and re.search(r"G0?4(?!\d)", line):
+            found.append(number)
+    return found
+
+
+def error(original: str, changed: str) -> tuple[float, float]:
+    """Largest and rms distance of the table from the original while the beam is on [mm], wherever it began."""
+    path = [one.move for one in lit(original)]
+    lines = {one.move.line for one in lit(changed)}
+    most, mean = 0.0, 0.0
+    for begin in BEGINS:
+        moves = interpret(changed, begin)
+        done = run(moves)
+        on = np.array([move.line in lines for move in moves])[done.owner]
+        for table in tables(done.motor, GAPS, (0, 0, 0)):
+            off = distance(table[on], path)
+            most, mean = max(most, float(off.max())), max(mean, float(np.sqrt((off * off).mean())))
+    return most, mean
+
+
+@pytest.mark.parametrize("mode", ["M3", "M4"])
+@pytest.mark.parametrize("cut", CUTS, ids=str)
+def test_no_beam_stands_or_is_slowed_down(cut: str, mode: str) -> None:
+    text = laser(CUTS[cut], mode)
+    changed = made(text, stepper())
+    assert dwells_while_lit(changed) == []
+    for one in lit(changed):
+        way = one.move.end - one.move.start
+        alone = np.count_nonzero(np.abs(way) > 1e-9) == 1 and np.linalg.norm(way) < 0.2
+        # At constant power no axis moves alone in a corner; where the power follows the speed it does so at F itself.
+        assert not alone or (one.follows and one.move.feed == 1500.0)
+        assert one.move.feed > 0.997 * 1500.0
+
+
+@pytest.mark.parametrize("mode", ["M3", "M4"])
+@pytest.mark.parametrize("cut", CUTS, ids=str)
+def test_what_is_burnt_along_the_cut_is_what_it_was(cut: str, mode: str) -> None:
+    text = laser(CUTS[cut], mode)
+    before, after = (
+        [one.power * one.move.length / one.move.feed for one in lit(one)] for one in (text, made(text, stepper()))
+    )
+    # Each of at most eight crossings adds no more than its own backlash, along which the table stands.
+    assert abs(sum(after) - sum(before)) < 8 * 800.0 * 0.08 / 1500.0
+    assert abs(sum(after) / sum(before) - 1.0) < 0.006
+
+
+@pytest.mark.parametrize(("cut", "mode"), [(cut, mode) for cut in CUTS for mode in ("M3", "M4") if cut != "diamond"])
+def test_a_beam_s_part_is_better(cut: str, mode: str) -> None:
+    text = laser(CUTS[cut], mode)
+    most, mean = error(text, made(text, stepper()))
+    plain, plain_mean = error(text, text)
+    assert plain > 0.029
+    assert mean < plain_mean / 5.0
+    # v² g / 4 a R, of a crossing at full speed on the radius of 3 mm, in Y; micrometres elsewhere.
+    small = 25.0**2 * 0.08 / (4.0 * 200.0 * 3.0)
+    assert most < (1.3 * small if cut == "small" else 0.0025)
+    assert most < 0.6 * plain
+
+
+def test_a_sharp_corner_is_crossed_at_a_power_that_follows_and_left_at_constant_power() -> None:
+    follows, constant = laser(DIAMOND, "M4"), laser(DIAMOND, "M3")
+    assert error(follows, made(follows, stepper()))[0] < 1e-3
+    found = compensated(constant, stepper())
+    assert found.text == constant.encode()
+    assert [one for one in found.edits.warnings if "would burn a dot in a sharp corner" in one]
+
+
+def test_one_cut_is_left_and_the_others_are_not() -> None:
+    text = laser(DIAMOND + "G1 S0\nG0 X60 Y10\n" + SQUARE.replace("X50", "X90").replace("X10", "X60"), "M3")
+    changed = made(text, stepper())
+    assert DIAMOND in changed
+    assert "crossing X-" in changed
+    assert error(text, changed)[1] < 0.8 * error(text, text)[1]
+    assert error(text, changed)[0] <= error(text, text)[0] * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("end", ["M5\n", "G1 S0\nM5\n"])
+def test_offsets_are_taken_back_with_the_beam_off(end: str) -> None:
+    text = f"G21 G90\nM3 S0\nG0 X10 Y10\n{SQUARE}{end}M2\n"
+    changed = made(text, stepper())
+    assert "X to 0" in changed
+    assert dwells_while_lit(changed) == []
+    assert changed.index("M5\n") < changed.index("X to 0") or "S0" in end
+
+
+def test_nothing_is_shifted_where_the_beam_is_never_off() -> None:
+    text = f"G21 G90\nM3 S800\nG0 X10 Y10\n{SQUARE}M2\n"
+    found = compensated(text, stepper("laser"))
+    assert found.text == text.encode()
+
+
+TORCH = "G21 G90\nG0 X0 Y0\nM3 S1\nG4 P0.5\n{cut}M5\nG0 X0 Y0\nM2\n"
+
+
+@pytest.mark.parametrize("cut", ["square", "round", "diamond"])
+def test_a_torch_never_rests(cut: str) -> None:
+    text = TORCH.format(cut=CUTS[cut].replace(" S800", "").replace("G2 X10 Y10 I12", "G2 X0 Y0 I12"))
+    found = compensated(text, stepper("plasma"))
+    changed = found.text.decode()
+    # The pierce delay is the program's own.
+    assert changed.count("G4") == 1
+    assert not re.search(
+        r"^G1[XY][-\d.]+F?[\d.]*$", changed[changed.index("M3 S1") : changed.index("M5")], re.MULTILINE
+    )
+    assert (changed == text) == (cut == "diamond")
+
+
+def printed(points: list[tuple[float, float]], relative: bool, per_mm: float = 0.033) -> str:
+    """A perimeter of straight lines as slicers write it, with retraction."""
+    lines = [
+        "G21",
+        "G90",
+        "M83" if relative else "M82",
+        "G92 E0",
+        "G0 X{:.4f} Y{:.4f} F9000".format(*points[0]),
+        "G1 E2 F2400",
+    ]
+    at = 2.0
+    for one, other in itertools.pairwise(points):
+        more = round(per_mm * math.dist(one, other), 5)
+        at += more
+        lines.append(f"G1 X{other[0]:.4f} Y{other[1]:.4f} E{more if relative else at:.5f} F1800")
+    lines += [f"G1 E{-2.0 if relative else at - 2.0:.5f} F2400", "G0 X0 Y0 F9000"]
+    return "\n".join(lines) + "\n"
+
+
+BOX = [(20.0, 20.0), (60.0, 20.0), (60.0, 60.0), (20.0, 60.0), (20.0, 20.0)]
+RING = [(40.0 + 20.0 * math.cos(0.1 * n + 1.0), 40.0 + 20.0 * math.sin(0.1 * n + 1.0)) for n in range(63)]
+SHAPES = {"box": BOX, "ring": RING}
+
+
+def laid(text: str, relative: bool) -> list[tuple[np.ndarray, float]]:
+    """Ends of the lines that move, and what has come out of the nozzle until there [mm of filament]."""
+    at, place, total, found = 0.0, np.zeros(2), 0.0, []
+    for raw in text.splitlines():
+        line = raw.partition(";")[0]
+        words = dict(re.findall(r"([A-Z])([-+]?[\d.]+)", line))
+        if line.startswith("G92"):
+            at = float(words["E"])
+        elif words.get("G") in ("0", "1"):
+            place = np.array([float(words.get("X", place[0])), float(words.get("Y", place[1]))])
+            if "E" in words:
+                step = float(words["E"]) if relative else float(words["E"]) - at
+                at, total = float(words["E"]), total + step
+            found.append((place.copy(), total))
+    return found
+
+
+@pytest.mark.parametrize("dialect", ["marlin", "klipper"])
+@pytest.mark.parametrize("relative", [True, False], ids=["M83", "M82"])
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_filament_goes_with_the_original_way(shape: str, relative: bool, dialect: str) -> None:
+    points = SHAPES[shape]
+    text = printed(points, relative)
+    changed = made(text, stepper(dialect=dialect))
+    assert "crossing X-" in changed
+    assert "crossing Y-" in changed
+    assert laid(changed, relative)[-1][1] == pytest.approx(laid(text, relative)[-1][1], abs=1e-9)
+    corners = np.array(points)
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
+    behind = 0.0
+    amounts = laid(changed, relative)
+    for place, amount in amounts[2:-2]:
+        # The place along the perimeter, no earlier than the last one.
+        share = np.linspace(0.0, 1.0, 4001)
+        best, apart = behind, math.inf
+        for n in range(len(corners) - 1):
+            spots = corners[n] + share[:, None] * (corners[n + 1] - corners[n])
+            far = np.linalg.norm(spots - place, axis=1)
+            way = along[n] + share * (along[n + 1] - along[n])
+            far[(way < behind - 0.1) | (way > behind + 41.0)] = math.inf
+            if far.min() < apart:
+                apart, best = float(far.min()), float(way[far.argmin()])
+        behind = best
+        if amount > 2.0:
+            assert amount - 2.0 == pytest.approx(0.033 * best, abs=0.033 * 0.15)
+
+
+@pytest.mark.parametrize("relative", [True, False], ids=["M83", "M82"])
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_a_bead_has_no_dwell_and_no_travel(shape: str, relative: bool) -> None:
+    text = printed(SHAPES[shape], relative)
+    changed = made(text, stepper(dialect="klipper"))
+    lines = [line for line in changed.splitlines() if not line.startswith(";")]
+    beads = [n for n, line in enumerate(lines) if re.match(r"G1 [XY].*E", line)]
+    between = lines[beads[0] : beads[-1] + 1]
+    assert not [line for line in between if line.startswith("G4")]
+    assert [line for line in between if re.match(r"G1 [XY]", line) and " E" not in line] == []
+    # Behind the last bead the filament is pulled back before anything rests.
+    assert lines[beads[-1] + 1].startswith("G1 E")
+
+
+@pytest.mark.parametrize(
+    ("modes", "certain"),
+    [
+        ("M82\n", True),
+        ("M83\n", True),
+        ("G90\nM83\n", True),
+        ("M82\nG90\n", True),
+        ("M83\nG90\n", False),
+        ("M82\nG91\n", False),
+        ("M83\nG91\n", True),
+        ("", False),
+        ("M83\nSTART_PRINT\n", False),
+        ("M83\nG92 X0\n", True),
+    ],
+)
+def test_the_mode_of_e_is_certain_or_nothing_is_divided(modes: str, certain: bool) -> None:
+    text = f"G90\n{modes}G92 E0\nG1 X10 E1 F900\nG1 X0 E2\n"
+    program = read_program(text.encode(), "a.gcode", language=find_dialect("klipper").language)
+    assert bool(filament_of(program)) == certain
+
+
+def test_what_works_where() -> None:
+    text = "G21 G90\nM3 S0\nG0 X1\nG1 X2 S5 F900\nG0 X3\nG1 X4\nM5\nG1 X5\nM4 S5\nG1 X6\nM2\n"
+    program = read_program(text.encode(), "a.ngc")
+    assert tool_in_words(program) == ("laser", 3)
+    found = working_motions(program, None)
+    assert found.on.tolist() == [False, True, False, True, False, True]
+    assert found.burns.tolist() == [False, True, True, True, False, False]
+    assert found.follows.tolist() == [False, False, False, False, False, True]
+    assert working_motions(program, "plasma").on.tolist() == [False, True, True, True, False, True]
+    assert working_motions(program, "cutter").on.tolist() == [False, True, False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "M3 S9000\nG0 X0 Y0 Z5\nG1 Z-1 F100\nG1 X9 S8000\nM2\n",
+        "T1 M6\nM3 S9000\nG1 X9 F100\nM5\nM3\nG1 X0\nM2\n",
+        "S9000 M3\nG1 X9 F100\nM5\nM2\n",
+    ],
+)
+def test_a_mill_is_not_taken_for_a_laser(text: str) -> None:
+    assert tool_in_words(read_program(("G21 G90\n" + text).encode(), "a.ngc")) is None
