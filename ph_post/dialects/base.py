@@ -275,8 +275,10 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     cautions : tuple of str
         What a user should know about lasting offsets on such controllers.
     guard : tuple of str
-        Commands before the first line of a program that is compensated: they keep the controller from
-        compensating a second time.
+        Commands before the first line of a program that is compensated, where the machine file says what the
+        controller is to go back to: they keep the controller from compensating a second time.
+    restored : str
+        Command at its end, to which the part that the controller corrects by itself is added.
     own_compensation : str
         The setting of the controller's own backlash compensation, which must be 0; empty where it has none
         that is not switched off by `guard`.
@@ -289,9 +291,20 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     assumed: tuple[str, ...] | None = None
     cautions: tuple[str, ...] = ()
     guard: tuple[str, ...] = ()
+    restored: str = ""
     own_compensation: str = ""
     own_tables: str = ""
     arc_setting: str = ""
+
+    def closing(self, part: float) -> str:
+        """Return the command with which the controller corrects `part` of its backlash again.
+
+        Examples
+        --------
+        >>> Notices(restored="M425 F").closing(0.95)
+        'M425 F0.95'
+        """
+        return f"{self.restored}{part:g}" if self.restored else ""
 
 
 READ_WITH = "read it with "

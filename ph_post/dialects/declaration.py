@@ -94,7 +94,8 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     replaces, `crossing_error` [m] the largest distance by which an axis with ideal backlash leaves the
     original there, both rounded up as they are written; `dwell` [s], `decimals`, `chord_tolerance` [m],
     `block_time` [s] and `path_mode` as they were chosen for the dialect; `dialect` its name where it is read
-    otherwise than RS274/NGC; `commands` that stand behind the header; `notes` in free text.
+    otherwise than RS274/NGC; `commands` that stand behind the header, and one for the `closing`, empty for none;
+    `notes` in free text.
     """
 
     version: str = ""
@@ -120,6 +121,7 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     path_mode: str = ""
     dialect: str = ""
     commands: tuple[str, ...] = ()
+    closing: str = ""
     notes: tuple[str, ...] = ()
 
 
@@ -155,6 +157,7 @@ def declaration_lines(declaration: Declaration, max_line: int, style: Comments =
             else []
         ),
         *(f"command {command}" for command in one.commands),
+        *([f"closing {one.closing}"] if one.closing else []),
         *(f"note {note}" for note in one.notes),
     ]
     head = comment_lines(f"ph-post {one.version} compensated this program", max_line, style)
@@ -201,6 +204,7 @@ _FACTS = (
     (re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
     (re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE), ("options_digest",)),
     (re.compile(r"dialect (\S+)", re.IGNORECASE), ("dialect",)),
+    (re.compile(r"closing (.*)", re.IGNORECASE), ("closing",)),
     (re.compile(r"(\d+) stops, (\d+) dips", re.IGNORECASE), ("stops", "dips")),
     (
         re.compile(rf"(\d+) crossings, up to {_NUMBER} mm long, within {_NUMBER} mm", re.IGNORECASE),

@@ -89,7 +89,12 @@ DIALECT = Dialect(
     ),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=6),
     notices=Notices(
-        assumed=_ASSUMED, cautions=(_JOINED,), guard=(_OWN_OFF,), arc_setting="MAX_ARC_SEGMENT_MM in the firmware"
+        assumed=_ASSUMED,
+        cautions=(_JOINED,),
+        guard=(_OWN_OFF,),
+        restored="M425 F",
+        own_compensation="the firmware's own backlash compensation, F of M425,",
+        arc_setting="MAX_ARC_SEGMENT_MM in the firmware",
     ),
     planner=ExactPath(
         corner=MarlinCorner(deviation=0.013 * MM),

@@ -179,6 +179,7 @@ def machine_of(text: SourceText) -> Machine:
         axes=axes,
         planner=_planner_settings(record.controller, text.name),
         tool=_tool(record.controller, text.name),
+        own_correction=_own_correction(record.controller, text.name),
         digest=text.digest,
     )
 
@@ -190,6 +191,15 @@ def _tool(record: ControllerRecord, file: str) -> Tool | None:
         where = place(file, ("controller", "tool"))
         raise InputError(where, f"{record.dialect} has no words for an extruder", expected="marlin or klipper")
     return record.tool
+
+
+def _own_correction(record: ControllerRecord, file: str) -> float | None:
+    """Take what the controller corrects by itself, where its dialect has a word for that."""
+    stated = record.own_backlash_correction is not None and is_dialect(record.dialect)
+    if stated and not find_dialect(record.dialect).notices.guard:
+        where = place(file, ("controller", "own_backlash_correction"))
+        raise InputError(where, f"{record.dialect} has no word that switches its own compensation", expected="marlin")
+    return record.own_backlash_correction
 
 
 def _planner_settings(record: ControllerRecord, file: str) -> PlannerSettings:

@@ -358,7 +358,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *said_of_time]
     warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
     if edits.amplitude:
-        own = double_compensation(program, dialect)
+        own = double_compensation(program, dialect, machine)
         warnings += [
             *friction_warnings(edits.amplitude, beam.tool),
             *own,

@@ -196,7 +196,7 @@ def program_units(program: PartProgram) -> list[float]:
     return sorted({program.modal[number].units for number in used.tolist()})
 
 
-def double_compensation(program: PartProgram, dialect: Dialect) -> list[str]:
+def double_compensation(program: PartProgram, dialect: Dialect, machine: Machine) -> list[str]:
     """Return warnings of a controller that compensates the backlash too."""
     words = program.words
     found = words.block[(words.letter == ord("M")) & (words.value == 425.0)]
@@ -207,9 +207,15 @@ def double_compensation(program: PartProgram, dialect: Dialect) -> list[str]:
     if program.language.hide is not None and (own := _OWN_ON.search(program.data)):
         line = int(np.searchsorted(program.lines, np.int32(own.start()), side="right"))
         said = [f"line {line} sets the controller's own backlash compensation (M425): {twice}"]
-    if own_setting := dialect.notices.own_compensation:
-        said.append(f"{own_setting} must be 0 for the compensated axes, or their backlash is compensated twice")
-    return said
+    return [*said, *own_setting(dialect, machine)]
+
+
+def own_setting(dialect: Dialect, machine: Machine) -> list[str]:
+    """Return the sentence that the controller's own compensation has to be off; none where the program sees to that."""
+    said = dialect.notices.own_compensation
+    if not said or (dialect.notices.guard and machine.own_correction is not None):
+        return []
+    return [f"{said} must be 0 for the compensated axes, or their backlash is compensated twice"]
 
 
 def _checksummed(program: PartProgram) -> bool:

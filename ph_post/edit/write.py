@@ -14,7 +14,7 @@ from ph_post.dialects.declaration import Declaration, declaration_lines, has_mar
 from ph_post.edit.block_words import line_end
 from ph_post.edit.changes import Change, ChangeWriter
 from ph_post.edit.edits import EditOptions, Edits, schedule, stops_written
-from ph_post.edit.preconditions import program_units, word_decimals
+from ph_post.edit.preconditions import own_setting, program_units, word_decimals
 from ph_post.edit.undo import Payload, payload_lines, payload_start, restore
 from ph_post.edit.word_shifts import (
     MOST_DECIMALS,
@@ -120,6 +120,9 @@ def _write_text(program: PartProgram, edits: Edits, dialect: Dialect, declaratio
         lambda block: numbers.text(program, block),
     )
     changes = sorted(writer.write(tasks), key=lambda change: change.block)
+    if declaration.closing:
+        label = "own compensation"
+        changes.append(Change(block=program.blocks, removed=0, lines=[declaration.closing], label=[label]))
     return _with_payload(program, *_assemble_text(program, numbers, changes, dialect, declaration), dialect)
 
 
@@ -314,6 +317,8 @@ def declare(
         block_time=options.block_time,
         path_mode=path_mode,
         dialect=program.language.name,
-        commands=dialect.notices.guard,
-        notes=(UNTURNED, *notes),
+        commands=dialect.notices.guard if machine.own_correction is not None else (),
+        closing=dialect.notices.closing(machine.own_correction) if machine.own_correction is not None else "",
+        # Only firmware that can be told so in a program is told it in the head as well.
+        notes=(UNTURNED, *(own_setting(dialect, machine) if dialect.notices.guard else ()), *notes),
     )

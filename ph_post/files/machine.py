@@ -318,6 +318,7 @@ class ControllerRecord(MachineTableRecord, frozen=True, kw_only=True):
     path_tolerance_mm: NotNegative | None = None
     dwell_step_ms: Annotated[float, msgspec.Meta(ge=0, le=10_000)] | None = None
     tool: Tool | None = None
+    own_backlash_correction: Annotated[float, msgspec.Meta(ge=0, le=1)] | None = None
 
 
 PLANNER_KEYS: Final[Mapping[str, tuple[str, float]]] = {

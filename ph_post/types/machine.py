@@ -141,7 +141,8 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
     """A machine: axes by name, controller dialect and servo period [s], and what the file says of its planner.
 
-    `tool` is what works there, None where the file does not say it.
+    `tool` is what works there, None where the file does not say it. `own_correction` is the part of the backlash that
+    the controller corrects by itself outside of our programs (F of Marlin's M425), None where the file does not say it.
     """
 
     name: str
@@ -150,6 +151,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     axes: Mapping[str, Axis]
     planner: PlannerSettings = PlannerSettings()
     tool: Tool | None = None
+    own_correction: float | None = None
     digest: str = ""
 
 

@@ -44,6 +44,7 @@ _KNOWN = {
     "units": re.compile(r"units (mm|inch)", re.IGNORECASE),
     "dialect": re.compile(r"dialect (\S+)", re.IGNORECASE),
     "command": re.compile(r"command (M425 F0)"),
+    "closing": re.compile(r"closing (M425 F(?:0|1|0\.\d+))"),
     "note": re.compile(r"note.*", re.IGNORECASE),
 }
 
@@ -107,6 +108,7 @@ def read_declared(original: PartProgram, compensated: PartProgram) -> DeclaredCh
     if _declared_commands(facts) and not _commands(compensated, facts, last - len(_declared_commands(facts))):
         wrong.append((first, "the commands that the header declares do not follow it"))
     tail, more = _read_tail(compensated, last)
+    wrong += _closing_faults(compensated, facts, last, tail)
     return DeclaredChanges(first=first, last=last, tail=tail, faults=(*wrong, *more), **fields)
 
 
@@ -156,6 +158,22 @@ def _commands(compensated: PartProgram, facts: list[tuple[int, str]], last: int)
     commands = _declared_commands(facts)
     lines = range(last, min(last + len(commands), compensated.blocks))
     return len(commands) if [compensated.text(line).strip().decode("latin-1") for line in lines] == commands else 0
+
+
+_CLOSES = re.compile(rb"\(ph-post: \+1 -0 own compensation\)\s*")
+
+
+def _closing_faults(
+    compensated: PartProgram, facts: list[tuple[int, str]], last: int, tail: int
+) -> list[tuple[int, str]]:
+    """Find what is wrong with the command that the header declares for the end, which stands there and nowhere else."""
+    found = [match[1] for _, words in facts if (match := _KNOWN["closing"].fullmatch(words))]
+    marks = [line for line in range(last, tail) if _CLOSES.fullmatch(comment_of(compensated, line))]
+    if not found:
+        return [(line, "the header declares no command for the end") for line in marks]
+    there = compensated.text(tail - 1).strip().decode("latin-1") if tail else ""
+    right = marks == [tail - 2] and there == found[0]
+    return [] if right else [(tail - 1, "the command that the header declares for the end is not there")]
 
 
 def _declared_commands(facts: list[tuple[int, str]]) -> list[str]:

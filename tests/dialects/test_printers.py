@@ -183,18 +183,29 @@ def test_nothing_but_axis_words_is_changed(file: Path, dialect: str) -> None:
     assert own == []
 
 
-def test_marlin_s_own_compensation_is_switched_off() -> None:
+def test_marlin_s_own_compensation_is_switched_off_and_on_where_its_value_is_known() -> None:
     data = SLICED[0].read_bytes()
-    lines = compensate(data, printer(), dialect="marlin").text.splitlines()
-    first = next(line for line in lines if not line.startswith(b"; "))
-    assert first == b"M425 F0"
+    lines = compensate(data, replace(printer(), own_correction=0.95), dialect="marlin").text.splitlines()
+    commands = [line for line in lines if not line.startswith(b"; ")]
+    assert (commands[0], commands[-1]) == (b"M425 F0", b"M425 F0.95")
+    assert sum(b"M425" in line for line in commands) == 2
     assert b"M425" not in compensate(data, printer(), dialect="klipper").text
+
+
+def test_marlin_s_own_compensation_is_left_alone_where_its_value_is_not_known() -> None:
+    data = SLICED[0].read_bytes()
+    found = compensate(data, printer(), dialect="marlin")
+    assert not [line for line in found.text.splitlines() if line.startswith(b"M425")]
+    said = "the firmware's own backlash compensation, F of M425, must be 0 for the compensated axes"
+    assert any(one.startswith(said) for one in found.edits.warnings)
+    assert said in found.text.decode().replace("\n;  ", "")
+    assert undo(found.text, "a.gcode") == data
 
 
 @pytest.mark.parametrize(("word", "told"), [("M425 F1", True), ("M425 X0.1", True), ("M425 F0", False)])
 def test_a_program_that_switches_it_on_is_told(word: str, told: bool) -> None:
     text = f"{word}\nG90\nG1 X0 Y0 F600\nG1 X10\nG1 X0\nG1 X10\n"
-    found = compensate(text.encode(), printer(), dialect="marlin")
+    found = compensate(text.encode(), replace(printer(), own_correction=1.0), dialect="marlin")
     assert any("M425" in one for one in found.edits.warnings) == told
 
 
@@ -206,11 +217,14 @@ def test_an_extruding_arc_is_not_divided(words: str, stops: bool) -> None:
     assert any("extrudes (E), and is not divided" in one for one in found.edits.warnings) != stops
 
 
-@pytest.mark.parametrize("instead", ["\n", "\nM425 F1\n", "\nM425 F0\nM425 F0\n", "\nG1 X9 F600\n"])
-def test_the_command_that_was_added_is_verified(instead: str) -> None:
-    found = compensate(SLICED[0].read_bytes(), printer(), dialect="marlin")
+@pytest.mark.parametrize("command", ["F0", "F1"])
+@pytest.mark.parametrize("instead", ["\n", "\nM425 F{}\n", "\nM425 {}\nM425 {}\n", "\nG1 X9 F600\n"])
+def test_the_commands_that_were_added_are_verified(instead: str, command: str) -> None:
+    found = compensate(SLICED[0].read_bytes(), replace(printer(), own_correction=1.0), dialect="marlin")
     assert verify(found.program, read_program(found.text, "a", language=found.program.language), tolerance=5e-6).ok
-    text = found.text.replace(b"\nM425 F0\n", instead.encode(), 1)
+    other = instead.replace("F{}", {"F0": "F1", "F1": "F0"}[command]).replace("{}", command)
+    text = found.text.replace(f"\nM425 {command}\n".encode(), other.encode(), 1)
+    assert text != found.text
     after = read_program(text, "a", language=found.program.language)
     assert not verify(found.program, after, tolerance=5e-6).ok
 
