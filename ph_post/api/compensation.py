@@ -33,6 +33,7 @@ def compensated(
     if isinstance(raw, PartProgram) or (isinstance(raw, SourceBytes) and is_program(raw)):
         result = ProgramCompensation(raw, machine, options, output, progress)
     else:
+        options.check_for_path()
         result = compensated_path(raw, machine, options, output, progress)
     if options.require_all:
         result.check_all()

@@ -148,6 +148,19 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             overshoot=self.overshoot,
         )
 
+    def check_for_path(self) -> None:
+        """Refuse options that are for part programs alone.
+
+        Raises
+        ------
+        InputError
+            With the option's name as the command line has it.
+        """
+        given = {"--position-from": self.position_from is not None, "--overshoot": self.overshoot is not None}
+        refused = next((option for option, used in given.items() if used), None)
+        if refused is not None:
+            raise OptionsError(f"{refused} is for part programs")
+
     def check_for_program(self) -> None:
         """Refuse options that a part program, which has its own feeds and heights, has no use for.
 

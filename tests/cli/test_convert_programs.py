@@ -241,6 +241,9 @@ def test_a_chain_that_does_not_pass_is_left_as_it_was(tmp_path, capfdbinary, mon
     ("options", "said"),
     [
         (("--feed", "100"), "--feed is for path files"),
+        (("--position-from", "x"), "'x' is not one of '+', '-'"),
+        (("--overshoot", "0"), "'--overshoot': 0.0 is not in the range x>0.0"),
+        (("--overshoot", "0.01"), "--overshoot: less than the lost motion of "),
         (("--safe-z", "5"), "--safe-z is for path files"),
         (("--start", "moving"), "--start moving is for path files"),
         (("--strategy", "retrograde"), "--strategy retrograde is for path files"),

@@ -187,3 +187,6 @@ def test_words_that_are_none():
         compensated(drilling(), machine(), position_from="-", overshoot=0.07e-3)
     with pytest.raises(ph.InputError, match=r"--position-from: unknown side; expected \+ or -; got x"):
         compensated(drilling(), machine(), position_from="x")
+    for how in ({"position_from": "+"}, {"overshoot": 1e-3}):
+        with pytest.raises(ph.InputError, match=r"^--(position-from|overshoot) is for part programs$"):
+            ph.compensate("circle", machine(), **how)
