@@ -123,10 +123,11 @@ def round_up(fraction: float) -> float:
     return float(f"{fraction * (1.0 + _ROOM):.1e}")
 
 
-def friction_warnings(shifted: Iterable[str], tool: Tool = "cutter") -> list[str]:
+def friction_warnings(shifted: Iterable[str], tool: Tool = "cutter", *, climbs: bool = True) -> list[str]:
     """Warn that only friction holds the table on its side on axes with a lasting offset.
 
-    Where no cutter pulls at it nothing but the table's own inertia, and what hangs on it, is left to do that.
+    Without `climbs` nothing is said of climb milling: a program's own comments may say more. Where no cutter pulls at
+    it nothing but the table's own inertia, and what hangs on it, is left to do that.
 
     Examples
     --------
@@ -139,7 +140,7 @@ def friction_warnings(shifted: Iterable[str], tool: Tool = "cutter") -> list[str
     who = f"axis {names[0]} counts" if len(names) == 1 else f"axes {', '.join(names)} count"
     said = f"{who} on friction to hold the table on its side of the backlash"
     cut = ": a cutter that pulls the table along, as in climb milling, can pull it across"
-    return [said + cut if tool == "cutter" else said]
+    return [said + cut if tool == "cutter" and climbs else said]
 
 
 def varying_backlash_warnings(axes: Iterable[Axis]) -> list[str]:

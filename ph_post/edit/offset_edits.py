@@ -23,6 +23,7 @@ from ph_post.edit.preconditions import (
     double_compensation,
     program_units,
     warn_blocked,
+    warn_climbing,
     warn_unknown,
     why_indivisible,
     why_not_editable,
@@ -360,7 +361,8 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     if edits.amplitude:
         own = double_compensation(program, dialect, machine)
         warnings += [
-            *friction_warnings(edits.amplitude, beam.tool),
+            *friction_warnings(edits.amplitude, beam.tool, climbs=False),
+            *(warn_climbing(program) if beam.tool == "cutter" else ()),
             *own,
             *dialect.notices.cautions,
         ]

@@ -241,6 +241,22 @@ def _continued(program: PartProgram) -> BoolArray:
     return marks
 
 
+_CLIMBS: Final = re.compile(rb"(?:\([^)\r\n]*|;[^\r\n]*)\bclimb\b", re.IGNORECASE)
+"""A comment in which CAM says that the cutter turns with the feed."""
+
+
+def warn_climbing(program: PartProgram) -> list[str]:
+    """Return a warning of cuts that CAM names climb cuts: the cutter can pull the table through its backlash."""
+    found = _CLIMBS.search(program.data)
+    if found is None:
+        return []
+    line = int(np.searchsorted(program.lines, found.start(), side="right"))
+    return [
+        f"line {line} speaks of climb milling: such a cutter can pull the table, which friction alone holds, across its"
+        " backlash; conventional milling does not"
+    ]
+
+
 def warn_unknown(program: PartProgram, axes: Iterable[str]) -> list[str]:
     """Return warnings of axes that move from unknown places, as under G91 from the machine's first position."""
     words, motions = program.words, program.motions

@@ -36,6 +36,9 @@ _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _WIDEST: Final = 10**7
 """Offsets, in steps, that are counted in a table of their own."""
 
+HELD: Final = "holds where friction holds the axes against the cut"
+"""Note in the head of programs with offsets."""
+
 UNTURNED: Final = "holds for work offsets that are not rotated, mirrored or scaled"
 """Note in the head of every compensated program: reversals are those of the machine's axes."""
 
@@ -293,6 +296,7 @@ def declare(
     tasks = schedule(edits, program.motions, units * 10.0**-decimals)
     count, stops = stops_written(tasks, program.motions)
     asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
+    held = (HELD,) if edits.amplitude else ()
     pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(
         version=package_version(),
@@ -320,5 +324,5 @@ def declare(
         commands=dialect.notices.guard if machine.own_correction is not None else (),
         closing=dialect.notices.closing(machine.own_correction) if machine.own_correction is not None else "",
         # Only firmware that can be told so in a program is told it in the head as well.
-        notes=(UNTURNED, *(own_setting(dialect, machine) if dialect.notices.guard else ()), *notes),
+        notes=(UNTURNED, *held, *(own_setting(dialect, machine) if dialect.notices.guard else ()), *notes),
     )

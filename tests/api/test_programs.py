@@ -115,8 +115,21 @@ def test_a_head_tells_the_warnings_where_nobody_sees_them_elsewhere():
     found = delivered(text, request=request).after.data
     notes = [line for line in found.splitlines() if line.startswith(b"(ph-post: note ")]
     assert notes.pop(0) == b"(ph-post: note holds for work offsets that are not rotated, mirrored or scaled)"
+    assert notes.pop(0) == b"(ph-post: note holds where friction holds the axes against the cut)"
     assert notes[0] == b"(ph-post: note warning: line 2: parameter: _1=1: passed through unchanged)"
     assert notes[NOTED].endswith(b" more warnings)")
     assert len(notes) == NOTED + 1
     assert undo(found, "part.ngc") == text.encode()
     assert delivered(found.decode()).done
+
+
+@pytest.mark.parametrize(
+    ("comment", "line"),
+    [("(pocket, CLIMB)", 2), ("; cut direction: climb", 2), ("(climbing plants)", 0), ("(pocket)", 0)],
+)
+def test_climb_milling_that_cam_tells_of_is_warned_of(comment: str, line: int) -> None:
+    text = f"G21 G90 G64 P0.005\n{comment}\nG0 X0 Y0 Z5\nG1 Z0 F300\nX9\nY9\nX0\nY0\nM2\n"
+    found = delivered(text)
+    said = [word for word in found.warnings if "climb" in word]
+    assert [word.partition(" speaks")[0] for word in said] == ([f"line {line}"] if line else [])
+    assert b"(ph-post: note holds where friction holds the axes against the cut)\n" in found.after.data
