@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,9 +24,10 @@ from ph_post.report.figures import (
     new_figure,
     steps_of,
 )
+from ph_post.report.result_line import result_lines
 from ph_post.report.traces import DrawnMotion, Picture
 from ph_post.simulate.assess import Assessment
-from ph_post.types import Array, IntArray, Run
+from ph_post.types import Array, BoolArray, IntArray, Run
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 if TYPE_CHECKING:
@@ -191,15 +193,20 @@ def draw_picture(picture: Picture) -> Figure:
     _draw_both_paths(panels["path"], picture)
     _draw_panels(panels, picture)
     legend_above(panels["path"])
-    figure.suptitle(picture.name)
+    *left, last = result_lines(picture.summary)
+    figure.suptitle("\n".join([picture.name, *(wrapped for line in (*left, last) for wrapped in wrap(line, TITLE))]))
     return figure
+
+
+TITLE: Final = 140
+"""Longest line over a picture."""
 
 
 def _draw_both_paths(axes: Axes, picture: Picture) -> None:
     s = np.unique(picture.joints)
     joints = picture.points(s)
     draw_moves(axes, _flat(joints), _steps(picture.unknown, s) == 0, _steps(picture.rapids, s) == 1, BEFORE, "path")
-    for window in picture.windows:
+    for window in picture.windows if picture.windowed else ():
         span = np.linspace(*window, 64)
         span = np.mod(span, picture.length) if picture.closed else span
         line = steps_of(_flat(picture.points(span)), np.diff(span, prepend=0.0) >= 0.0)
@@ -215,6 +222,29 @@ def _draw_both_paths(axes: Axes, picture: Picture) -> None:
     names = (*picture.axes, "")
     axes.set(xlabel=f"{names[0]} [mm]", ylabel=f"{names[1]} [mm]" if names[1] else "")
     axes.set_aspect("equal", adjustable="datalim")
+    _frame(axes, joints, _steps(picture.rapids, s) == 0)
+
+
+def _frame(axes: Axes, joints: Array, cuts: BoolArray) -> None:
+    """Frame a picture on what is cut: a way to it from far away would make the part a dot."""
+    shown = cuts.copy()
+    shown[:-1] |= cuts[1:]
+    if not shown.any() or not cuts[1:].any():
+        return
+    drawn = [np.asarray(line.get_xydata()) for line in axes.lines if "error" in str(line.get_label())]
+    places = np.concatenate([_flat(joints[shown]).T, *drawn])
+    low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+    middle, size = 0.5 * (low + high), (1.0 + ROOM) * (high - low)
+    half = 0.5 * np.maximum(size, SLIMMEST * size.max())
+    axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+    axes.set_aspect("equal", adjustable="box")
+
+
+ROOM: Final = 0.1
+"""Room around what is cut, a part of its size."""
+
+SLIMMEST: Final = 0.8
+"""A picture is no slimmer than this part of its longer side."""
 
 
 def _steps(stretches: Sequence[tuple[float, float]], s: Array) -> IntArray:
@@ -235,7 +265,7 @@ def _draw_panels(panels: dict[str, Axes], picture: Picture) -> None:
     error, feed = panels["error"], panels["feed"]
     error.sharex(feed)
     for axes in (error, feed):
-        for low, high in picture.windows:
+        for low, high in picture.windows if picture.windowed else ():
             axes.axvspan(low / MM, high / MM, color=WINDOW, alpha=0.3, linewidth=0.0)
     for trace, colour in zip(picture.traces, TWO, strict=False):
         error.plot(trace.s / MM, _counted(trace), color=colour, linewidth=1.0, label=trace.name)

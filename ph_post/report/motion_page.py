@@ -11,13 +11,13 @@ from msgspec.structs import replace
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.quantities import NOTHING, micrometres, millimetres
 from ph_post.report.page import evenly, make_page, numbers, rows_to_draw
-from ph_post.report.result_line import result_lines
+from ph_post.report.result_line import ResultSummary, result_lines
 from ph_post.report.simulations import error_view
 from ph_post.report.tables import format_table
 from ph_post.report.traces import DrawnMotion, Mark, Picture
 from ph_post.report.views import View, machine_table
 from ph_post.simulate.assess import scenario_words
-from ph_post.simulate.contour import TurningError
+from ph_post.simulate.contour import ContourError, TurningError
 from ph_post.types import IntArray
 from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 from ph_post.version import package_version
@@ -50,6 +50,8 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
         "strategy": picture.strategy,
         "version": package_version(),
         "summary": motion_summary(picture),
+        "result": _result(picture.summary),
+        "windowed": picture.windowed,
         "machine": machine_table(picture.machine, picture.axes),
         "warnings": [*result_lines(picture.summary)[:-1], *picture.warnings],
         "notes": [*picture.notes, *_thinned(picture, kept), *notes],
@@ -62,6 +64,24 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
 def motion_summary(picture: Picture) -> str:
     """Summarize a motion in a sentence, the line that every command ends with."""
     return f"{picture.name}: {result_lines(picture.summary)[-1]}"
+
+
+def _result(found: ResultSummary) -> View:
+    """Return the numbers of the line of result for the page's tiles: errors in µm, the spread of the backlash in %."""
+    before, after = found.error_gap
+    known = before is not None and after is not None
+    return {
+        "before": _sizes(before) if known else None,
+        "after": _sizes(after) if known else None,
+        "worst": None if found.error_gap_worst is None else found.error_gap_worst.max / MICROMETRE,
+        "spread": 100.0 * found.uncertainty,
+        "reversals": None if found.reversals is None else found.reversals._asdict(),
+        "axes": list(found.axes),
+    }
+
+
+def _sizes(error: ContourError | None) -> View | None:
+    return None if error is None else {"max": error.max / MICROMETRE, "rms": error.rms / MICROMETRE}
 
 
 def motion_lines(picture: Picture) -> list[str]:
@@ -111,7 +131,7 @@ def _rows(picture: Picture, trace: DrawnMotion) -> IntArray:
 
 def _thinned(picture: Picture, kept: Sequence[IntArray]) -> list[str]:
     return [
-        f"{trace.name}: {rows.size} of {trace.t.size} samples are drawn, closer in windows; the largest and "
+        f"{trace.name}: {rows.size} of {trace.t.size} samples are drawn, closer at reversals; the largest and "
         "smallest errors and feeds are among them, and lines between them are straight"
         for trace, rows in zip(picture.traces, kept, strict=True)
         if rows.size < trace.t.size
@@ -166,13 +186,13 @@ def _point(picture: Picture, number: int) -> View:
         "line": view.get("line"),
         "s": mark.s / MM,
         "at": [x / MM for x in mark.point],
-        "window": None if mark.window is None else [end / MM for end in mark.window],
+        "window": None if mark.window is None or not picture.windowed else [end / MM for end in mark.window],
         "half": None if view["window"] is None else view["window"]["half_length"],
         "limited_by": None if view["window"] is None else view["window"]["limited_by"],
         "lag": None if backlash is None else 1e3 * backlash["lag"],
         "duration": None if backlash is None else 1e3 * backlash["duration"],
         "errors": [_turning(trace.turning[number]) for trace in picture.traces],
-        "notes": list(dict.fromkeys([*_said(view), *view["notes"]])),
+        "notes": list(dict.fromkeys([*(_said(view) if picture.windowed else []), *view["notes"]])),
     }
 
 

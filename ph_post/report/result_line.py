@@ -246,7 +246,7 @@ def _error_words(found: ResultSummary) -> str:
         why = (
             f"it runs longer than {LONGEST_SIMULATED / MINUTE:.0f} min"
             if long
-            else "it is over before its error counts"
+            else "nothing of it counts: it is too short, or its place on the path was lost"
         )
         return f"backlash error not simulated, as {why}"
     high, low = (rounded_micrometres(one) for one in (after.max, after.rms))

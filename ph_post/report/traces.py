@@ -115,6 +115,12 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """The windows of all turning points that have one: first and last place along the path [m]."""
         return [mark.window for mark in self.marks if mark.window is not None]
 
+    @property
+    def windowed(self) -> bool:
+        """Whether windows say anything here: where a feed dips in one, or backlash lies inside a loop."""
+        loops = {name: axis.loop.encloses_backlash for name, axis in self.machine.axes.items()}
+        return any(loops[mark.view["axis"]] or mark.view["ratio"] is not None for mark in self.marks)
+
     def inside(self, s: Array) -> BoolArray:
         """Whether places along the path (n,) [m] lie in a window."""
         found = np.zeros(s.size, dtype=bool)

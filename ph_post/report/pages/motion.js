@@ -16,15 +16,23 @@ const first = RUNS[0], last = RUNS[RUNS.length - 1], changed = RUNS.length > 1;
     values.forEach((v, k) => { if (k) b.append(" → "); b.append(el(tags[k], v)); });
     t.append(title, b, el("span", below, "dim")); tiles.append(t);
   };
+  const R = D.result;
   const gain = (a, b) => !a || !b ? "" : Math.abs(a / b - 1) < 0.005 ? "as before" : a >= b ? `${few(a / b)} times smaller` : `${few(b / a)} times larger`;
-  const sizes = (title, of) => { const found = RUNS.map(of); tile(title, found.map(micrometres), gain(...found)); };
-  sizes("Largest contour error, µm", one => one.error && 1000 * one.error.max);
-  sizes("Root mean square, µm", one => one.error && 1000 * one.error.rms);
-  sizes("Worst case, µm", one => one.worst && 1000 * one.worst.max);
+  // What backlash causes, as the headline has it; below it what the part shows by all causes.
+  const sizes = (title, own, of) => {
+    const all = RUNS.map(of), found = own || all, words = all.map(micrometres).join(" → ");
+    tile(title, (changed ? found : found.slice(-1)).map(micrometres), own ? `all causes: ${words}` : gain(...found));
+  };
+  const both = name => R.before && R.after ? [R.before[name], R.after[name]] : null;
+  const what = R.before && R.after ? "Backlash error" : "Contour error";
+  sizes(`${what}, largest, µm`, both("max"), one => one.error && 1000 * one.error.max);
+  sizes(`${what}, rms, µm`, both("rms"), one => one.error && 1000 * one.error.rms);
+  if (R.worst !== null && R.spread) tile(`Backlash ${few(R.spread)} % off, µm`, [micrometres(R.worst)], "largest error then", [changed ? "em" : "i"]);
+  else sizes("Worst case, µm", null, one => one.worst && 1000 * one.worst.max);
   const more = changed && first.time ? 100 * (last.time / first.time - 1) : null;
   tile("Cycle time, s", RUNS.map(one => num(one.time, 3)), more === null ? "" : Math.abs(more) < 0.005 ? "as before" : `${num(Math.abs(more))} % ${more < 0 ? "less" : "more"}`);
-  const done = MARKS.filter(p => p.strategy !== "none").length;
-  tile("Reversals", [String(MARKS.length)], changed ? `${done} compensated` : "", ["span"]);
+  const done = R.reversals;
+  tile("Reversals compensated", [done ? `${done.compensated} of ${done.all}` : "–"], R.axes.length ? R.axes.join(", ") : "no axis", ["span"]);
   main.append(tiles);
   D.warnings.forEach(text => main.append(el("p", text, "note")));
 }
@@ -92,7 +100,7 @@ let flat = null;
   const s = section(changed ? "Programmed and executed path, before and after" : "Programmed and executed path");
   const bar = el("div", undefined, "bar hand");
   RUNS.forEach((run, r) => { bar.append(button(run.name, b => { seen.runs[r] = !seen.runs[r]; b.setAttribute("aria-pressed", seen.runs[r]); redraw(); }, true)); });
-  for (const [name, text] of [["windows", "windows"], ["points", "reversals"]])
+  for (const [name, text] of [...(D.windowed ? [["windows", "windows"]] : []), ["points", "reversals"]])
     bar.append(button(text, b => { seen[name] = !seen[name]; b.setAttribute("aria-pressed", seen[name]); redraw(); }, true));
   bar.append(mag.box);
   if (views.length > 1) bar.append(choice(views.map(viewName), viewName(view), name => { view = views.find(one => viewName(one) === name); flat.whole = true; flat.fit(); redraw(); }));
@@ -103,17 +111,20 @@ let flat = null;
   if (P.rapid.length) legend.append(key("rapid", "--dim", 1, "thin"));
   RUNS.forEach((run, r) => legend.append(key(`${run.name}, error magnified`, COLOURS[r])));
   if (MARKS.some(p => p.window)) legend.append(key("window", "--window"));
-  if (MARKS.length) legend.append(key("reversal", "--point", 1, "dot"));
-  legend.append(el("span", "▶ start"));
+  if (MARKS.length) legend.append(key("reversal: an axis turns back", "--point", 1, "dot"));
+  legend.append(el("span", "▶ start of the cut"));
   s.append(legend, el("p", `${HINT}; arrows walk along the path`, "dim hand"), desk);
   desk.append(left, right);
 }
 
 // The plane.
 {
-  const svg = picture(left, "the path with its windows, and the error magnified, normal to it", "picture plane", false);
+  const svg = picture(left, "the path, and the error magnified, normal to it", "picture plane", false);
   svg.id = "plane";
-  const bounds = () => view.map((k, n) => extent([NAMES[k] ? P[NAMES[k]] : [0], ...RUNS.filter((_, r) => seen.runs[r]).map(run => reached(run, n))], 0));
+  // Framed on what is cut: a way to it from far away would make the part a dot.
+  const cut = k => rapid[k] !== 1 && rapid[k] !== 2 && k > 0;
+  const shown = name => { const found = P[name].filter((_, k) => cut(k) || k + 1 < P.s.length && cut(k + 1)); return found.length ? found : P[name]; };
+  const bounds = () => view.map((k, n) => extent([NAMES[k] ? shown(NAMES[k]) : [0], ...RUNS.filter((_, r) => seen.runs[r]).map(run => reached(run, n))], 0));
   const tall = width => Math.round(Math.min(Math.max(0.75 * width, 300), 620));
   const within = s => s >= range.low && s <= range.high;
   const span = ([a, b]) => P.closed && a < 0 ? [[0, b], [D.length + a, D.length]] : P.closed && b > D.length ? [[a, D.length], [0, b - D.length]] : [[a, b]];
@@ -123,11 +134,13 @@ let flat = null;
     draw(parent, "path", { ...LINE, "stroke-linecap": "round", d, ...attributes });
   };
   const bands = (v, p, attributes, parent) => span(p.window).forEach(part => stretch(v, part, attributes, parent));
+  // Places are rounded to five decimals.
+  const NEAR = 1e-5;
   // Whether the step that ends in a point is a rapid move.
   const rapid = new Uint8Array(P.s.length);
-  P.rapid.forEach(([a, b]) => { for (let k = at(P.s, a + 1e-9) + 1; k < P.s.length && P.s[k] <= b + 1e-9; k++) rapid[k] = 1; });
+  P.rapid.forEach(([a, b]) => { for (let k = at(P.s, a + NEAR) + 1; k < P.s.length && P.s[k] <= b + NEAR; k++) rapid[k] = 1; });
   // Nothing is drawn where the place of the axes is not known.
-  P.unknown.forEach(([a, b]) => { for (let k = at(P.s, a + 1e-9) + 1; k < P.s.length && P.s[k] <= b + 1e-9; k++) rapid[k] = 2; });
+  P.unknown.forEach(([a, b]) => { for (let k = at(P.s, a + NEAR) + 1; k < P.s.length && P.s[k] <= b + NEAR; k++) rapid[k] = 2; });
   let v = null, over = null;
   const paint = now => {
     v = now;
@@ -163,8 +176,13 @@ let flat = null;
   // Start and direction of the motion.
   function start(v, u, w) {
     if (P.s.length < 2) return;
-    const x = v.X(u(0)), y = v.Y(w(0));
-    let k = 1;
+    let begin = P.s.findIndex((_, k) => k + 1 < P.s.length && cut(k + 1));
+    // In this view the cut begins where the tool is down.
+    const still = k => Math.hypot(u(k) - u(begin), w(k) - w(begin)) < 1e-9;
+    if (begin < 0) begin = 0;
+    const x = v.X(u(begin)), y = v.Y(w(begin));
+    let k = begin + 1;
+    while (k + 1 < P.s.length && still(k)) k++;
     while (k + 1 < P.s.length && Math.hypot(v.X(u(k)) - x, v.Y(w(k)) - y) < 4) k++;
     const turn = Math.atan2(v.Y(w(k)) - y, v.X(u(k)) - x) * 180 / Math.PI;
     draw(v.inside, "path", { d: "M0 -5L11 0L0 5Z", transform: `translate(${x.toFixed(1)} ${y.toFixed(1)}) rotate(${turn.toFixed(1)})`, fill: "var(--ink)" });
@@ -283,22 +301,25 @@ function goTo(p) {
   if (!MARKS.length) s.append(el("p", "No axis reverses on this path: backlash leaves no mark on it."));
   const bound = { deviation: "leaves its circle", neighbour: "its neighbour", end: "the path's end", corner: "a corner" };
   const errors = p => p.errors.map(micrometres).join(" → ");
+  const told = p => p.strategy === "none" ? "not compensated" : D.windowed || p.strategy === "compensated before" ? p.strategy : "compensated";
   const columns = [
     ["#", p => `#${p.index}`, p => p.index],
     ...(D.kind === "program" ? [["line", p => String(p.line), p => p.line]] : []),
     ["s mm", p => num(p.s, 3), p => p.s],
     ...D.axes.map((name, k) => [`${name} mm`, p => num(p.at[k], 3), p => p.at[k]]),
-    ["reversal", p => `${p.axis} ${p.sense}, ${p.kind}`, p => p.axis + p.sense],
-    ["window ± mm", p => num(p.half, 3), p => p.half],
-    ["limited by", p => p.limited_by === null ? "–" : bound[p.limited_by] || p.limited_by, p => p.limited_by],
-    ["lag ms", p => num(p.lag, 2), p => p.lag],
-    ["standstill ms", p => num(p.duration, 2), p => p.duration],
-    ["strategy", p => p.strategy === "none" ? "not compensated" : p.strategy, p => p.strategy],
-    ["feed × ", p => p.ratio === null ? "–" : num(p.ratio, 2), p => p.ratio],
+    ["reversal", p => D.windowed ? `${p.axis} ${p.sense}, ${p.kind}` : `${p.axis} ${p.sense}`, p => p.axis + p.sense],
+    ...(D.windowed ? [
+      ["window ± mm", p => num(p.half, 3), p => p.half],
+      ["limited by", p => p.limited_by === null ? "–" : bound[p.limited_by] || p.limited_by, p => p.limited_by],
+      ["lag ms", p => num(p.lag, 2), p => p.lag],
+      ["standstill ms", p => num(p.duration, 2), p => p.duration],
+      ["strategy", told, p => p.strategy],
+      ["feed × ", p => p.ratio === null ? "–" : num(p.ratio, 2), p => p.ratio],
+    ] : [["what is done", told, p => p.strategy]]),
     ["error µm", errors, p => p.errors[0]],
-    ["notes", p => p.notes.join("; "), p => p.notes.join()],
+    ...(MARKS.some(p => p.notes.length) ? [["notes", p => p.notes.join("; "), p => p.notes.join()]] : []),
   ];
-  const wordy = [columns.length - 1], most = 300;
+  const wordy = columns.map(([name], n) => name === "notes" ? n : -1).filter(n => n >= 0), most = 300;
   const t = table(columns.map(() => ""), []), head = t.querySelectorAll("th"), body = t.querySelector("tbody");
   let order = MARKS.map((_, k) => k), shown = most;
   columns.forEach(([name, , of], n) => {
@@ -329,8 +350,9 @@ function goTo(p) {
   }
   if (MARKS.length) {
     fill();
-    s.append(el("p", "Pointing at a row highlights its window; a click or Enter zooms to it.", "dim hand"),
-      el("p", "Lag: delay of the axis behind the commanded reversal; standstill: time that it then stands still in the steady state, uncompensated.", "dim"), scroll(t), more);
+    s.append(el("p", `Pointing at a row highlights its ${D.windowed ? "window" : "place"}; a click or Enter zooms to it.`, "dim hand"));
+    if (D.windowed) s.append(el("p", "Lag: delay of the axis behind the commanded reversal; standstill: time that it then stands still in the steady state, uncompensated.", "dim"));
+    s.append(scroll(t), more);
   }
 }
 
