@@ -68,6 +68,7 @@ def compensate(
     depth: float | None = None,
     position_from: Literal["+", "-"] | None = None,
     overshoot: float | None = None,
+    part_side: Literal["left", "right"] | None = None,
     strict: bool = False,
     force: bool = False,
     require_all: bool = False,
@@ -132,6 +133,8 @@ def compensate(
         Side from which X and Y of a part program come to places at which they rest while the tool cuts, as holes.
     overshoot : float, optional
         From how far beyond its place an axis comes in the air [m]; by default twice its lost motion.
+    part_side : {"left", "right"}, optional
+        Side of the path of a part program, seen along it, on which the part is: crossings leave it proud, not cut into.
     strict : bool
         Refuse a part program with commands that are not understood.
     force : bool
@@ -189,6 +192,7 @@ def compensate(
         safe_z=safe_z,
         depth=depth,
         position_from=position_from,
+        part_side=part_side,
         overshoot=overshoot,
         strict=strict,
         force=force,

@@ -62,6 +62,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     depth: float | None = None
     position_from: Literal["+", "-"] | None = None
     overshoot: float | None = None
+    part_side: Literal["left", "right"] | None = None
     strict: bool = False
     force: bool = False
     require_all: bool = False
@@ -89,6 +90,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
         if self.position_from not in (None, "+", "-"):
             raise InputError("--position-from", "unknown side", expected="+ or -", got=str(self.position_from))
+        if self.part_side not in (None, "left", "right"):
+            raise InputError("--part-side", "unknown side", expected="left or right", got=str(self.part_side))
 
     @property
     def chosen_strategy(self) -> str:
@@ -144,6 +147,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             max_slowdown=self.max_slowdown,
             chord_tolerance=self.chord_tolerance,
             block_time=self.block_time,
+            part_side={"left": 1, "right": -1}.get(self.part_side or "", 0),
             position_from=0 if self.position_from is None else int(f"{self.position_from}1"),
             overshoot=self.overshoot,
         )

@@ -60,7 +60,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
         edit = msgspec.json.decode(msgspec.json.encode(self.edit))
-        for name in ("position_from", "overshoot"):
+        for name in ("position_from", "overshoot", "part_side"):
             # Programs that were compensated before these options were known are still recognized.
             if not edit[name]:
                 del edit[name]
@@ -266,8 +266,14 @@ def _declaration(
         request.edit,
         options_digest=request.digest(machine.dialect),
         path_mode=mode,
-        notes=_notes(program, edits) if request.noted else (),
+        notes=(*_side_notes(request.edit), *(_notes(program, edits) if request.noted else ())),
     )
+
+
+def _side_notes(options: EditOptions) -> tuple[str, ...]:
+    """Say in the head of a program on which side of the path the part was said to be."""
+    side = {1: "left", -1: "right"}.get(options.part_side)
+    return () if side is None else (f"the part is on the {side} of the path",)
 
 
 def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -22,9 +22,16 @@ from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
 from ph_post.simulate.assess import Assessment, assess, backlash_scenarios, gap_error
 from ph_post.simulate.contour import ContourError, Nominal
-from ph_post.simulate.controllers.deviation import FollowedCut, ProgramError, cut_error, follow_cut, program_gap_error
+from ph_post.simulate.controllers.deviation import (
+    FollowedCut,
+    ProgramError,
+    cut_error,
+    follow_cut,
+    left_of_path,
+    program_gap_error,
+)
 from ph_post.simulate.controllers.run import run_program
-from ph_post.types import Command, Machine, Plan, Scenario
+from ph_post.types import Array, Command, Machine, Plan, Scenario
 
 
 class ReversalCount(NamedTuple):
@@ -89,6 +96,14 @@ def plan_reversals(track: Track, plan: Plan) -> tuple[AxisReversals, ...]:
     return count_reversals(rows, plan.machine)
 
 
+AXES_WITH_SIDES: Final = 2
+"""A path of so many axes has a left and a right."""
+
+
+def _largest_sides(left: Array) -> tuple[float, float]:
+    return float(max(left.max(initial=0.0), 0.0)), float(max(-left.min(initial=0.0), 0.0))
+
+
 class MotionResult(ABC):
     """A motion of the machine, before or after compensation: its time, and how far it leaves the path.
 
@@ -120,6 +135,14 @@ class MotionResult(ABC):
     @abstractmethod
     def error_gap_worst(self) -> ContourError | None:
         """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
+
+    @property
+    def sides(self) -> tuple[float, float] | None:
+        """Largest distance of the table to the left and to the right of the path [m], by all causes.
+
+        Seen along the path, in the run to which `error` belongs; None where an error has no side, or none counts.
+        """
+        return None
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(time={self.time:.6g})"
@@ -174,6 +197,14 @@ class PlannedMotion(MotionResult):
     def error_gap_worst(self) -> ContourError | None:
         """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
         return self._gap_error(backlash_scenarios(self.assessment.scenarios))
+
+    @cached_property
+    def sides(self) -> tuple[float, float] | None:
+        """Largest distance to the left and to the right of the path [m]; None in space."""
+        found = self.assessment
+        if found.error is None or len(found.run.axes) != AXES_WITH_SIDES:
+            return None
+        return _largest_sides(found.nearest.error[found.first :])
 
     def _gap_error(self, tried: Sequence[Scenario]) -> ContourError | None:
         return gap_error(self.command, self.plan.machine, Nominal(self.analysis.track), tried, self._plain)
@@ -260,6 +291,14 @@ class ProgramMotion(MotionResult):
         """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
         found = self.assessment
         return None if found is None else self._gap_error(found, backlash_scenarios(found.scenarios))
+
+    @cached_property
+    def sides(self) -> tuple[float, float] | None:
+        """Largest distance to the left and to the right of the path [m], in the plane in force."""
+        found = self.assessment
+        if found is None or found.error is None:
+            return None
+        return _largest_sides(left_of_path(found, self.cut.path, self.original)[found.counted])
 
     def _gap_error(self, found: ProgramError, tried: Sequence[Scenario]) -> ContourError | None:
         return program_gap_error(found, self.command, self.machine, self.cut.path, tried, self._plain.command)

@@ -117,6 +117,8 @@ def command(
       cycle_time     {before, after} [s]
       error          {before, after}, each {max, rms} [mm]; null where nothing was simulated
       error_gap      {before, after, after_worst}: what backlash adds, and if it is off by its uncertainty
+      error_sides    {before, after}, each {left, right} [mm]: largest distances to either side of the path
+      part_side      that of --part-side, else null
       reversals      {compensated, all}, of axes with backlash
       axes           the compensated axes
       not_compensated

@@ -333,6 +333,13 @@ _WRITING = (
         metavar="MM",
         help="From how far beyond its place an axis of a part program comes in the air.  [default: twice its backlash]",
     ),
+    click.option(
+        "--part-side",
+        type=click.Choice(["left", "right"]),
+        default=None,
+        help="Side of the path, seen along it, on which the part is: where a crossing in a part program cannot be"
+        " exact, it then leaves the part proud, and does not cut into it.",
+    ),
 )
 
 force = click.option(

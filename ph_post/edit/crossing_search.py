@@ -17,14 +17,18 @@ from ph_post.edit.beams import BeamGuard
 from ph_post.edit.block_words import words_by_letter
 from ph_post.edit.crossings import (
     ERROR,
+    INWARD,
     KINK,
+    OUTWARD,
     SETTLING,
+    SHORT_LAG,
     SHORTEST,
     CrossingPlace,
     CrossingPlanner,
     CrossingShape,
     crossing_shape,
     find_windows,
+    points_along,
 )
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
@@ -130,6 +134,8 @@ class CrossingSearch:
     overshoot : mapping of str to float
         From how far beyond its place each axis comes in the air [m].
     restarts : collection of Restart
+    part_side : {0, 1, -1}
+        1 where the part is on the left of the path, -1 where on its right, 0 where that is not known.
     """
 
     def __init__(
@@ -142,7 +148,10 @@ class CrossingSearch:
         low: IntArray,
         overshoot: Mapping[str, float],
         restarts: Collection[Restart] = (),
+        *,
+        part_side: int = 0,
     ) -> None:
+        self._part_side = part_side
         self._overshoot, self._restarts = overshoot, restarts
         stream = dialect.abilities.stream
         self._least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
@@ -313,7 +322,7 @@ class CrossingSearch:
         # A beam is not slowed down: a coarser crossing has to do.
         lit = self._beam.is_beam & self._beam.works.on[motion]
         steady = [one * ERROR for one in BEAM_COARSER]
-        which = np.flatnonzero(turning)
+        which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
         for number, error in enumerate([ERROR * coarser, *steady]):
             if which.size:
                 window[which] = find_windows(
@@ -326,6 +335,7 @@ class CrossingSearch:
                     wait[which],
                     spots.feed[which],
                     np.full(which.size, error),
+                    wanted[which],
                 )
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
             which = np.flatnonzero(slowed)
@@ -337,6 +347,22 @@ class CrossingSearch:
             turning &= ~(short | slow)
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
         return replace(spots, jog=jog, calm=calm, window=np.where(turning[:, None], window, 0.0))
+
+    def _wanted(self, spots: Spots, motion: IntArray, lag: Array) -> IntArray:
+        """Kinds of crossings (n,) that leave the part proud, 0 where its side is not known, or the motor lags."""
+        found = np.zeros(motion.size, dtype=np.int64)
+        if not self._part_side:
+            return found
+        middle, rows = spots.rest.mean(axis=1), np.arange(motion.size)
+        ahead, behind = (points_along(self._view, self._along, middle + d) for d in (0.5 * SHORTEST, -0.5 * SHORTEST))
+        way, columns = ahead - behind, plane_columns(self._program.motions.plane[motion])
+        # How far the centre of curvature is to the left: it lies where the axis goes after its reversal.
+        first, second = (way[rows, columns[:, k]] for k in (0, 1))
+        left = np.where(spots.column == columns[:, 0], -second, np.where(spots.column == columns[:, 1], first, 0.0))
+        left *= spots.rows[:, SIGN] * self._part_side
+        found[left > 0.0], found[left < 0.0] = OUTWARD, INWARD
+        found[lag >= SHORT_LAG] = 0
+        return found
 
     def cost(self, changes: Mapping[str, Array], coarser: float = 1.0) -> float:
         """Return the time [s] that changes cost."""

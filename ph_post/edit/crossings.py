@@ -6,7 +6,10 @@ reversal to the place v T/2 behind it, on which the offset changes from one side
 (v T)²/8 R towards the centre of curvature at most (one-sided). With the table out of the path by e at both ends of the
 chord it is e within the path at the reversal: half as much (balanced), e = (v T)²/16 R over the half length
 h = 2 √(R e); the table leaves the path, and comes back to it, on tangents, which touch it (2 + √2) √(R e) before and
-behind the reversal. Where e is more than is allowed the path slows down to v_c = (4/T) √(R e). R is not needed here:
+behind the reversal. Where the part lies on the side of the centre, a crossing that leaves it proud bulges by all of
+(v T)²/8 R and is on the path at the reversal (outward): its tangents touch 2 h before and behind. Where it lies on the
+other side, the one-sided crossing leaves it proud. Where e is more than is allowed the path slows down to
+v_c = (4/T) √(R e), of which the others than the balanced one have the √2nd part. R is not needed here:
 how far the axis is from its turning point is read off the path.
 
 With the loop closed at the motor, the motor follows the command with the lag c. A command that crosses in t, goes
@@ -127,13 +130,18 @@ def points_along(view: Any, along: Any, s: Any) -> Any:
     return points
 
 
+INWARD: Final = 3
+BALANCED: Final = 1
+OUTWARD: Final = 2
+"""Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward."""
+
 HALVINGS: Final = 40
 """Halvings of the speed by which the fastest one within the error is found."""
 
 
 @compiled
 def find_windows(
-    view: Any, along: Any, axis: Any, sign: Any, rest: Any, bound: Any, wait: Any, feed: Any, error: Any
+    view: Any, along: Any, axis: Any, sign: Any, rest: Any, bound: Any, wait: Any, feed: Any, error: Any, kind: Any
 ) -> Any:
     """Find the window of every crossing: the stretch in which the table waits, and the speed of the path there.
 
@@ -151,12 +159,14 @@ def find_windows(
         Places that the crossing may not leave.
     wait, feed, error : Array, shape (n,)
         Time of the crossing [s], speed of the path [m/s], largest error [m].
+    kind : array, shape (n,)
+        :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room, else 0.
 
     Returns
     -------
     Array, shape (n, 5)
-        Begin and end of the window, speed [m/s], error [m], and 1 where it is balanced; a speed of 0 where no window
-        keeps the error.
+        Begin and end of the window, speed [m/s], error [m], and the kind: :data:`INWARD`, :data:`BALANCED` or
+        :data:`OUTWARD`; a speed of 0 where no window keeps the error.
     """
     found = np.zeros((axis.size, 5))
     for n in range(axis.size):
@@ -174,12 +184,14 @@ def find_windows(
             if step == 0 and 0.0 < deep < math.inf:
                 radius = (speed * wait[n]) ** 2 / (8.0 * deep)
                 allowed *= min(max(TIGHT / radius, 1.0), TIGHTER)
-            one_sided = not room or deep <= 0.5 * allowed
-            e = deep if one_sided else 0.5 * deep
+            outside = more > 0.0 and begin - more >= bound[n, 0] and finish + more <= bound[n, 1]
+            how = INWARD if not room or deep <= 0.5 * allowed or kind[n] == INWARD else BALANCED
+            how = OUTWARD if kind[n] == OUTWARD and outside else how
+            e = 0.5 * deep if how == BALANCED else deep
             if e <= allowed:
                 low = speed
                 found[n, 0], found[n, 1], found[n, 2] = begin, finish, speed
-                found[n, 3], found[n, 4] = e, 0.0 if one_sided else 1.0
+                found[n, 3], found[n, 4] = e, how
                 if step == 0:
                     break
             else:
@@ -385,7 +397,7 @@ class CrossingPlanner:
 
     def _around(self, spot: CrossingPlace, window: Array) -> _Knots | None:
         """Cross while the path is near the turning point, slower where need be."""
-        begin, finish, speed, error, balanced = window.tolist()
+        begin, finish, speed, error, kind = window.tolist()
         if spot.shape.beyond > 0.0:
             first = begin + spot.lag * speed
             half = first + spot.shape.first * speed
@@ -393,7 +405,7 @@ class CrossingPlanner:
             # On tangents, as controllers pass a joint of two straight blocks faster than one with an arc.
             lead = LEAD * (finish - begin)
             bulge = np.zeros(3)
-            bulge[spot.column] = -spot.sign * (2.0 if balanced else 1.0) * error * (2.0 * LEAD) ** 2
+            bulge[spot.column] = -spot.sign * (2.0 if kind == BALANCED else 1.0) * error * (2.0 * LEAD) ** 2
             return _Knots(
                 s=[first - lead, first, half, half + spot.shape.first * speed, half + spot.shape.first * speed + lead],
                 added=[spot.before, spot.before + bulge, peak, spot.after + bulge, spot.after],
@@ -404,11 +416,13 @@ class CrossingPlanner:
         # The table waits longer than the motor's block lasts where the controller rounds its ends.
         ahead = max(0.5 * (finish - begin - max(spot.shape.first * speed, SHORTEST)), 0.0)
         first, last = begin + ahead, finish - ahead
-        if not balanced:
+        if kind not in (BALANCED, OUTWARD):
             return _Knots(
                 s=[first, last], added=[spot.before, spot.after], line=[False, True], speed=[spot.feed, speed]
             )
-        out = (OUTER - 1.0) * 0.5 * max(finish - begin - (spot.rest[1] - spot.rest[0]), 0.0)
+        out = (
+            (OUTER - 1.0 if kind == BALANCED else 1.0) * 0.5 * max(finish - begin - (spot.rest[1] - spot.rest[0]), 0.0)
+        )
         bulge = np.zeros(3)
         # The tangent goes on to the block's end.
         bulge[spot.column] = -spot.sign * error * ((out + ahead) / out) ** 2

@@ -209,6 +209,9 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         0 for either.
     overshoot : float, optional
         From how far beyond its place an axis comes in the air; by default twice its lost motion.
+    part_side : {0, 1, -1}
+        1 where the part is on the left of the path, -1 where on its right: crossings of steppers leave it proud there;
+        0 where that is not known.
     """
 
     tolerance: float = TOLERANCE
@@ -218,6 +221,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     left: frozenset[int] = frozenset()
     position_from: int = 0
     overshoot: float | None = None
+    part_side: int = 0
 
 
 _LEAST_STEPS = 4

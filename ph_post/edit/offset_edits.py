@@ -130,7 +130,15 @@ class ReversalSearch:
         chain = np.searchsorted(self.low, [one.first for one in restarts], side="right") - 1
         self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
         self.crossings = CrossingSearch(
-            program, machine, dialect, sides, self._feed, self.low, self._overshoot, self._restarts
+            program,
+            machine,
+            dialect,
+            sides,
+            self._feed,
+            self.low,
+            self._overshoot,
+            self._restarts,
+            part_side=options.part_side,
         )
         self.warnings: list[str] = []
 

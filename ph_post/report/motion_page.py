@@ -54,7 +54,7 @@ def motion_view(picture: Picture, notes: Sequence[str]) -> View:
         "windowed": picture.windowed,
         "machine": machine_table(picture.machine, picture.axes),
         "warnings": [*result_lines(picture.summary)[:-1], *picture.warnings],
-        "notes": [*picture.notes, *_thinned(picture, kept), *notes],
+        "notes": [*_side_words(picture), *picture.notes, *_thinned(picture, kept), *notes],
         "path": _path(picture, kept),
         "points": [_point(picture, number) for number in range(len(picture.marks))],
         "runs": [_run(picture, trace, rows) for trace, rows in zip(picture.traces, kept, strict=True)],
@@ -78,6 +78,15 @@ def _result(found: ResultSummary) -> View:
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),
     }
+
+
+def _side_words(picture: Picture) -> list[str]:
+    """Say how far the table is to the left and to the right of the path, where an error has a side."""
+    return [
+        f"{name}: at most {micrometres(side[0])} µm to the left and {micrometres(side[1])} µm to the right of the path"
+        for name, side in zip(("original", "compensated"), picture.summary.sides, strict=True)
+        if side is not None
+    ][: len(picture.traces)]
 
 
 def _sizes(error: ContourError | None) -> View | None:

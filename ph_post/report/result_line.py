@@ -55,6 +55,8 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     not simulated, or cannot be, is None. `axes` are compensated, `reversals` counts those of axes with backlash,
     None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
     nothing could be simulated. `alone` where both motions are one, and nothing is compared.
+    `sides` are the largest distances to the left and to the right of the path before and after [m], and `part_side` 1
+    where the part is on the left, -1 where it is on the right.
     """
 
     time: tuple[float, float] | None = None
@@ -67,6 +69,8 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     left: str = ""
     trouble: str = ""
     alone: bool = False
+    sides: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
+    part_side: int = 0
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -94,6 +98,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         rows, warnings, notes = path.axis_reversals, path.planned.warnings, passed_through(path.original)
         moved = moved_axes(path.original)
         found = _simulated(path.before, path.after, path.machine, moved) if simulated else None
+        found = msgspec.structs.replace(found or ResultSummary(), part_side=path.options.editing.part_side)
     return _counted(found or ResultSummary(), rows, warnings, notes)
 
 
@@ -167,6 +172,7 @@ def summarize_motions(
         error=(before.error, after.error),
         error_gap=(before.error_gap, after.error_gap),
         error_gap_worst=after.error_gap_worst,
+        sides=(before.sides, after.sides),
         uncertainty=max(spreads, default=0.0),
     )
 
@@ -231,10 +237,20 @@ X, Y, Z compensated, 42 of 42 reversals
     parts = [_error_words(found)]
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
+        parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
         parts.append(f"{after} s" if found.alone else f"{before} → {after} s")
     parts += [words for words in [_axis_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
+
+
+def _into_part(found: ResultSummary) -> str:
+    """Say how far the table cuts into the part, where the part's side is known."""
+    before, after = found.sides
+    if not found.part_side or before is None or after is None:
+        return ""
+    side = 0 if found.part_side > 0 else 1
+    return f"{rounded_micrometres(before[side])} → {rounded_micrometres(after[side])} µm"
 
 
 def _error_words(found: ResultSummary) -> str:
@@ -276,6 +292,8 @@ def summary_view(found: ResultSummary) -> dict[str, Any]:
         "cycle_time": dict(zip(("before", "after"), times, strict=True)),
         "error": dict(zip(("before", "after"), map(_size, found.error), strict=True)),
         "error_gap": {"before": before, "after": after, "after_worst": _size(found.error_gap_worst)},
+        "error_sides": dict(zip(("before", "after"), map(_sides, found.sides), strict=True)),
+        "part_side": {1: "left", -1: "right"}.get(found.part_side),
         "reversals": None if found.reversals is None else found.reversals._asdict(),
         "axes": list(found.axes),
         "not_compensated": found.left or None,
@@ -288,6 +306,10 @@ def plan_result_view(analysis: Analysis, plan: Plan, command: Command, found: Re
     """Return what ``convert --json`` prints of a plan and its result; the times are the plan's."""
     view = plan_view(analysis, plan, command)
     return {**view, **summary_view(found), "cycle_time": view["cycle_time"]}
+
+
+def _sides(found: tuple[float, float] | None) -> dict[str, float] | None:
+    return None if found is None else {"left": found[0] / MM, "right": found[1] / MM}
 
 
 def _size(error: ContourError | None) -> dict[str, float] | None:

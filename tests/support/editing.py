@@ -28,11 +28,11 @@ class Compensated:
 
 
 def compensate(
-    data: bytes, machine: Machine, *, dialect: str = "linuxcnc", max_slowdown: float = ENOUGH
+    data: bytes, machine: Machine, *, dialect: str = "linuxcnc", max_slowdown: float = ENOUGH, part_side: int = 0
 ) -> Compensated:
     """Read, plan and write."""
     program = read_as(dialect, data, "part.ngc")
-    options = EditOptions(max_slowdown=max_slowdown)
+    options = EditOptions(max_slowdown=max_slowdown, part_side=part_side)
     edits = plan_offsets(program, machine, find_dialect(dialect), options)
     return with_edits(program, edits, machine, dialect)
 

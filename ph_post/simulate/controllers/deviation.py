@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.axes import gaps_of
 from ph_post.errors import InputError
-from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram
+from ph_post.gcode.program import AXES, LINE, RAPID, PartProgram, plane_columns
 from ph_post.gcode.working import working_motions
 from ph_post.geometry.closest import (
     EXTENT,
@@ -310,6 +310,42 @@ def cut_error(cut: FollowedCut, tried: Sequence[Scenario] = ()) -> ProgramError:
         motion=cut.motion,
         place=cut.place,
     )
+
+
+ALONG: Final = 1e-6
+"""Distance [m] of the two places by which a path's direction is read off."""
+
+UPRIGHT: Final = 0.01
+"""Part of its length below which the way of a path in its plane has no side."""
+
+
+def left_of_path(found: ProgramError, path: CutPath, program: PartProgram) -> Array:
+    """Return how far the table is to the left of the path in every row [m], to the right of it below 0.
+
+    Left is seen along the path in the plane in force (G17 to G19), as G41 has it; moves out of the plane have no side.
+
+    Parameters
+    ----------
+    found : ProgramError
+    path : CutPath
+    program : PartProgram
+        The program that says where the path is.
+    """
+    _, place = path.closest_points(found.run, found.place)
+    executed = np.zeros((place.size, len(AXES)))
+    foot = path.points(place)
+    # The way is that of the command's own place: the point nearest to the table may lie on a move beside it.
+    way = path.points(found.place + ALONG) - path.points(found.place - ALONG)
+    for axis, name in enumerate(AXES):
+        own = name in found.run.axes
+        executed[:, axis] = found.run.executed[:, found.run.axes.index(name)] if own else foot[:, axis]
+    rows, columns = np.arange(place.size), plane_columns(program.motions.plane[found.motion])
+    (off_a, off_b), (way_a, way_b) = (
+        [vectors[rows, columns[:, k]] for k in (0, 1)] for vectors in (executed - foot, way)
+    )
+    length = np.hypot(way_a, way_b)
+    sided = length > UPRIGHT * ALONG
+    return np.asarray(np.where(sided, way_a * off_b - way_b * off_a, 0.0) / np.where(sided, length, 1.0))
 
 
 def program_gap_error(
