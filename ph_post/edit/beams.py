@@ -19,8 +19,7 @@ SHOWN: Final = 3
 """Stretches that a warning names."""
 
 _WHY: Final = {
-    "laser": "the beam would burn a dot in a sharp corner or behind a rapid (M4, whose power follows the speed, and"
-    " S0 in rapids avoid that)",
+    "laser": "the beam would burn a dot in a sharp corner (with M4 its power follows the speed)",
     "plasma": "the torch would stand in a sharp corner",
     "extruder": "the nozzle would rest between two beads",
 }
@@ -49,6 +48,9 @@ class BeamGuard:
             return bool(self.tends and works.stays[motion] and rests and not behind_rapid)
         if row[SIGN] == 0.0:
             return bool(works.stays[motion]) and self.off_behind(motion) is None
+        if behind_rapid and self.tool == "laser":
+            # Its moves are rapids, in which a laser is off.
+            return False
         return bool(works.stays[motion] if rests or behind_rapid else works.burns[motion])
 
     def off_behind(self, motion: int) -> int | None:

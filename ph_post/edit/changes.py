@@ -346,6 +346,11 @@ class ChangeWriter:
             axis = AXES.index(shift.axis)
             moved[axis] += shift.travel
             offset[axis] = base[axis] + round(moved[axis] / step)
+            if stop.rapid:
+                self._mode = "G0"
+                lines.append(self._joined("G0", words.jog(axis, offset, share)))
+                self._rest(shift.pause)
+                continue
             rate = shift.velocity / (abs(shift.travel) if modal.feed_mode == 93 else modal.units) * MINUTE
             feed = self._inverse(rate) if modal.feed_mode == 93 else self._digits(_lowered(rate))
             new = [] if feed == self._feed and modal.feed_mode != 93 else [f"F{feed}"]

@@ -574,9 +574,12 @@ class CrossingSearch:
             for way in ways
         )
         approach = bool(behind_rapid and sign != 0.0)
+        rapid = approach and self._beam.tool == "laser"
         behind = self._beam.off_behind(motion) if sign == 0.0 and share == 1.0 else None
         return (
-            StopEdit(motion=motion, share=share, pause=pause, shifts=shifts, approach=approach, behind=behind),
+            StopEdit(
+                motion=motion, share=share, pause=pause, shifts=shifts, approach=approach, rapid=rapid, behind=behind
+            ),
             beyond,
         )
 

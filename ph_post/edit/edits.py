@@ -36,7 +36,8 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
 
     Shifts that change :attr:`Edits.offset` stay; those of a backlash take-up move add up to zero. An `approach`
     comes from beyond: the rapid before it ends there; at a `restart` all axes do that need it. It is written `behind`
-    that line where it is not None, as a beam is off there, and else behind the motion's own.
+    that line where it is not None, as a beam is off there, and else behind the motion's own. Its moves are `rapid`
+    where a laser would be on in others.
     """
 
     motion: int
@@ -45,6 +46,7 @@ class StopEdit(msgspec.Struct, frozen=True, kw_only=True):
     shifts: tuple[OffsetShift, ...]
     approach: bool = False
     restart: bool = False
+    rapid: bool = False
     behind: int | None = None
 
     @property
@@ -172,6 +174,7 @@ def join_stops(stops: Sequence[StopEdit]) -> StopEdit:
         shifts=shifts,
         approach=any(one.approach for one in stops),
         restart=any(one.restart for one in stops),
+        rapid=any(one.rapid for one in stops),
         behind=max((one.behind for one in stops if one.behind is not None), default=None),
     )
 

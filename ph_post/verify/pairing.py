@@ -61,12 +61,13 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     """
     one, other = case.original.motions, case.compensated.motions
     old_change, new_change = case.lines.old_change[one.block], case.lines.new_change[other.block]
-    pairs = _pairs(case, old_change, new_change)
+    added = _rapid_approaches(case, old_change, new_change)
+    pairs = _pairs(case, old_change, new_change, added)
     if pairs is None:
         return None
     old, new = pairs
     jog = _find_jogs(case, new_change, dwells)
-    approach = _find_approaches(case, old, new, new_change)
+    approach = _find_approaches(case, old, new, new_change, added)
     jog |= approach
     named = np.append(case.lines.changes.crossed, False)
     crossed = named[new_change] & (other.kind != RAPID) & ~approach
@@ -89,14 +90,52 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     )
 
 
-def _pairs(case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray) -> tuple[PlaceArray, PlaceArray] | None:
-    """Motions one to one: by their lines outside changes, and the rapids of each change by their order."""
+def _rapid_approaches(case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray) -> BoolArray:
+    """Mask (k,) of the rapids in changes that only bring a declared axis onto its side, right behind another rapid.
+
+    They are as many as the change has more rapids than the original.
+    """
+    one, other = case.original.motions, case.compensated.motions
+    found = np.zeros(other.kind.size, dtype=bool)
+    inside = np.flatnonzero((other.kind == RAPID) & (new_change != NO_CHANGE))
+    had = dict(zip(*np.unique(old_change[one.kind == RAPID], return_counts=True), strict=True))
+    # What is not known, and stays so, does not move.
+    way = np.where(np.isnan(other.end), 0.0, np.nan_to_num(np.abs(other.end - other.start), nan=np.inf))
+    for change in np.unique(new_change[inside]).tolist():
+        own = inside[new_change[inside] == change]
+        own_found = [
+            motion
+            for motion in own.tolist()
+            if motion > 0
+            and other.kind[motion - 1] == RAPID
+            and new_change[motion - 1] == change
+            and _takes_up(case, way[motion])
+        ]
+        if len(own_found) == own.size - int(had.get(change, 0)):
+            found[own_found] = True
+    return found
+
+
+def _takes_up(case: VerifyCase, way: Array) -> bool:
+    """Return whether a way (3,) [m] is that of one declared axis, by no more than an approach takes."""
+    axis = int(np.argmax(way))
+    offset, pulse = declared_lengths(case.declared).get(axis, (0.0, 0.0))
+    return bool(np.count_nonzero(way > EXACT) == 1 and way[axis] <= 2.0 * offset + pulse + EXACT)
+
+
+def _pairs(
+    case: VerifyCase, old_change: PlaceArray, new_change: PlaceArray, added: BoolArray
+) -> tuple[PlaceArray, PlaceArray] | None:
+    """Motions one to one: by their lines outside changes, and the rapids of each change by their order.
+
+    Those that are `added` have no counterpart.
+    """
     one, other, lines = case.original.motions, case.compensated.motions, case.lines
     old_line = np.zeros(case.original.blocks, dtype=np.int32)
     new_line = np.zeros(case.compensated.blocks, dtype=np.int32)
     old_line[lines.old] = new_line[lines.new] = np.arange(lines.old.size)
     old = np.flatnonzero((old_change == NO_CHANGE) | (one.kind == RAPID)).astype(np.int32)
-    new = np.flatnonzero((new_change == NO_CHANGE) | (other.kind == RAPID)).astype(np.int32)
+    new = np.flatnonzero(((new_change == NO_CHANGE) | (other.kind == RAPID)) & ~added).astype(np.int32)
     old_place = np.where(old_change[old] == NO_CHANGE, old_line[one.block[old]], -1 - old_change[old])
     new_place = np.where(new_change[new] == NO_CHANGE, new_line[other.block[new]], -1 - new_change[new])
     if np.array_equal(old_place, new_place):
@@ -130,8 +169,12 @@ def _find_jogs(case: VerifyCase, change: PlaceArray, dwells: Dwells) -> BoolArra
     return np.asarray(jog & ahead & behind)
 
 
-def _find_approaches(case: VerifyCase, old: PlaceArray, new: PlaceArray, change: PlaceArray) -> BoolArray:
+def _find_approaches(
+    case: VerifyCase, old: PlaceArray, new: PlaceArray, change: PlaceArray, added: BoolArray
+) -> BoolArray:
     """Straight moves in changes right behind a rapid, of one declared axis, to its place with a declared offset.
+
+    They may be `added` rapids themselves.
 
     Where several axes have one, their moves follow one another.
     """
@@ -144,7 +187,7 @@ def _find_approaches(case: VerifyCase, old: PlaceArray, new: PlaceArray, change:
     for _ in range(2 * len(AXES)):
         inside = behind + 1 < change.size
         rapid, behind = rapid[inside], behind[inside] + 1
-        straight = (motions.kind[behind] == LINE) & (change[behind] != NO_CHANGE)
+        straight = ((motions.kind[behind] == LINE) | added[behind]) & (change[behind] != NO_CHANGE)
         straight &= motions.chain[behind] == motions.chain[rapid]
         rapid, behind = rapid[straight], behind[straight]
         way = np.abs(motions.end[behind] - motions.start[behind])
@@ -359,7 +402,7 @@ def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> S
 
 def _keys(kind: CodeArray, change: PlaceArray, without: BoolArray) -> tuple[IntArray, IntArray]:
     """Change and number of rapids before it there, as one number, of the motions that cut in changes."""
-    rapids = np.cumsum(kind == RAPID)
+    rapids = np.cumsum((kind == RAPID) & ~without)
     which = np.flatnonzero((change != NO_CHANGE) & (kind != RAPID) & ~without)
     begins = np.append(True, change[1:] != change[:-1])[: change.size]
     start = np.maximum.accumulate(np.where(begins, np.arange(change.size), 0))[which]

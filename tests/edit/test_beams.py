@@ -324,3 +324,60 @@ def test_what_works_where() -> None:
 )
 def test_a_mill_is_not_taken_for_a_laser(text: str) -> None:
     assert tool_in_words(read_program(("G21 G90\n" + text).encode(), "a.ngc")) is None
+
+
+LIGHTBURN = """; LightBurn 1.4.00
+G00 G17 G40 G21 G54
+G90
+{mode}
+M8
+G0 X10Y10
+G1 X50S850F1500
+G1 Y40
+G1 X10
+G1 Y10
+G0 X80Y25
+G3 X80 Y25 I-10 J0
+M9
+G1S0
+M5
+G90
+G0X0Y0
+M2
+"""
+"""As LightBurn writes it: S stays on in rapids, which are dark in laser mode."""
+
+
+@pytest.mark.parametrize("mode", ["M3", "M4"])
+def test_axes_come_to_their_sides_in_rapids_where_s_stays_on(mode: str) -> None:
+    text = LIGHTBURN.format(mode=mode)
+    changed = made(text, stepper())
+    assert error(text, changed)[0] < 0.003
+    assert error(text, changed)[1] < error(text, text)[1] / 20.0
+    assert dwells_while_lit(changed) == []
+    for one in lit(changed):
+        way = one.move.end - one.move.start
+        assert np.linalg.norm(way) > 0.1
+        assert one.move.feed > 0.997 * 1500.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\nG0X10.03\n", "\n"),
+        ("\nG0X10.03\n", "\nG0X10.02\n"),
+        ("\nG0X10.03\n", "\nG0X10.03\nG0X10.04\n"),
+        ("\nG0Y10.04\n", "\nG0Y10.04X10.1\n"),
+        ("\nG0Y10.04\n", "\nG1Y10.04F240\nG0Y10.04\n"),
+        ("\nG0X79.97\n", "\n"),
+        ("\nG0X79.97\n", "\nG0X79.91\n"),
+        ("G0 X9.91Y9.88", "G0 X10.03Y9.88"),
+    ],
+)
+def test_damage_to_such_rapids_is_seen(old: str, new: str) -> None:
+    machine = stepper()
+    found = compensated(LIGHTBURN.format(mode="M4"), machine)
+    text = found.text.decode()
+    assert old in text
+    after = read_program(text.replace(old, new, 1).encode(), "damaged")
+    assert not verify(found.program, after, tolerance=5e-6, machine=machine).ok
