@@ -78,6 +78,10 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     rest = code[end:]
     if word in STILL or _says_nothing(word, rest):
         return b" " * len(code)
+    if word in _RELEASES:
+        # Nobody knows where the axes are then, until they are homed: as behind a G28.
+        begin = max(code[:end].upper().rfind(b"M"), 0)
+        return code[:begin] + b"G28".ljust(len(code) - begin)
     if word in _STOPS or word == b"G28":
         kept = word in _STOPS and _MOVE.fullmatch(rest)
         return code[:end] + (rest if kept else b" " * len(rest))
@@ -88,16 +92,23 @@ def _command(code: bytes, word: bytes, end: int, arcs: bytes) -> bytes:
     return code[:end] + plain if _MOVE.fullmatch(plain) and not foreign else _marked(code, b"$@")
 
 
+_RELEASES: Final = frozenset((b"M18", b"M84"))
+"""Commands that switch the motors off."""
+
+
 def _says_nothing(word: bytes, rest: bytes) -> bool:
     """Return True if a command does not concern the path.
 
-    G4 that only waits for moves, G92 of the extruder, and retraction by the firmware (G10, G11), which moves E and Z
-    and takes both back by itself.
+    G4 that only waits for moves, G92 of the extruder, retraction by the firmware (G10, G11), which moves E and Z and
+    takes both back by itself, and M84 of the extruder or after a time.
     """
     if word == b"G4":
         return not _letters(rest) & set(b"PS")
     if word in (b"G10", b"G11"):
         return _letters(rest) <= set(b"S")
+    if word in _RELEASES:
+        # A time after which they are switched off where nothing moves, or the extruder's motor alone.
+        return bool(_letters(rest)) and _letters(rest) <= set(b"SE")
     return word == b"G92" and _letters(rest) == set(b"E")
 
 

@@ -230,7 +230,7 @@ class ReversalSearch:
             begin, chain = int(row[FIRST]), int(row[CHAIN])
             cuts = motions.kind[begin] != RAPID and row[SHARE0] == 1.0
             if cuts and np.isnan(motions.start[begin, AXES.index(name)]) and self.open[name][chain]:
-                self.give_up(name, chain, f"the cut in line {motions.block[begin] + 1} leaves it on an unknown side")
+                self.give_up(name, chain, f"the motion in line {motions.block[begin] + 1} leaves it on an unknown side")
                 found = True
         return found
 
