@@ -371,7 +371,7 @@ class CrossingSearch:
         for column in np.unique(spots.column).tolist():
             axis = self._machine.axes[AXES[column]]
             own = spots.column == column
-            jogs = own & spots.jog
+            jogs = own & spots.jog & (spots.rows[:, BEYOND] == 0.0)
             # Between its ends 2 √(g/a); a corner is passed slowly anyway, which takes about half of it.
             move = math.sqrt(axis.gap.lost_motion / axis.limits.acceleration)
             far = own & (spots.rows[:, BEYOND] == 1.0)
