@@ -60,6 +60,7 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
         edit = msgspec.json.decode(msgspec.json.encode(self.edit))
+        del edit["cycle"]
         for name in ("position_from", "overshoot", "part_side"):
             # Programs that were compensated before these options were known are still recognized.
             if not edit[name]:
@@ -133,7 +134,7 @@ def compensate_program(
     check_axes(moved_axes(original), "program", machine, f"machine {machine.name}")
     planner = _EditPlanner(original, machine, dialect, request, progress)
     before = ProgramMotion(original, original, machine, "original", progress)
-    options = request.edit
+    options = replace(request.edit, cycle=_cycle(before))
     paths_said = path_mode_warnings(original, machine, dialect)
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     said: tuple[str, ...] = ()
@@ -177,6 +178,14 @@ def compensate_program(
             said = (f"not compensated in {chain_words(original, options.left)}: the part would be no better",)
     edits = replace(edits, warnings=(*edits.warnings, *said)) if edits.empty else _nothing_gained(original, edits)
     return CompensatedProgram(before=original, after=original, edits=edits, windows=planner.windows)
+
+
+def _cycle(motion: ProgramMotion) -> float:
+    """Return the time of a program on its controller [s], 0 where it is not known."""
+    try:
+        return motion.time
+    except (PhPostError, MemoryError):
+        return 0.0
 
 
 def _nothing_gained(program: PartProgram, edits: Edits) -> Edits:

@@ -207,6 +207,8 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
         Longest block in ramps and dips.
     left : frozenset of int
         Chains in which no axis gets an offset.
+    cycle : float
+        Time of the program as its controller runs it [s], 0 where that is not known.
     position_from : {0, 1, -1}
         Side from which axes come to places to which a rapid brings them, and at which they rest while the tool cuts;
         0 for either.
@@ -222,6 +224,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     chord_tolerance: float = CHORD_TOLERANCE
     block_time: float = BLOCK_TIME
     left: frozenset[int] = frozenset()
+    cycle: float = 0.0
     position_from: int = 0
     overshoot: float | None = None
     part_side: int = 0

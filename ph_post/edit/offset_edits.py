@@ -250,7 +250,8 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[
         Largest error of crossings as a multiple of the least.
     warnings : list of str
     """
-    total = max(float(search.times.sum()), 1e-9)
+    # Ramps and rapids take longer than the motions at their feeds.
+    total = max(float(search.times.sum()), options.cycle, 1e-9)
     # What the planner takes is known to a few thousandths.
     allowed = (options.max_slowdown + SPARE) * total
     found = _search_raised(search, options, 0.0)
@@ -281,7 +282,7 @@ def _drop_costly_chains(search: ReversalSearch, options: EditOptions, allowed: f
     total = search.cost(found, COARSER[-1])
     if total <= allowed:
         return
-    need = round_up(total / max(float(search.times.sum()), 1e-9))
+    need = round_up(total / max(float(search.times.sum()), options.cycle, 1e-9))
     pairs = []
     for name, rows in found.items():
         for chain in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():

@@ -190,3 +190,23 @@ def test_words_that_are_none():
     for how in ({"position_from": "+"}, {"overshoot": 1e-3}):
         with pytest.raises(ph.InputError, match=r"^--(position-from|overshoot) is for part programs$"):
             ph.compensate("circle", machine(), **how)
+
+
+def test_from_the_side_of_the_zero_holes_are_exact_whatever_the_backlash():
+    target = machine(reference_direction="-")
+    text, _ = compensated(drilling(), target, position_from="+")
+    for true in (0.0, 0.6, 1.0, 2.0):
+        gaps = tuple(true * lost for lost in LOST.values())
+        # Positions are those of the motors while they move to minus.
+        off = where(text, gaps, (1.0, -1.0)) - 0.5 * np.array(gaps) - np.array(HOLES)
+        assert np.abs(off).max() < 0.1 * UM
+
+
+def test_short_holes_keep_the_time_that_is_allowed():
+    """Time is counted as the controller needs it, ramps and all, and not at the feeds alone."""
+    lines = ["G21 G90 G17 G94", "G0 Z2"]
+    for k in range(30):
+        lines += [f"G0 X{7 * k % 13} Y{5 * k % 11}", "G1 Z-0.2 F1000", "G0 Z0.5"]
+    _, result = compensated("\n".join([*lines, "M2", ""]).encode(), machine("grbl"), position_from="+")
+    assert result.reversals.compensated == result.reversals.all > 90
+    assert 1.05 * result.before.time < result.after.time < 1.105 * result.before.time
