@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Final
 
-from ph_post.api.inputs import Source
+from ph_post.api.inputs import COMPENSATED_BEFORE, Source
 from ph_post.api.options import CompensateOptions
 from ph_post.api.results import AxisReversals, MotionResult, ReversalCount
 from ph_post.compensate.options import PlanOutput
@@ -14,7 +16,14 @@ from ph_post.errors import NotCompensatedError
 from ph_post.files.check import counted
 from ph_post.files.storage import write_atomically
 from ph_post.files.table import table_content
+from ph_post.gcode.program import PartProgram
 from ph_post.types import Command, Machine
+
+REASONS: Final = 2
+"""Reasons that are named where reversals are not compensated."""
+
+_REASON: Final = re.compile(r"not compensated\b[^:]*: *(.*)", re.DOTALL)
+"""Warnings say by these words that something is not compensated, and after them why."""
 
 
 class Compensation(ABC):
@@ -58,6 +67,11 @@ class Compensation(ABC):
     def axes(self) -> tuple[str, ...]:
         """Axes with a compensated reversal."""
         return tuple(row.axis for row in self.axis_reversals if row.compensated)
+
+    @property
+    @abstractmethod
+    def not_compensated(self) -> str:
+        """What is not compensated, why, and what would change that; empty where all is."""
 
     def check_all(self) -> None:
         """Refuse a result in which a reversal at which the tool cuts is not compensated.
@@ -127,3 +141,41 @@ def require_all_compensated(rows: Sequence[AxisReversals], warnings: Sequence[st
         what = ", ".join(f"{row.axis} at {row.cut} of {counted(row.all, 'reversal')}" for row in left)
         why = next((f"; {word}" for word in warnings if "not compensated" in word), "")
         raise NotCompensatedError(f"--require-all: not compensated: {what}{why}; nothing was written")
+
+
+def passed_through(program: PartProgram) -> tuple[str, ...]:
+    """Describe the stretches of a program that are passed through: their number, and the first."""
+    notes = program.notes
+    if not notes:
+        return ()
+    first = f"line {notes[0].first + 1}: {notes[0].what}"
+    return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)
+
+
+def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:
+    """Say what is not compensated, why, and what would change that; nothing where all is compensated.
+
+    Examples
+    --------
+    >>> row = AxisReversals(axis="Y", compensated=0, all=2, cut=2)
+    >>> left_words([row], ["axis Y not compensated in line 3: it would cost 0.6 s; --max-slowdown 0.1 allows it"], ())
+    'Y at 2 of 2 reversals: it would cost 0.6 s; --max-slowdown 0.1 allows it'
+    >>> left_words([], [], ())
+    ''
+    """
+    missed = [
+        f"{row.axis} at {row.all - row.compensated} of {counted(row.all, 'reversal')}"
+        for row in rows
+        if row.compensated < row.all
+    ]
+    notes = [note for note in notes if COMPENSATED_BEFORE not in note]
+    if not missed and not notes:
+        return ""
+    found = (_REASON.search(word) for word in warnings)
+    whys = list(dict.fromkeys(match[1] for match in found if match and match[1]))
+    whys.sort(key=lambda why: "--" not in why)
+    reasons = "; ".join(whys[:REASONS]) if missed else ""
+    if missed and not reasons:
+        reasons = "nothing that was tried makes the part better in the time allowed; a larger --max-slowdown may"
+    words = ", ".join(missed) + (f": {reasons}" if reasons else "")
+    return "; ".join([*([words] if words else []), *notes])

@@ -10,7 +10,7 @@ import msgspec
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.inputs import Source, analyse_job, machine_warnings
 from ph_post.api.options import CompensateOptions
-from ph_post.api.outcomes import Compensation
+from ph_post.api.outcomes import Compensation, left_words
 from ph_post.api.results import AxisReversals, PlannedMotion, plan_reversals
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import lead_in
@@ -114,6 +114,11 @@ class PathCompensation(Compensation):
     def axis_reversals(self) -> tuple[AxisReversals, ...]:
         """Numbers of reversals of every axis with backlash."""
         return self.count(self.output)
+
+    @property
+    def not_compensated(self) -> str:
+        """What is not compensated, why, and what would change that; empty where all is."""
+        return left_words(self.axis_reversals, self.plan(self.output).warnings, self.notes)
 
     def count(self, output: PlanOutput) -> tuple[AxisReversals, ...]:
         """Count the reversals in the plan of an output by axis; none is at the rest with which a motion begins."""

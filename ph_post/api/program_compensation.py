@@ -8,7 +8,7 @@ import msgspec
 
 from ph_post.api.inputs import Source, machine_named, program_in, raw_job
 from ph_post.api.options import CompensateOptions
-from ph_post.api.outcomes import Compensation
+from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation, compensated_path
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
 from ph_post.api.results import AxisReversals, MotionResult, ProgramMotion, count_reversals
@@ -137,6 +137,13 @@ class ProgramCompensation(Compensation):
             return self.longest.axis_reversals
         rows = ((one.point.axis, one.strategy != PLAIN, one.cut) for one in self.places)
         return count_reversals(rows, self.machine)
+
+    @property
+    def not_compensated(self) -> str:
+        """What is not compensated, why, and what would change that; empty where all is."""
+        if self.output == "table":
+            return self.longest.not_compensated
+        return left_words(self.axis_reversals, self.planned.warnings, passed_through(self.original))
 
     @cached_property
     def planned(self) -> CompensatedProgram:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.api.inputs import COMPENSATED_BEFORE
-from ph_post.api.outcomes import Compensation
+from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
@@ -39,12 +37,6 @@ from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Command, Machine, Plan
 from ph_post.units import MINUTE, MM
-
-REASONS: Final = 2
-"""Reasons that are named where reversals are not compensated."""
-
-_REASON: Final = re.compile(r"not compensated\b[^:]*: *(.*)", re.DOTALL)
-"""Warnings say by these words that something is not compensated, and after them why."""
 
 
 class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -158,7 +150,7 @@ def _counted(
         found,
         axes=tuple(row.axis for row in rows if row.compensated),
         reversals=ReversalCount(compensated=sum(row.compensated for row in rows), all=sum(row.all for row in rows)),
-        left=left_words(rows, warnings, [note for note in notes if COMPENSATED_BEFORE not in note]),
+        left=left_words(rows, warnings, notes),
     )
 
 
@@ -175,43 +167,6 @@ def summarize_motions(
         sides=(before.sides, after.sides),
         uncertainty=max(spreads, default=0.0),
     )
-
-
-def passed_through(program: PartProgram) -> tuple[str, ...]:
-    """Describe the stretches of a program that are passed through: their number, and the first."""
-    notes = program.notes
-    if not notes:
-        return ()
-    first = f"line {notes[0].first + 1}: {notes[0].what}"
-    return (f"{counted(len(notes), 'stretch', 'stretches')} passed through unchanged ({first})",)
-
-
-def left_words(rows: Sequence[AxisReversals], warnings: Sequence[str], notes: Sequence[str]) -> str:
-    """Say what is not compensated, why, and what would change that; nothing where all is compensated.
-
-    Examples
-    --------
-    >>> row = AxisReversals(axis="Y", compensated=0, all=2, cut=2)
-    >>> left_words([row], ["axis Y not compensated in line 3: it would cost 0.6 s; --max-slowdown 0.1 allows it"], ())
-    'Y at 2 of 2 reversals: it would cost 0.6 s; --max-slowdown 0.1 allows it'
-    >>> left_words([], [], ())
-    ''
-    """
-    missed = [
-        f"{row.axis} at {row.all - row.compensated} of {counted(row.all, 'reversal')}"
-        for row in rows
-        if row.compensated < row.all
-    ]
-    if not missed and not notes:
-        return ""
-    found = (_REASON.search(word) for word in warnings)
-    whys = list(dict.fromkeys(match[1] for match in found if match and match[1]))
-    whys.sort(key=lambda why: "--" not in why)
-    reasons = "; ".join(whys[:REASONS]) if missed else ""
-    if missed and not reasons:
-        reasons = "nothing that was tried makes the part better in the time allowed; a larger --max-slowdown may"
-    words = ", ".join(missed) + (f": {reasons}" if reasons else "")
-    return "; ".join([*([words] if words else []), *notes])
 
 
 def result_lines(found: ResultSummary) -> list[str]:

@@ -147,6 +147,15 @@ def test_pipelines_end_with_the_line_of_convert(
     assert said[-2:] == expected[-2:]
 
 
+@pytest.mark.parametrize("allowed", [0.01, 10.0])
+def test_python_says_the_same(part: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], allowed: float) -> None:
+    words = ("-m", "stepper", "--max-slowdown", str(allowed), "-o", str(tmp_path / "out.ngc"), "--json")
+    view = json.loads(ended(capsys, "convert", str(part), *words)[1])
+    result = ph.compensate(part, "stepper", max_slowdown=allowed)
+    assert (result.not_compensated or None) == view["not_compensated"]
+    assert bool(result.not_compensated) is (allowed < 1.0)
+
+
 def test_a_quiet_filter_says_nothing(part: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ended(capsys, "filter", str(part), "-m", "stepper", "--quiet")[0] == []
 

@@ -171,3 +171,39 @@ def test_a_rapid_between_two_cuts_is_not_drawn_as_a_cut(browser, tmp_path, monke
     assert ends[1][-1] - ends[1][-2 if picture == "#path" else 0] == pytest.approx(np.ptp(ends[0]) / 3, abs=2)
     shown.require_quiet()
     shown.close()
+
+
+FAR = """G21 G90 G94 G61
+G0 X-203.1234567 Y-151.7654321 Z50
+G0 X30 Y0 Z5
+G1 Z-1 F200
+G3 X30 Y0 I-30 J0 F900
+G0 Z5
+G0 X-203.1234567 Y-151.7654321
+M2
+"""
+
+
+def test_a_page_of_steppers_is_framed_on_the_cut_and_has_the_figures_of_the_line(browser, tmp_path, capsys):
+    source, page = tmp_path / "far.ngc", tmp_path / "far.html"
+    source.write_text(FAR)
+    assert main(["report", str(source), "-m", "stepper", "-o", str(page), "--json"]) == 0
+    view = json.loads(capsys.readouterr().out)
+    shown = Shown(browser, page)
+    ticks = shown.ticks("#plane", "x")
+    assert -60.0 < min(ticks) < -20.0
+    assert 20.0 < max(ticks) < 60.0
+    tiles = [one.inner_text().split("\n") for one in shown.page.locator(".tile").all()]
+    before, after = tiles[0][1].split(" → ")
+    assert float(before) == pytest.approx(1e3 * view["error_gap"]["before"]["max"], rel=0.01)
+    assert float(after) == pytest.approx(1e3 * view["error_gap"]["after"]["max"], rel=0.01)
+    assert float(tiles[2][1]) == pytest.approx(1e3 * view["error_gap"]["after_worst"]["max"], rel=0.01)
+    assert tiles[4][1] == f"{view['reversals']['compensated']} of {view['reversals']['all']}"
+    # Nothing dips in a window, and no motor lags.
+    assert shown.page.get_by_role("button", name="windows").count() == 0
+    assert shown.page.get_by_role("button", name="lag ms").count() == 0
+    # Ways there and back are rapids to their ends, though places are rounded.
+    (cuts,) = (one for one in shown.drawn("#plane .path:not([stroke-dasharray])") if one)
+    assert cuts.count("M") == 1
+    shown.require_quiet()
+    shown.close()
