@@ -86,8 +86,12 @@ def filament_of(program: PartProgram) -> Mapping[int, Filament]:
         while starts[line + 1] <= match.start():
             line += 1
         if line > unknown:
-            # What is not understood may have changed everything.
-            mode = _Mode()
+            # What is not understood may have changed everything: in Klipper it is often a macro. Marlin's words change
+            # no mode of E, but perhaps where it is.
+            if program.language.name == "marlin":
+                mode.at = None
+            else:
+                mode = _Mode()
             while unknown < line:
                 unknown = next(passed, program.blocks)
         name, word = _name(match[1]), _WORD.search(match[2])

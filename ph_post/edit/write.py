@@ -28,6 +28,7 @@ from ph_post.edit.word_shifts import (
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
+from ph_post.gcode.working import tool_of
 from ph_post.types import Array, IntArray, Machine, sealed
 from ph_post.units import MM
 from ph_post.version import package_version
@@ -36,8 +37,9 @@ _O_NUMBER: Final = re.compile(rb"^\s*[Oo]\s*\d+\s*(\([^)]*\)\s*)*$")
 _WIDEST: Final = 10**7
 """Offsets, in steps, that are counted in a table of their own."""
 
-HELD: Final = "holds where friction holds the axes against the cut"
-"""Note in the head of programs with offsets."""
+HELD: Final = "holds where friction holds the axes"
+CUT: Final = f"{HELD} against the cut"
+"""Notes in the head of programs with offsets, the other one for cutters."""
 
 UNTURNED: Final = "holds for work offsets that are not rotated, mirrored or scaled"
 """Note in the head of every compensated program: reversals are those of the machine's axes."""
@@ -296,7 +298,7 @@ def declare(
     tasks = schedule(edits, program.motions, units * 10.0**-decimals)
     count, stops = stops_written(tasks, program.motions)
     asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    held = (HELD,) if edits.amplitude else ()
+    held = (CUT if tool_of(program, machine.tool) == "cutter" else HELD,) if edits.amplitude else ()
     pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(
         version=package_version(),

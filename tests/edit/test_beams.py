@@ -302,6 +302,19 @@ def test_the_mode_of_e_is_certain_or_nothing_is_divided(modes: str, certain: boo
     assert bool(filament_of(program)) == certain
 
 
+@pytest.mark.parametrize(("dialect", "divided"), [("marlin", True), ("klipper", False)])
+def test_marlin_s_words_leave_the_mode_of_e(dialect: str, divided: bool) -> None:
+    text = "G90\nM83\nG29\nT0\nG92 E0\nG1 X10 E1 F900\n"
+    program = read_program(text.encode(), "a.gcode", language=find_dialect(dialect).language)
+    assert bool(filament_of(program)) == divided
+
+
+def test_where_e_is_behind_words_that_are_not_understood_is_not_known() -> None:
+    text = "G90\nM82\nG92 E0\nG1 X10 E1 F900\nT1\nG1 X0 Y0 F900\nG1 X10 E3\nG1 X0 E4\n"
+    program = read_program(text.encode(), "a.gcode", language=find_dialect("marlin").language)
+    assert sorted(filament_of(program)) == [3, 7]
+
+
 def test_what_works_where() -> None:
     text = "G21 G90\nM3 S0\nG0 X1\nG1 X2 S5 F900\nG0 X3\nG1 X4\nM5\nG1 X5\nM4 S5\nG1 X6\nM2\n"
     program = read_program(text.encode(), "a.ngc")
@@ -381,3 +394,20 @@ def test_damage_to_such_rapids_is_seen(old: str, new: str) -> None:
     assert old in text
     after = read_program(text.replace(old, new, 1).encode(), "damaged")
     assert not verify(found.program, after, tolerance=5e-6, machine=machine).ok
+
+
+@pytest.mark.parametrize(
+    ("text", "machine"),
+    [
+        (laser(SQUARE, "M4"), stepper()),
+        (TORCH.format(cut=SQUARE.replace(" S800", "")), stepper("plasma")),
+        (printed(BOX, relative=True), stepper(dialect="klipper")),
+    ],
+    ids=["laser", "plasma", "extruder"],
+)
+def test_nothing_speaks_of_cutters_where_none_cuts(text: str, machine: Machine) -> None:
+    found = compensated(text, machine)
+    said = " ".join((*found.edits.warnings, found.text.decode())).lower()
+    assert "friction" in said
+    for word in ("climb", "cutter", "mill", "plunge", "against the cut"):
+        assert word not in said
