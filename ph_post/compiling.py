@@ -63,7 +63,7 @@ class _CachePlace:
     """Where compiled code is kept: where numba finds a place, or else in `folder`, or nowhere."""
 
     def __init__(self) -> None:
-        self.words = "only the first time on this machine"
+        self.words = "kept for the next time"
         self.folder: str | None = None
         self.sought = False
 

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from ph_post.api.guard import ROUNDS, chain_words, compare_motions, tightened
 from ph_post.api.results import ProgramMotion
 from ph_post.compensate.options import PlanOptions
+from ph_post.compensate.plan_warnings import doubtful_values
 from ph_post.compensate.strategies.registry import find_traits
 from ph_post.dialects.base import Dialect
 from ph_post.dialects.declaration import Declaration, read_declaration
@@ -137,6 +138,7 @@ def compensate_program(
     options = replace(request.edit, cycle=_cycle(before))
     paths_said = path_mode_warnings(original, machine, dialect)
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
+    paths_said += doubtful_values(machine, moved_axes(original))
     said: tuple[str, ...] = ()
     for _ in range(ROUNDS):
         edits = planner.plan(options)

@@ -88,10 +88,10 @@ def command(
     program is read as a path.
 
     A table commands the path ahead by the lag of the servos (except with the strategies none, linear and
-    step), and takes up backlash sample by sample. A program cannot do this and takes up backlash at full stops,
-    so it has a plan of its own if both -o and --table are given.
+    step), and takes up backlash sample by sample. A program cannot do this: it crosses backlash in short straight
+    blocks, or takes it up at full stops on axes with a scale. With both -o and --table each has a plan of its own.
 
-    The motion before and after is simulated once the files are written; --no-simulation skips this. The object of
+    The motion before and after is simulated for the line of the result; --no-simulation skips this. The object of
     --json describes the table, and has the program under `program` if both are written. With -o alone it describes
     the program, and `table_error` is the error that a table would reach.
 

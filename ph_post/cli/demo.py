@@ -8,7 +8,7 @@ import click
 
 from ph_post.cli import options
 
-PROGRAM: Final = "pocket"
+PROGRAM: Final = "pocket_grbl"
 MACHINE: Final = "stepper"
 """The shipped program and machine of the demonstration."""
 
@@ -54,10 +54,10 @@ def command(out: str, as_json: bool) -> int:
         progress("drawing")
         folder = make_folder(out)
         products: dict[str, str | bytes] = {
-            str(folder / f"{PROGRAM}.ngc"): raw.data,
-            str(folder / f"{PROGRAM}_compensated.ngc"): result.program(),
-            str(folder / f"{PROGRAM}.html"): made.page(),
-            str(folder / f"{PROGRAM}.png"): write_figure(made.figure(), f"{PROGRAM}.png"),
+            str(folder / "pocket.ngc"): raw.data,
+            str(folder / "pocket_compensated.ngc"): result.program(),
+            str(folder / "pocket.html"): made.page(),
+            str(folder / "pocket.png"): write_figure(made.figure(), "pocket.png"),
         }
         write_atomically(products)
         outcome = summarize(result)

@@ -121,6 +121,13 @@ class Number(click.FloatRange):
 
 positive = Number(min=0.0, min_open=True)
 
+
+class Part(Number):
+    """A part of a whole, of which 1 is all."""
+
+    name = "fraction (0.1 is 10 %)"
+
+
 tolerance = click.option(
     "--tolerance",
     type=positive,
@@ -269,7 +276,7 @@ _PLANNING = (
     click.option("--min-feed", type=positive, metavar="MM/MIN", help="Lowest feed while cutting."),
     click.option(
         "--max-slowdown",
-        type=Number(min=0.0),
+        type=Part(min=0.0),
         default=0.1,
         show_default=True,
         metavar="FRACTION",

@@ -409,6 +409,7 @@ class Planner:
         if layout.dropped:
             return self.plan(name, without_axes(result, layout.dropped))
         warnings += plan_warnings.offset_warnings(self.machine, layout)
+        warnings += plan_warnings.doubtful_values(self.machine, analysis.path.axes)
         return Plan(
             path=analysis.path,
             machine=self.machine,

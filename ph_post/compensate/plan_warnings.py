@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -77,6 +79,39 @@ def offset_warnings(machine: Machine, layout: Layout) -> list[str]:
         *friction_warnings(shifted, machine.tool or "cutter"),
         *varying_backlash_warnings(machine.axes[name] for name in sorted(shifted)),
     ]
+
+
+WIDE: Final = 1.0 * MM
+"""Lost motion [m] beyond which a machine file is doubted."""
+
+SWIFT: Final = 2.5
+"""Velocity [m/s] beyond which it is: machines with linear motors reach 2 m/s."""
+
+
+def doubtful_values(machine: Machine, axes: Iterable[str]) -> list[str]:
+    """Warn of numbers of a machine file that look like another unit, and of a file without any backlash.
+
+    Parameters
+    ----------
+    machine : Machine
+    axes : iterable of str
+        Axes that move.
+    """
+    drives = [machine.axes[name] for name in axes if name in machine.axes]
+    said = [
+        f"axis {one.name}: a lost motion of {one.gap.lost_motion / MM:.4g} mm is unusual; is the machine file right?"
+        for one in drives
+        if one.gap.lost_motion > WIDE
+    ]
+    said += [
+        f"axis {one.name}: max_velocity_mm_s = {one.limits.velocity / MM:g} is {60.0 * one.limits.velocity:.4g} m/min;"
+        " are these mm/min?"
+        for one in drives
+        if SWIFT < one.limits.velocity < math.inf
+    ]
+    if drives and not any(one.gap.lost_motion > 0.0 for one in drives):
+        said.append(f"machine {machine.name} states no lost motion of {', '.join(one.name for one in drives)}")
+    return said
 
 
 def lead_in_warnings(time: float, axes: Iterable[str]) -> list[str]:

@@ -354,7 +354,7 @@ def test_demo_writes_programs_page_and_picture(capsys, tmp_path, monkeypatch):
     folder = tmp_path / "ph_post_demo"
     names = {"pocket.ngc", "pocket_compensated.ngc", "pocket.html", "pocket.png"}
     assert {path.name for path in folder.iterdir()} == names
-    original = (ROOT / "samples" / "programs" / "pocket.ngc").read_bytes()
+    original = (ROOT / "samples" / "programs" / "pocket_grbl.ngc").read_bytes()
     assert (folder / "pocket.ngc").read_bytes() == original
     assert ph.undo(folder / "pocket_compensated.ngc") == original
     assert (folder / "pocket.png").read_bytes().startswith(b"\x89PNG")

@@ -37,7 +37,8 @@ _STILL: Final = 1e-9
 _SHARPEST: Final = math.pi - 0.05
 """Angle [rad] from which a corner is a reversal, where the axes stop."""
 
-_MODES: Final = (61.0, 61.1, 64.0)
+_CONTINUOUS: Final = 64.0
+_MODES: Final = (61.0, 61.1, _CONTINUOUS)
 
 
 def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect) -> list[str]:
@@ -48,8 +49,7 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
     program : PartProgram
     machine : Machine
     dialect : Dialect
-        The machine's. Nothing is said of planners that follow the path exactly, nor where the dialect has no word
-        for the remedy.
+        The machine's. Of planners that follow the path exactly it is said that G64 is no word of theirs.
 
     Returns
     -------
@@ -57,6 +57,8 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
         A sentence for every path mode, with its line, the worst corner and the word that helps.
     """
     planner = planner_of(machine)
+    if isinstance(planner, ExactPath) and dialect.syntax.path_mode is None:
+        return _unknown_modes(program, dialect)
     gaps = np.array([machine.axes[name].gap.lost_motion if name in machine.axes else 0.0 for name in AXES])
     remedy = dialect.syntax.path_mode
     if not isinstance(planner, RoundedPath) or remedy is None or not gaps.any() or program.motions.kind.size < 2:
@@ -79,6 +81,18 @@ def path_mode_warnings(program: PartProgram, machine: Machine, dialect: Dialect)
             f" {_micrometres(advised * units)}"
         )
     return said
+
+
+def _unknown_modes(program: PartProgram, dialect: Dialect) -> list[str]:
+    """Warn of the first G64: no such firmware has it, and Grbl stops there (error 20)."""
+    words = program.words
+    blocks = words.block[(words.letter == ord("G")) & (words.value == _CONTINUOUS)]
+    if not blocks.size:
+        return []
+    return [
+        f"line {blocks[0] + 1}: G64 is no word of {dialect.name}, which follows the path exactly and may stop there"
+        " with an error: take it out"
+    ]
 
 
 def chord_warnings(program: PartProgram, machine: Machine, dialect: Dialect, tolerance: float) -> list[str]:

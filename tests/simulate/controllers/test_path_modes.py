@@ -135,3 +135,9 @@ def largest_sagitta(dialect: str, radius: float) -> float:
 
 def test_linuxcnc_draws_arcs() -> None:
     assert chords("linuxcnc", 20.0, 1e-9) == []
+
+
+def test_a_path_mode_that_grbl_has_not_is_named() -> None:
+    said = warnings("G64 P0.01", "G0 X0 Y0", "G1 X10 F600", "G64", "M2", machine=read_machine("stepper"))
+    assert len(said) == 1
+    assert said[0].startswith("line 2: G64 is no word of grbl")
