@@ -1,4 +1,4 @@
-"""Compensate a path: as a plan of its own for each output."""
+"""Compensate a path: by a plan of its own for each output, or a program that crosses backlash on the fly."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from functools import cached_property
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis
+from ph_post.api.crossed_paths import CrossedPath, crosses_on_the_fly
 from ph_post.api.inputs import Source, analyse_job, machine_warnings
 from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words
-from ph_post.api.results import AxisReversals, PlannedMotion, plan_reversals
+from ph_post.api.results import AxisReversals, MotionResult, PlannedMotion, plan_reversals
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import lead_in
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
-from ph_post.compensate.strategies.registry import find_traits
+from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
 from ph_post.files.storage import SourceBytes
@@ -60,13 +61,31 @@ class PathCompensation(Compensation):
         plan = self.plan(output)
         self._plans[output] = with_warnings(plan, *machine_warnings(self.machine, analysis.path.axes))
 
+    @cached_property
+    def crossed(self) -> CrossedPath | None:
+        """The program of the path where it crosses backlash on the fly; None where it is that of its plan."""
+        if not crosses_on_the_fly(self.analysis.path.axes, self.machine, self.options):
+            return None
+        try:
+            return CrossedPath(self.analysis, self.options, self._progress)
+        except InputError as error:
+            if not find_traits(self.options.chosen_strategy).chooses or error.where != "--dialect":
+                raise
+            return None
+
+    def crossed_for(self, output: PlanOutput) -> CrossedPath | None:
+        """Return :attr:`crossed` where that is what an output is."""
+        return self.crossed if output == "program" else None
+
     @property
     def plans(self) -> Mapping[PlanOutput, Plan]:
         """The plans that were made so far, by output, with their warnings."""
         return self._plans
 
     def plan(self, output: PlanOutput) -> Plan:
-        """Return the plan for an output."""
+        """Return the plan for an output; of a program that crosses on the fly the plain one, which it is made of."""
+        if output not in self._plans and (crossed := self.crossed_for(output)) is not None:
+            self._plans[output] = msgspec.structs.replace(crossed.plan, warnings=crossed.warnings)
         if output not in self._plans:
             self._progress(f"planning the {output}")
             found = make_plan(self.analysis, self.options.plan(output), self._progress)
@@ -86,21 +105,28 @@ class PathCompensation(Compensation):
             return with_warnings(feeds, f"nothing is added to the path: {reason}")
         return plan
 
-    def motion(self, output: PlanOutput) -> PlannedMotion:
-        """Return the compensated motion of an output."""
+    def planned(self, output: PlanOutput) -> PlannedMotion:
+        """Return the motion of the plan for an output."""
         if output not in self._motions:
             self._motions[output] = PlannedMotion(self.analysis, self.plan(output))
         return self._motions[output]
 
+    def motions(self, output: PlanOutput) -> tuple[MotionResult, MotionResult]:
+        """Return the plain and the compensated motion of an output."""
+        crossed = self.crossed_for(output)
+        if crossed is not None:
+            return crossed.before, crossed.after
+        return PlannedMotion(self.analysis, without_strategy(self.plan(output))), self.planned(output)
+
     @cached_property
-    def before(self) -> PlannedMotion:
+    def before(self) -> MotionResult:
         """The plain motion, without compensation."""
-        return PlannedMotion(self.analysis, without_strategy(self.plan(self.output)))
+        return self.motions(self.output)[0]
 
     @property
-    def after(self) -> PlannedMotion:
+    def after(self) -> MotionResult:
         """The compensated motion."""
-        return self.motion(self.output)
+        return self.motions(self.output)[1]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -122,10 +148,16 @@ class PathCompensation(Compensation):
 
     def count(self, output: PlanOutput) -> tuple[AxisReversals, ...]:
         """Count the reversals in the plan of an output by axis; none is at the rest with which a motion begins."""
-        return plan_reversals(self.analysis.track, self.plan(output))
+        crossed = self.crossed_for(output)
+        done = None if crossed is None else {one.point.index for one in crossed.reversals if one.strategy != PLAIN}
+        return plan_reversals(self.analysis.track, self.plan(output), done)
 
     def program(self) -> bytes:
         """Return the compensated part program."""
+        if "program" not in self._texts and self.crossed is not None:
+            self.plan("program")
+            self._texts["program"] = self.crossed.edited.after.data
+            self._compare("program")
         if "program" not in self._texts:
             plan = self.plan("program")
             self._progress("writing the program")
@@ -140,7 +172,7 @@ class PathCompensation(Compensation):
 
     def table(self) -> Command:
         """Return the rows of the interpolator table; those before the path begins have negative times."""
-        rows = self.motion("table")
+        rows = self.planned("table")
         self._progress("sampling the interpolator table")
         if "table" not in self._written:
             self._compare("table")
@@ -155,7 +187,8 @@ class PathCompensation(Compensation):
             return
         table, program = self._plans["table"], self._plans["program"]
         held = ["inverse dynamics"] if table.inverse_dynamics else []
-        held += ["crossings of the gap"] if table.crossings and not program.crossings else []
+        crosses = bool(program.crossings) or self.crossed is not None
+        held += ["crossings of the gap"] if table.crossings and not crosses else []
         if held:
             caveat = f"the program cannot carry the {' and '.join(held)} of the table"
             self._plans["program"] = with_warnings(program, caveat)

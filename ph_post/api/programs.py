@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
 
@@ -50,13 +51,14 @@ class ProgramRequest(msgspec.Struct, frozen=True, kw_only=True):
 
     `plan` has the strategy and its limits, `edit` the options of what is written; with `force` a program that was
     compensated otherwise before is taken back to its original first. With `noted` the head of the program
-    holds the warnings too, for those who see nothing but the program.
+    holds the warnings too, for those who see nothing but the program; `said` are such from before.
     """
 
     plan: PlanOptions
     edit: EditOptions
     force: bool = False
     noted: bool = False
+    said: tuple[str, ...] = ()
 
     def digest(self, dialect: str) -> str:
         """Hash of all that decides what is written, but the program and the machine's own file."""
@@ -277,7 +279,10 @@ def _declaration(
         request.edit,
         options_digest=request.digest(machine.dialect),
         path_mode=mode,
-        notes=(*_side_notes(request.edit), *(_notes(program, edits) if request.noted else ())),
+        notes=(
+            *_side_notes(request.edit),
+            *(_notes(program, (*request.said, *edits.warnings)) if request.noted else ()),
+        ),
     )
 
 
@@ -287,10 +292,10 @@ def _side_notes(options: EditOptions) -> tuple[str, ...]:
     return () if side is None else (f"the part is on the {side} of the path",)
 
 
-def _notes(program: PartProgram, edits: Edits) -> tuple[str, ...]:
+def _notes(program: PartProgram, warnings: Sequence[str]) -> tuple[str, ...]:
     """Warnings for the head of a program; beyond the first ones their number."""
     passed = (f"{line_words(note.first, note.last)}: {note.what}: passed through unchanged" for note in program.notes)
-    words = [f"warning: {word}" for word in (*passed, *edits.warnings)]
+    words = [f"warning: {word}" for word in (*passed, *warnings)]
     more = [f"{len(words) - NOTED} more warnings"] if len(words) > NOTED else []
     return (*words[:NOTED], *more)
 

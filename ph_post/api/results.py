@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -77,7 +77,7 @@ def count_reversals(found: Iterable[tuple[str, bool, bool]], machine: Machine) -
     )
 
 
-def plan_reversals(track: Track, plan: Plan) -> tuple[AxisReversals, ...]:
+def plan_reversals(track: Track, plan: Plan, done: Collection[int] | None = None) -> tuple[AxisReversals, ...]:
     """Count the reversals of a plan by axis; none is at the rest with which a motion begins or ends.
 
     Parameters
@@ -85,6 +85,8 @@ def plan_reversals(track: Track, plan: Plan) -> tuple[AxisReversals, ...]:
     track : Track
         That of its path.
     plan : Plan
+    done : collection of int, optional
+        Numbers of the turning points that are compensated, in place of those of the plan.
     """
     rests = bool(plan.phases) and plan.phases[0].speed[0] == 0.0
     points = [one for one in plan.turning_points if not rests or MEETS < one.s < track.length - MEETS]
@@ -92,7 +94,9 @@ def plan_reversals(track: Track, plan: Plan) -> tuple[AxisReversals, ...]:
     behind = np.where(behind > track.length, behind - track.length if track.closed else track.length, behind)
     segments = track.segment[track.locate(behind)[0]].tolist()
     cuts = [not plan.path.segments[segment].rapid for segment in segments]
-    rows = ((point.axis, strategy_at(plan, point) != PLAIN, cut) for point, cut in zip(points, cuts, strict=True))
+    if done is None:
+        done = {point.index for point in points if strategy_at(plan, point) != PLAIN}
+    rows = ((point.axis, point.index in done, cut) for point, cut in zip(points, cuts, strict=True))
     return count_reversals(rows, plan.machine)
 
 

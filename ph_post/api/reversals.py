@@ -15,7 +15,7 @@ from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
-from ph_post.gcode.program import AXES, RAPID, Motions
+from ph_post.gcode.program import AXES, LINE, RAPID, Motions
 from ph_post.types import Array, BoolArray, Crossing, FeedProfile, IntArray, Jog, Machine, TurningPoint, Window
 
 MILLION: Final = 10**6
@@ -68,6 +68,38 @@ def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: fl
         for path in paths_of(found.before)
         for one in _of_path(found, path, analyse(path.path, machine, tolerance), done, changes)
     ]
+
+
+def path_reversals(found: CompensatedProgram, path: ProgramPath, analysis: Analysis) -> list[ProgramReversal]:
+    """Return every reversal of a path of which a program was made.
+
+    Parameters
+    ----------
+    found : CompensatedProgram
+    path : ProgramPath
+        Where on the path the motions of the program are.
+    analysis : Analysis
+        Of the path.
+    """
+    edits = found.edits
+    changes = None if edits is None or not edits.followed else _changes_of(edits)
+    reach = _reach(found.before.motions, path, analysis.turning_points)
+    return list(_of_path(found, path, analysis, _done(found.windows), changes, reach))
+
+
+def _reach(motions: Motions, path: ProgramPath, points: Sequence[TurningPoint]) -> list[float]:
+    """Distances [m] from the turning points of a path within which its program may turn.
+
+    A program of straight moves turns at the end of one of them.
+    """
+    length = np.where(motions.kind[path.motion] == LINE, np.diff(path.s), 0.0)
+    row = np.searchsorted(path.motion, path.to_motions(np.array([point.s for point in points]))[0])
+    near = [float(length[max(k - 1, 0) : k + 2].max(initial=0.0)) for k in row.tolist()]
+    found = []
+    for point, most in zip(points, near, strict=True):
+        apart = (abs(one.s - point.s) for one in points if one.axis == point.axis and one is not point)
+        found.append(min(most, 0.5 * min(apart, default=np.inf)))
+    return found
 
 
 def _done(plans: Sequence[WindowPlan]) -> dict[Place, ReversalEdit]:
@@ -135,17 +167,21 @@ def _of_path(
     analysis: Analysis,
     done: Mapping[Place, ReversalEdit],
     changes: _Changes | None,
+    reach: Sequence[float] = (),
 ) -> Iterator[ProgramReversal]:
+    reach = reach or [0.0] * len(analysis.turning_points)
     places = _places(path, analysis.turning_points)
     motion = np.array([number for _, number, _ in places], dtype=np.int64)
     lines = found.before.motions.block[motion] + 1
     windows = {member: window for window in analysis.windows for member in window.members}
-    shifted = _shifted(changes, found.before.motions, path, analysis.turning_points, places)
+    shifted = _shifted(changes, found.before.motions, path, analysis.turning_points, places, reach)
     at_end = np.array([one[2] == MILLION for one in places], dtype=np.int64)
     after = np.minimum(np.searchsorted(path.motion, motion) + at_end, path.motion.size - 1)
-    rows = zip(analysis.turning_points, places, lines.tolist(), shifted, path.motion[after].tolist(), strict=True)
-    for point, place, line, carried, behind in rows:
-        edit = done.get(place, ReversalEdit())
+    rows = zip(
+        analysis.turning_points, places, reach, lines.tolist(), shifted, path.motion[after].tolist(), strict=True
+    )
+    for point, place, near, line, carried, behind in rows:
+        edit = done.get(place) or _near(done, path, point, near)
         yield ProgramReversal(
             path=path,
             analysis=analysis,
@@ -159,12 +195,24 @@ def _of_path(
         )
 
 
+def _near(done: Mapping[Place, ReversalEdit], path: ProgramPath, point: TurningPoint, reach: float) -> ReversalEdit:
+    """Return what is done nearest to a turning point, within its reach [m]."""
+    nothing = ReversalEdit()
+    own = [place for place in done if place[0] == point.axis] if reach > 0.0 else []
+    if not own:
+        return nothing
+    at = path.to_path(np.array([motion for _, motion, _ in own]), np.array([share for *_, share in own]) / MILLION)
+    nearest = int(np.argmin(np.abs(at - point.s)))
+    return done[own[nearest]] if abs(at[nearest] - point.s) <= reach else nothing
+
+
 def _shifted(
     changes: _Changes | None,
     motions: Motions,
     path: ProgramPath,
     points: tuple[TurningPoint, ...],
     places: Sequence[Place],
+    reach: Sequence[float],
 ) -> list[bool]:
     """Mask of the turning points at which the lasting offset of the axis that turns changes.
 
@@ -177,7 +225,7 @@ def _shifted(
     column = changes.column[own]
     left_off = {name: _left_off(motions, path, AXES.index(name)) for name in changes.axes}
     found = []
-    for point, (name, motion, share) in zip(points, places, strict=True):
+    for point, (name, motion, share), near in zip(points, places, reach, strict=True):
         if name not in changes.axes:
             found.append(False)
             continue
@@ -185,7 +233,7 @@ def _shifted(
         if point.kind == "dwell":
             begin = left_off[name][motion]
             low = float(path.to_path(np.array([begin]), np.ones(1))[0])
-        stops = (column == AXES.index(name)) & (end_at > low - PASSED) & (begin_at < point.s + PASSED)
+        stops = (column == AXES.index(name)) & (end_at > low - near - PASSED) & (begin_at < point.s + near + PASSED)
         leaves = motion + 2 if share == MILLION else begin + 1
         # A rapid that takes the axis away takes up its backlash on the way, as a plunge behind a rapid does in the air.
         behind = motion + 1 < motions.kind.size and motions.kind[motion + 1] == RAPID

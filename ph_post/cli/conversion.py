@@ -15,6 +15,8 @@ from ph_post.cli.outputs import Target, choose_target, products_of
 from ph_post.progress import Progress
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ph_post.api.options import CompensateOptions
     from ph_post.api.outcomes import Compensation
     from ph_post.api.path_compensation import PathCompensation
@@ -96,12 +98,13 @@ def conversion_lines(result: Compensation) -> tuple[str, ...]:
     """Say what was done in one line, and what was left alone or has to be known in one line each."""
     from ph_post.api.path_compensation import PathCompensation
     from ph_post.api.program_compensation import ProgramCompensation
-    from ph_post.report.programs import program_summary
+    from ph_post.report.programs import changes_summary, program_summary
     from ph_post.report.tables import plan_summary
 
     if isinstance(result, PathCompensation):
-        plan = result.plans["program"]
-        return plan_summary(plan), *(f"warning: {word}" for word in plan.warnings)
+        plan, crossed = result.plans["program"], result.crossed
+        said = plan_summary(plan) if crossed is None else f"{plan.path.name}: {changes_summary(crossed.edited)}"
+        return said, *(f"warning: {word}" for word in plan.warnings)
     assert isinstance(result, ProgramCompensation)
     return program_summary(result), *(f"warning: {word}" for word in result.warnings)
 
@@ -115,7 +118,8 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.files.table import table_content
-    from ph_post.report.figures import draw_plan, write_figure
+    from ph_post.report.figures import write_figure
+    from ph_post.report.programs import changes_summary
     from ph_post.report.result_line import summarize
     from ph_post.report.tables import print_json, print_plans
 
@@ -136,7 +140,7 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
             products[program] = path.program()
         if how["plot"] is not None:
             progress("drawing")
-            products[how["plot"]] = write_figure(draw_plan(path.analysis, path.plan(asked[0])), how["plot"])
+            products[how["plot"]] = write_figure(_figure(path, asked[0]), how["plot"])
         plans = {output: path.plans[output] for output in asked}
         if how["require_all"]:
             for output, plan in plans.items():
@@ -152,9 +156,22 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
         print_json(view)
     for note in path.notes:
         click.echo(f"warning: {note}", err=True)
-    print_plans({str(output): plan for output, plan in plans.items()}, products)
+    lines = {output: path.crossed_for(output) for output in asked}
+    said = {output: changes_summary(one.edited) for output, one in lines.items() if one is not None}
+    print_plans(plans, products, said)
     print_results({str(output): one for output, one in found.items()})
     return 0
+
+
+def _figure(path: PathCompensation, output: PlanOutput) -> Figure:
+    """Draw the feed along a path, before and after; of a program that crosses on the fly also the error."""
+    from ph_post.report.figures import draw_plan
+    from ph_post.report.motion_figures import draw_picture
+    from ph_post.report.traces import path_picture
+
+    if path.crossed_for(output) is None:
+        return draw_plan(path.analysis, path.plan(output))
+    return draw_picture(path_picture(path))
 
 
 def print_results(found: Mapping[str, ResultSummary]) -> None:
@@ -171,18 +188,23 @@ def _view(
 ) -> tuple[dict[str, Any], dict[PlanOutput, Plan]]:
     """Return the JSON object, and the plans with what the simulation has to say about them."""
     from ph_post.api.path_compensation import with_warnings
+    from ph_post.report.programs import crossed_view
     from ph_post.report.result_line import plan_result_view
     from ph_post.report.simulations import error_view, table_would_reach
 
     reached = None
     if simulated and list(plans) == ["program"]:
-        table = path.motion("table").error
+        table = path.planned("table").error
         reached = error_view(table)
         plans = {"program": with_warnings(plans["program"], *table_would_reach(path.after.error, table))}
-    views = {
-        output: plan_result_view(path.analysis, plan, path.motion(output).command, found[output])
-        for output, plan in plans.items()
-    }
+    views = {}
+    for output, plan in plans.items():
+        crossed = path.crossed_for(output)
+        if crossed is None:
+            command = path.planned(output).command
+            views[output] = plan_result_view(path.analysis, plan, command, found[output])
+        else:
+            views[output] = crossed_view(crossed, path.options.chosen_strategy, found[output], plan.warnings)
     first = next(iter(views))
     beside = {"program": views["program"] if len(views) > 1 else None, "table_error": reached}
     return {**views[first], "carrier": first, **beside}, plans
@@ -211,6 +233,7 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
         The command's options by name.
     as_json : bool
     """
+    from ph_post.api.reversals import program_reversals
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.figures import write_figure
@@ -233,7 +256,9 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
         products = {} if target is None else products_of(target, result.program(), raw.data)
         if how["plot"] is not None:
             check_run(result.original, result.machine)
-            picture = program_picture(result.edited, result.machine, found.tolerance, how["strategy"], progress)
+            progress("locating turning points, windows and backlash intervals")
+            turns = program_reversals(result.edited, result.machine, found.tolerance)
+            picture = program_picture(result.edited, result.machine, how["strategy"], turns, progress)
             products = {**products, how["plot"]: write_figure(draw_picture(picture), how["plot"])}
         write_atomically(products)
         outcome = summarize(result, simulated=not how["no_simulation"])

@@ -90,6 +90,7 @@ def command(
     A table commands the path ahead by the lag of the servos (except with the strategies none, linear and
     step), and takes up backlash sample by sample. A program cannot do this: it crosses backlash in short straight
     blocks, or takes it up at full stops on axes with a scale. With both -o and --table each has a plan of its own.
+    The program of a path that crosses is its plain program, changed as other programs are; --undo gives that back.
 
     The motion before and after is simulated for the line of the result; --no-simulation skips this. The object of
     --json describes the table, and has the program under `program` if both are written. With -o alone it describes
@@ -132,9 +133,10 @@ def command(
                      of a path: additions outside of the windows
       program        the same object of the program, if -o and --table are given
       table_error    error that a table would reach, with -o alone
-      stops, dips    of a part program: their numbers
-      pulses         of a part program: largest backlash take-up move, by axis [mm]
-      verified       of a part program: whether the check has passed; with --undo, that of the hash
+      crossings, stops, dips
+                     of a part program, and of a path's that crosses on the fly: their numbers
+      pulses         of the same: largest backlash take-up move, by axis [mm]
+      verified       of the same: whether the check has passed; with --undo, that of the hash
       unchanged      of a part program: whether nothing had to change
     """
     from ph_post.cli.conversion import convert_path, convert_program

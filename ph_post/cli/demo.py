@@ -49,7 +49,7 @@ def command(out: str, as_json: bool) -> int:
         raw = read_raw(str(shipped("programs", PROGRAM)))
         result = compensate(raw, MACHINE, output="program", progress=progress)
         assert isinstance(result, ProgramCompensation)
-        picture = program_picture(result.edited, result.machine, result.options.tolerance, "auto", progress)
+        picture = program_picture(result.edited, result.machine, "auto", result.places, progress)
         made = motion_product(picture)
         progress("drawing")
         folder = make_folder(out)

@@ -172,6 +172,7 @@ def _of_path(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Prog
 
 def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: Progress) -> ReportProduct:
     from ph_post.api.inputs import machine_named
+    from ph_post.api.reversals import program_reversals
     from ph_post.cli.conversion import compensated_or_original
     from ph_post.report.product import motion_product
     from ph_post.report.traces import program_picture
@@ -179,4 +180,6 @@ def _of_program(raw: SourceBytes, machine: str, how: dict[str, Any], progress: P
 
     drives, _ = machine_named(machine, how["dialect"])
     found = compensated_or_original(raw, drives, how, progress)
-    return motion_product(program_picture(found, drives, how["tolerance"] * MM, how["strategy"], progress))
+    progress("locating turning points, windows and backlash intervals")
+    turns = program_reversals(found, drives, how["tolerance"] * MM)
+    return motion_product(program_picture(found, drives, how["strategy"], turns, progress))

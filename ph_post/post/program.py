@@ -13,7 +13,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
-from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance, corner_pause
+from ph_post.compensate.offsets import APPROACH_FEED, LEAST_APPROACH, approach_distance, corner_pause, may_shift
 from ph_post.dialects.base import Dialect
 from ph_post.drive.axes import side_offsets, sized_machine
 from ph_post.errors import InputError
@@ -25,7 +25,7 @@ from ph_post.post.blocks import cut_blocks
 from ph_post.post.moves import check_jogs, read_jogs, round_blocks, with_jogs
 from ph_post.post.options import ProgramOptions, check_options
 from ph_post.post.remarks import controller_warnings, header_lines, plan_warnings
-from ph_post.types import Array, BoolArray, Jog, Plan, TurningPoint
+from ph_post.types import Array, BoolArray, Jog, Plan, TurningPoint, frozen
 
 
 def approach_offset(shape: TrackShape, plan: Plan, s: float, end: float, carried: Array) -> Array:
@@ -84,17 +84,20 @@ def first_directions(
     return senses
 
 
-class Program(msgspec.Struct, frozen=True, kw_only=True):
+class Program(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A part program.
 
-    `text`, its lines ended by a newline each; `warnings` in words; `moves` the number of moves on the path,
-    `time` [s] the time planned for them.
+    `text`, its lines ended by a newline each; `warnings` in words; `moves` the number n of moves on the path,
+    `time` [s] the time planned for them; `joints` (n + 1, dim) [m] the points between which they go, as they are
+    written, and `places` (n + 1,) [m] where along the path those are.
     """
 
     text: str
     warnings: tuple[str, ...]
     moves: int
     time: float
+    joints: Array
+    places: Array
 
 
 def make_program(plan: Plan, track: Track, dialect: Dialect, options: ProgramOptions | None = None) -> Program:
@@ -165,8 +168,15 @@ class _Job:
         )
         lines = self.dialect.finished(self.out.lines, self.plan.path.name)
         text = "\n".join([*lines, ""])
-        time = float(self.moves.duration.sum())
-        return Program(text=text, warnings=warnings, moves=self.moves.kind.size, time=time)
+        moves = self.moves
+        return Program(
+            text=text,
+            warnings=warnings,
+            moves=moves.kind.size,
+            time=float(moves.duration.sum()),
+            joints=frozen(moves.points * self.dialect.numbers.quantum),
+            places=frozen(np.append(moves.s0, moves.s1[-1:])),
+        )
 
     def _rapids(self, first: int, last: int) -> None:
         """Rapid segments, above the part where a safe height is known and the path has no heights itself."""
@@ -194,6 +204,7 @@ class _Job:
         self.out.path_mode(exact=True)
         if first == 0 or self.depth is not None:
             self._approach(first, last)
+        self._wait()
         self.out.path_mode(exact=False)
         self.out.feed_mode(inverse=self.options.feed_mode == "inverse-time")
         self.out.moves(self.moves, first, last)
@@ -212,8 +223,11 @@ class _Job:
         depth = start.get("Z", self.depth)
         if depth is not None:
             self.out.straight("G1", {"Z": depth}, feed)
-        # As in the plan: what lags behind is to be there before the path leaves the start.
-        late = [drive for axis in shifted_axes(self.plan) if (drive := self.plan.machine.axes[axis]).servo.c > 0.0]
+
+    def _wait(self) -> None:
+        """Let the motors that lag behind arrive before the path leaves its start."""
+        drives = [drive for axis in self.axes if (drive := self.plan.machine.axes.get(axis)) is not None]
+        late = [drive for drive in drives if may_shift(drive) and drive.servo.c > 0.0]
         if late:
             self.out.write_dwell(max(map(corner_pause, late)))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ph_post.api.crossed_paths import CrossedPath
 from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.reversals import ProgramReversal
@@ -42,10 +43,11 @@ def program_summary(result: ProgramCompensation) -> str:
     name = result.original.name
     if result.already_compensated:
         return f"{name}: already compensated for this machine with these options: unchanged"
-    return f"{name}: {_changes(result.edited)}"
+    return f"{name}: {changes_summary(result.edited)}"
 
 
-def _changes(delivery: CompensatedProgram) -> str:
+def changes_summary(delivery: CompensatedProgram) -> str:
+    """Summarize what was changed in a program."""
     edits = delivery.edits
     if edits is None or delivery.verdict is None:
         return "nothing to change"
@@ -66,19 +68,39 @@ def _changes(delivery: CompensatedProgram) -> str:
 
 def program_view(result: ProgramCompensation, outcome: ResultSummary) -> dict[str, Any]:
     """Return what ``convert --json`` prints of a part program; what was not simulated is null."""
-    edits, told = result.edited.edits, result.edited.declaration
     return {
         "windows": window_views(result.places),
         **summary_view(outcome),
+        **_edits_view(result.edited),
+        "unchanged": result.unchanged,
+        "warnings": list(result.warnings),
+    }
+
+
+def crossed_view(result: CrossedPath, strategy: str, outcome: ResultSummary, warnings: Sequence[str]) -> dict[str, Any]:
+    """Return what ``convert --json`` prints of a path's program that crosses on the fly."""
+    return {
+        "windows": window_views(result.reversals),
+        **summary_view(outcome),
+        **_edits_view(result.edited),
+        "strategy": strategy,
+        "other_crossings": [],
+        "bias": {},
+        "inverse_dynamics": False,
+        "warnings": list(warnings),
+    }
+
+
+def _edits_view(found: CompensatedProgram) -> dict[str, Any]:
+    edits, told = found.edits, found.declaration
+    return {
         "carrier": "program",
         "crossings": 0 if told is None else told.crossings,
         "stops": 0 if told is None else told.stops,
         "dips": 0 if told is None else told.dips,
         "offsets": {} if edits is None else {axis: size / MM for axis, size in edits.amplitude.items()},
         "pulses": {} if edits is None else {axis: size / MM for axis, size in edits.pulse.items()},
-        "verified": result.verdict is not None and result.verdict.ok,
-        "unchanged": result.unchanged,
-        "warnings": list(result.warnings),
+        "verified": found.verdict is not None and found.verdict.ok,
     }
 
 

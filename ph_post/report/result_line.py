@@ -23,7 +23,6 @@ from ph_post.api.results import (
 )
 from ph_post.api.reversals import ProgramReversal
 from ph_post.bounds import LONGEST_SIMULATED
-from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.dialects.declaration import read_declaration
@@ -79,11 +78,8 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
     path = result.longest if isinstance(result, ProgramCompensation) and result.output == "table" else result
     if isinstance(path, PathCompensation):
         output = output or path.output
-        plan = path.plan(output)
-        before = PlannedMotion(path.analysis, without_strategy(plan))
-        rows, warnings = path.count(output), plan.warnings
-        after = path.motion(output)
-        found = _simulated(before, after, path.machine, plan.path.axes) if simulated else None
+        rows, warnings = path.count(output), path.plan(output).warnings
+        found = _simulated(*path.motions(output), path.machine, path.analysis.path.axes) if simulated else None
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)

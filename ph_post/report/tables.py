@@ -13,6 +13,7 @@ from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import chosen_at
 from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.offsets import plan_time
+from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.files.check import counted
 from ph_post.quantities import NOTHING, before_and_after, millimetres, seconds
@@ -113,13 +114,15 @@ def _numbers(indices: Sequence[int], most: int = 8) -> str:
     return shown + (f" and {len(indices) - most} more" if len(indices) > most else "")
 
 
-def print_plan(plan: Plan, products: Iterable[str], what: str = "", stream: TextIO | None = None) -> None:
+def print_plan(
+    plan: Plan, products: Iterable[str], what: str = "", stream: TextIO | None = None, said: str = ""
+) -> None:
     """Print the summary of a plan on standard error, its warnings, and the files that were written.
 
-    `what` names the plan where a job has several.
+    `what` names the plan where a job has several; `said` is a summary of the program in place of the plan's.
     """
     stream = stream or sys.stderr
-    stream.write(plan_summary(plan, what) + "\n")
+    stream.write((f"{_named(plan, what)}: {said}" if said else plan_summary(plan, what)) + "\n")
     for warning in plan.warnings:
         stream.write(f"warning: {warning}\n")
     for product in products:
@@ -133,22 +136,26 @@ def plan_summary(plan: Plan, what: str = "") -> str:
     left = chosen.pop(PLAIN, [])
     done = sum(map(len, chosen.values()))
     kinds = ", ".join(f"{name} {len(indices)}" for name, indices in chosen.items())
-    name = plan.path.name + (f", {what}" if what else "")
     return (
-        f"{name}: {done} of {done + len(left)} reversals compensated{f' ({kinds})' if kinds else ''}; "
+        f"{_named(plan, what)}: {done} of {done + len(left)} reversals compensated{f' ({kinds})' if kinds else ''}; "
         f"cycle time {before_and_after(cycle_time(plan.nominal), plan_time(plan), seconds, 's')}"
     )
 
 
-def print_plans(plans: Mapping[str, Plan], products: Iterable[str], stream: TextIO | None = None) -> None:
-    """Print the plans of one job by their outputs, equal warnings once."""
-    said: set[str] = set()
+def _named(plan: Plan, what: str) -> str:
+    return plan.path.name + (f", {what}" if what else "")
+
+
+def print_plans(plans: Mapping[PlanOutput, Plan], products: Iterable[str], said: Mapping[PlanOutput, str]) -> None:
+    """Print the plans of one job by their outputs, equal warnings once; `said` as for :func:`print_plan`."""
+    known: set[str] = set()
     for number, (what, plan) in enumerate(plans.items(), start=1):
-        new = tuple(warning for warning in plan.warnings if warning not in said)
-        said.update(new)
+        new = tuple(warning for warning in plan.warnings if warning not in known)
+        known.update(new)
         last = number == len(plans)
         shown = msgspec.structs.replace(plan, warnings=new)
-        print_plan(shown, products if last else (), what if len(plans) > 1 else "", stream)
+        name = what if len(plans) > 1 else ""
+        print_plan(shown, products if last else (), name, said=said.get(what, ""))
 
 
 def chosen_words(plan: Plan) -> str:

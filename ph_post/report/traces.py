@@ -14,9 +14,10 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.path_compensation import PathCompensation
 from ph_post.api.programs import CompensatedProgram
 from ph_post.api.results import PlannedMotion, ProgramMotion
-from ph_post.api.reversals import ProgramReversal, program_reversals
+from ph_post.api.reversals import ProgramReversal
 from ph_post.bounds import check_places
 from ph_post.compensate.comparison import strategy_at, window_number
+from ph_post.compensate.motion import without_strategy
 from ph_post.gcode.paths import line_words
 from ph_post.geometry.track import Track
 from ph_post.progress import Progress, no_progress
@@ -133,8 +134,13 @@ class Picture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def path_picture(result: PathCompensation) -> Picture:
     """Gather the original and the compensated motion of a path."""
-    analysis, before, after = result.analysis, result.before, result.after
-    track, plan = analysis.track, result.plan(result.output)
+    crossed = result.crossed_for(result.output)
+    if crossed is not None:
+        strategy = result.options.chosen_strategy
+        made = program_picture(crossed.edited, crossed.machine, strategy, crossed.reversals)
+        return replace(made, warnings=crossed.warnings, summary=summarize(result))
+    analysis, plan, after = result.analysis, result.plan(result.output), result.planned(result.output)
+    track, before = analysis.track, PlannedMotion(analysis, without_strategy(plan))
     nominal = Nominal(track)
     named = [("original", before), *([] if _alike(before.command, after.command) else [("compensated", after)])]
     return Picture(
@@ -220,11 +226,11 @@ def _rapid_segments(analysis: Analysis) -> tuple[tuple[float, float], ...]:
 def program_picture(
     delivery: CompensatedProgram,
     machine: Machine,
-    tolerance: float,
     strategy: str,
+    turns: Sequence[ProgramReversal],
     progress: Progress = no_progress,
 ) -> Picture:
-    """Run a program as it was and as compensated on the models of controller and drives."""
+    """Run a program as it was and as compensated on the models of controller and drives; `turns` are its reversals."""
     original = delivery.before
     if delivery.motions is None:
         before = ProgramMotion(original, original, machine, "original", progress)
@@ -232,8 +238,6 @@ def program_picture(
     else:
         before, after = delivery.motions
     path = before.cut.path
-    progress("locating turning points, windows and backlash intervals")
-    turns = program_reversals(delivery, machine, tolerance)
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]
     both = [("original", before)]

@@ -41,8 +41,8 @@ def test_the_table_stays_on_the_circle_and_never_stops(circle, sides):
     assert circle.before.error.max == pytest.approx(40e-6, rel=0.02)
 
 
-def test_a_program_of_a_path_and_a_loop_with_the_backlash_inside_are_refused():
-    with pytest.raises(InputError, match="crosses backlash at stops"):
-        ph.compensate("circle", "stepper", strategy="fly").program()
+def test_programs_that_cannot_be_edited_and_loops_with_the_backlash_inside_are_refused():
+    with pytest.raises(InputError, match="programs of siemens cannot be changed by lines, and cross backlash at stops"):
+        ph.compensate("oval", "stepper", dialect="siemens", strategy="fly").program()
     with pytest.raises(InputError, match="fly does not compensate axes with these feedback loops"):
         ph.compensate("circle", "mill", output="table", strategy="fly")

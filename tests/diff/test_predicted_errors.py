@@ -23,6 +23,16 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return files
 
 
+def in_the_air(text: str) -> str:
+    """Make rapids of the moves that bring axes onto their sides before the tool cuts."""
+    lines = text.split("\n")
+    for k, line in enumerate(lines):
+        if line.startswith("(ph-post: +") and "approach" in line:
+            own = slice(k + 1, k + 1 + int(line.split()[1]))
+            lines[own] = [one.replace("G1 ", "G0 ") for one in lines[own]]
+    return "\n".join(lines)
+
+
 @pytest.mark.slow
 def test_a_shifted_path_is_measured_from_that_of_a(programs: tuple[Path, Path]) -> None:
     """Measured from its own shifted path, B would be as bad as A: the table follows the path, not the command."""
@@ -30,7 +40,7 @@ def test_a_shifted_path_is_measured_from_that_of_a(programs: tuple[Path, Path]) 
     found = ph.diff(*programs, machine).predicted
     assert found is not None
     backlash = {name: 1e3 * axis.gap.lost_motion for name, axis in machine.axes.items()}
-    plain, offset = (file.read_text() for file in programs)
+    plain, offset = programs[0].read_text(), in_the_air(programs[1].read_text())
     sides = [{"X": side, "Y": side, "Z": 1.0} for side in (1.0, -1.0)]
     for error, gap, text in zip(found.errors, found.gaps, (plain, offset), strict=True):
         largest, rms = (

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ph_post as ph
+from ph_post.api import path_compensation
 from ph_post.post import moves
 from tests.support import interpreter
 from tests.support.ideal_play import distances
@@ -40,6 +41,8 @@ def sampled(run: interpreter.Run) -> np.ndarray:
 def test_path_and_time_are_those_of_the_unrounded_program(
     monkeypatch: pytest.MonkeyPatch, case: str, how: dict[str, object]
 ) -> None:
+    # With stops, as for languages whose programs are not changed by lines.
+    monkeypatch.setattr(path_compensation, "crosses_on_the_fly", lambda *_: False)
     rounded = written(case, **how)
     monkeypatch.setattr(moves, "FEED_DIGITS", 12)
     monkeypatch.setattr(moves, "LEAST_MOVE", 0.0)

@@ -48,17 +48,19 @@ class OnTheFly:
         Raises
         ------
         InputError
-            For an option that describes a profile, with --feed-only, and for the program of a path.
+            For an option that describes a profile, with --feed-only, and for a program: there lines are replaced.
         """
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
         refuse_feed_only(task, self.name)
-        if task.options.writes_program:
+        requests = tuple(self._request(task, window) for window in task.windows)
+        if task.options.writes_program and any(one.crossings for one in requests):
             raise InputError(
                 "--strategy",
-                "a program that is made from a path crosses backlash at stops",
-                expected="--strategy takeup; or write the plain program (--strategy none), and convert that",
+                f"programs of {task.machine.dialect} cannot be changed by lines, and cross backlash at stops",
+                expected="--strategy takeup",
+                got=self.name,
             )
-        return StrategyResult(requests=tuple(self._request(task, window) for window in task.windows))
+        return StrategyResult(requests=requests)
 
     def _request(self, task: PlanningTask, window: Window) -> ProfileRequest:
         lead, period = task.options.inverse_dynamics, task.machine.servo_period

@@ -157,7 +157,9 @@ class CutPath:
     def closest_points(self, run: Run, place: Array) -> tuple[Array, Array]:
         """Return the distance of the table from the path in every row of a run [m], and the places along it [m]."""
         executed = self._in_space(run.axes, run.executed)
-        return closest_within(self._pieces, self.starts, executed, place, SLACK + self._lag(run))
+        # In a corner an offset puts the command's place onto the next line as much earlier.
+        ahead = GAPS * max(self._machine.axes[name].gap.lost_motion for name in run.axes)
+        return closest_within(self._pieces, self.starts, executed, place, SLACK + ahead + self._lag(run))
 
     def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
         """Points at places (n,) along the program [m], shape (n, axes) [m]."""

@@ -117,5 +117,5 @@ def test_the_lines_for_readers_without_scripts_say_it_too():
     from ph_post.report.traces import program_picture
 
     result = ph.compensate(PROGRAM, ROUTER)
-    picture = program_picture(result.edited, ROUTER, 5e-6, "auto")
+    picture = program_picture(result.edited, ROUTER, "auto", result.places)
     assert sum("nothing is drawn" in line for line in motion_lines(picture)) == 2
