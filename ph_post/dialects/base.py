@@ -279,6 +279,8 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
         controller is to go back to: they keep the controller from compensating a second time.
     restored : str
         Command at its end, to which the part that the controller corrects by itself is added.
+    stays_off : tuple of str
+        Comments at the end of a test program, which has the guard in any case, where that part is not known.
     own_compensation : str
         The setting of the controller's own backlash compensation, which must be 0; empty where it has none
         that is not switched off by `guard`.
@@ -292,6 +294,7 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
     cautions: tuple[str, ...] = ()
     guard: tuple[str, ...] = ()
     restored: str = ""
+    stays_off: tuple[str, ...] = ()
     own_compensation: str = ""
     own_tables: str = ""
     arc_setting: str = ""
@@ -305,6 +308,14 @@ class Notices(msgspec.Struct, frozen=True, kw_only=True):
         'M425 F0.95'
         """
         return f"{self.restored}{part:g}" if self.restored else ""
+
+    def remarks(self, part: float | None) -> tuple[str, ...]:
+        """Return what the head of a program from a path says of it; nothing where the controller has no such word."""
+        if not self.guard:
+            return ()
+        if part is None:
+            return (f"{self.own_compensation} must be 0, or the backlash is compensated twice",)
+        return (f"{', '.join(self.guard)} switches {self.own_compensation} off, {self.closing(part)} on again",)
 
 
 READ_WITH = "read it with "

@@ -52,14 +52,12 @@ _JOINED: Final = (
 
 _ASSUMED: Final = (
     "assumed: homed, origin and tool as set before, feed override 100 percent, no bed levelling that bends the path",
-    "M425 F0 switches the firmware's own backlash compensation off, as both together would shift twice",
-    "firmware without such a compensation does not know M425 and goes on",
     "G2 and G3 are drawn by the firmware in chords of up to 1 mm, see MAX_ARC_SEGMENT_MM",
     _JOINED,
     "fan, spindle and heaters are not touched",
 )
 
-_CLOSING: Final = (
+_STAYS_OFF: Final = (
     "; the firmware's own backlash compensation stays off, as nobody can tell",
     "; here whether it was on: M425 F1 switches it on",
 )
@@ -68,14 +66,14 @@ _CLOSING: Final = (
 def _opening(plane: str) -> tuple[str, ...]:
     """One command a line; XY is the only plane of firmware that knows no word for planes."""
     del plane
-    return ("G21", "G90", _OWN_OFF)
+    return ("G21", "G90")
 
 
 DIALECT = Dialect(
     name="marlin",
     syntax=Syntax(
         opening=_opening,
-        closing=_CLOSING,
+        closing=(),
         max_line=_MAX_LINE,
         comments=SEMICOLON,
         dwell=DwellWords(unit=MS, decimals=0),
@@ -93,6 +91,7 @@ DIALECT = Dialect(
         cautions=(_JOINED,),
         guard=(_OWN_OFF,),
         restored="M425 F",
+        stays_off=_STAYS_OFF,
         own_compensation="the firmware's own backlash compensation, F of M425,",
         arc_setting="MAX_ARC_SEGMENT_MM in the firmware",
     ),

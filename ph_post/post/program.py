@@ -155,6 +155,8 @@ class _Job:
         """Write the header, the opening, the cuts each with its approach, and the end."""
         self.out.add(header_lines(self.plan, self.dialect, self.options))
         self.out.add(self.dialect.syntax.opening(plane_of(self.axes)[0]))
+        own = self.plan.machine.own_correction
+        self.out.add(self.dialect.notices.guard if own is not None else ())
         for first, last, rapid in _groups(self.moves):
             if rapid:
                 self._rapids(first, last)
@@ -240,6 +242,9 @@ class _Job:
         if back:
             self.out.path_mode(exact=True)
             self.out.straight("G1", back, min(APPROACH_FEED, self.plan.path.feed))
+        own = self.plan.machine.own_correction
+        if own is not None and self.dialect.notices.guard:
+            self.out.add([self.dialect.notices.closing(own)])
         self.out.add(self.dialect.syntax.closing)
 
     def _lift(self) -> None:

@@ -121,7 +121,7 @@ def _offsets(plan: Plan) -> list[str]:
 
 def _assumptions(plan: Plan, dialect: Dialect, options: ProgramOptions) -> list[str]:
     """Say what has to hold for the program to do what it was planned for."""
-    facts = list(dialect.assumed)
+    facts = [*dialect.assumed, *dialect.notices.remarks(plan.machine.own_correction)]
     if dialect.syntax.path_mode is not None:
         facts.append("the path mode of the last cut stays in force after the program")
     if "Z" in plan.path.axes:

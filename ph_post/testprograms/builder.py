@@ -125,7 +125,11 @@ class ProgramBuilder:
         self._writer.plane("G17")
         self._writer.path_mode(exact=True)
         head = [line for remark in remarks for line in self.dialect.comment(remark)]
-        lines = [*head, *self.dialect.syntax.opening("G17"), *self._writer.lines, *self.dialect.syntax.closing]
+        notices, own = self.dialect.notices, self.volume.machine.own_correction
+        # What is measured is the machine without its controller's own compensation.
+        opening = [*self.dialect.syntax.opening("G17"), *notices.guard]
+        after = notices.stays_off if own is None else (notices.closing(own),) if notices.guard else ()
+        lines = [*head, *opening, *self._writer.lines, *after, *self.dialect.syntax.closing]
         return "\n".join(self.dialect.finished(lines, name)) + "\n"
 
     def say(self, words: str) -> None:

@@ -236,3 +236,18 @@ def test_a_cut_up_and_down_keeps_its_depth_from_the_zero_that_the_file_names(nam
     # What never turns back, and has no side that is exact, is left alone: half the backlash all along.
     left = said == 0 and not turns
     assert off.max() == pytest.approx(0.5 * gap if left else 0.0, abs=3e-4)
+
+
+@pytest.mark.parametrize(("dialect", "part"), [("marlin", 0.9), ("marlin", None), ("klipper", 0.9)])
+def test_marlin_s_own_compensation_is_off_meanwhile_where_it_can_be_set_back(dialect: str, part: float | None) -> None:
+    plan, track = planned("ring")
+    plan = replace(plan, machine=replace(plan.machine, own_correction=part))
+    text = make_program(plan, track, find_dialect(dialect), HOW).text
+    commands = [line for line in text.splitlines() if not line.startswith(";")]
+    stated = dialect == "marlin" and part is not None
+    assert [line for line in commands if "M425" in line] == (["M425 F0", "M425 F0.9"] if stated else [])
+    if stated:
+        assert commands.index("M425 F0") < min(n for n, line in enumerate(commands) if line.startswith(("G0", "G1")))
+        assert commands[-1] == "M425 F0.9"
+    said = "own backlash compensation, F of M425, must be 0"
+    assert (said in text.replace("\n;  ", "")) == (dialect == "marlin" and part is None)
