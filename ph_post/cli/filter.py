@@ -51,6 +51,8 @@ def command(ctx: click.Context, /, source: str, machine: str | None, quiet: bool
 
     How far it is goes to standard error as FILTER_PROGRESS=n. Warnings stand in comments at the head of the
     program, as screens show standard error only when a filter fails; then it is one line, and exit status 2.
+    Its last line is the error that backlash causes before and after, for which both programs are simulated once the
+    result is written; --quiet spares that.
 
     \b
     Examples:

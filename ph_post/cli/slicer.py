@@ -38,6 +38,7 @@ def command(ctx: click.Context, /, source: str, machine: str | None, backup: boo
 
     PATH is a part program, whatever its name ends with. It is replaced as a whole, or on any failure left
     byte for byte as it was: then there is one line on standard error, which slicers show, and exit status 2.
+    The last line is the error that backlash causes, before and after.
     The machine file is that of -m, or else the one that the environment variable PH_POST_MACHINE names.
     `ph-post-slicer` is the same command under a name of its own.
 
