@@ -92,7 +92,8 @@ def position_from(
         found.append(_change(first, sign, chain, carried=arrives, beyond=not arrives))
         while n < len(rows) and rows[n, MOTION] < last:
             held, n = rows[n, SIGN], n + 1
-        here = n < len(rows) and rows[n, MOTION] == last
+        # What is done behind that rapid presumes that the rapid itself has taken the axis to the side of its way.
+        here = n < len(rows) and rows[n, MOTION] == last and rows[n, CARRIED] == 1.0
         goes_on = last < numbers.size and numbers[last] == chain
         if goes_on and not here and last not in begins and held not in (0.0, sign):
             found.append(_change(last, held, chain, carried=True))

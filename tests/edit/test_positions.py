@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from support.reference_player import BEGINS, interpret, play, run
+from support.reference_player import BEGINS, distance, interpret, play, run
 
 import ph_post as ph
 from ph_post.drive.machinefile import read_machine
@@ -210,3 +210,26 @@ def test_short_holes_keep_the_time_that_is_allowed():
     _, result = compensated("\n".join([*lines, "M2", ""]).encode(), machine("grbl"), position_from="+")
     assert result.reversals.compensated == result.reversals.all > 90
     assert 1.05 * result.before.time < result.after.time < 1.105 * result.before.time
+
+
+@pytest.mark.parametrize("turn", ["G2", "G3"])
+@pytest.mark.parametrize("side", [None, "+", "-"])
+def test_contours_behind_holes_are_as_good_as_without(side, turn):
+    lines = ["G21 G90 G17 G94 G64 P0.005 Q0", "G0 Z5"]
+    for k in range(6):
+        x, y = 7.0 * (5 * k % 7), 9.0 * (3 * k % 5)
+        lines += [f"G0 X{x} Y{y}", "G1 Z-3 F200", "G0 Z5", f"G0 X{x - 4 + k} Y{y + 20 - 7 * k}", "G1 Z-3 F200"]
+        lines += [f"{turn} X{x - 4 + k} Y{y + 20 - 7 * k} I{6 if k % 2 else -6} J0 F1200", "G0 Z5"]
+    own = "\n".join([*lines, "G0 X0 Y0", "M2", ""])
+    text, result = compensated(own.encode(), machine(), position_from=side)
+    assert not [word for word in result.warnings if "not compensated" in word]
+    moves, path = interpret(text), [one for one in interpret(own) if one.mode > 1]
+    found = run(moves)
+    contour = np.array([one.mode > 0 and one.start[2] < -2.9 and one.end[2] < -2.9 for one in moves])[found.owner]
+    level = np.array((1.0, 1.0, 0.0))
+    cuts = [type(one)(**{**vars(one), "start": one.start * level, "end": one.end * level}) for one in path]
+    assert contour.sum() > 6 * 1800
+    for sides in SIDES:
+        x, y = (play(found.motor[:, n], tuple(LOST.values())[n], side) for n, side in enumerate(sides))
+        flat = np.column_stack([x, y, np.zeros(x.size)])[contour]
+        assert distance(flat, cuts).max() < 2.5 * UM
