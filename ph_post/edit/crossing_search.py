@@ -51,7 +51,10 @@ from ph_post.edit.reversals import (
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
 from ph_post.simulate.controllers.junctions import junction_speed
+from ph_post.simulate.controllers.legs import ACROSS
+from ph_post.simulate.controllers.run import limit_table, tolerances
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
+from ph_post.units import MM
 
 APPROACH: Final = 2.0
 """An axis whose side of the backlash is not known approaches its place from this many lost motions before it."""
@@ -60,8 +63,30 @@ RAMPS: Final = math.sqrt(2.0)
 """A controller that rounds the joints of a crossing in t with the axis' acceleration a takes g/(a t) for each; with
 t = √(2 g/a) the table waits for 1.8 √(g/a), and no joint is sharper than the controller passes."""
 
-ROUNDED: Final = 0.6
-"""Part of that rounding for which the table waits beyond t (seen on LinuxCNC: 17.7 ms of 0.05 mm at 500 mm/s²)."""
+ROUNDED: Final = 1.0
+"""Part of that rounding for which the table waits beyond t (seen on LinuxCNC)."""
+
+STEPS: Final = 3
+"""Steps in which a motor's slope changes where a controller rounds the joints: of smaller kinks it takes more speed."""
+
+TURNING: Final = 0.75
+"""Part of an axis' acceleration that it takes across the path in rounded joints: LinuxCNC gives √3/2 of it."""
+
+WAITING: Final = 2.4
+"""Time in √(g/a) for which the table waits in a crossing in steps, 2 √(g/a) being the least (seen on LinuxCNC)."""
+
+STEPS_ERROR: Final = 1.25e-3 * MM
+"""As :data:`ERROR`, of crossings in steps: a controller that rounds joints slows down with half of the acceleration in
+arcs, so that less error takes much time."""
+
+LEAST_PERIODS: Final = 2.5
+"""Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
+
+CLEAR: Final = 1.5
+"""Times the shortest block: what a crossing leaves at least between itself and a corner that is rounded."""
+
+BLEND_ANGLE: Final = math.radians(20.0)
+"""Corners duller than this reach no farther into the path than this one when they are rounded."""
 
 LEAST_WAY: Final = 0.25
 LONGEST_WAY: Final = 400.0
@@ -101,7 +126,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `rows` of :func:`~ph_post.edit.reversals.find_reversals`; `column` of the axis; `before` its sign ahead of the
     change; `first` of its chain; `at` the place along the program [m]; `rest` (n, 2) and `bound` (n, 2) [m]; `feed`
     [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of :func:`~ph_post.edit.crossings.find_windows`;
-    `calm` where the axis rests long enough for a crossing at full speed.
+    `calm` where the axis rests long enough for a crossing at full speed, `blend` (n,) [m] from its corners.
     """
 
     rows: Array
@@ -115,6 +140,7 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     jog: BoolArray
     calm: BoolArray
     window: Array
+    blend: Array
 
 
 class CrossingSearch:
@@ -156,10 +182,13 @@ class CrossingSearch:
         stream = dialect.abilities.stream
         self._least = max(PERIODS * machine.servo_period, LINE_SIZE / stream.rate if stream is not None else 0.0)
         self._program, self._machine, self._dialect, self._sides = program, machine, dialect, sides
+        self._planner = planner_of(machine)
         self._along = places_along(program.motions)
         timed = program.motions.duration > 0.0
         length = np.diff(self._along)
         self._feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
+        if not isinstance(self._planner, ExactPath):
+            self._feed = np.minimum(self._feed, _fastest_in_arcs(program, machine))
         self._view = motion_view(program.motions)
         self._way = np.nan_to_num(program.motions.end - program.motions.start)
         turning = np.zeros(self._way.shape, dtype=np.bool_)
@@ -195,7 +224,8 @@ class CrossingSearch:
         else:
             first, rounding = 2.0 * math.sqrt(axis.gap.lost_motion / axis.limits.acceleration), 0.0
         first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self._machine.servo_period)
-        return crossing_shape(axis, first, rounding)
+        shape = crossing_shape(axis, first, rounding)
+        return shape if isinstance(self._planner, ExactPath) else _in_steps(shape, axis, self._machine.servo_period)
 
     def offset(self, column: int, sign: int) -> float:
         """Return the offset [m] of an axis that moves in a direction; 0 for none."""
@@ -234,6 +264,7 @@ class CrossingSearch:
             jog=np.zeros(len(rows), dtype=np.bool_),
             calm=np.zeros(len(rows), dtype=np.bool_),
             window=np.zeros((len(rows), 5)),
+            blend=np.zeros(len(rows)),
         )
         return self._with_windows(found, motion, coarser)
 
@@ -316,14 +347,16 @@ class CrossingSearch:
         corner = (rows[:, SHARE] == 1.0) & (rows[:, PASSED] < KINK * spots.feed)
         inner = (rows[:, SIGN] != 0.0) & (rows[:, CARRIED] == 0.0) & ~spots.first & ~stops & (spots.feed > 0.0)
         room = np.minimum(spots.rest[:, 1], spots.bound[:, 1]) - np.maximum(spots.rest[:, 0], spots.bound[:, 0])
-        calm = inner & (room >= spots.feed * (wait + SETTLING * lag)) & (room > 2.0 * SHORTEST)
+        blend = self._blends(spots, motion)
+        calm = inner & (room >= spots.feed * (wait + SETTLING * lag) + 2.0 * blend) & (room > 2.0 * SHORTEST)
         turning = inner & ~calm & ~corner
         window = np.zeros((len(rows), 5))
         # A beam is not slowed down: a coarser crossing has to do.
         lit = self._beam.is_beam & self._beam.works.on[motion]
-        steady = [one * ERROR for one in BEAM_COARSER]
+        push = np.array([self._turning_push(name) for name in AXES])[spots.column]
+        finest = np.where(np.isfinite(push), STEPS_ERROR, ERROR)
         which, wanted = np.flatnonzero(turning), self._wanted(spots, motion, lag)
-        for number, error in enumerate([ERROR * coarser, *steady]):
+        for number, times in enumerate((coarser, *BEAM_COARSER)):
             if which.size:
                 window[which] = find_windows(
                     self._view,
@@ -334,19 +367,41 @@ class CrossingSearch:
                     spots.bound[which],
                     wait[which],
                     spots.feed[which],
-                    np.full(which.size, error),
+                    times * finest[which],
                     wanted[which],
+                    push[which],
                 )
             slowed = turning & lit & (window[:, 2] < AT_SPEED * spots.feed)
             which = np.flatnonzero(slowed)
-            if number == len(steady):
+            if number == len(BEAM_COARSER):
                 turning &= ~slowed
         if turning.any():
             short = window[:, 1] - window[:, 0] < NEARLY * SHORTEST
             slow = window[:, 2] * crossing < 0.25 * SHORTEST
             turning &= ~(short | slow)
         jog = (rows[:, CARRIED] == 0.0) & ~calm & ~turning
-        return replace(spots, jog=jog, calm=calm, window=np.where(turning[:, None], window, 0.0))
+        return replace(spots, jog=jog, calm=calm, window=np.where(turning[:, None], window, 0.0), blend=blend)
+
+    def _turning_push(self, name: str) -> float:
+        """Acceleration [m/s²] that an axis takes across the path in a crossing in steps; infinite elsewhere."""
+        stepped = name in self._shapes and self._shapes[name].steps > 1
+        return TURNING * self._machine.axes[name].limits.acceleration if stepped else math.inf
+
+    def _blends(self, spots: Spots, motion: IntArray) -> Array:
+        """Return how far from a corner the controller may round it within its tolerance P [m], shape (n,).
+
+        An arc that passes a corner with the deflection φ within P begins P cot(φ/4) before it.
+        """
+        if isinstance(self._planner, ExactPath):
+            return np.zeros(motion.size)
+        allowed = np.maximum(tolerances(self._program, self._planner.tolerance)[motion], 0.0)
+        passed = spots.rows[:, PASSED] / np.maximum(spots.feed, LEAST_FEED)
+        known = spots.at == spots.rest[:, 0]
+        angle = np.where(known, np.arccos(np.clip(passed, -1.0, 1.0)), BLEND_ANGLE)
+        reach = allowed / np.tan(0.25 * np.maximum(angle, BLEND_ANGLE))
+        # Nearer to the corner a crossing would begin in it.
+        shortest = np.maximum(self._least * spots.feed, SHORTEST)
+        return np.asarray(np.where(reach > 0.0, np.maximum(reach, CLEAR * shortest), 0.0))
 
     def _wanted(self, spots: Spots, motion: IntArray, lag: Array) -> IntArray:
         """Kinds of crossings (n,) that leave the part proud, 0 where its side is not known, or the motor lags."""
@@ -528,6 +583,7 @@ class CrossingSearch:
             lag=self._machine.axes[name].servo.c,
             feed=feed,
             calm=bool(spots.calm[n]),
+            blend=float(spots.blend[n]),
         )
         return planner.plan(spot, spots.window[n])
 
@@ -609,6 +665,30 @@ def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, flo
     if not passed.any():
         return math.inf, 0.0
     return float(way[np.argmax(passed)]) / feed, 0.0
+
+
+def _fastest_in_arcs(program: PartProgram, machine: Machine) -> Array:
+    """Return the speed that LinuxCNC keeps to in each motion for its acceleration across it [m/s], shape (m,)."""
+    motions = program.motions
+    found = np.full(motions.kind.size, math.inf)
+    arcs = np.flatnonzero(motions.kind == ARC)
+    if arcs.size:
+        planes = plane_columns(motions.plane[arcs])[:, :2]
+        radius = np.linalg.norm(np.take_along_axis(motions.start[arcs], planes, 1) - motions.center[arcs], axis=1)
+        push = limit_table(machine)[planes, 1].min(axis=1)
+        found[arcs] = np.sqrt(ACROSS * push * np.nan_to_num(radius, nan=math.inf))
+    return found
+
+
+def _in_steps(shape: CrossingShape, axis: Axis, period: float) -> CrossingShape:
+    """Return a crossing in :data:`STEPS` steps, where its blocks last long enough for two or more."""
+    lost, push = axis.gap.lost_motion, axis.limits.acceleration
+    ramp, least = math.sqrt(lost / (TURNING * push)), LEAST_PERIODS * period
+    steps = min(STEPS, int(ramp / least))
+    if steps < 2 or shape.beyond > 0.0 or shape.first > RAMPS * math.sqrt(lost / push):
+        return shape
+    wait = WAITING * math.sqrt(lost / push)
+    return replace(shape, wait=wait, steps=steps, span=(2.0 - 1.0 / steps) * ramp, least=least)
 
 
 def _regions(program: PartProgram) -> IntArray:

@@ -63,6 +63,9 @@ SHORTEST: Final = 0.02 * MM
 LOOSER: Final = 1.3
 """A crossing may have so many times its error where that spares a block too short for the controller."""
 
+NEARBY: Final = 1.5 * SHORTEST
+"""A crossing whose blocks have to be short begins and ends on a joint of the program that is so near [m]."""
+
 KINK: Final = math.cos(math.radians(20.0))
 """In a corner sharper than this the shift is a move of its own, as the path is slow there anyway."""
 
@@ -80,6 +83,18 @@ FASTER: Final = 2e-3
 
 CAUTIOUS: Final = 0.9
 """Part of the way that a motor has more than the path by which the feed is raised: lengths are approximate."""
+
+FREELY: Final = 1.1
+"""Feed of the blocks of a crossing in steps beside its mean speed: their joints are what slows the path down."""
+
+HELD: Final = 0.8
+"""Part of the least time of blocks in steps that is left where they were moved to the ends of motions."""
+
+BLOCKS: Final = 0.85
+"""Part of the window that the blocks of a crossing in steps take at most."""
+
+LONE: Final = 0.75
+"""Part of the wait that the motor's block lasts where there is room for no more than one."""
 
 SAMPLES: Final = 33
 """Places of a crossing at which its error is read off."""
@@ -135,13 +150,26 @@ BALANCED: Final = 1
 OUTWARD: Final = 2
 """Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward."""
 
+SOONEST: Final = 0.7
+"""Part of a crossing's time that is left at least where the axis moves already at its end."""
+
 HALVINGS: Final = 40
 """Halvings of the speed by which the fastest one within the error is found."""
 
 
 @compiled
 def find_windows(
-    view: Any, along: Any, axis: Any, sign: Any, rest: Any, bound: Any, wait: Any, feed: Any, error: Any, kind: Any
+    view: Any,
+    along: Any,
+    axis: Any,
+    sign: Any,
+    rest: Any,
+    bound: Any,
+    wait: Any,
+    feed: Any,
+    error: Any,
+    kind: Any,
+    push: Any,
 ) -> Any:
     """Find the window of every crossing: the stretch in which the table waits, and the speed of the path there.
 
@@ -161,6 +189,9 @@ def find_windows(
         Time of the crossing [s], speed of the path [m/s], largest error [m].
     kind : array, shape (n,)
         :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room, else 0.
+    push : Array, shape (n,)
+        Acceleration [m/s²] with which the motor comes down to the speed that its axis has at the end of the window,
+        which takes it less time than to come to rest; infinite where that does not count.
 
     Returns
     -------
@@ -179,10 +210,15 @@ def find_windows(
             begin, finish = rest[n, 0] - more, rest[n, 1] + more
             inside = begin >= bound[n, 0] and finish <= bound[n, 1]
             deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish) if inside else math.inf
+            if 0.0 < deep < math.inf and push[n] < math.inf:
+                sooner = 2.0 * deep / more * speed / push[n]
+                more = max(0.5 * (speed * max(wait[n] - sooner, SOONEST * wait[n]) - lasts), 0.0)
+                begin, finish = rest[n, 0] - more, rest[n, 1] + more
+                deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish)
             out = (OUTER - 1.0) * more
             room = more > 0.0 and begin - out >= bound[n, 0] and finish + out <= bound[n, 1]
             if step == 0 and 0.0 < deep < math.inf:
-                radius = (speed * wait[n]) ** 2 / (8.0 * deep)
+                radius = (finish - begin) ** 2 / (8.0 * deep)
                 allowed *= min(max(TIGHT / radius, 1.0), TIGHTER)
             outside = more > 0.0 and begin - more >= bound[n, 0] and finish + more <= bound[n, 1]
             how = INWARD if not room or deep <= 0.5 * allowed or kind[n] == INWARD else BALANCED
@@ -203,12 +239,54 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
     """The course of a crossing in time: the offset changes in `first` [s], and the table waits for `wait` [s].
 
     Behind a loop with lag the offset goes beyond its new value by the part `beyond` of its change, and comes back until
-    the end of `wait`, so that the motor, which follows late, has arrived then.
+    the end of `wait`, so that the motor, which follows late, has arrived then. Where the controller rounds the joints,
+    the motor's speed changes in `steps` joints to its largest, and in as many back, over `span` [s], fewer where one
+    of the blocks would last less than `least` [s].
     """
 
     first: float
     wait: float
     beyond: float = 0.0
+    steps: int = 1
+    span: float = 0.0
+    least: float = 0.0
+
+
+def stair(up: int, down: int, travel: float, before: float, after: float) -> tuple[Array, Array]:
+    """Return the corners of the broken line by which a motor crosses, its slope changing in equal steps.
+
+    From the slope `before` in `up` equal steps to the largest, and in `down` equal ones to `after`. The pieces are in
+    proportion to the changes of slope at their ends, so that the acceleration is the same all along where each joint
+    is rounded as far as the middles of the pieces beside it.
+
+    Parameters
+    ----------
+    up, down : int
+    travel : float
+        Of the motor [m] over a stretch of 1 m.
+    before, after : float
+        Slopes of the motor's way ahead of the stretch and behind it.
+
+    Returns
+    -------
+    places, travelled : Array, shape (up + down,)
+        From 0 to 1, and from 0 to `travel`.
+
+    Examples
+    --------
+    >>> places, travelled = stair(2, 2, 1.0, 0.0, 0.0)
+    >>> places.round(3).tolist(), travelled.round(3).tolist()
+    ([0.0, 0.333, 0.667, 1.0], [0.0, 0.25, 0.75, 1.0])
+    """
+    p, q = 1.0 / up, 1.0 / down
+    half = 0.5 * (p * before + q * after + travel * (4.0 - p - q))
+    rest = travel * ((2.0 - p) * before + (2.0 - q) * after) - (1.0 - p) * before**2 - (1.0 - q) * after**2
+    fastest = 0.5 * (half + math.sqrt(max(half * half - 2.0 * rest, 0.0)))
+    rise, fall = p * (fastest - before), q * (fastest - after)
+    pieces = np.array([rise] * (up - 1) + [0.5 * (rise + fall)] + [fall] * (down - 1))
+    steps = np.append(np.arange(1 - up, 1) * rise, np.arange(1, down) * -fall)
+    pieces /= pieces.sum()
+    return np.append(0.0, np.cumsum(pieces)), np.append(0.0, np.cumsum(pieces * (fastest + steps)))
 
 
 def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
@@ -257,7 +335,7 @@ class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `column` the axis and `sign` its new direction; `rest` the places between which it rests, `chosen` the best place in
     it; `bound` the places that the crossing may not leave; `before` and `after` the offsets [m] of all axes, shape
     (3,); `shape` of the crossing; `lag` [s]; `feed` the speed of the path [m/s]; `calm` where the axis rests long
-    enough.
+    enough, with `blend` [m] at either end of the rest where the controller may round its corners.
     """
 
     column: int
@@ -271,20 +349,21 @@ class CrossingPlace(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     lag: float
     feed: float
     calm: bool
+    blend: float = 0.0
 
 
 class _Knots(msgspec.Struct, kw_only=True, eq=False):
     """Places of a crossing in order, what is added to the path there, and how each part is passed.
 
     `line` says of the part that ends at a knot whether it is a straight block; `speed` [m/s] the path's there.
-    `beyond` says that the offset goes beyond its new value and comes back.
+    On the parts that end at the knots `crosses` the motor crosses the backlash.
     """
 
     s: list[float]
     added: list[Array]
     line: list[bool]
     speed: list[float]
-    beyond: bool = False
+    crosses: range = range(0)
 
 
 class CrossingPlanner:
@@ -315,23 +394,32 @@ class CrossingPlanner:
             Of :func:`find_windows`.
         """
         long = spot.feed * self._least
-        found = self._planned(spot, window, long)
+        found = self._planned(spot, window, long, spot.shape.steps)
         if long <= SHORTEST or (found is not None and found.error <= ERROR):
             return found
         # A block that the controller has to slow down for costs less than a crossing in the wrong place.
-        finer = self._planned(spot, window, SHORTEST)
+        outside = min(long, NEARBY) if found is None and spot.shape.steps > 1 else 0.0
+        finer = self._planned(spot, window, SHORTEST, 1, outside)
         return found if finer is None or (found is not None and found.error <= LOOSER * finer.error) else finer
 
-    def _planned(self, spot: CrossingPlace, window: Array, least: float) -> CrossingEdit | None:
+    def _planned(
+        self, spot: CrossingPlace, window: Array, least: float, most: int, outside: float = 0.0
+    ) -> CrossingEdit | None:
+        """Plan a crossing in `most` steps or in one; blocks no shorter than `least` [m], `outside` [m] at its ends."""
         if spot.calm:
-            knots = self._in_rest(spot)
-        elif window[2] > 0.0:
-            knots = self._around(spot, window)
-        else:
+            return self._made(self._in_rest(spot), spot, least, least)
+        if window[2] == 0.0:
             return None
-        if knots is None:
+        for steps in dict.fromkeys((most, 1)):
+            made = self._made(self._around(spot, window, steps), spot, least, max(least, outside))
+            if made is not None:
+                return made
+        return None
+
+    def _made(self, knots: _Knots | None, spot: CrossingPlace, least: float, outside: float) -> CrossingEdit | None:
+        if knots is None or not self._snap(knots, spot, max(least, SHORTEST), max(outside, SHORTEST)):
             return None
-        if not self._snap(knots, spot, max(least, SHORTEST)):
+        if len(knots.crosses) > 1 and (np.diff(knots.s) / knots.speed[1:]).min() < HELD * spot.shape.least:
             return None
         points = points_along(self._view, self._along, np.array(knots.s)) + np.array(knots.added)
         error = self._error(knots, points, spot)
@@ -373,7 +461,8 @@ class CrossingPlanner:
         """Cross while the axis rests anyway: on a straight stretch of the rest, and no slower."""
         run = spot.feed * spot.shape.first
         settle, tail = SETTLING * spot.lag * spot.feed, spot.feed * (spot.shape.wait - spot.shape.first)
-        low, high = max(spot.rest[0] + settle, spot.bound[0]), min(spot.rest[1] - tail, spot.bound[1])
+        low = max(spot.rest[0] + max(settle, spot.blend), spot.bound[0])
+        high = min(spot.rest[1] - max(tail, spot.blend), spot.bound[1])
         begin = min(max(spot.chosen, low), high - run)
         if begin < low - 1e-12:
             return None
@@ -382,7 +471,11 @@ class CrossingPlanner:
         if finish <= begin:
             return None
         return _Knots(
-            s=[begin, finish], added=[spot.before, spot.after], line=[False, True], speed=[spot.feed, spot.feed]
+            s=[begin, finish],
+            added=[spot.before, spot.after],
+            line=[False, True],
+            speed=[spot.feed, spot.feed],
+            crosses=range(1, 2),
         )
 
     def _on_line(self, begin: float, finish: float, high: float, run: float) -> tuple[float, float]:
@@ -395,7 +488,7 @@ class CrossingPlanner:
             k += 1
         return 0.0, 0.0
 
-    def _around(self, spot: CrossingPlace, window: Array) -> _Knots | None:
+    def _around(self, spot: CrossingPlace, window: Array, steps: int) -> _Knots:
         """Cross while the path is near the turning point, slower where need be."""
         begin, finish, speed, error, kind = window.tolist()
         if spot.shape.beyond > 0.0:
@@ -411,27 +504,64 @@ class CrossingPlanner:
                 added=[spot.before, spot.before + bulge, peak, spot.after + bulge, spot.after],
                 line=[False, True, True, True, True],
                 speed=[spot.feed, speed, speed, speed, spot.feed],
-                beyond=True,
             )
-        # The table waits longer than the motor's block lasts where the controller rounds its ends.
-        ahead = max(0.5 * (finish - begin - max(spot.shape.first * speed, SHORTEST)), 0.0)
+        # The table waits longer than the motor's blocks last where the controller rounds their ends.
+        lasts = spot.shape.span * speed if steps > 1 else max(spot.shape.first, LONE * spot.shape.wait) * speed
+        if steps > 1:
+            lasts = min(lasts, BLOCKS * (finish - begin))
+        ahead = max(0.5 * (finish - begin - max(lasts, SHORTEST)), 0.0)
         first, last = begin + ahead, finish - ahead
-        if kind not in (BALANCED, OUTWARD):
-            return _Knots(
-                s=[first, last], added=[spot.before, spot.after], line=[False, True], speed=[spot.feed, speed]
+        knots = _Knots(s=[first, last], added=[spot.before, spot.after], line=[False, True], speed=[spot.feed, speed])
+        if kind in (BALANCED, OUTWARD):
+            longer = OUTER - 1.0 if kind == BALANCED else 1.0
+            out = longer * 0.5 * max(finish - begin - (spot.rest[1] - spot.rest[0]), 0.0)
+            bulge = np.zeros(3)
+            # The tangent goes on to the block's end.
+            bulge[spot.column] = -spot.sign * error * ((out + ahead) / out) ** 2
+            knots = _Knots(
+                s=[begin - out, first, last, finish + out],
+                added=[spot.before, spot.before + bulge, spot.after + bulge, spot.after],
+                line=[False, True, True, True],
+                speed=[spot.feed, spot.feed, speed, spot.feed],
             )
-        out = (
-            (OUTER - 1.0 if kind == BALANCED else 1.0) * 0.5 * max(finish - begin - (spot.rest[1] - spot.rest[0]), 0.0)
+        return self._in_steps(knots, spot, steps)
+
+    def _in_steps(self, knots: _Knots, spot: CrossingPlace, steps: int) -> _Knots:
+        """Put a broken line, as of :func:`stair`, in place of the block in the middle of a crossing."""
+        middle = len(knots.s) // 2
+        knots.crosses = range(middle, middle + 1)
+        if steps == 1:
+            return knots
+        column, turn = spot.column, float(spot.sign)
+        first, last = knots.s[middle - 1], knots.s[middle]
+        outer = [first - SHORTEST, last + SHORTEST] if middle == 1 else [knots.s[0], knots.s[-1]]
+        added = np.array([knots.added[0], knots.added[middle - 1], knots.added[middle], knots.added[-1]])[:, column]
+        s = np.array([outer[0], first, last, outer[1]])
+        motor = points_along(self._view, self._along, s)[:, column] + added
+        before, slope, after = (turn * np.diff(motor) / np.diff(s)).tolist()
+        least = max(spot.shape.least * knots.speed[middle], SHORTEST) / (last - first)
+        up = down = steps
+        share, travelled = stair(up, down, slope, before, after)
+        while min(up, down) > 0 and max(up, down) > 1 and np.diff(share).min() < least:
+            if down > 1 and (up == 1 or share[1] > share[-1] - share[-2]):
+                down -= 1
+            else:
+                up -= 1
+            share, travelled = stair(up, down, slope, before, after)
+        places = (first + share * (last - first))[1:-1]
+        way = (
+            motor[1]
+            + turn * travelled[1:-1] * (last - first)
+            - points_along(self._view, self._along, places)[:, column]
         )
-        bulge = np.zeros(3)
-        # The tangent goes on to the block's end.
-        bulge[spot.column] = -spot.sign * error * ((out + ahead) / out) ** 2
-        return _Knots(
-            s=[begin - out, first, last, finish + out],
-            added=[spot.before, spot.before + bulge, spot.after + bulge, spot.after],
-            line=[False, True, True, True],
-            speed=[spot.feed, spot.feed, speed, spot.feed],
-        )
+        between = [np.where(np.arange(len(AXES)) == column, x, knots.added[middle]) for x in way.tolist()]
+        speed = min(FREELY * knots.speed[middle], knots.speed[0])
+        knots.s[middle:middle] = places.tolist()
+        knots.added[middle:middle] = between
+        knots.line[middle:middle] = [True] * len(between)
+        knots.speed[middle : middle + 1] = [speed] * (len(between) + 1)
+        knots.crosses = range(middle, middle + up + down - 1)
+        return knots
 
     def _motion_at(self, s: float) -> int:
         k = int(np.searchsorted(self._along, s, side="right")) - 1
@@ -454,11 +584,12 @@ class CrossingPlanner:
             return low
         return high if high - s < least else s
 
-    def _snap(self, knots: _Knots, spot: CrossingPlace, least: float) -> bool:
+    def _snap(self, knots: _Knots, spot: CrossingPlace, least: float, outside: float) -> bool:
         """Move knots where motions may be divided; return whether the crossing still fits."""
         count = len(knots.s)
-        knots.s = [self._snapped(one, 2 * n < count, least) for n, one in enumerate(knots.s)]
-        inside = knots.s[0] > spot.bound[0] - least and knots.s[-1] < spot.bound[1] + least
+        room = [outside if n in (0, count - 1) else least for n in range(count)]
+        knots.s = [self._snapped(one, 2 * n < count, room[n]) for n, one in enumerate(knots.s)]
+        inside = knots.s[0] > spot.bound[0] - outside and knots.s[-1] < spot.bound[1] + outside
         return inside and bool(np.all(np.diff(knots.s) > 0.5 * SHORTEST))
 
     def _parts(self, knots: _Knots, points: Array) -> tuple[CrossingPart, ...]:
@@ -474,8 +605,7 @@ class CrossingPlanner:
                 added = points[n - 1] + share[:, None] * (points[n] - points[n - 1]) - path
             else:
                 added = np.tile(knots.added[n], (ends.size, 1))
-            crosses = knots.line[n] and not knots.beyond and n == len(s) // 2
-            stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if crosses else 1.0
+            stretched = _stretch(s[n - 1], ends, points[n - 1], path + added) if n in knots.crosses else 1.0
             low = s[n - 1]
             for end, extra in zip(ends.tolist(), added, strict=True):
                 parts.append(self._part(low, end, extra, knots.speed[n], stretched, line=knots.line[n]))

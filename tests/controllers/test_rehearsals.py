@@ -55,13 +55,7 @@ def test_it_beats_the_compensation_of_the_controller(program: str, machine: str)
     assert found.real.error.error.rms < 0.5 * found.backlash.error.error.rms
 
 
-CORNERS = pytest.mark.xfail(
-    strict=False,
-    reason="G64 P0.005 rounds the crossings that begin in a corner: 4.8 against 1.5 µm, 6.8 against 6.3 µm",
-)
-
-
-@pytest.mark.parametrize("machine", [pytest.param(one, marks=CORNERS) for one in ("bench_motor", "bench_stepper")])
+@pytest.mark.parametrize("machine", ["bench_motor", "bench_stepper"])
 def test_in_corners_it_is_no_worse_than_the_controller(machine: str) -> None:
     """Where every reversal is a corner at rest the controller's own compensation has time enough."""
     found = rehearsed("pocket", machine)

@@ -71,7 +71,8 @@ def test_no_block_lasts_less_than_two_servo_periods(name: str, period: float) ->
     own = PROGRAMS[name]
     least = min(2.0 * period, *(time for time, _ in blocks(own)))
     found = blocks(written(own, "linuxcnc", period))
-    assert len(found) < 1.1 * len(blocks(own)) + 20
+    # Three crossings of up to nine blocks where LinuxCNC rounds their joints, and the approaches.
+    assert len(found) < 1.1 * len(blocks(own)) + 36
     assert min(time for time, _ in found) >= 0.999 * least
 
 

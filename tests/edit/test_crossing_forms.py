@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from support.reference_player import play
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.crossings import OUTER, RESIDUE, crossing_shape
+from ph_post.edit.crossings import OUTER, RESIDUE, crossing_shape, stair
 from ph_post.types import Axis
 
 GAP = 0.05
@@ -170,3 +170,28 @@ def test_a_stepper_goes_straight_across() -> None:
     axis = read_machine("stepper").axes["X"]
     shape = crossing_shape(axis, 0.014, 0.003)
     assert (shape.first, shape.wait, shape.beyond) == (0.014, pytest.approx(0.017), 0.0)
+
+
+@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (-0.3, 0.3), (-0.5, 0.1)])
+@pytest.mark.parametrize(("up", "down"), [(1, 1), (3, 3), (3, 1), (2, 4)])
+def test_rounded_joints_of_a_crossing_touch_each_other_at_one_acceleration(
+    up: int, down: int, before: float, after: float
+) -> None:
+    places, travelled = stair(up, down, 1.0, before, after)
+    assert (places[0], travelled[0]) == (0.0, 0.0)
+    assert (places[-1], travelled[-1]) == pytest.approx((1.0, 1.0), abs=1e-12)
+    pieces = np.diff(places)
+    changes = np.diff(np.concatenate([[before], np.diff(travelled) / pieces, [after]]))
+    assert changes[:up] == pytest.approx(np.full(up, changes[0]))
+    assert changes[up:] == pytest.approx(np.full(down, changes[-1]))
+    assert changes[0] > 0.0 > changes[-1]
+    # A joint takes |change|/push, half before it and half behind.
+    push = (0.5 * (np.abs(changes[1:]) + np.abs(changes[:-1])) / pieces).mean()
+    lasts = np.abs(changes) / push
+    assert 0.5 * (lasts[1:] + lasts[:-1]) == pytest.approx(pieces)
+    t = np.linspace(-0.5 * lasts[0], 1.0 + 0.5 * lasts[-1], 200_001)
+    turns = t < places[up - 1] + 0.5 * lasts[up - 1]
+    speed = before + np.concatenate([[0.0], np.cumsum(np.where(turns, push, -push)[1:] * np.diff(t))])
+    way = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t)))
+    assert speed[-1] == pytest.approx(after, abs=1e-3)
+    assert way - 0.5 * (before * lasts[0] + after * lasts[-1]) == pytest.approx(1.0, abs=1e-3)

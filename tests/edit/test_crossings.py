@@ -285,18 +285,20 @@ def test_grbl_passes_the_joints_of_a_crossing_at_its_feed(made: Made, name: str)
 
 
 @pytest.mark.parametrize("name", ["circle", "circle from between"])
-def test_the_steps_of_the_motor_s_speed_take_linuxcnc_half_a_crossing(made: Made, name: str) -> None:
-    # Of 0.05 mm crossed in t = √(2 g/a): each end of the block steps by g/t, which takes t/2 at the axis' acceleration.
+def test_linuxcnc_takes_the_motor_s_speed_in_three_steps_up_and_three_down(made: Made, name: str) -> None:
+    # Of 0.05 mm at three quarters of the axis' acceleration a the largest speed is √(¾ g a).
     text, found = made[name, "linuxcnc"]
     moves = [move for move in interpret(found.text.decode()) if move.mode > 0 and move.length > 0.0]
     new = {move.line for move in crossing_moves(text, found.text.decode())}
-    step = math.sqrt(0.5 * 0.05 * PUSH)
+    step = math.sqrt(0.75 * 0.05 * PUSH) / 3.0
     steps = []
     for one, two in itertools.pairwise(moves):
         if one.line in new and two.line in new:
             change = two.feed * two.tangent(last=False) - one.feed * one.tangent(last=True)
             steps.append(np.abs(change[:2]).max() / 60.0)
-    assert max(steps) <= 1.2 * step
+    # One block may end on a joint of the program beside it.
+    assert sorted(steps)[-3] <= 1.2 * step
+    assert max(steps) <= 3.0 * step
     assert max(steps) >= 0.7 * step
 
 
