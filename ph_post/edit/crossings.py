@@ -210,7 +210,7 @@ def find_windows(
             begin, finish = rest[n, 0] - more, rest[n, 1] + more
             inside = begin >= bound[n, 0] and finish <= bound[n, 1]
             deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish) if inside else math.inf
-            if 0.0 < deep < math.inf and push[n] < math.inf:
+            if 0.0 < deep < math.inf and more > 0.0 and push[n] < math.inf:
                 sooner = 2.0 * deep / more * speed / push[n]
                 more = max(0.5 * (speed * max(wait[n] - sooner, SOONEST * wait[n]) - lasts), 0.0)
                 begin, finish = rest[n, 0] - more, rest[n, 1] + more
