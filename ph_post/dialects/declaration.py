@@ -201,7 +201,7 @@ _LENGTH = re.compile(rf"(offset|take-up|pulse) ([XYZ]) ((?<=^offset . )[-+]|){_N
 
 _FACTS = (
     (re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE), ("digest",)),
-    (re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
+    (re.compile(r"machine (.*), sha256 ?([0-9a-f]*)", re.IGNORECASE), ("machine", "machine_digest")),
     (re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE), ("options_digest",)),
     (re.compile(r"dialect (\S+)", re.IGNORECASE), ("dialect",)),
     (re.compile(r"closing (.*)", re.IGNORECASE), ("closing",)),

@@ -29,7 +29,7 @@ _LEADING = 8
 
 _KNOWN = {
     "original": re.compile(r"original sha256 ([0-9a-f]{64})", re.IGNORECASE),
-    "machine": re.compile(r"machine (.*), sha256 ([0-9a-f]*)", re.IGNORECASE),
+    "machine": re.compile(r"machine (.*), sha256 ?([0-9a-f]*)", re.IGNORECASE),
     "options": re.compile(r"options sha256 ([0-9a-f]*)", re.IGNORECASE),
     "offset": re.compile(r"offset ([XYZ]) ([-+]?\d*\.?\d+) (mm|inch)", re.IGNORECASE),
     # Version 0.1.0 wrote "pulse".

@@ -99,7 +99,8 @@ def test_it_is_what_the_plain_program_becomes_by_itself(tmp_path):
 
 def test_a_loop_with_the_backlash_inside_beside_one_outside(tmp_path):
     mixed = ph.read_machine("router")
-    machine = replace(mixed, axes={**mixed.axes, "X": replace(ph.read_machine("mill").axes["X"], name="X")})
+    # Made by hand, not read from a file.
+    machine = replace(mixed, digest="", axes={**mixed.axes, "X": replace(ph.read_machine("mill").axes["X"], name="X")})
     result = ph.compensate("oval", machine, effort=0.05)
     assert result.after.error.max <= result.before.error.max * 1.01
     assert result.after.error.rms <= result.before.error.rms * 1.01
