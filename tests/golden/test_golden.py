@@ -19,6 +19,7 @@ from support.languages import run_fanuc, run_klartext, run_tnc_iso
 from support.sinumerik import read_blocks
 
 from ph_post.cli.main import main
+from ph_post.edit import write
 from ph_post.post import remarks
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -35,7 +36,8 @@ RS274 = shutil.which("rs274")
 def test_program_is_as_it_was(
     case: Path, tmp_path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remarks, "package_version", lambda: "VERSION")
+    for module in (remarks, write):
+        monkeypatch.setattr(module, "package_version", lambda: "VERSION")
     output = tmp_path / "program.ngc"
     arguments = (case / "arguments.txt").read_text().split()
     own = case / "machine.toml"
