@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import msgspec
@@ -12,41 +11,45 @@ from msgspec.structs import replace
 from ph_post.api.results import ProgramMotion
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.edit.edits import EditOptions
+from ph_post.edit.offset_edits import SPARE
+from ph_post.edit.reversals import section_spans
 from ph_post.errors import PhPostError
-from ph_post.gcode.paths import line_words
-from ph_post.gcode.program import PartProgram, PlaceArray
 from ph_post.simulate.assess import is_nominal, run_scenarios
-from ph_post.types import Array, Scenario
+from ph_post.types import Array, BoolArray, IntArray, Scenario
 from ph_post.units import MM
 
 WORSE: Final = 1.01
 """An error that grows by less than this factor has not grown."""
 
 SMALL: Final = 0.5e-3 * MM
-"""Nor has one that grows by less [m], which rounding to the decimals of a program does."""
+"""Nor has one of a part of the program that grows by less [m], which rounding to the decimals of a program does."""
+
+LEAST: Final = 0.02e-3 * MM
+"""Errors of the whole program that differ by less [m] are the same."""
 
 SLACK: Final = 0.005
 """The time allowed is kept to within this part of the program's time."""
 
-MOST: Final = 1.1
-"""An error cannot grow by more lost motions than this."""
+MARGIN: Final = 0.9
+"""Part of the slack that another plan is to keep."""
 
-ROUNDS: Final = 4
+ROUNDS: Final = 8
 """Plans that are tried before a program is left as it is."""
-
-SHOWN: Final = 3
-"""Places that a warning names."""
 
 
 class GuardFinding(msgspec.Struct, frozen=True, kw_only=True):
-    """What a compensated program does to the part: the chains it makes worse, and its time over the original's."""
+    """What a compensated program does to the part: the sections it makes worse, and its time over the original's.
+
+    `slowdown` is found by running it, `planned` what was reckoned for it.
+    """
 
     worse: frozenset[int]
     slowdown: float
+    planned: float
 
 
-def compare_motions(before: ProgramMotion, after: ProgramMotion) -> GuardFinding | None:
-    """Compare a compensated program with its original on the machine, chain by chain.
+def compare_motions(before: ProgramMotion, after: ProgramMotion, planned: float) -> GuardFinding | None:
+    """Compare a compensated program with its original on the machine, section by section and as a whole.
 
     The largest, the root mean square and the 95th percentile of the distance from the path are compared, each for
     the worst initial sides.
@@ -54,6 +57,8 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion) -> GuardFinding
     Parameters
     ----------
     before, after : ProgramMotion
+    planned : float
+        Slowdown that was reckoned.
 
     Returns
     -------
@@ -64,42 +69,54 @@ def compare_motions(before: ProgramMotion, after: ProgramMotion) -> GuardFinding
         moves = before.command.t.size and after.command.t.size
         if not moves or max(before.time, after.time) > LONGEST_SIMULATED:
             return None
-        one, other = (_chain_errors(motion) for motion in (before, after))
+        one, other = (_section_errors(motion) for motion in (before, after))
     except (PhPostError, MemoryError):
         return None
-    worse = (other > WORSE * one + SMALL).any(axis=1)
-    # Offsets and backlash together move a table by no more than its lost motion: beyond that the place along a path
-    # that runs over itself was lost, and nothing is known. The checker has followed the crossings all the same.
-    lost = math.sqrt(sum(axis.gap.lost_motion**2 for axis in before.machine.axes.values()))
-    worse &= other[:, 0] <= one[:, 0] + MOST * lost
+    worse = (other[:-1] > WORSE * one[:-1] + SMALL).any(axis=1)
+    if not worse.any() and (other[-1] > WORSE * one[-1] + LEAST).any():
+        worse = _blamed(one, other)
     return GuardFinding(
-        worse=frozenset(np.flatnonzero(worse).tolist()), slowdown=after.time / max(before.time, 1e-9) - 1.0
+        worse=frozenset(np.flatnonzero(worse).tolist()),
+        slowdown=after.time / max(before.time, 1e-9) - 1.0,
+        planned=planned,
     )
 
 
-def _chain_errors(motion: ProgramMotion) -> Array:
-    """Largest, root mean square and 95th percentile of the error of every chain [m], shape (c, 3)."""
-    cut, chains = motion.cut, motion.original.motions.chain
-    chain, count = chains[cut.motion], int(chains.max(initial=-1)) + 1
+def _blamed(one: Array, other: Array) -> BoolArray:
+    """Mask of the sections (s,) that make a program worse as a whole, by errors as of `_section_errors`."""
+    largest = other[:-1, 0] > WORSE * one[-1, 0] + LEAST
+    if largest.any():
+        return np.asarray(largest)
+    grown = np.maximum(other[:-1, 1] - one[:-1, 1], other[:-1, 2] - one[:-1, 2])
+    return np.asarray(grown >= max(float(grown.max()), 0.0))
+
+
+def _section_errors(motion: ProgramMotion) -> Array:
+    """Largest, root mean square and 95th percentile of the error of every section and of all [m], shape (s + 1, 3)."""
+    cut = motion.cut
+    low, _ = section_spans(motion.original.motions)
+    section = np.searchsorted(low, cut.motion[cut.counted], side="right") - 1
 
     def errors(scenario: Scenario) -> Array:
-        return _by_chain(cut.simulate(scenario)[1][cut.counted], chain[cut.counted], count)
+        return _by_section(cut.simulate(scenario)[1][cut.counted], section, low.size)
 
     tried = [one for one in cut.scenarios() if is_nominal(one)]
     return np.asarray(np.max(run_scenarios(errors, tried), axis=0))
 
 
-def _by_chain(distance: Array, chain: PlaceArray, count: int) -> Array:
-    found = np.zeros((count, 3))
-    order = np.argsort(chain, kind="stable")
-    edges = np.searchsorted(chain[order], np.arange(count + 1))
-    for number in np.flatnonzero(np.diff(edges)).tolist():
-        own = distance[order[edges[number] : edges[number + 1]]]
-        found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(own, 0.95)
+def _by_section(distance: Array, section: IntArray, count: int) -> Array:
+    found = np.zeros((count + 1, 3))
+    order = np.argsort(section, kind="stable")
+    edges = np.searchsorted(section[order], np.arange(count + 1))
+    parts = [order[edges[n] : edges[n + 1]] for n in range(count)]
+    for number, rows in enumerate([*parts, order]):
+        if rows.size:
+            own = distance[rows]
+            found[number] = own.max(), np.sqrt((own * own).mean()), np.quantile(own, 0.95)
     return found
 
 
-def tightened(options: EditOptions, finding: GuardFinding, allowed: float) -> EditOptions | None:
+def tightened(options: EditOptions, finding: GuardFinding, allowed: float, count: int) -> EditOptions | None:
     """Return the options for another plan; None where the finding is good.
 
     Parameters
@@ -109,20 +126,27 @@ def tightened(options: EditOptions, finding: GuardFinding, allowed: float) -> Ed
     finding : GuardFinding
     allowed : float
         Slowdown that was asked for.
+    count : int
+        Number of the program's sections.
     """
-    over = finding.slowdown - allowed
-    if not finding.worse and over <= SLACK:
+    over = finding.slowdown > allowed + SLACK
+    if not finding.worse and not over:
         return None
-    less = max(options.max_slowdown - max(over, 0.0) - SLACK, 0.0) if over > SLACK else options.max_slowdown
-    if over > SLACK and options.max_slowdown == 0.0:
-        less = -1.0
-    return replace(options, max_slowdown=less, left=options.left | finding.worse)
+    less = options.max_slowdown
+    if over:
+        # What the planner takes is so many times what was reckoned.
+        share = (allowed + MARGIN * SLACK) / finding.slowdown
+        less = share * finding.planned - SPARE if finding.planned > 0.0 else -1.0
+    left = options.left | with_neighbours(finding.worse, options.left, count)
+    return replace(options, max_slowdown=less, left=left)
 
 
-def chain_words(program: PartProgram, chains: frozenset[int]) -> str:
-    """Name the lines of chains for a warning, the first few of them."""
-    motions = program.motions
-    own = (motions.block[motions.chain == number] for number in sorted(chains)[:SHOWN])
-    spans = [line_words(int(blocks[0]), int(blocks[-1])) for blocks in own]
-    more = f" and {len(chains) - SHOWN} more places" if len(chains) > SHOWN else ""
-    return ", ".join(spans) + more
+def with_neighbours(found: frozenset[int], left: frozenset[int], count: int) -> frozenset[int]:
+    """Add the neighbours of sections that were left alone already: there what is done beside them is at fault.
+
+    Examples
+    --------
+    >>> sorted(with_neighbours(frozenset({2, 7}), frozenset({2}), 9))
+    [1, 2, 3, 7]
+    """
+    return found | {n + step for n in found & left for step in (-1, 1) if 0 <= n + step < count}

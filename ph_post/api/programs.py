@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.api.guard import ROUNDS, chain_words, compare_motions, tightened
+from ph_post.api.guard import ROUNDS, compare_motions, tightened, with_neighbours
 from ph_post.api.results import ProgramMotion
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan_warnings import doubtful_values
@@ -21,14 +21,15 @@ from ph_post.dialects.declaration import Declaration, read_declaration
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive.axes import check_axes, has_backlash
 from ph_post.edit.edits import EditOptions, Edits, merge_edits
-from ph_post.edit.offset_edits import plan_offsets
+from ph_post.edit.offset_edits import plan_offsets, section_words
 from ph_post.edit.preconditions import require_tool
+from ph_post.edit.reversals import section_spans
 from ph_post.edit.undo import original_of
 from ph_post.edit.window_plans import WindowEdits, WindowPlan, plan_windows, shifts_axes
 from ph_post.edit.write import apply_edits, declare
 from ph_post.errors import InputError, PhPostError
 from ph_post.gcode.paths import line_words, paths_of
-from ph_post.gcode.program import PartProgram
+from ph_post.gcode.program import RAPID, PartProgram
 from ph_post.gcode.read import reread
 from ph_post.post.options import check_block_time
 from ph_post.progress import Progress, no_progress
@@ -142,6 +143,7 @@ def compensate_program(
     paths_said += chord_warnings(original, machine, dialect, options.tolerance)
     paths_said += doubtful_values(machine, moved_axes(original))
     said: tuple[str, ...] = ()
+    count = section_spans(original.motions)[0].size
     for _ in range(ROUNDS):
         edits = planner.plan(options)
         edits = replace(edits, warnings=(*edits.warnings, *paths_said))
@@ -154,12 +156,12 @@ def compensate_program(
         after = reread(original, data)
         verdict = verify(original, after, tolerance=request.edit.tolerance, machine=machine)
         if not verdict.ok:
-            failed = _failed_chains(original, verdict) - options.left
+            failed = with_neighbours(_failed_sections(original, after, verdict), options.left, count) - options.left
             if not failed:
                 raise _refusal(original.name, verdict)
             # What does not pass the check is left as it is.
             options = replace(options, left=options.left | failed)
-            said = (f"not compensated in {chain_words(original, options.left)}: a change would not pass the check",)
+            said = (f"not compensated in {section_words(original, options.left)}: a change would not pass the check",)
             continue
         motion = ProgramMotion(after, original, machine, "compensated program", progress, before)
         made = CompensatedProgram(
@@ -173,13 +175,13 @@ def compensate_program(
         )
         if not planner.offsets_axes:
             return made
-        found = compare_motions(before, motion)
-        tighter = None if found is None else tightened(options, found, request.edit.max_slowdown)
+        found = compare_motions(before, motion, edits.slowdown)
+        tighter = None if found is None else tightened(options, found, request.edit.max_slowdown, count)
         if found is None or tighter is None:
             return made
         options = tighter
         if options.left:
-            said = (f"not compensated in {chain_words(original, options.left)}: the part would be no better",)
+            said = (f"not compensated in {section_words(original, options.left)}: the part would be no better",)
     edits = replace(edits, warnings=(*edits.warnings, *said)) if edits.empty else _nothing_gained(original, edits)
     return CompensatedProgram(before=original, after=original, edits=edits, windows=planner.windows)
 
@@ -300,21 +302,30 @@ def _notes(program: PartProgram, warnings: Sequence[str]) -> tuple[str, ...]:
     return (*words[:NOTED], *more)
 
 
-def _failed_chains(program: PartProgram, verdict: Verdict) -> frozenset[int]:
-    """Return the chains in which a checker found a failure, all of them where it lists but some of its failures.
+def _failed_sections(program: PartProgram, after: PartProgram, verdict: Verdict) -> frozenset[int]:
+    """Return the sections in which a checker found a failure, all where it lists but some of its failures.
 
-    None are returned where a failure is not within the lines of a chain: leaving chains alone would not mend that.
+    None are returned where a failure is not within the lines of a section: leaving any alone would not mend that.
     """
     motions = program.motions
+    low, _ = section_spans(motions)
+    rapids, of_after = (np.flatnonzero(one.motions.kind == RAPID) for one in (program, after))
     found: set[int] = set()
     for one in verdict.failures:
-        line = -1 if one.original is None else one.original - 1
-        last = int(np.searchsorted(motions.block, line, side="right")) - 1
-        behind = int(np.searchsorted(motions.block, line))
-        if last < 0 or behind == motions.block.size or motions.chain[last] != motions.chain[behind]:
-            return frozenset()
-        found.add(int(motions.chain[behind]))
-    return frozenset(motions.chain.tolist() if verdict.found > len(verdict.failures) else found)
+        if one.original is None and one.compensated is not None and rapids.size == of_after.size:
+            # Rapids stand for each other one to one: the failure is between two of them.
+            ahead = int(np.searchsorted(after.motions.block[of_after], one.compensated - 1, side="right"))
+            beside = np.clip([ahead - 1, ahead], 0, max(rapids.size - 1, 0))
+            places = rapids[beside] if rapids.size else np.zeros(1, dtype=np.int64)
+        else:
+            line = -1 if one.original is None else one.original - 1
+            last = int(np.searchsorted(motions.block, line, side="right")) - 1
+            behind = int(np.searchsorted(motions.block, line))
+            if last < 0 or behind == motions.block.size or motions.chain[last] != motions.chain[behind]:
+                return frozenset()
+            places = np.array([last, behind])
+        found.update((np.searchsorted(low, places, side="right") - 1).tolist())
+    return frozenset(range(low.size) if verdict.found > len(verdict.failures) else found)
 
 
 def _refusal(name: str, verdict: Verdict) -> PhPostError:

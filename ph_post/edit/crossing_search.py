@@ -155,8 +155,10 @@ class CrossingSearch:
         Offsets [m] of each axis while it moves to minus and to plus.
     feed : Array, shape (m,)
         Speed of the path in every motion [m/s].
-    low : IntArray, shape (c,)
-        First motion of every chain.
+    low : IntArray, shape (s,)
+        First motion of every section, of which changes name the one in which they begin.
+    whole : IntArray, shape (c,)
+        First motion of what is shifted by itself: chains and their parts. Restarts name it.
     overshoot : mapping of str to float
         From how far beyond its place each axis comes in the air [m].
     restarts : collection of Restart
@@ -172,6 +174,7 @@ class CrossingSearch:
         sides: Mapping[str, tuple[float, float]],
         feed: Array,
         low: IntArray,
+        whole: IntArray,
         overshoot: Mapping[str, float],
         restarts: Collection[Restart] = (),
         *,
@@ -197,6 +200,7 @@ class CrossingSearch:
         self._moving = [np.flatnonzero(column) for column in ((self._way != 0.0) | turning).T]
         self._low = low
         self._beam = BeamGuard(program, machine)
+        self._chain_of = np.searchsorted(whole, low, side="right") - 1
         self._cuts = np.flatnonzero(program.motions.kind != RAPID)
         self._rapids = np.flatnonzero(program.motions.kind == RAPID)
         self._region = _regions(program)
@@ -226,6 +230,11 @@ class CrossingSearch:
         first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self._machine.servo_period)
         shape = crossing_shape(axis, first, rounding)
         return shape if isinstance(self._planner, ExactPath) else _in_steps(shape, axis, self._machine.servo_period)
+
+    def moves(self, column: int, low: int, high: int) -> IntArray:
+        """Return which motions from `low` to before `high` move an axis."""
+        moving = self._moving[column]
+        return moving[np.searchsorted(moving, low) : np.searchsorted(moving, high)]
 
     def offset(self, column: int, sign: int) -> float:
         """Return the offset [m] of an axis that moves in a direction; 0 for none."""
@@ -276,6 +285,9 @@ class CrossingSearch:
         first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
         found = rows.copy()
         for n in np.flatnonzero(first & (rows[:, SIGN] != 0.0)).tolist():
+            if rows[n, SHARE0] == 0.0 and rows[n, FIRST] == rows[n, MOTION] and rows[n, SHARE] == 1.0:
+                # That rapid itself is the first to move the axis.
+                continue
             place = rows[n, FIRST] if rows[n, SHARE0] == 1.0 else rows[n, FIRST] - 1.0
             rapid = int(np.searchsorted(self._rapids, place, side="right")) - 1
             if rapid < 0 or self._rapids[rapid] < self._low[int(rows[n, CHAIN])]:
@@ -421,8 +433,12 @@ class CrossingSearch:
 
     def cost(self, changes: Mapping[str, Array], coarser: float = 1.0) -> float:
         """Return the time [s] that changes cost."""
+        return float(self.costs(changes, coarser)[2].sum())
+
+    def costs(self, changes: Mapping[str, Array], coarser: float) -> tuple[IntArray, IntArray, Array]:
+        """Return the axis (column), the motion and the time [s] that it costs of every change, each of shape (n,)."""
         spots = self.spots(changes, coarser)
-        total = 0.0
+        cost = np.zeros(spots.column.size)
         for column in np.unique(spots.column).tolist():
             axis = self._machine.axes[AXES[column]]
             own = spots.column == column
@@ -431,16 +447,15 @@ class CrossingSearch:
             move = math.sqrt(axis.gap.lost_motion / axis.limits.acceleration)
             far = own & (spots.rows[:, BEYOND] == 1.0)
             # Out there and back from it, in the air.
-            total += 2.0 * math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration) * float(far.sum())
-            total += 2.0 * SETTLING * axis.servo.c * float(far.sum())
+            out = math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration)
             passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
-            total += float((move + passed / self._push)[jogs].sum() + 2.0 * self._pause(axis, coarser) * jogs.sum())
+            cost[jogs] = (move + passed / self._push)[jogs] + 2.0 * self._pause(axis, coarser)
             chords = own & (spots.window[:, 2] > 0.0)
             speed, feed = spots.window[chords, 2], spots.feed[chords]
             way = spots.window[chords, 1] - spots.window[chords, 0]
-            lost = (feed - speed) ** 2 / (feed * self._push) + way / speed - way / feed
-            total += float(lost.sum())
-        return total
+            cost[chords] = (feed - speed) ** 2 / (feed * self._push) + way / speed - way / feed
+            cost[far] += 2.0 * out + 2.0 * SETTLING * axis.servo.c
+        return spots.column, spots.rows[:, MOTION].astype(np.int64), cost
 
     @staticmethod
     def _pause(axis: Axis, coarser: float) -> float:
@@ -504,7 +519,8 @@ class CrossingSearch:
 
     def _lines_for_restarts(self, spots: Spots, stops: list[StopEdit]) -> frozenset[int]:
         """Return the rapids from which a program may be started again: all axes come to their sides behind them."""
-        used = {(int(chain), int(column)) for chain, column in zip(spots.rows[:, CHAIN], spots.column, strict=True)}
+        chains = self._chain_of[spots.rows[:, CHAIN].astype(np.int64)]
+        used = set(zip(chains.tolist(), spots.column.tolist(), strict=True))
         approached: dict[int, set[int]] = {}
         for stop in stops:
             if stop.approach:

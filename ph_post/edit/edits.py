@@ -115,7 +115,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     axis: the offset is plus or minus this, or zero, or of a `one_sided` axis zero or this to its side, +1 or -1;
     `pulse` [m] by axis: the largest backlash take-up move. `followed` are the axes whose reversals were planned: one
     that is exact on the side of its zero may need no offset.
-    `warnings` name what is not compensated.
+    `slowdown` is what stops and crossings are reckoned to cost, relative; `warnings` name what is not compensated.
     """
 
     offset: Array
@@ -126,6 +126,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     one_sided: Mapping[str, int] = {}
     followed: tuple[str, ...] = ()
     pulse: Mapping[str, float] = {}
+    slowdown: float = 0.0
     warnings: tuple[str, ...] = ()
 
     @property
@@ -155,6 +156,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         one_sided={**a.one_sided, **b.one_sided},
         followed=tuple(dict.fromkeys((*a.followed, *b.followed))),
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
+        slowdown=a.slowdown + b.slowdown,
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )
 
@@ -206,7 +208,7 @@ class EditOptions(msgspec.Struct, frozen=True, kw_only=True):
     block_time : float
         Longest block in ramps and dips.
     left : frozenset of int
-        Chains in which no axis gets an offset.
+        Sections in which no axis gets an offset, see :func:`~ph_post.edit.reversals.section_spans`.
     cycle : float
         Time of the program as its controller runs it [s], 0 where that is not known.
     position_from : {0, 1, -1}

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from itertools import groupby
 from typing import Final
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
@@ -40,13 +41,14 @@ from ph_post.edit.reversals import (
     chain_spans,
     find_reversals,
     motion_view,
+    section_spans,
 )
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.paths import line_words
 from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.run import moved_axes
-from ph_post.types import Array, Axis, BoolArray, Machine, frozen, sealed
+from ph_post.types import Array, Axis, BoolArray, IntArray, Machine, frozen, sealed
 from ph_post.units import MM
 
 
@@ -63,6 +65,9 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
         cut = np.where(motions.duration > 0.0, motions.duration, length / motions.feed)
         return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
 
+
+SHOWN: Final = 3
+"""Places that a warning names."""
 
 SPARE: Final = 3e-3
 """Part of a program's time that does not count as slower."""
@@ -86,12 +91,12 @@ class ReversalSearch:
         Offset by axis [m].
     sides : dict
         Offsets of an axis that moves to minus, and to plus, by axis [m].
-    chains : BoolArray, shape (c,)
-        Chains of the program that may be shifted.
+    sections : BoolArray, shape (s,)
+        Sections that may be shifted, see :func:`~ph_post.edit.reversals.section_spans`.
     options : EditOptions
     left : sequence of tuple
         First motion, and the one behind the last, of stretches in which no axis is shifted: each is a chain of its own
-        here, and so is what is before and behind it.
+        here, and so is what is before and behind it; no offset lasts beyond.
     """
 
     def __init__(
@@ -101,21 +106,25 @@ class ReversalSearch:
         dialect: Dialect,
         amplitude: dict[str, float],
         sides: dict[str, tuple[float, float]],
-        chains: BoolArray,
+        sections: BoolArray,
         options: EditOptions,
         left: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.program, self.machine, self.dialect = program, machine, dialect
         self.amplitude, self.sides = amplitude, sides
         self.times = motion_times(program, machine)
-        whole, _ = chain_spans(program.motions)
+        begins = chain_spans(program.motions)[0]
         ends = [place for span in left for place in span if place < program.motions.kind.size]
-        self.low = np.unique(np.append(whole, np.array(ends, dtype=np.int64)))
+        self._whole = np.unique(np.append(begins, np.array(ends, dtype=np.int64)))
+        within, _ = section_spans(program.motions)
+        self.low = np.union1d(within, self._whole)
         self.high = np.append(self.low[1:], program.motions.kind.size)
-        self.chain_times = np.add.reduceat(self.times, self.low)
-        opened = chains[np.searchsorted(whole, self.low, side="right") - 1]
+        cuts = np.where(program.motions.kind != RAPID, self.times, 0.0)
+        self.cut_times = np.add.reduceat(cuts, self.low)
+        opened = sections[np.searchsorted(within, self.low, side="right") - 1]
         opened &= np.logical_or.reduceat(program.motions.kind != RAPID, self.low)
-        opened &= ~np.isin(self.low, [begin for begin, _ in left])
+        for begin, end in left:
+            opened &= (self.low < begin) | (self.low >= end)
         self.open = {name: opened.copy() for name in amplitude}
         self._view = motion_view(program.motions)
         self._feed = np.nan_to_num(cutting_feed(program, self.times))
@@ -127,7 +136,7 @@ class ReversalSearch:
         self._from = -options.position_from
         self._places = [resting_places(program.motions, axis) if self._from else [] for axis in range(2)]
         restarts = find_restarts(program, self.times, late=options.max_slowdown >= LITTLE)
-        chain = np.searchsorted(self.low, [one.first for one in restarts], side="right") - 1
+        chain = np.searchsorted(self._whole, [one.first for one in restarts], side="right") - 1
         self._restarts = [replace(one, chain=number) for one, number in zip(restarts, chain.tolist(), strict=True)]
         self.crossings = CrossingSearch(
             program,
@@ -136,119 +145,192 @@ class ReversalSearch:
             sides,
             self._feed,
             self.low,
+            self._whole,
             self._overshoot,
             self._restarts,
             part_side=options.part_side,
         )
-        self.warnings: list[str] = []
+        self._given_up: dict[tuple[str, str], set[int]] = {}
 
     def changes(self, band: dict[str, float]) -> dict[str, Array]:
         """Find the changes of every axis, and those to no offset at the ends of chains; rows as of `find_reversals`."""
         return {name: self._one(name, width) for name, width in band.items()}
 
     def _one(self, name: str, band: float) -> Array:
-        axis = AXES.index(name)
+        axis, (section, low, high, end) = AXES.index(name), self._spans(name)
         rows = find_reversals(
             self._view,
             axis,
             self._feed,
             self.program.motions.exact,
-            self.low,
-            self.high,
-            self.open[name],
-            np.full(self.low.size, band),
+            low,
+            high,
+            np.ones(low.size, dtype=np.bool_),
+            np.full(low.size, band),
         )
+        rows[:, CHAIN] = np.searchsorted(self._whole, low[rows[:, CHAIN].astype(np.int64)], side="right") - 1
         if axis < 2:
             rows = approach_again(self._from_one_side(rows, axis), self._restarts, axis)
-        return self._closed(rows, axis)
+        # What was added where the axis is left alone goes again.
+        span = np.searchsorted(low, rows[:, MOTION], side="right") - 1
+        inside = (span >= 0) & (rows[:, MOTION] < end[np.maximum(span, 0)]) if low.size else span >= 0
+        rows[:, CHAIN] = span
+        return self._closed(rows[inside], axis, section, low, high)
 
     def _from_one_side(self, rows: Array, axis: int) -> Array:
         if not self._from:
             return rows
         motions, name = self.program.motions, AXES[axis]
-        own = np.searchsorted(self.low, [first for first, _ in self._places[axis]], side="right") - 1
+        own = self.section_of(np.array([first for first, _ in self._places[axis]]))
         places = [
-            place for place, chain in zip(self._places[axis], own.tolist(), strict=True) if self.open[name][chain]
+            place for place, section in zip(self._places[axis], own.tolist(), strict=True) if self.open[name][section]
         ]
-        return position_from(rows, places, motions, self.low, axis, self._from, self._overshoot[name])
+        return position_from(rows, places, motions, self._whole, axis, self._from, self._overshoot[name])
 
-    def _closed(self, rows: Array, axis: int) -> Array:
-        """Add the change to no offset at the end of every chain that has changes.
+    def _spans(self, name: str) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Return what lies between sections that an axis leaves alone: the first section, the motions, where cuts end.
 
-        The last rapid of the axis takes the offset back where nothing cuts after it; else a stop behind the
-        last motion does.
+        The rapids of the next section belong to them: those take the offset back. Where an axis is taken up in the
+        midst of a chain, the cut says to which side, or else the last rapid that moves the axis.
+        """
+        open_ = self.open[name]
+        chain, kind = np.searchsorted(self._whole, self.low, side="right"), self.program.motions.kind
+        same = np.append(False, chain[1:] == chain[:-1])
+        first = np.flatnonzero(open_ & ~(same & np.append(False, open_[:-1])))
+        last = np.flatnonzero(open_ & ~np.append(same[1:] & open_[1:], False))
+        low, high = self.low[first].copy(), self.high[last].copy()
+        for n in np.flatnonzero(same[first]).tolist():
+            low[n] = self._takes_up(AXES.index(name), int(low[n]), int(self.high[first[n]]))
+        for n in np.flatnonzero(np.append(same[1:], False)[last]).tolist():
+            while high[n] < kind.size and kind[high[n]] == RAPID:
+                high[n] += 1
+        return first, low, high, self.high[last]
+
+    def _takes_up(self, axis: int, low: int, high: int) -> int:
+        """Return the first motion that says to which side an axis is taken up in a section."""
+        motions = self.program.motions
+        cut = low + int(np.argmax(motions.kind[low:high] != RAPID))
+        moves = self.crossings.moves(axis, low, high)
+        rapids = moves[moves < cut]
+        return cut if (moves >= cut).any() or not rapids.size else int(rapids[-1])
+
+    def _closed(self, rows: Array, axis: int, section: IntArray, lows: IntArray, highs: IntArray) -> Array:
+        """Add the change to no offset at the end of every span that has changes, and name spans by first sections.
+
+        The last rapid of the axis takes the offset back where nothing cuts after it, the first one where cuts follow
+        that leave the axis alone; else a stop behind the last motion does.
         """
         motions = self.program.motions
         ends = []
-        for chain in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
-            low, high = int(self.low[chain]), int(self.high[chain])
+        for span in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
+            low, high = int(lows[span]), int(highs[span])
             last = low + int(np.flatnonzero(motions.kind[low:high] != RAPID)[-1])
             after = np.flatnonzero(motions.start[last + 1 : high, axis] != motions.end[last + 1 : high, axis])
             rapid = after.size > 0
-            motion = last + 1 + int(after[-1]) if rapid else high - 1
+            goes_on = high < motions.chain.size and motions.chain[high] == motions.chain[high - 1]
+            motion = last + 1 + int(after[0 if goes_on else -1]) if rapid else high - 1
             row = np.zeros(rows.shape[1])
-            row[[MOTION, SHARE, SIGN, CARRIED, CHAIN]] = motion, 1.0, 0.0, rapid, chain
+            row[[MOTION, SHARE, SIGN, CARRIED, CHAIN]] = motion, 1.0, 0.0, rapid, span
             ends.append(row)
         if not ends:
             return rows
         every = np.concatenate([rows, ends])
         # A stable sort: of two changes in one rapid the one to none comes last.
-        return np.asarray(every[np.argsort(every[:, CHAIN], kind="stable")])
+        every = every[np.argsort(every[:, CHAIN], kind="stable")]
+        every[:, CHAIN] = section[every[:, CHAIN].astype(np.int64)]
+        return np.asarray(every)
+
+    def section_of(self, motion: Array) -> IntArray:
+        """Return the numbers of the sections of motions (n,)."""
+        return np.asarray(np.searchsorted(self.low, motion, side="right") - 1)
 
     def cost(self, changes: dict[str, Array], coarser: float = 1.0) -> float:
         """Return the time that changes cost [s], with errors of crossings up to a multiple of the least."""
         return self.crossings.cost(changes, coarser)
 
-    def give_up(self, name: str, chain: int, why: str) -> None:
-        """Leave an axis uncompensated in a chain, and warn."""
-        self.open[name][chain] = False
-        block = self.program.motions.block
-        where = line_words(int(block[self.low[chain]]), int(block[self.high[chain] - 1]))
-        self.warnings.append(f"axis {name} not compensated in {where}: {why}")
+    def give_up(self, name: str, section: int, why: str) -> None:
+        """Leave an axis uncompensated in a section, for a reason that warnings give."""
+        self.open[name][section] = False
+        self._given_up.setdefault((name, why), set()).add(section)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is not compensated, a warning for each axis and reason."""
+        found = []
+        for (name, why), sections in self._given_up.items():
+            where = _stretch_words(self.program, [(int(self.low[n]), int(self.high[n])) for n in sorted(sections)])
+            found.append(f"axis {name} not compensated in {where}: {why}")
+        return found
 
     def unsplit(self, changes: dict[str, Array]) -> bool:
-        """Give up chains in which a motion cannot be divided at a reversal; return true where there was one."""
+        """Give up sections in which a motion cannot be divided at a reversal; return true where there was one."""
         found = False
         for name, rows in changes.items():
             inside = rows[(rows[:, SHARE] > 0.0) & (rows[:, SHARE] < 1.0)]
-            for motion, share, chain in inside[:, [MOTION, SHARE, CHAIN]].tolist():
+            section = self.section_of(inside[:, MOTION])
+            for motion, share, number in zip(*inside[:, [MOTION, SHARE]].T.tolist(), section.tolist(), strict=True):
                 why = why_indivisible(self.program, self.dialect, int(motion), share)
-                if why and self.open[name][int(chain)]:
-                    self.give_up(name, int(chain), why)
+                if why and self.open[name][number]:
+                    self.give_up(name, number, why)
                     found = True
             found |= self._unknown_sides(name, rows)
         return found
 
     def _unknown_sides(self, name: str, rows: Array) -> bool:
-        """Give up chains in which a cut from an unknown place ends where an axis is to be shifted first."""
+        """Give up sections in which a cut from an unknown place ends where an axis is to be shifted first."""
         motions, found = self.program.motions, False
         if 0.0 not in self.sides[name]:
             # Half of the backlash to either side is no worse than the plain program, whichever side it is.
             return False
         first = np.append(True, np.diff(rows[:, CHAIN]) != 0.0)[: len(rows)]
         for row in rows[first & (rows[:, SIGN] != 0.0)]:
-            begin, chain = int(row[FIRST]), int(row[CHAIN])
+            begin, section = int(row[FIRST]), int(row[CHAIN])
             cuts = motions.kind[begin] != RAPID and row[SHARE0] == 1.0
-            if cuts and np.isnan(motions.start[begin, AXES.index(name)]) and self.open[name][chain]:
-                self.give_up(name, chain, f"the motion in line {motions.block[begin] + 1} leaves it on an unknown side")
+            if cuts and np.isnan(motions.start[begin, AXES.index(name)]) and self.open[name][section]:
+                self.give_up(
+                    name, section, f"the motion in line {motions.block[begin] + 1} leaves it on an unknown side"
+                )
                 found = True
         return found
 
 
-def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[dict[str, Array], float, list[str]]:
+def section_words(program: PartProgram, sections: Collection[int]) -> str:
+    """Name the lines of sections for a warning, the first few stretches of them."""
+    low, high = section_spans(program.motions)
+    return _stretch_words(program, [(int(low[n]), int(high[n])) for n in sorted(sections)])
+
+
+def _stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -> str:
+    joined: list[list[int]] = []
+    for begin, end in stretches:
+        if joined and joined[-1][1] == begin:
+            joined[-1][1] = end
+        else:
+            joined.append([begin, end])
+    block = program.motions.block
+    words = [line_words(int(block[begin]), int(block[end - 1])) for begin, end in joined[:SHOWN]]
+    more = f" and {len(joined) - SHOWN} more places" if len(joined) > SHOWN else ""
+    return ", ".join(words) + more
+
+
+class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """Changes within the time allowed: by axis the rows of :func:`~ph_post.edit.reversals.find_reversals`.
+
+    `coarser` is the largest error of crossings as a multiple of the least, `slowdown` what they cost, relative.
+    """
+
+    changes: dict[str, Array]
+    coarser: float
+    slowdown: float
+    warnings: list[str]
+
+
+def affordable_reversals(search: ReversalSearch, options: EditOptions) -> AffordedChanges:
     """Find the changes that keep within the allowed slowdown.
 
     The dead band begins with the tolerance, and crossings with their least error. Where that costs too much, crossings
-    may be coarser; then the dead band is raised, up to half the lost motion of each axis; where that is not enough,
-    axes are not compensated in whole chains, beginning with those that cost most for their time.
-
-    Returns
-    -------
-    changes : dict
-        By axis, rows as of :func:`~ph_post.edit.reversals.find_reversals`.
-    coarser : float
-        Largest error of crossings as a multiple of the least.
-    warnings : list of str
+    may be coarser; then sections are left alone whose crossings cost most for what they gain, and where there is but
+    one, axes; last the dead band is raised, up to half the lost motion of each axis.
     """
     # Ramps and rapids take longer than the motions at their feeds.
     total = max(float(search.times.sum()), options.cycle, 1e-9)
@@ -259,9 +341,10 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[
         found = _search_raised(search, options, 0.0)
     every = search.cost(found)
     for coarser in (1.0, *COARSER):
-        if search.cost(found, coarser) <= allowed:
-            return found, coarser, search.warnings
-    _drop_costly_chains(search, options, allowed)
+        cost = every if coarser == 1.0 else search.cost(found, coarser)
+        if cost <= allowed:
+            return AffordedChanges(changes=found, coarser=coarser, slowdown=cost / total, warnings=search.warnings)
+    _leave_costly(search, options, allowed, round_up(every / total))
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -273,26 +356,57 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> tuple[
         f"moves below {widest / MM:.4g} mm are ignored to keep within --max-slowdown:"
         f" --max-slowdown {round_up(every / total):g} would compensate all above {options.tolerance / MM:g} mm"
     ]
-    return found, COARSER[-1], [*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])]
+    return AffordedChanges(
+        changes=found,
+        coarser=COARSER[-1],
+        slowdown=search.cost(found, COARSER[-1]) / total,
+        warnings=[*search.warnings, *(said if any(len(rows) for rows in found.values()) else [])],
+    )
 
 
-def _drop_costly_chains(search: ReversalSearch, options: EditOptions, allowed: float) -> None:
-    """Leave axes uncompensated in whole chains until the widest dead band keeps within the time allowed."""
-    found = _search_raised(search, options, 1.0)
-    total = search.cost(found, COARSER[-1])
+def _leave_costly(search: ReversalSearch, options: EditOptions, allowed: float, need: float) -> None:
+    """Leave sections alone, or axes in them, until the widest dead band keeps within the time allowed.
+
+    First go those that cost most for what they gain: the squares of the backlash for as long as they cut.
+    """
+    cost = _section_costs(search, _search_raised(search, options, 1.0))
+    total = sum(float(one.sum()) for one in cost.values())
     if total <= allowed:
         return
-    need = round_up(total / max(float(search.times.sum()), options.cycle, 1e-9))
-    pairs = []
-    for name, rows in found.items():
-        for chain in np.unique(rows[:, CHAIN]).astype(np.int64).tolist():
-            own = search.cost({name: rows[rows[:, CHAIN] == chain]}, COARSER[-1])
-            pairs.append((own / max(float(search.chain_times[chain]), 1e-9), own, name, chain))
-    for _, own, name, chain in sorted(pairs, reverse=True):
-        if total <= allowed:
-            return
-        search.give_up(name, chain, f"its crossings would cost {own:.2g} s; --max-slowdown {need:g} would allow them")
-        total -= own
+    gain = {name: search.amplitude[name] ** 2 * search.cut_times for name in cost}
+    together = [(set(cost), n) for n in range(search.low.size)]
+    alone = [({name}, n) for n in range(search.low.size) for name in cost]
+    left: set[tuple[str, int]] = {(name, n) for name in cost for n in np.flatnonzero(cost[name]).tolist()}
+    spent = 0.0
+    for units in (together, alone):
+
+        def worth(unit: tuple[set[str], int]) -> float:
+            names, n = unit
+            price = sum(float(cost[name][n]) for name in names)
+            return sum(float(gain[name][n]) for name in names) / max(price, 1e-12)
+
+        for names, n in sorted(units, key=worth, reverse=True):
+            wanted = [(name, n) for name in sorted(names) if (name, n) in left]
+            price = sum(float(cost[name][n]) for name, _ in wanted)
+            if wanted and spent + price <= allowed:
+                spent += price
+                left.difference_update(wanted)
+    for name in cost:
+        own = sorted(n for axis, n in left if axis == name)
+        price = float(cost[name][own].sum())
+        for n in own:
+            why = f"its crossings would cost {price:.2g} s; --max-slowdown {need:g} would allow them"
+            search.give_up(name, n, why)
+
+
+def _section_costs(search: ReversalSearch, found: dict[str, Array]) -> dict[str, Array]:
+    """Time that the changes of each axis cost in every section [s], by axis (s,)."""
+    column, motion, times = search.crossings.costs(found, COARSER[-1])
+    costs = {name: np.zeros(search.low.size) for name in found}
+    for name, cost in costs.items():
+        own = column == AXES.index(name)
+        np.add.at(cost, search.section_of(motion[own]), times[own])
+    return costs
 
 
 def _search_raised(search: ReversalSearch, options: EditOptions, raised: float) -> dict[str, Array]:
@@ -342,13 +456,14 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     blocked = blocked_chains(program)
     _check_overshoot(axes, options)
     beam = BeamGuard(program, machine)
+    open_ = _open_sections(program, blocked, options.left)
     runs, unmarked = beam.runs(), frozenset[int]()
     for number in range(ROUNDS):
         left = [runs[run] for run in sorted(unmarked)]
-        chains = _open_chains(program, blocked, options.left)
-        search = ReversalSearch(program, machine, dialect, amplitude, sides, chains, options, left)
-        changes, coarser, said_of_time = affordable_reversals(search, options)
-        crossings, stops, pulse, offset, burnt = search.crossings.plan(changes, coarser)
+        search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left)
+        afforded = affordable_reversals(search, options)
+        changes = afforded.changes
+        crossings, stops, pulse, offset, burnt = search.crossings.plan(changes, afforded.coarser)
         if not burnt:
             break
         found = {run_beside(runs, motion) for motion in burnt}
@@ -364,8 +479,9 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         followed=tuple(name for name in amplitude if len(changes[name])),
         one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
         pulse=pulse,
+        slowdown=afforded.slowdown,
     )
-    warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *said_of_time]
+    warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]
     warnings += beam.warn_left([runs[run] for run in sorted(unmarked)])
     if edits.amplitude:
         own = double_compensation(program, dialect, machine)
@@ -393,11 +509,13 @@ ROUNDS: Final = 6
 """Plans that are made before nothing is shifted wherever a beam is on."""
 
 
-def _open_chains(program: PartProgram, blocked: dict[str, BoolArray], left: Collection[int]) -> BoolArray:
-    """Mask of the chains that cut and may be shifted (c,)."""
-    low, _ = chain_spans(program.motions)
-    cuts = np.logical_or.reduceat(program.motions.kind != RAPID, low)
-    cuts &= ~np.isin(program.motions.chain[low], list(left))
+def _open_sections(program: PartProgram, blocked: dict[str, BoolArray], left: Collection[int]) -> BoolArray:
+    """Mask of the sections that cut and may be shifted (s,)."""
+    motions = program.motions
+    low, _ = section_spans(motions)
+    cuts = np.logical_or.reduceat(motions.kind != RAPID, low)
+    cuts &= ~np.isin(np.arange(low.size), list(left))
+    chain = np.searchsorted(chain_spans(motions)[0], low, side="right") - 1
     for marks in blocked.values():
-        cuts &= ~marks
+        cuts &= ~marks[chain]
     return np.asarray(cuts)

@@ -289,3 +289,21 @@ def chain_spans(motions: Motions) -> tuple[IntArray, IntArray]:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     low = np.append(0, np.flatnonzero(np.diff(motions.chain)) + 1)
     return low, np.append(low[1:], motions.chain.size)
+
+
+def section_spans(motions: Motions) -> tuple[IntArray, IntArray]:
+    """Return the first motion of every section, and the motion behind its last; both (s,).
+
+    A section is a part of a chain in which offsets can be left alone for themselves: rapids, and the cuts up to the
+    next rapid. Rapids behind the last cut of a chain belong to its last section.
+    """
+    count = motions.chain.size
+    if count == 0:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    cuts = motions.kind != RAPID
+    heads = np.append(True, np.diff(motions.chain) != 0)
+    ends = np.append(np.flatnonzero(heads)[1:], count)[np.cumsum(heads) - 1]
+    cuts_until = np.append(0, np.cumsum(cuts))
+    begins = ~cuts & np.append(False, cuts[:-1]) & (cuts_until[ends] > cuts_until[:-1])
+    low = np.flatnonzero(heads | begins)
+    return low, np.append(low[1:], count)

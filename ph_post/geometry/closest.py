@@ -26,8 +26,11 @@ GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 SECTIONS: Final = 48
 """Golden sections of a stretch of a Bézier piece: 1e-10 of it is left."""
 
-PREFERENCE: Final = 1e-3
+PREFERENCE: Final = 0.3
 """Distance [m] that a place is worth per metre that it is off the way travelled."""
+
+TRUST: Final = 0.1
+"""Part of that by which the way travelled is corrected in every row: no command creeps back along a path unnoticed."""
 
 SLACK: Final = 0.4
 """Distance along the other path within which a nearer place is sought, relative to the distance between them.
@@ -86,13 +89,15 @@ def follow_path(pieces: Array, starts: Array, position: Array, reach: float, wid
     count = position.shape[0]
     piece, place = np.zeros(count, dtype=np.int64), np.zeros(count)
     work = np.empty(3)
-    at, s = 0, 0.0
+    at, s, expected = 0, 0.0, 0.0
     for row in range(count):
-        way = math.sqrt(_square(position[row], position[row - 1])) if row > 0 else 0.0
-        off, k, new = _best(pieces, starts, position[row], at, s, s + way, reach, work)
+        if row > 0:
+            expected += math.sqrt(_square(position[row], position[row - 1]))
+        off, k, new = _best(pieces, starts, position[row], at, s, expected, reach, work)
         if off > reach * reach:
-            off, k, new = _best(pieces, starts, position[row], at, s, s + way, wide, work)
+            off, k, new = _best(pieces, starts, position[row], at, s, expected, wide, work)
         at, s = k, new
+        expected += TRUST * (s - expected)
         piece[row], place[row] = at, s
     return piece, place
 
@@ -333,13 +338,13 @@ def _distance_to(pieces: Array, row: int, x: Array, near: float, work: Array) ->
 def _best(
     pieces: Array, starts: Array, x: Array, at: int, s: float, expected: float, reach: float, work: Array
 ) -> tuple[float, int, float]:
-    """Squared distance, piece and place of the best place between s - reach and expected + reach."""
+    """Squared distance, piece and place of the best place from `reach` before to `reach` behind s and the expected."""
     last = pieces.shape[0] - 1
     least, best, best_piece, best_s = math.inf, math.inf, at, s
     k = at
-    while k > 0 and starts[k] > s - reach:
+    while k > 0 and starts[k] > min(s, expected) - reach:
         k -= 1
-    while k <= last and starts[k] <= expected + reach:
+    while k <= last and starts[k] <= max(s, expected) + reach:
         local = _closest_on_arc(pieces, k, x, expected - starts[k], 0.0, pieces[k, EXTENT], work)
         _put_on_arc(pieces, k, local, work)
         off = PREFERENCE * (starts[k] + local - expected)

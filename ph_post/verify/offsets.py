@@ -262,9 +262,13 @@ def _before_approach(case: VerifyCase, pairing: Pairing) -> BoolArray:
 def check_approaches(case: VerifyCase, pairing: Pairing) -> None:
     """Check that an approach takes up the whole backlash towards the side whose offset it leaves.
 
-    Z comes from above. What is only taken back needs nothing.
+    Z comes from above. What is only taken back needs nothing, nor what goes onto the other side first: of several
+    moves of an axis, one behind the other, the last counts.
     """
     motions, sides = case.compensated.motions, declared_sides(case.declared)
+    ways = np.abs(np.nan_to_num(motions.end - motions.start))
+    axes = ways.argmax(axis=1)
+    goes_on = np.append(pairing.approach[1:] & (axes[1:] == axes[:-1]), False)
     for motion in np.flatnonzero(pairing.approach).tolist():
         way = np.nan_to_num(motions.end[motion] - motions.start[motion])
         axis = int(np.argmax(np.abs(way)))
@@ -275,7 +279,7 @@ def check_approaches(case: VerifyCase, pairing: Pairing) -> None:
         taken = min(abs(left - way[axis] - value) for value in (low, 0.0, high)) <= EXACT
         if abs(left) <= EXACT and taken:
             continue
-        if way[axis] * side < high - low - EXACT:
+        if way[axis] * side < high - low - EXACT and not goes_on[motion]:
             case.findings.add(
                 "pulse",
                 f"the approach of {AXES[axis]} does not take up its backlash",

@@ -176,7 +176,8 @@ def _find_approaches(
 
     They may be `added` rapids themselves.
 
-    Where several axes have one, their moves follow one another.
+    Where several axes have one, their moves follow one another. An axis that the rapid does not name goes beyond its
+    place first, by a move of its own.
     """
     motions, found = case.compensated.motions, np.zeros(change.size, dtype=bool)
     partner = np.full(change.size, -1, dtype=np.int64)
@@ -190,18 +191,33 @@ def _find_approaches(
         straight = ((motions.kind[behind] == LINE) | added[behind]) & (change[behind] != NO_CHANGE)
         straight &= motions.chain[behind] == motions.chain[rapid]
         rapid, behind = rapid[straight], behind[straight]
-        way = np.abs(motions.end[behind] - motions.start[behind])
-        beside = motions.end[behind] - case.original.motions.end[partner[rapid]]
-        right = np.zeros(behind.size, dtype=bool)
-        for axis, sides in declared_sides(case.declared).items():
-            offset, pulse = declared_lengths(case.declared)[axis]
-            alone = np.all(np.nan_to_num(np.delete(way, axis, axis=1)) <= EXACT, axis=1)
-            there = np.min([np.abs(beside[:, axis] - value) for value in (0.0, *sides)], axis=0) <= EXACT
-            long = (way[:, axis] > EXACT) & (way[:, axis] <= max(sides[1] - sides[0], pulse + offset) + EXACT)
-            right |= alone & there & long
-        rapid, behind = rapid[right], behind[right]
+        right = _approaching(case, behind, partner[rapid])
+        back = np.minimum(behind + 1, change.size - 1)
+        goes_on = (back > behind) & ((motions.kind[back] == LINE) | added[back]) & (change[back] == change[behind])
+        out = _approaching(case, behind, partner[rapid], anywhere=True)
+        right |= np.where(goes_on[:, None], out & _approaching(case, back, partner[rapid]), False)
+        kept = right.any(axis=1)
+        rapid, behind = rapid[kept], behind[kept]
         found[behind] = True
     return found
+
+
+def _approaching(case: VerifyCase, behind: IntArray, rapid: IntArray, *, anywhere: bool = False) -> BoolArray:
+    """Mask (n, 3) of motions that move an axis alone, not too far, to where the original's `rapid` ends.
+
+    There it has one of the declared offsets; `anywhere` lets it end elsewhere.
+    """
+    motions = case.compensated.motions
+    way = np.abs(motions.end[behind] - motions.start[behind])
+    beside = motions.end[behind] - case.original.motions.end[rapid]
+    right = np.zeros((behind.size, len(AXES)), dtype=bool)
+    for axis, sides in declared_sides(case.declared).items():
+        offset, pulse = declared_lengths(case.declared)[axis]
+        alone = np.all(np.nan_to_num(np.delete(way, axis, axis=1)) <= EXACT, axis=1)
+        there = np.min([np.abs(beside[:, axis] - value) for value in (0.0, *sides)], axis=0) <= EXACT
+        long = (way[:, axis] > EXACT) & (way[:, axis] <= max(sides[1] - sides[0], pulse + offset) + EXACT)
+        right[:, axis] = alone & (there | anywhere) & long
+    return right
 
 
 def declared_sides(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:

@@ -119,13 +119,19 @@ class CutPath:
     def follow(self, command: Command) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m]."""
         position = self._in_space(command.axes, command.position)
-        return follow_path(self._pieces, self.starts, position, SLACK + GAPS * float(self.gaps(command).max()), WIDE)
+        return follow_path(self._pieces, self.starts, position, self._reach(command.axes, command.position), WIDE)
 
     def gaps(self, command: Command) -> Array:
         """Return the largest backlash of each axis of a command [m]."""
-        drives = [self._machine.axes[name] for name in command.axes]
-        pairs = zip(drives, command.position.T, strict=True)
-        return np.array([float(gaps_of(axis, column).max()) for axis, column in pairs])
+        return self._gaps(command.axes, command.position)
+
+    def _gaps(self, axes: Sequence[str], position: Array) -> Array:
+        pairs = zip(axes, position.T, strict=True)
+        return np.array([float(gaps_of(self._machine.axes[name], column).max()) for name, column in pairs])
+
+    def _reach(self, axes: Sequence[str], position: Array) -> float:
+        """Return how far before and behind a place of the path what belongs to it may be [m]."""
+        return SLACK + GAPS * float(self._gaps(axes, position).max())
 
     def cuts(self, leg: IntArray, place: Array, command: Command, moved_by: PartProgram | None) -> BoolArray:
         """Return in which rows the tool cuts, from the leg of every row and its place [m].
@@ -157,9 +163,9 @@ class CutPath:
     def closest_points(self, run: Run, place: Array) -> tuple[Array, Array]:
         """Return the distance of the table from the path in every row of a run [m], and the places along it [m]."""
         executed = self._in_space(run.axes, run.executed)
-        # In a corner an offset puts the command's place onto the next line as much earlier.
-        ahead = GAPS * max(self._machine.axes[name].gap.lost_motion for name in run.axes)
-        return closest_within(self._pieces, self.starts, executed, place, SLACK + ahead + self._lag(run))
+        # In a corner an offset puts the command's place onto the next line earlier.
+        reach = self._reach(run.axes, run.commanded) + self._lag(run)
+        return closest_within(self._pieces, self.starts, executed, place, reach)
 
     def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
         """Points at places (n,) along the program [m], shape (n, axes) [m]."""
@@ -363,7 +369,9 @@ def program_gap_error(
     Two motions have no part of backlash: that of the original program on a machine without any, at the same place
     of the path, and that along the exact path as fast as this command follows it. Between them lie the lag of the
     drives and the rounding of joints. The distance of the table, as a vector from the path, to what lies between
-    them is what backlash adds. Nothing has to be known of what a compensation did to the program.
+    them is what backlash adds; it is no more than the distance between the table and that of the second motion at the
+    same time, as where the path turns sharply two points may be next to different parts of it. Nothing has to be known
+    of what a compensation did to the program.
 
     Parameters
     ----------
@@ -383,25 +391,26 @@ def program_gap_error(
     plain = moved if original is command else moving_axes(original)
     place = found.place if original is command else path.follow(plain)[1]
 
-    def from_path(rows: Command, scenario: Scenario, at: Array) -> tuple[Array, Array]:
+    def from_path(rows: Command, scenario: Scenario, at: Array) -> tuple[Array, Array, Array]:
         run = simulate(rows, machine, scenario)
         _, places = path.closest_points(run, at)
         away = np.zeros((len(places), len(AXES)))
         away[:, [AXES.index(name) for name in run.axes]] = run.executed - path.points(places, run.axes)
-        return away, places
+        return away, places, run.executed
 
-    def free(scenario: Scenario) -> tuple[Array, tuple[Array, Array]]:
-        return from_path(exact, scenario, found.place)[0], from_path(plain, scenario, place)
+    def free(scenario: Scenario) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
+        return from_path(exact, scenario, found.place), from_path(plain, scenario, place)
 
     gapless = tuple(dict.fromkeys(replace(one, gap=0.0) for one in tried))
     without = dict(zip(gapless, run_scenarios(free, gapless), strict=True))
 
     def added(scenario: Scenario) -> ContourError | None:
-        away, places = from_path(moved, scenario, found.place)
-        own, (theirs, along) = without[replace(scenario, gap=0.0)]
+        away, places, table = from_path(moved, scenario, found.place)
+        (own, _, paced), (theirs, along, _) = without[replace(scenario, gap=0.0)]
         if original is not command:
             theirs = _at_places(places, along, theirs)
-        return contour_error(_distance_to_segment(away, own, theirs)[found.counted])
+        apart = np.linalg.norm(table - paced, axis=1)
+        return contour_error(np.minimum(_distance_to_segment(away, own, theirs), apart)[found.counted])
 
     return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
 

@@ -1,0 +1,21 @@
+"""A sample of the random part programs of `tests/long/programs.py`, whose full run is summed up in `programs.json`."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from long.programs import ALLOWED, PROGRAMS, described, judge
+from support.amount import ALL, sample
+from support.random_cuts import NAMES, random_cut
+
+KINDS = [NAMES[number % len(NAMES)] for number in range(PROGRAMS)]
+NUMBERS = sample(KINDS, 1)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_no_program_is_worse_or_slower_than_allowed_and_every_claim_is_true(number: int) -> None:
+    for one in judge(random_cut(number), ALLOWED if os.environ.get(ALL) else ALLOWED[::4]):
+        assert one.in_time, described(one)
+        assert one.no_worse, described(one)
+        assert not one.off, described(one)
