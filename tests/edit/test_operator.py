@@ -129,7 +129,7 @@ def errors(text: str, case: Case, override: float, stops: str) -> tuple[float, f
 
 
 STATED = {
-    0.0: ((1, 1, 1, 1), (1, 1)),
+    0.0: ((1.2, 1.2, 1.2, 1.2), (1.2, 1.2)),
     0.010: ((5, 2, 3, 5), (9, 6)),
     0.025: ((8, 5, 10, 15), (21, 12)),
 }
