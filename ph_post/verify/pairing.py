@@ -71,7 +71,7 @@ def pair_motions(case: VerifyCase, dwells: Dwells) -> Pairing | None:
     jog |= approach
     named = np.append(case.lines.changes.crossed, False)
     crossed = named[new_change] & (other.kind != RAPID) & ~approach
-    last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed)
+    last_old, last_new, alone, closing = _crossed_ends(one, other, old_change, new_change, crossed, approach)
     ends = np.append(old.astype(np.int64), last_old), np.append(new.astype(np.int64), last_new)
     before, after = _follow_shifts(one, other, ends, (jog & ~crossed) | alone, new)
     case.findings.count("motions", other.block.size)
@@ -229,14 +229,19 @@ def declared_sides(declared: DeclaredChanges) -> dict[int, tuple[float, float]]:
 
 
 def _crossed_ends(
-    one: Motions, other: Motions, old_change: PlaceArray, new_change: PlaceArray, crossed: BoolArray
+    one: Motions,
+    other: Motions,
+    old_change: PlaceArray,
+    new_change: PlaceArray,
+    crossed: BoolArray,
+    approach: BoolArray,
 ) -> tuple[IntArray, IntArray, BoolArray, BoolArray]:
     """Last motions of the stretches in changes with crossings, in pairs.
 
     Returns masks as well of the motions that replace none, and of all last motions.
     """
     old_key, old = _keys(one.kind, old_change, np.zeros(old_change.size, dtype=bool))
-    new_key, new = _keys(other.kind, new_change, ~crossed)
+    new_key, new = _keys(other.kind, new_change, ~crossed, approach)
     old_last, new_last = (np.append(key[1:] != key[:-1], True)[: key.size] for key in (old_key, new_key))
     _, left, right = np.intersect1d(old_key[old_last], new_key[new_last], return_indices=True)
     alone, closing = np.zeros(new_change.size, dtype=bool), np.zeros(new_change.size, dtype=bool)
@@ -403,7 +408,7 @@ def find_stretches(original: Motions, compensated: Motions, pairing: Pairing) ->
     """Find all stretches."""
     nothing = np.zeros((original.kind.size, 3))
     old_key, old = _keys(original.kind, pairing.old_change, np.zeros(original.kind.size, dtype=bool))
-    new_key, new = _keys(compensated.kind, pairing.new_change, pairing.left_out)
+    new_key, new = _keys(compensated.kind, pairing.new_change, pairing.left_out, pairing.approach)
     keys = np.union1d(old_key, new_key)
     return Stretches(
         change=keys // _RANK,
@@ -416,9 +421,14 @@ def _side(motions: Motions, which: IntArray, first: IntArray, shift: Array) -> S
     return StretchSide(motion=which, first=first, length=motion_lengths(motions, which), shift=shift[which])
 
 
-def _keys(kind: CodeArray, change: PlaceArray, without: BoolArray) -> tuple[IntArray, IntArray]:
-    """Change and number of rapids before it there, as one number, of the motions that cut in changes."""
-    rapids = np.cumsum((kind == RAPID) & ~without)
+def _keys(
+    kind: CodeArray, change: PlaceArray, without: BoolArray, approach: BoolArray | None = None
+) -> tuple[IntArray, IntArray]:
+    """Change and number of rapids before it there, as one number, of the motions that cut in changes.
+
+    Rapids that only `approach` do not count.
+    """
+    rapids = np.cumsum((kind == RAPID) if approach is None else (kind == RAPID) & ~approach)
     which = np.flatnonzero((change != NO_CHANGE) & (kind != RAPID) & ~without)
     begins = np.append(True, change[1:] != change[:-1])[: change.size]
     start = np.maximum.accumulate(np.where(begins, np.arange(change.size), 0))[which]
