@@ -4,6 +4,8 @@ A table of the tests' own follows the joint commands behind its backlash, and be
 plain program, LinuxCNC's own BACKLASH, stops with a dwell at each reversal, and crossings on the fly.
 
     python -m tests.long.crossings --out tests/long/crossings.json
+
+All of it takes an hour or two; `crossings.json` names what it tried.
 """
 
 from __future__ import annotations
@@ -159,6 +161,10 @@ def every(settings: list[Setting], cuts: tuple[Cut, ...]) -> list[dict[str, Any]
     return rows
 
 
+def takes_long(cut: Cut) -> bool:
+    return (cut.feed < 3000 and cut.radius == 100) or (cut.feed < 1200 and cut.shape != "circle")
+
+
 def stopped(setting: Setting, cuts: tuple[Cut, ...]) -> list[dict[str, Any]]:
     """Measure circles with a stop at each reversal."""
     found = []
@@ -200,10 +206,11 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--push", type=float, nargs="*")
+    parser.add_argument("--settings", type=int, nargs="*", help="numbers from 0; all without")
+    parser.add_argument("--short", action="store_true", help="without R 100 and shapes at low feeds")
     asked = parser.parse_args()
-    settings = [one for one in SETTINGS if asked.push is None or one.push in asked.push]
-    rows = every(settings, CUTS)
+    settings = [one for number, one in enumerate(SETTINGS) if asked.settings is None or number in asked.settings]
+    rows = every(settings, tuple(cut for cut in CUTS if not (asked.short and takes_long(cut))))
     table = tuple(cut for cut in CUTS if cut.shape == "circle" and cut.left and cut.feed > 600 and cut.radius < 100)
     stops = stopped(Setting(0.05, 500), table)
     lines = ",\n  ".join(json.dumps(row) for row in rows)
