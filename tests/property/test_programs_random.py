@@ -1,4 +1,4 @@
-"""A sample of the random part programs of `tests/long/programs.py`, whose full run is summed up in `programs.json`."""
+"""A sample of the random part programs of `tests/long/programs.py`; `programs.json` sums up what was run last."""
 
 from __future__ import annotations
 
