@@ -121,13 +121,6 @@ class Number(click.FloatRange):
 
 positive = Number(min=0.0, min_open=True)
 
-
-class Part(Number):
-    """A part of a whole, of which 1 is all."""
-
-    name = "fraction (0.1 is 10 %)"
-
-
 tolerance = click.option(
     "--tolerance",
     type=positive,
@@ -276,11 +269,11 @@ _PLANNING = (
     click.option("--min-feed", type=positive, metavar="MM/MIN", help="Lowest feed while cutting."),
     click.option(
         "--max-slowdown",
-        type=Part(min=0.0),
+        type=Number(min=0.0),
         default=0.1,
         show_default=True,
         metavar="FRACTION",
-        help="Largest relative increase of the cycle time, for which dips are softened; not with --ratio.",
+        help="Largest relative increase of the cycle time, 0.1 for 10 %, for which dips are softened; not with --ratio.",
     ),
     click.option("--feed-only", is_flag=True, help="Change feeds only, not the positions of the path."),
     click.option("--no-inverse-dynamics", is_flag=True, help="Do not command the path ahead by the lag of the servos."),

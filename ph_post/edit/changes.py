@@ -342,11 +342,13 @@ class ChangeWriter:
         self._rest(stop.pause)
         # Each sum is rounded, not each step: what is out and back again then comes back.
         base, moved = offset.copy(), np.zeros(3)
+        # Where rapids take the feed in force and none is known yet, nothing could set it back behind a jog.
+        rapid = stop.rapid or (self._dialect.syntax.rapid_feed and self._feeds.after(words.block) is None)
         for shift in stop.shifts:
             axis = AXES.index(shift.axis)
             moved[axis] += shift.travel
             offset[axis] = base[axis] + round(moved[axis] / step)
-            if stop.rapid:
+            if rapid:
                 self._mode = "G0"
                 lines.append(self._joined("G0", words.jog(axis, offset, share)))
                 self._rest(shift.pause)

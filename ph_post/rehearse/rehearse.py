@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.dialects.declaration import mark_text
 from ph_post.drive.axes import referred_to_middle
@@ -17,7 +18,13 @@ from ph_post.progress import Progress, no_progress
 from ph_post.rehearse.linuxcnc import TIME_LIMIT, PlannerRecording, run_on_linuxcnc
 from ph_post.simulate.assess import backlash_scenarios
 from ph_post.simulate.contour import ContourError
-from ph_post.simulate.controllers.deviation import CutPath, ProgramError, program_error, program_gap_error
+from ph_post.simulate.controllers.deviation import (
+    CutPath,
+    ProgramError,
+    moving_axes,
+    program_error,
+    program_gap_error,
+)
 from ph_post.simulate.controllers.run import run_program, tolerances
 from ph_post.simulate.controllers.unknown import rows_before, unknown_lines
 from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, Scenario, frozen, sealed
@@ -31,6 +38,10 @@ NEAR: Final = 0.1
 
 GRID: Final = 5e-6
 """Speeds are compared at places so far apart [m]."""
+
+
+JOINT: Final = 1e-6
+"""A place that is no farther [m] behind a joint is at it: LinuxCNC's positions are rounded."""
 
 
 class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -140,10 +151,11 @@ def rehearse(
     def execute(which: PartProgram, own: Mapping[str, float]) -> tuple[Execution, PlannerRecording]:
         progress(f"running {which.name} on LinuxCNC" + (" with its own compensation" if own else ""))
         recording = run_on_linuxcnc(which.data, which.name, machine, backlash=own, limit=limit, progress=progress)
-        command = _without_waits(command_of(recording, machine), which)
+        command = _of_motions(_without_waits(command_of(recording, machine), which), which, machine)
         # The controller's own compensation acts while the zero is taken too: it is that of the middle.
         referred = referred_to_middle(machine) if own else machine
-        return Execution(command=command, error=program_error(command, referred, target, recorded=True)), recording
+        error = program_error(command, referred, target, recorded=True, moved_by=which)
+        return Execution(command=command, error=error), recording
 
     progress("planning")
     planned = run_program(program, machine, RoundedPath())
@@ -219,6 +231,15 @@ def _without_waits(command: Command, program: PartProgram) -> Command:
     for begin, end in zip(begins[longest], ends[longest], strict=True):
         kept[begin:end] = False
     return _command(command.position[kept], command.axes, command.period)
+
+
+def _of_motions(command: Command, program: PartProgram, machine: Machine) -> Command:
+    """Name the program's motion that every row belongs to: approaches are known by it, which do not cut."""
+    path = CutPath(program, machine)
+    leg, place = path.follow(moving_axes(command))
+    # While it rests at a joint it is still at the motion before.
+    leg = np.where((place <= path.starts[leg] + JOINT) & (leg > 0), leg - 1, leg)
+    return replace(command, segment=path.legs.motion[leg].astype(np.int64))
 
 
 def _path(

@@ -285,3 +285,23 @@ def test_dips_are_written_in_marlin_s_words_and_never_into_extrusion(
         assert len(trip.feeds) > 20
         assert trip.ends[-1].tolist() == [60.0, 60.0, 5.0]
         assert all(abs(a - b) < 2e-4 for a, b in trip.arcs)
+
+
+@pytest.mark.parametrize("dialect", PRINTERS)
+def test_rapids_before_any_feed_keep_the_feed_of_the_firmware(dialect: str) -> None:
+    """G0 goes at the F in force there: that of a jog before it would have it crawl, and none could be set back."""
+    lines = ["G21", "G90", "G0 X3 Y-16 Z5", "G0 X-6 Y3", "G0 Z1", "G1 Z-1 F120", *["G2 X-6 Y3 I2.5 J-1.8 F1200"] * 2]
+    text = "\n".join([*lines, "G0 Z5", ""])
+    found = compensate(text.encode(), printer(), dialect=dialect, max_slowdown=ENOUGH)
+    written = found.text.decode()
+    assert "approach" in written
+    force = "none"
+    rapids = []
+    for line in written.splitlines():
+        words = line.partition(";")[0]
+        if word := re.search(r"F([\d.]+)", words):
+            force = word[1]
+        if words.startswith("G0"):
+            rapids.append(force)
+    assert set(rapids[:-1]) == {"none"}
+    assert rapids[-1] == "1200"

@@ -69,12 +69,13 @@ def test_a_circle_is_left_proud_on_the_side_of_the_part(
     # G3 has its centre on the left.
     inside = (code == 3) == (side == "left")
     into, proud = (-off.min(), off.max()) if inside else (off.max(), -off.min())
-    step = 1e-6 if dialect == "linuxcnc" else 1e-4
+    step = 1e-4
     declared = float(re.search(r"within ([\d.]+) mm", changed)[1])
     # The tangents are those of a parabola in place of the circle.
     assert into <= 0.02 * declared + 3.0 * step
     assert 2.0 * into < proud <= declared + 3.0 * step
-    assert declared < 3.0e-3
+    # On the small circle, where LinuxCNC gets blocks in steps.
+    assert declared < 3.3e-3
     assert verify(made.program, reread(made.program, made.text), machine=machine(dialect), tolerance=5e-6).ok
     # Without a side crossings of Grbl on a small circle, which dip, are off to both sides.
     plain = signed(compensate(text.encode(), machine(dialect), dialect=dialect).text.decode(), radius, plane)
