@@ -273,7 +273,7 @@ _PLANNING = (
         default=0.1,
         show_default=True,
         metavar="FRACTION",
-        help="Largest relative increase of the cycle time, 0.1 for 10 %, for which dips are softened; not with --ratio.",
+        help="Largest increase of the cycle time (0.1 is 10 %), for which dips are softened; not with --ratio.",
     ),
     click.option("--feed-only", is_flag=True, help="Change feeds only, not the positions of the path."),
     click.option("--no-inverse-dynamics", is_flag=True, help="Do not command the path ahead by the lag of the servos."),
