@@ -15,21 +15,21 @@ from ph_post.dialects.base import Dialect
 from ph_post.dialects.planners import planner_of
 from ph_post.edit.beams import BeamGuard
 from ph_post.edit.block_words import words_by_letter
-from ph_post.edit.crossings import (
-    ERROR,
+from ph_post.edit.crossing_shapes import (
+    AT_SPEED,
     INWARD,
-    KINK,
     OUTWARD,
-    SETTLING,
     SHORT_LAG,
-    SHORTEST,
-    CrossingPlace,
-    CrossingPlanner,
+    TURNING,
     CrossingShape,
     crossing_shape,
+    fastest_in_arcs,
     find_windows,
     points_along,
+    shape_in_steps,
+    shortest_time,
 )
+from ph_post.edit.crossings import ERROR, KINK, SETTLING, SHORTEST, CrossingPlace, CrossingPlanner
 from ph_post.edit.edits import CrossingEdit, OffsetShift, StopEdit
 from ph_post.edit.positions import Restart
 from ph_post.edit.preconditions import why_kept_whole
@@ -50,37 +50,16 @@ from ph_post.edit.reversals import (
 )
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
-from ph_post.simulate.controllers.junctions import junction_speed
-from ph_post.simulate.controllers.legs import ACROSS
-from ph_post.simulate.controllers.run import limit_table, tolerances
+from ph_post.simulate.controllers.run import tolerances
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
 
 APPROACH: Final = 2.0
 """An axis whose side of the backlash is not known approaches its place from this many lost motions before it."""
 
-RAMPS: Final = math.sqrt(2.0)
-"""A controller that rounds the joints of a crossing in t with the axis' acceleration a takes g/(a t) for each; with
-t = √(2 g/a) the table waits for 1.8 √(g/a), and no joint is sharper than the controller passes."""
-
-ROUNDED: Final = 1.0
-"""Part of that rounding for which the table waits beyond t (seen on LinuxCNC)."""
-
-STEPS: Final = 3
-"""Steps in which a motor's slope changes where a controller rounds the joints: of smaller kinks it takes more speed."""
-
-TURNING: Final = 0.75
-"""Part of an axis' acceleration that it takes across the path in rounded joints: LinuxCNC gives √3/2 of it."""
-
-WAITING: Final = 2.4
-"""Time in √(g/a) for which the table waits in a crossing in steps, 2 √(g/a) being the least (seen on LinuxCNC)."""
-
 STEPS_ERROR: Final = 1.25e-3 * MM
 """As :data:`ERROR`, of crossings in steps: a controller that rounds joints slows down with half of the acceleration in
 arcs, so that less error takes much time."""
-
-LEAST_PERIODS: Final = 2.5
-"""Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
 
 CLEAR: Final = 1.5
 """Times the shortest block: what a crossing leaves at least between itself and a corner that is rounded."""
@@ -88,22 +67,8 @@ CLEAR: Final = 1.5
 BLEND_ANGLE: Final = math.radians(20.0)
 """Corners duller than this reach no farther into the path than this one when they are rounded."""
 
-LEAST_WAY: Final = 0.25
-LONGEST_WAY: Final = 400.0
-WAYS: Final = 200
-"""Lengths of a crossing that are tried, in lost motions."""
-
 NEARLY: Final = 0.999
 """Part of a length that is as good as all of it."""
-
-SHARPER: Final = 1.2
-"""The joints of a crossing are sharper than its own direction by this, as the path comes in on a tangent."""
-
-LONG: Final = 0.01
-"""Length of the block before a crossing [m]."""
-
-AT_SPEED: Final = 0.98
-"""Part of the feed that counts as full."""
 
 LEAST_FEED: Final = 1e-4
 """Feeds below this [m/s] are reckoned as this."""
@@ -125,8 +90,9 @@ class Spots(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `rows` of :func:`~ph_post.edit.reversals.find_reversals`; `column` of the axis; `before` its sign ahead of the
     change; `first` of its chain; `at` the place along the program [m]; `rest` (n, 2) and `bound` (n, 2) [m]; `feed`
-    [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of :func:`~ph_post.edit.crossings.find_windows`;
-    `calm` where the axis rests long enough for a crossing at full speed, `blend` (n,) [m] from its corners.
+    [m/s]; `jog` where the shift is a move of its own; `window` (n, 5) of
+    :func:`~ph_post.edit.crossing_shapes.find_windows`; `calm` where the axis rests long enough for a crossing at full
+    speed, `blend` (n,) [m] from its corners.
     """
 
     rows: Array
@@ -191,7 +157,7 @@ class CrossingSearch:
         length = np.diff(self._along)
         self._feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
         if not isinstance(self._planner, ExactPath):
-            self._feed = np.minimum(self._feed, _fastest_in_arcs(program, machine))
+            self._feed = np.minimum(self._feed, fastest_in_arcs(program, machine))
         self._view = motion_view(program.motions)
         self._way = np.nan_to_num(program.motions.end - program.motions.start)
         turning = np.zeros(self._way.shape, dtype=np.bool_)
@@ -229,7 +195,9 @@ class CrossingSearch:
             first, rounding = 2.0 * math.sqrt(axis.gap.lost_motion / axis.limits.acceleration), 0.0
         first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self._machine.servo_period)
         shape = crossing_shape(axis, first, rounding)
-        return shape if isinstance(self._planner, ExactPath) else _in_steps(shape, axis, self._machine.servo_period)
+        return (
+            shape if isinstance(self._planner, ExactPath) else shape_in_steps(shape, axis, self._machine.servo_period)
+        )
 
     def moves(self, column: int, low: int, high: int) -> IntArray:
         """Return which motions from `low` to before `high` move an axis."""
@@ -654,57 +622,6 @@ class CrossingSearch:
             ),
             beyond,
         )
-
-
-def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, float]:
-    """Return the shortest time of a crossing that a controller's planner passes at speed, and how long it rounds [s].
-
-    Parameters
-    ----------
-    machine : Machine
-    axis : Axis
-        That crosses its backlash, at a right angle to the path.
-    feed : float
-        Of the path [m/s].
-    """
-    lost, push = axis.gap.lost_motion, axis.limits.acceleration
-    if not isinstance(planner_of(machine), ExactPath):
-        first = RAMPS * math.sqrt(lost / push)
-        return first, ROUNDED * lost / (push * first)
-    way = np.geomspace(LEAST_WAY * lost, LONGEST_WAY * lost, WAYS)
-    column = AXES.index(axis.name)
-    before, after = np.zeros((WAYS, 3)), np.zeros((WAYS, 3))
-    before[:, 1 if column == 0 else 0] = 1.0
-    after[:, 1 if column == 0 else 0], after[:, column] = way, SHARPER * lost
-    after /= np.linalg.norm(after, axis=1)[:, None]
-    passed = junction_speed(machine, before, after, LONG, way, feed=feed) >= AT_SPEED * feed
-    if not passed.any():
-        return math.inf, 0.0
-    return float(way[np.argmax(passed)]) / feed, 0.0
-
-
-def _fastest_in_arcs(program: PartProgram, machine: Machine) -> Array:
-    """Return the speed that LinuxCNC keeps to in each motion for its acceleration across it [m/s], shape (m,)."""
-    motions = program.motions
-    found = np.full(motions.kind.size, math.inf)
-    arcs = np.flatnonzero(motions.kind == ARC)
-    if arcs.size:
-        planes = plane_columns(motions.plane[arcs])[:, :2]
-        radius = np.linalg.norm(np.take_along_axis(motions.start[arcs], planes, 1) - motions.center[arcs], axis=1)
-        push = limit_table(machine)[planes, 1].min(axis=1)
-        found[arcs] = np.sqrt(ACROSS * push * np.nan_to_num(radius, nan=math.inf))
-    return found
-
-
-def _in_steps(shape: CrossingShape, axis: Axis, period: float) -> CrossingShape:
-    """Return a crossing in :data:`STEPS` steps, where its blocks last long enough for two or more."""
-    lost, push = axis.gap.lost_motion, axis.limits.acceleration
-    ramp, least = math.sqrt(lost / (TURNING * push)), LEAST_PERIODS * period
-    steps = min(STEPS, int(ramp / least))
-    if steps < 2 or shape.beyond > 0.0 or shape.first > RAMPS * math.sqrt(lost / push):
-        return shape
-    wait = WAITING * math.sqrt(lost / push)
-    return replace(shape, wait=wait, steps=steps, span=(2.0 - 1.0 / steps) * ramp, least=least)
 
 
 def _regions(program: PartProgram) -> IntArray:

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from support.reference_player import play
 
 from ph_post.drive.machinefile import read_machine
-from ph_post.edit.crossings import OUTER, RESIDUE, crossing_shape, stair
+from ph_post.edit.crossing_shapes import OUTER, RESIDUE, crossing_shape, stair
 from ph_post.types import Axis
 
 GAP = 0.05

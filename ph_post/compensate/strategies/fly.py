@@ -1,8 +1,8 @@
 """Cross backlash on the fly: the offset changes around each reversal without a stop.
 
 The feed is left alone, or dips where the curvature asks for it, as the table waits in its backlash while the motor
-crosses it: v² g / (4 a R) from the path at best, see :mod:`ph_post.edit.crossings`. For axes whose backlash is outside
-the loop. A table changes the offset smoothly; in a part program straight blocks do it.
+crosses it: v² g / (4 a R) from the path at best, see :mod:`ph_post.edit.crossing_shapes`. For axes whose backlash is
+outside the loop. A table changes the offset smoothly; in a part program straight blocks do it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,365 @@
+"""The shapes of crossings on the fly: where they begin and end, how long they last, and how fast the path passes.
+
+An axis that turns back is nearly at rest for a moment. Meanwhile its motor crosses the backlash g, the path goes on,
+and the table waits. In the time T that the crossing takes the path covers v T. A chord from the place v T/2 before the
+reversal to the place v T/2 behind it, on which the offset changes from one side to the other, leaves the table
+(v T)²/8 R towards the centre of curvature at most (one-sided). With the table out of the path by e at both ends of the
+chord it is e within the path at the reversal: half as much (balanced), e = (v T)²/16 R over the half length
+h = 2 √(R e); the table leaves the path, and comes back to it, on tangents, which touch it (2 + √2) √(R e) before and
+behind the reversal. Where the part lies on the side of the centre, a crossing that leaves it proud bulges by all of
+(v T)²/8 R and is on the path at the reversal (outward): its tangents touch 2 h before and behind. Where it lies on the
+other side, the one-sided crossing leaves it proud. Where e is more than is allowed the path slows down to
+v_c = (4/T) √(R e), of which the others than the balanced one have the √2nd part. R is not needed here:
+how far the axis is from its turning point is read off the path.
+
+With the loop closed at the motor, the motor follows the command with the lag c. A command that crosses in t, goes
+beyond by the part k of the backlash and comes back in t has the motor arrive at 2 t exactly where b = 0 and
+k = 1/(exp(t/c) - 1); the table waits for 2 t in place of at most t + c ln(g/r), after which r of a plain crossing is
+left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.compiling import compiled, inner
+from ph_post.dialects.planners import planner_of
+from ph_post.gcode.program import ARC, AXES, CUBIC, PartProgram, plane_columns
+from ph_post.simulate.controllers.junctions import junction_speed
+from ph_post.simulate.controllers.legs import ACROSS
+from ph_post.simulate.controllers.run import limit_table
+from ph_post.types import Array, Axis, ExactPath, Machine
+from ph_post.units import MM
+
+TIGHT: Final = 5.0 * MM
+"""Below this radius of curvature [m] more error is allowed, up to :data:`TIGHTER` times, as the path slows down far."""
+
+TIGHTER: Final = 1.7
+
+BEYOND: Final = 0.4
+"""Part of the backlash by which a crossing goes beyond: with the feed held there the error is no larger than the plain
+program's."""
+
+SHORT_LAG: Final = 1e-3
+"""Lags below this [s] are those of a stepper."""
+
+TRIALS: Final = 60
+"""Durations of a crossing that are tried behind a lag."""
+
+RESIDUE: Final = 0.5e-3 * MM
+"""Rest of a crossing [m] at which it counts as done where the motor lags behind."""
+
+OUTER: Final = (2.0 + math.sqrt(2.0)) / 2.0
+"""A balanced crossing begins and ends at this many times the half length of its chord."""
+
+RAMPS: Final = math.sqrt(2.0)
+"""A controller that rounds the joints of a crossing in t with the axis' acceleration a takes g/(a t) for each; with
+t = √(2 g/a) the table waits for 1.8 √(g/a), and no joint is sharper than the controller passes."""
+
+ROUNDED: Final = 1.0
+"""Part of that rounding for which the table waits beyond t (seen on LinuxCNC)."""
+
+STEPS: Final = 3
+"""Steps in which a motor's slope changes where a controller rounds the joints: of smaller kinks it takes more speed."""
+
+TURNING: Final = 0.75
+"""Part of an axis' acceleration that it takes across the path in rounded joints: LinuxCNC gives √3/2 of it."""
+
+WAITING: Final = 2.4
+"""Time in √(g/a) for which the table waits in a crossing in steps, 2 √(g/a) being the least (seen on LinuxCNC)."""
+
+LEAST_PERIODS: Final = 2.5
+"""Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
+
+LEAST_WAY: Final = 0.25
+
+LONGEST_WAY: Final = 400.0
+
+WAYS: Final = 200
+"""Lengths of a crossing that are tried, in lost motions."""
+
+SHARPER: Final = 1.2
+"""The joints of a crossing are sharper than its own direction by this, as the path comes in on a tangent."""
+
+LONG: Final = 0.01
+"""Length of the block before a crossing [m]."""
+
+AT_SPEED: Final = 0.98
+"""Part of the feed that counts as full."""
+
+
+@inner
+def _coordinate(view: Any, along: Any, s: float, axis: int) -> float:
+    """Position of an axis at a place along the program [m]."""
+    kind, start, end, plane, center, angle, row, control = view
+    k = min(max(int(np.searchsorted(along, s, side="right")) - 1, 0), int(kind.size) - 1)
+    length = along[k + 1] - along[k]
+    share = min(max((s - along[k]) / length, 0.0), 1.0) if length > 0.0 else 0.0
+    if kind[k] == ARC and axis != plane[k, 2]:
+        x = start[k, plane[k, 0]] - center[k, 0]
+        y = start[k, plane[k, 1]] - center[k, 1]
+        turned = math.atan2(y, x) + share * angle[k]
+        if axis == plane[k, 0]:
+            return float(center[k, 0] + math.hypot(x, y) * math.cos(turned))
+        return float(center[k, 1] + math.hypot(x, y) * math.sin(turned))
+    if kind[k] == CUBIC:
+        p, v = control[row[k], :, axis], 1.0 - share
+        return float(v**3 * p[0] + 3 * v * v * share * p[1] + 3 * v * share**2 * p[2] + share**3 * p[3])
+    return float(start[k, axis] + share * (end[k, axis] - start[k, axis]))
+
+
+@inner
+def _depth(view: Any, along: Any, axis: int, sign: float, level: float, low: float, high: float) -> float:
+    """Return how far the axis is from its turning point at the farther of two places [m]; never negative."""
+    one = (_coordinate(view, along, low, axis) - level) * sign
+    other = (_coordinate(view, along, high, axis) - level) * sign
+    return max(one, other, 0.0)
+
+
+@compiled
+def points_along(view: Any, along: Any, s: Any) -> Any:
+    """Return the points of a program at places along it (n,) [m], shape (n, 3) [m]; 0 where an axis is not known."""
+    points = np.empty((s.size, 3))
+    for n in range(s.size):
+        for axis in range(3):
+            x = _coordinate(view, along, s[n], axis)
+            points[n, axis] = 0.0 if math.isnan(x) else x
+    return points
+
+
+INWARD: Final = 3
+
+
+BALANCED: Final = 1
+
+
+OUTWARD: Final = 2
+"""Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward."""
+
+SOONEST: Final = 0.7
+"""Part of a crossing's time that is left at least where the axis moves already at its end."""
+
+HALVINGS: Final = 40
+"""Halvings of the speed by which the fastest one within the error is found."""
+
+
+@compiled
+def find_windows(
+    view: Any,
+    along: Any,
+    axis: Any,
+    sign: Any,
+    rest: Any,
+    bound: Any,
+    wait: Any,
+    feed: Any,
+    error: Any,
+    kind: Any,
+    push: Any,
+) -> Any:
+    """Find the window of every crossing: the stretch in which the table waits, and the speed of the path there.
+
+    Parameters
+    ----------
+    view : tuple
+        Of :func:`~ph_post.edit.reversals.motion_view`.
+    along : Array, shape (m + 1,)
+        Of :func:`~ph_post.gcode.motion_parts.places_along`.
+    axis, sign : arrays, shape (n,)
+        Axis that turns, and its new direction.
+    rest : Array, shape (n, 2)
+        Places between which it rests, the same where it turns at once.
+    bound : Array, shape (n, 2)
+        Places that the crossing may not leave.
+    wait, feed, error : Array, shape (n,)
+        Time of the crossing [s], speed of the path [m/s], largest error [m].
+    kind : array, shape (n,)
+        :data:`OUTWARD` or :data:`INWARD` where the table is to be on that side of the path if there is room, else 0.
+    push : Array, shape (n,)
+        Acceleration [m/s²] with which the motor comes down to the speed that its axis has at the end of the window,
+        which takes it less time than to come to rest; infinite where that does not count.
+
+    Returns
+    -------
+    Array, shape (n, 5)
+        Begin and end of the window, speed [m/s], error [m], and the kind: :data:`INWARD`, :data:`BALANCED` or
+        :data:`OUTWARD`; a speed of 0 where no window keeps the error.
+    """
+    found = np.zeros((axis.size, 5))
+    for n in range(axis.size):
+        level = _coordinate(view, along, rest[n, 0], axis[n])
+        lasts = rest[n, 1] - rest[n, 0]
+        low, high, allowed = 0.0, feed[n], error[n]
+        for step in range(HALVINGS + 1):
+            speed = high if step == 0 else 0.5 * (low + high)
+            more = max(0.5 * (speed * wait[n] - lasts), 0.0)
+            begin, finish = rest[n, 0] - more, rest[n, 1] + more
+            inside = begin >= bound[n, 0] and finish <= bound[n, 1]
+            deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish) if inside else math.inf
+            if 0.0 < deep < math.inf and more > 0.0 and push[n] < math.inf:
+                sooner = 2.0 * deep / more * speed / push[n]
+                more = max(0.5 * (speed * max(wait[n] - sooner, SOONEST * wait[n]) - lasts), 0.0)
+                begin, finish = rest[n, 0] - more, rest[n, 1] + more
+                deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish)
+            out = (OUTER - 1.0) * more
+            room = more > 0.0 and begin - out >= bound[n, 0] and finish + out <= bound[n, 1]
+            if step == 0 and 0.0 < deep < math.inf:
+                radius = (finish - begin) ** 2 / (8.0 * deep)
+                allowed *= min(max(TIGHT / radius, 1.0), TIGHTER)
+            outside = more > 0.0 and begin - more >= bound[n, 0] and finish + more <= bound[n, 1]
+            how = INWARD if not room or deep <= 0.5 * allowed or kind[n] == INWARD else BALANCED
+            how = OUTWARD if kind[n] == OUTWARD and outside else how
+            e = 0.5 * deep if how == BALANCED else deep
+            if e <= allowed:
+                low = speed
+                found[n, 0], found[n, 1], found[n, 2] = begin, finish, speed
+                found[n, 3], found[n, 4] = e, how
+                if step == 0:
+                    break
+            else:
+                high = speed
+    return found
+
+
+class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
+    """The course of a crossing in time: the offset changes in `first` [s], and the table waits for `wait` [s].
+
+    Behind a loop with lag the offset goes beyond its new value by the part `beyond` of its change, and comes back until
+    the end of `wait`, so that the motor, which follows late, has arrived then. Where the controller rounds the joints,
+    the motor's speed changes in `steps` joints to its largest, and in as many back, over `span` [s], fewer where one
+    of the blocks would last less than `least` [s].
+    """
+
+    first: float
+    wait: float
+    beyond: float = 0.0
+    steps: int = 1
+    span: float = 0.0
+    least: float = 0.0
+
+
+def stair(up: int, down: int, travel: float, before: float, after: float) -> tuple[Array, Array]:
+    """Return the corners of the broken line by which a motor crosses, its slope changing in equal steps.
+
+    From the slope `before` in `up` equal steps to the largest, and in `down` equal ones to `after`. The pieces are in
+    proportion to the changes of slope at their ends, so that the acceleration is the same all along where each joint
+    is rounded as far as the middles of the pieces beside it.
+
+    Parameters
+    ----------
+    up, down : int
+    travel : float
+        Of the motor [m] over a stretch of 1 m.
+    before, after : float
+        Slopes of the motor's way ahead of the stretch and behind it.
+
+    Returns
+    -------
+    places, travelled : Array, shape (up + down,)
+        From 0 to 1, and from 0 to `travel`.
+
+    Examples
+    --------
+    >>> places, travelled = stair(2, 2, 1.0, 0.0, 0.0)
+    >>> places.round(3).tolist(), travelled.round(3).tolist()
+    ([0.0, 0.333, 0.667, 1.0], [0.0, 0.25, 0.75, 1.0])
+    """
+    p, q = 1.0 / up, 1.0 / down
+    half = 0.5 * (p * before + q * after + travel * (4.0 - p - q))
+    rest = travel * ((2.0 - p) * before + (2.0 - q) * after) - (1.0 - p) * before**2 - (1.0 - q) * after**2
+    fastest = 0.5 * (half + math.sqrt(max(half * half - 2.0 * rest, 0.0)))
+    rise, fall = p * (fastest - before), q * (fastest - after)
+    pieces = np.array([rise] * (up - 1) + [0.5 * (rise + fall)] + [fall] * (down - 1))
+    steps = np.append(np.arange(1 - up, 1) * rise, np.arange(1, down) * -fall)
+    pieces /= pieces.sum()
+    return np.append(0.0, np.cumsum(pieces)), np.append(0.0, np.cumsum(pieces * (fastest + steps)))
+
+
+def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
+    """Return the shortest crossing of an axis' backlash.
+
+    The motor's way is that of the command through 1/(b s² + c s + 1). Of the crossings that change the offset in
+    `first` or longer, and come back from beyond in as long, the shortest is taken that leaves no more than
+    :data:`RESIDUE`, goes no more beyond than :data:`BEYOND`, and turns no more sharply than one in `first`.
+
+    Parameters
+    ----------
+    axis : Axis
+        With lost motion.
+    first : float
+        Time of the change that limits and controller allow [s].
+    rounding : float
+        Time for which the table waits longer as the controller rounds the joints [s].
+    """
+    servo = axis.servo
+    if servo.c < SHORT_LAG:
+        return CrossingShape(first=first, wait=first + rounding)
+    from scipy.signal import lsim
+
+    lost = axis.gap.lost_motion
+    system = ([1.0], [servo.b, servo.c, 1.0]) if servo.b > 0.0 else ([1.0], [servo.c, 1.0])
+    for part in np.geomspace(max(first, 0.5 * servo.c), max(first, 0.5 * servo.c) + 8.0 * servo.c, TRIALS):
+        t = np.linspace(0.0, 2.0 * part + 6.0 * servo.c, 4 * TRIALS)
+        out, back = (lsim(system, np.clip((t - begin) / part, 0.0, 1.0), t)[1] for begin in (0.0, part))
+        behind = t >= 2.0 * part
+        rest, way = 1.0 - out[behind], (out - back)[behind]
+        beyond = float(np.clip((rest * way).sum() / max((way * way).sum(), 1e-30), 0.0, BEYOND))
+        if np.abs(rest - beyond * way).max() * lost <= RESIDUE and part >= (1.0 + 2.0 * beyond) * first:
+            break
+    return CrossingShape(first=float(part), wait=2.0 * float(part) + rounding, beyond=beyond)
+
+
+def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, float]:
+    """Return the shortest time of a crossing that a controller's planner passes at speed, and how long it rounds [s].
+
+    Parameters
+    ----------
+    machine : Machine
+    axis : Axis
+        That crosses its backlash, at a right angle to the path.
+    feed : float
+        Of the path [m/s].
+    """
+    lost, push = axis.gap.lost_motion, axis.limits.acceleration
+    if not isinstance(planner_of(machine), ExactPath):
+        first = RAMPS * math.sqrt(lost / push)
+        return first, ROUNDED * lost / (push * first)
+    way = np.geomspace(LEAST_WAY * lost, LONGEST_WAY * lost, WAYS)
+    column = AXES.index(axis.name)
+    before, after = np.zeros((WAYS, 3)), np.zeros((WAYS, 3))
+    before[:, 1 if column == 0 else 0] = 1.0
+    after[:, 1 if column == 0 else 0], after[:, column] = way, SHARPER * lost
+    after /= np.linalg.norm(after, axis=1)[:, None]
+    passed = junction_speed(machine, before, after, LONG, way, feed=feed) >= AT_SPEED * feed
+    if not passed.any():
+        return math.inf, 0.0
+    return float(way[np.argmax(passed)]) / feed, 0.0
+
+
+def fastest_in_arcs(program: PartProgram, machine: Machine) -> Array:
+    """Return the speed that LinuxCNC keeps to in each motion for its acceleration across it [m/s], shape (m,)."""
+    motions = program.motions
+    found = np.full(motions.kind.size, math.inf)
+    arcs = np.flatnonzero(motions.kind == ARC)
+    if arcs.size:
+        planes = plane_columns(motions.plane[arcs])[:, :2]
+        radius = np.linalg.norm(np.take_along_axis(motions.start[arcs], planes, 1) - motions.center[arcs], axis=1)
+        push = limit_table(machine)[planes, 1].min(axis=1)
+        found[arcs] = np.sqrt(ACROSS * push * np.nan_to_num(radius, nan=math.inf))
+    return found
+
+
+def shape_in_steps(shape: CrossingShape, axis: Axis, period: float) -> CrossingShape:
+    """Return a crossing in :data:`STEPS` steps, where its blocks last long enough for two or more."""
+    lost, push = axis.gap.lost_motion, axis.limits.acceleration
+    ramp, least = math.sqrt(lost / (TURNING * push)), LEAST_PERIODS * period
+    steps = min(STEPS, int(ramp / least))
+    if steps < 2 or shape.beyond > 0.0 or shape.first > RAMPS * math.sqrt(lost / push):
+        return shape
+    wait = WAITING * math.sqrt(lost / push)
+    return replace(shape, wait=wait, steps=steps, span=(2.0 - 1.0 / steps) * ramp, least=least)
