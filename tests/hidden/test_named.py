@@ -38,8 +38,13 @@ def named(result: Result) -> set[tuple[str, str]]:
     return {(one["name"], one["axis"]) for one in result["findings"]}
 
 
-@pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES)
+@pytest.mark.parametrize(("name", "channels", "feedback", "seed"), SINGLES[::2])
 def test_one_hidden_effect_is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
+    """Every second one; all of them in tests/long."""
+    is_named_and_sized(name, channels, feedback, seed)
+
+
+def is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
     result = diagnosed("single", [name], channels, feedback, seed)
     assert result["verdict"] == "named"
     assert named(result) == {(name, result["truths"][0]["axis"])}

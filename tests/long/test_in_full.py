@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.dialects import test_siemens_exact as siemens_exact
+from tests.hidden import test_named as named
+from tests.post import test_approach as approach
 from tests.property import test_auto_random as auto_random
 from tests.property import test_limits as limits
 
@@ -26,6 +28,16 @@ def test_no_sample_breaks_a_limit() -> None:
 def test_no_sample_breaks_a_limit_where_the_path_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
     numbers = range(limits.PAIRS_WITH_HOLDS)
     assert sum(limits.try_stop(number, monkeypatch) for number in numbers) > 40
+
+
+@pytest.mark.parametrize(("name", "channels", "feedback", "seed"), named.SINGLES)
+def test_one_hidden_effect_is_named_and_sized(name: str, channels: str, feedback: str, seed: int) -> None:
+    named.is_named_and_sized(name, channels, feedback, seed)
+
+
+@pytest.mark.parametrize(("name", "machine"), approach.CASES)
+def test_the_program_is_as_good_as_it_says_whatever_side_the_axes_stood_on(name: str, machine: str) -> None:
+    approach.is_as_good_as_it_says(name, machine)
 
 
 @pytest.mark.parametrize("strategy", siemens_exact.STRATEGIES)

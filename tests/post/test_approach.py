@@ -72,9 +72,17 @@ def path_named(name):
     return make_path(curves[0], feed=0.012, closed=curves[1], rapid=RAPIDS.get(name, ()))
 
 
+CASES = list(product(PATHS, ("router", "stepper")))
+
+
 @pytest.mark.thinned(3)
-@pytest.mark.parametrize(("name", "machine"), list(product(PATHS, ("router", "stepper"))))
+@pytest.mark.parametrize(("name", "machine"), CASES[::3])
 def test_the_program_is_as_good_as_it_says_whatever_side_the_axes_stood_on(name: str, machine: str) -> None:
+    """A third of them; all in tests/long."""
+    is_as_good_as_it_says(name, machine)
+
+
+def is_as_good_as_it_says(name: str, machine: str) -> None:
     path = path_named(name)
     drives = replace(ph.read_machine(machine), dialect="linuxcnc", servo_period=PERIOD)
     result = ph.compensate(path, drives, output="program", max_slowdown=0.5, effort=0.05)
