@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.api.options import CompensateOptions
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
-from ph_post.api.results import MotionResult, ProgramMotion
+from ph_post.api.results import MotionResult
 from ph_post.api.reversals import ProgramReversal, path_reversals, program_reversals
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.plan import make_plan
@@ -96,10 +96,7 @@ class CrossedPath:
 
     @cached_property
     def _motions(self) -> tuple[MotionResult, MotionResult]:
-        if self.edited.motions is not None:
-            return self.edited.motions
-        plain = ProgramMotion(self.edited.before, self.edited.before, self.machine, "original", self._progress)
-        return plain, plain
+        return self.edited.run_on(self.machine, self._progress)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation, compensated_path
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
-from ph_post.api.results import AxisReversals, MotionResult, ProgramMotion, count_reversals
+from ph_post.api.results import AxisReversals, MotionResult, count_reversals
 from ph_post.api.reversals import ProgramReversal, program_reversals
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.strategies.registry import PLAIN
@@ -101,26 +101,18 @@ class ProgramCompensation(Compensation):
         return self.edited.verdict
 
     @cached_property
+    def _motions(self) -> tuple[MotionResult, MotionResult]:
+        return self.edited.run_on(self.machine, self._progress)
+
+    @property
     def before(self) -> MotionResult:
         """The plain motion, without compensation."""
-        if self.output == "table":
-            return self.longest.before
-        if self.edited.motions is not None:
-            return self.edited.motions[0]
-        return ProgramMotion(self.original, self.original, self.machine, "original", self._progress)
+        return self.longest.before if self.output == "table" else self._motions[0]
 
-    @cached_property
+    @property
     def after(self) -> MotionResult:
         """The compensated motion."""
-        if self.output == "table":
-            return self.longest.after
-        if self.unchanged:
-            return self.before
-        if self.edited.motions is not None:
-            return self.edited.motions[1]
-        assert isinstance(self.before, ProgramMotion)
-        name = "compensated program"
-        return ProgramMotion(self.edited.after, self.original, self.machine, name, self._progress, self.before)
+        return self.longest.after if self.output == "table" else self._motions[1]
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -90,6 +90,15 @@ class CompensatedProgram(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     motions: tuple[ProgramMotion, ProgramMotion] | None = None
     done: bool = False
 
+    def run_on(self, machine: Machine, progress: Progress = no_progress) -> tuple[ProgramMotion, ProgramMotion]:
+        """Return the motions before and after on models of controller and drives; one twice where nothing changed."""
+        if self.motions is not None:
+            return self.motions
+        before = ProgramMotion(self.before, self.before, machine, "original", progress)
+        if self.after.data == self.before.data:
+            return before, before
+        return before, ProgramMotion(self.after, self.before, machine, "compensated program", progress, before)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings, a sentence each; stretches that are passed through come first."""

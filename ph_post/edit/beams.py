@@ -10,13 +10,10 @@ import numpy as np
 from ph_post.edit.block_words import ends_program
 from ph_post.edit.extrusion import filament_of
 from ph_post.edit.reversals import MOTION, SIGN
-from ph_post.gcode.paths import line_words
+from ph_post.gcode.paths import places_words
 from ph_post.gcode.program import PartProgram
-from ph_post.gcode.working import tool_of, working_motions
+from ph_post.gcode.working import working_motions
 from ph_post.types import Array, Machine
-
-SHOWN: Final = 3
-"""Stretches that a warning names."""
 
 _WHY: Final = {
     "laser": "the beam would burn a dot in a sharp corner (with M4 its power follows the speed)",
@@ -34,7 +31,8 @@ class BeamGuard:
 
     def __init__(self, program: PartProgram, machine: Machine) -> None:
         self._program = program
-        self.works, self.tool = working_motions(program, machine.tool), tool_of(program, machine.tool)
+        self.works = working_motions(program, machine.tool)
+        self.tool = self.works.tool
         self.is_beam, self.tends = self.tool in ("laser", "plasma"), self.tool != "cutter"
 
     def marks(self, row: Array, before: int, *, behind_rapid: bool) -> bool:
@@ -89,9 +87,8 @@ class BeamGuard:
         if not left:
             return []
         block = self._program.motions.block
-        where = ", ".join(line_words(int(block[begin]), int(block[end - 1])) for begin, end in left[:SHOWN])
-        more = f" and {len(left) - SHOWN} more places" if len(left) > SHOWN else ""
-        return [f"not compensated in {where}{more}: {_WHY[self.tool]}"]
+        where = places_words([(int(block[begin]), int(block[end - 1])) for begin, end in left])
+        return [f"not compensated in {where}: {_WHY[self.tool]}"]
 
 
 def run_beside(runs: Sequence[tuple[int, int]], motion: int) -> int:

@@ -78,6 +78,7 @@ PERIODS: Final = 2.0
 
 LINE_SIZE: Final = 35.0
 """Length of a line of a crossing [bytes], for controllers that are fed over a serial line."""
+
 BEAM_COARSER: Final = (2.0, 4.0, 8.0)
 """Multiples of the least error that a crossing with a beam on is given before it is left alone."""
 
@@ -195,9 +196,9 @@ class CrossingSearch:
             first, rounding = 2.0 * math.sqrt(axis.gap.lost_motion / axis.limits.acceleration), 0.0
         first = max(first, axis.gap.lost_motion / axis.limits.velocity, 2.0 * self._machine.servo_period)
         shape = crossing_shape(axis, first, rounding)
-        return (
-            shape if isinstance(self._planner, ExactPath) else shape_in_steps(shape, axis, self._machine.servo_period)
-        )
+        if isinstance(self._planner, ExactPath):
+            return shape
+        return shape_in_steps(shape, axis, self._machine.servo_period)
 
     def moves(self, column: int, low: int, high: int) -> IntArray:
         """Return which motions from `low` to before `high` move an axis."""

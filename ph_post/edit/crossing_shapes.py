@@ -77,9 +77,7 @@ LEAST_PERIODS: Final = 2.5
 """Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
 
 LEAST_WAY: Final = 0.25
-
 LONGEST_WAY: Final = 400.0
-
 WAYS: Final = 200
 """Lengths of a crossing that are tried, in lost motions."""
 
@@ -133,11 +131,7 @@ def points_along(view: Any, along: Any, s: Any) -> Any:
 
 
 INWARD: Final = 3
-
-
 BALANCED: Final = 1
-
-
 OUTWARD: Final = 2
 """Kinds of crossings: the table leaves the path towards the centre of curvature, by half to both sides, or outward."""
 

@@ -45,7 +45,7 @@ from ph_post.edit.reversals import (
 )
 from ph_post.errors import InputError
 from ph_post.gcode.motion_parts import places_along
-from ph_post.gcode.paths import line_words
+from ph_post.gcode.paths import places_words
 from ph_post.gcode.program import AXES, RAPID, PartProgram
 from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Array, Axis, BoolArray, IntArray, Machine, frozen, sealed
@@ -66,14 +66,14 @@ def motion_times(program: PartProgram, machine: Machine) -> Array:
         return np.nan_to_num(np.where(motions.kind == RAPID, rapid, cut), posinf=0.0)
 
 
-SHOWN: Final = 3
-"""Places that a warning names."""
-
 SPARE: Final = 3e-3
 """Part of a program's time that does not count as slower."""
 
 LITTLE: Final = 0.01
 """Where less slowdown [part of the time] is allowed nothing is spent on lines for a restart."""
+
+ROUNDS: Final = 6
+"""Plans that are made before nothing is shifted wherever a beam is on."""
 
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, down to a sixtieth of it."""
@@ -308,9 +308,7 @@ def _stretch_words(program: PartProgram, stretches: Sequence[tuple[int, int]]) -
         else:
             joined.append([begin, end])
     block = program.motions.block
-    words = [line_words(int(block[begin]), int(block[end - 1])) for begin, end in joined[:SHOWN]]
-    more = f" and {len(joined) - SHOWN} more places" if len(joined) > SHOWN else ""
-    return ", ".join(words) + more
+    return places_words([(int(block[begin]), int(block[end - 1])) for begin, end in joined])
 
 
 class AffordedChanges(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -503,10 +501,6 @@ def _check_overshoot(axes: list[Axis], options: EditOptions) -> None:
                 expected=f">= {axis.gap.lost_motion / MM:g} mm",
                 got=f"{options.overshoot / MM:g} mm",
             )
-
-
-ROUNDS: Final = 6
-"""Plans that are made before nothing is shifted wherever a beam is on."""
 
 
 def _open_sections(program: PartProgram, blocked: dict[str, BoolArray], left: Collection[int]) -> BoolArray:

@@ -28,7 +28,7 @@ from ph_post.edit.word_shifts import (
 from ph_post.errors import InputError
 from ph_post.gcode.lexer import split_lines
 from ph_post.gcode.program import ByteArray, PartProgram
-from ph_post.gcode.working import tool_of
+from ph_post.gcode.working import working_motions
 from ph_post.types import Array, IntArray, Machine, sealed
 from ph_post.units import MM
 from ph_post.version import package_version
@@ -298,7 +298,7 @@ def declare(
     tasks = schedule(edits, program.motions, units * 10.0**-decimals)
     count, stops = stops_written(tasks, program.motions)
     asked = (pause for stop in stops for pause in (stop.pause, *(one.pause for one in stop.shifts)))
-    held = (CUT if tool_of(program, machine.tool) == "cutter" else HELD,) if edits.amplitude else ()
+    held = (CUT if working_motions(program, machine.tool).tool == "cutter" else HELD,) if edits.amplitude else ()
     pauses = [dialect.syntax.dwell.written(pause, dialect.numbers.feed_digits) for pause in asked if pause > 0.0]
     return Declaration(
         version=package_version(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Final
 
@@ -138,6 +138,22 @@ def line_words(first: int, last: int) -> str:
     ('line 3', 'lines 1 to 5')
     """
     return f"line {first + 1}" if first == last else f"lines {first + 1} to {last + 1}"
+
+
+SHOWN: Final = 3
+"""Places that a warning names."""
+
+
+def places_words(spans: Sequence[tuple[int, int]]) -> str:
+    """Name the first few of some stretches of lines, each from its first to its last one, and count the others.
+
+    Examples
+    --------
+    >>> places_words([(2, 2), (4, 6), (8, 9), (11, 11)])
+    'line 3, lines 5 to 7, lines 9 to 10 and 1 more places'
+    """
+    more = f" and {len(spans) - SHOWN} more places" if len(spans) > SHOWN else ""
+    return ", ".join(line_words(*one) for one in spans[:SHOWN]) + more
 
 
 def _chains(motions: Motions) -> list[tuple[int, IntArray]]:

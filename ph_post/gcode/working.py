@@ -26,13 +26,14 @@ _TURNED_ON: Final = 2
 
 
 class WorkingMotions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Where the tool works.
+    """Where the `tool` works.
 
     `on` (m,) while it moves; `stays` (m,) where a straight move of an axis right behind the motion would work too;
     `burns` (m,) where it goes on while the axes stand there. `follows` (m,) where a beam's power is in proportion to
     the speed, with all of it at F.
     """
 
+    tool: Tool
     on: BoolArray
     stays: BoolArray
     burns: BoolArray
@@ -76,37 +77,33 @@ def _extruding(program: PartProgram) -> np.ndarray:
     return np.searchsorted(program.lines, starts.astype(program.lines.dtype), side="right") - 1
 
 
-def tool_of(program: PartProgram, stated: Tool | None) -> Tool:
-    """Return the tool of a program: the one that a machine file states, else what its own words show."""
-    if stated is not None:
-        return stated
-    found = tool_in_words(program)
-    return "cutter" if found is None else found[0]
-
-
 @lru_cache(maxsize=4)
 def working_motions(program: PartProgram, stated: Tool | None) -> WorkingMotions:
-    """Return where the tool of a program works.
+    """Return the tool of a program, and where it works.
 
     Parameters
     ----------
     program : PartProgram
     stated : str or None
-        Tool of the machine file.
+        Tool of the machine file; where it states none the program's own words show it.
     """
-    motions, tool = program.motions, tool_of(program, stated)
+    motions = program.motions
+    tool: Tool = stated or (tool_in_words(program) or ("cutter", 0))[0]
     cuts = motions.kind != RAPID
     nowhere = np.zeros(cuts.size, dtype=np.bool_)
+    burns = follows = nowhere
     if tool == "cutter":
-        return WorkingMotions(on=sealed(cuts), stays=sealed(cuts), burns=sealed(nowhere), follows=sealed(nowhere))
-    if tool == "extruder":
+        on = stays = cuts
+    elif tool == "extruder":
         on = cuts & np.isin(motions.block, _extruding(program))
         stays = on & np.append(on[1:], False)[: on.size]
-        return WorkingMotions(on=sealed(on), stays=sealed(stays), burns=sealed(nowhere), follows=sealed(nowhere))
-    lit = np.array([modal.spindle in ("M3", "M4") and modal.speed != 0.0 for modal in program.modal], dtype=np.bool_)
-    scaled = np.array([modal.spindle == "M4" for modal in program.modal], dtype=np.bool_)
-    state = program.state[motions.block]
-    stays = lit[state] if state.size else nowhere
-    follows = stays & scaled[state] & (tool == "laser") if state.size else nowhere
-    on = stays if tool == "plasma" else stays & cuts
-    return WorkingMotions(on=sealed(on), stays=sealed(stays), burns=sealed(stays & ~follows), follows=sealed(follows))
+    else:
+        modes = program.modal
+        lit = np.array([one.spindle in ("M3", "M4") and one.speed != 0.0 for one in modes], dtype=np.bool_)
+        scaled = np.array([one.spindle == "M4" for one in modes], dtype=np.bool_)
+        state = program.state[motions.block]
+        stays = lit[state] if state.size else nowhere
+        follows = stays & scaled[state] & (tool == "laser") if state.size else nowhere
+        on = stays if tool == "plasma" else stays & cuts
+        burns = stays & ~follows
+    return WorkingMotions(tool=tool, on=sealed(on), stays=sealed(stays), burns=sealed(burns), follows=sealed(follows))

@@ -232,11 +232,7 @@ def program_picture(
 ) -> Picture:
     """Run a program as it was and as compensated on the models of controller and drives; `turns` are its reversals."""
     original = delivery.before
-    if delivery.motions is None:
-        before = ProgramMotion(original, original, machine, "original", progress)
-        after = ProgramMotion(delivery.after, original, machine, "compensated program", progress, before)
-    else:
-        before, after = delivery.motions
+    before, after = delivery.run_on(machine, progress)
     path = before.cut.path
     places = [_places_of(one, path) for one in turns]
     points = [replace(one.point, s=s, index=k) for k, (one, (s, *_)) in enumerate(zip(turns, places, strict=True))]

@@ -13,12 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from support.editing import compensate
+from support.real_cuts import behind, bench, lagging
 from support.rehearsing import HERE, WHY_NOT
 
 import ph_post as ph
-from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.read import read_program
 from ph_post.rehearse.linuxcnc import run_on_linuxcnc
 
@@ -52,40 +51,7 @@ def program(case: Case, mode: str = "G64 P0.002", chords: int = 0) -> bytes:
 
 
 def machine_of(case: Case):
-    found = read_machine("stepper")
-    axes = {
-        name: replace(
-            axis,
-            feedback="motor" if case.lag else "none",
-            gap=axis.gap.with_lost_motion(case.lost * 1e-3),
-            servo=replace(axis.servo, c=case.lag),
-            limits=replace(axis.limits, velocity=0.1, acceleration=case.push * 1e-3),
-        )
-        for name, axis in found.axes.items()
-    }
-    return replace(found, axes=axes, dialect="linuxcnc", servo_period=1e-3)
-
-
-def lagging(column: np.ndarray, lag: float) -> np.ndarray:
-    """First-order lag, exact for a command that is straight between periods of 1 ms."""
-    if lag == 0.0:
-        return column
-    a = math.exp(-1e-3 / lag)
-    kept, found, rest = 1e-3 - lag * (1.0 - a), np.empty_like(column), column[0]
-    previous = column[0]
-    for row, x in enumerate(column):
-        slope = (x - previous) / 1e-3
-        rest = a * rest + (1.0 - a) * previous + slope * kept
-        found[row], previous = rest, x
-    return found
-
-
-def behind(motor: np.ndarray, lost: float, side: float) -> np.ndarray:
-    found, table = np.empty_like(motor), motor[0] + side * lost
-    for row, x in enumerate(motor):
-        table = min(max(table, x - 0.5 * lost), x + 0.5 * lost)
-        found[row] = table
-    return found
+    return bench(case.lost, case.push, case.lag)
 
 
 def errors(rows: np.ndarray, case: Case, lost: float) -> tuple[float, float, float]:
@@ -95,8 +61,8 @@ def errors(rows: np.ndarray, case: Case, lost: float) -> tuple[float, float, flo
     first, last = np.flatnonzero(down)[[0, -1]]
     motors = [lagging(rows[:, axis], case.lag) for axis in range(2)]
     worst = 0.0, 0.0
-    for sides in itertools.product((-0.5, 0.5), repeat=2):
-        x, y = (behind(motor, lost * 1e-3, side) for motor, side in zip(motors, sides, strict=True))
+    for sides in itertools.product((-1.0, 1.0), repeat=2):
+        x, y = (behind(motor, 0.5e-3 * lost, side) for motor, side in zip(motors, sides, strict=True))
         away = np.abs(np.hypot(x, y)[first:last] - case.radius * 1e-3) * 1e6
         worst = max(worst, (float(away.max()), float(np.sqrt((away**2).mean()))))
     return *worst, (last - first) * 1e-3

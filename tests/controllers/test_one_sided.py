@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from support.real_cuts import behind
 from support.rehearsing import HERE, WHY_NOT
 
 import ph_post as ph
@@ -27,21 +28,13 @@ def drilling(mode: str) -> bytes:
     return "\n".join([*lines, "M2", ""]).encode()
 
 
-def table(motor: np.ndarray, lost: float, side: float) -> np.ndarray:
-    found, at = np.empty_like(motor), motor[0] + side * lost
-    for row, x in enumerate(motor):
-        at = min(max(at, x - 0.5 * lost), x + 0.5 * lost)
-        found[row] = at
-    return found
-
-
 def holes(rows: np.ndarray, scale: float) -> np.ndarray:
     """How far holes are from their places [µm], from all initial sides; shape (4, n, 2)."""
     deep = rows[:, 2] < -2.99e-3
     first = np.flatnonzero(deep & ~np.append(False, deep[:-1]))
     each = []
-    for sides in itertools.product((-0.5, 0.5), repeat=2):
-        axes = [table(rows[:, n], scale * LOST[n] * 1e-3, side)[first] for n, side in enumerate(sides)]
+    for sides in itertools.product((-1.0, 1.0), repeat=2):
+        axes = [behind(rows[:, n], 0.5e-3 * scale * LOST[n], side)[first] for n, side in enumerate(sides)]
         each.append(1e6 * np.column_stack(axes) - 1e3 * np.array(HOLES))
     return np.array(each)
 

@@ -18,14 +18,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from msgspec.structs import replace
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from support.real_cuts import Cut, Measured, measure, program, stopping
+from support.real_cuts import Cut, Measured, bench, measure, program, stopping
 
 import ph_post as ph
-from ph_post.drive.machinefile import read_machine
 from ph_post.gcode.read import read_program
 from ph_post.rehearse.linuxcnc import run_on_linuxcnc
 from ph_post.types import Machine
@@ -73,18 +71,7 @@ SETTINGS = [
 
 
 def machine_of(setting: Setting) -> Machine:
-    found = read_machine("stepper")
-    axes = {
-        name: replace(
-            axis,
-            feedback="motor" if setting.lag else "none",
-            gap=axis.gap.with_lost_motion(setting.lost * 1e-3),
-            servo=replace(axis.servo, c=setting.lag),
-            limits=replace(axis.limits, velocity=0.1, acceleration=setting.push * 1e-3),
-        )
-        for name, axis in found.axes.items()
-    }
-    return replace(found, axes=axes, dialect="linuxcnc", servo_period=1e-3)
+    return bench(setting.lost, setting.push, setting.lag)
 
 
 def compensated(text: bytes, setting: Setting) -> bytes:

@@ -11,11 +11,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 from scipy.spatial import cKDTree
+
+from ph_post.drive.machinefile import read_machine
+from ph_post.types import Machine
 
 Floats = NDArray[np.float64]
 
@@ -173,8 +177,25 @@ def _distances(points: Floats, path: Floats) -> Floats:
     return np.asarray(found)
 
 
+def bench(lost: float, push: float, lag: float) -> Machine:
+    """The shipped stepper on LinuxCNC with lost motion [mm], acceleration [mm/s²] and a lag of its motors [s]."""
+    found = read_machine("stepper")
+    axes = {
+        name: replace(
+            axis,
+            feedback="motor" if lag else "none",
+            gap=axis.gap.with_lost_motion(lost * 1e-3),
+            servo=replace(axis.servo, c=lag),
+            limits=replace(axis.limits, velocity=0.1, acceleration=push * 1e-3),
+        )
+        for name, axis in found.axes.items()
+    }
+    return replace(found, axes=axes, dialect="linuxcnc", servo_period=1e-3)
+
+
 @njit(cache=True)
-def _behind(motor: Floats, half: float, side: float) -> Floats:
+def behind(motor: Floats, half: float, side: float) -> Floats:
+    """Table behind a motor with backlash of so much to either side, from one side (-1, 1) of it."""
     found = np.empty_like(motor)
     table = motor[0] + side * half
     for row in range(motor.size):
@@ -201,7 +222,7 @@ def measure(rows: Floats, cuts: Sequence[Cut], lost: float, lag: float = 0.0) ->
     spans = [(first + 1, last + 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
     assert len(spans) == len(cuts)
     motors = [lagging(rows[:, axis], lag) * 1e3 for axis in range(2)]
-    tables = [{side: _behind(motor, 0.5 * lost, side) for side in (-1.0, 1.0)} for motor in motors]
+    tables = [{side: behind(motor, 0.5 * lost, side) for side in (-1.0, 1.0)} for motor in motors]
     found = []
     for cut, (first, last) in zip(cuts, spans, strict=True):
         path, worst = _path(cut), (0.0, 0.0)
