@@ -272,8 +272,13 @@ def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, o
     """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each."""
     t, servo, gap = command.t, axis.servo, axis.gap
     mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]
-    motor = sum((travelled(crossing, t) for crossing in mine), np.zeros((3, t.size)))
-    fixed = sum((pushed(crossing, t) for crossing in mine), np.zeros(t.size))
+    motor, fixed = np.zeros((3, t.size)), np.zeros(t.size)
+    for one in mine:
+        # Before it there is nothing, and behind it the travel is all that is left.
+        begin, met, end = np.searchsorted(t, [one.start, one.start + one.duration, one.end]).tolist()
+        motor[:, begin:met] += travelled(one, t[begin:met])
+        motor[0, met:] += one.travel
+        fixed[met:end] += pushed(one, t[met:end])
     if axis.loop.encloses_backlash:
         crossing = motor_inertia(axis) * (motor[2] + (gap.beta or 0.0) * motor[1])
     else:
