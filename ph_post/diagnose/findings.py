@@ -210,6 +210,10 @@ def _prior_keys(outcome: AxisDiagnosis) -> dict[str, float]:
     return keys
 
 
+DRY_FRICTION: Final = ("coulomb_friction", "stribeck_friction")
+"""Effects whose force is the friction that turns round with the motion."""
+
+
 def improved_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
     """Return an axis with what was found in it."""
     for one in findings:
@@ -222,4 +226,8 @@ def improved_axis(axis: Axis, findings: tuple[Finding, ...]) -> Axis:
             surer = relative_uncertainty(one.parameters["lost_motion"])
             if surer is not None:
                 axis = replace(axis, uncertainty=replace(axis.uncertainty, backlash=surer))
+        if one.name in DRY_FRICTION:
+            surer = relative_uncertainty(one.parameters.get("force"))
+            if surer is not None:
+                axis = replace(axis, uncertainty=replace(axis.uncertainty, friction=surer))
     return axis

@@ -306,6 +306,7 @@ def _axis(name: str, record: AxisRecord, file: str) -> Axis:
             backlash=record.backlash_uncertainty,
             beta=record.beta_uncertainty,
             gain=record.gain_uncertainty,
+            friction=record.friction_uncertainty,
         ),
         reference_direction=record.reference_direction or USUAL_REFERENCE[name],
         gravity_side=record.gravity_side,

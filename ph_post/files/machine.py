@@ -382,6 +382,7 @@ class AxisRecord(MachineTableRecord, frozen=True, kw_only=True):
     backlash_uncertainty: Relative = 0.2
     beta_uncertainty: Relative = 0.2
     gain_uncertainty: Relative = 0.2
+    friction_uncertainty: Relative = 0.2
     # limits
     max_velocity_mm_s: Annotated[float, msgspec.Meta(ge=1e-3, le=1e6)]
     max_acceleration_mm_s2: Annotated[float, msgspec.Meta(ge=1e-2, le=1e9)]

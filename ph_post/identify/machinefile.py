@@ -172,6 +172,7 @@ def _quantities(
         ("backlash_uncertainty", before.uncertainty.backlash, after.uncertainty.backlash),
         ("beta_uncertainty", before.uncertainty.beta, after.uncertainty.beta),
         ("gain_uncertainty", before.uncertainty.gain, after.uncertainty.gain),
+        ("friction_uncertainty", before.uncertainty.friction, after.uncertainty.friction),
     ):
         yield one, other, {key: other}
     tau = None if gap.beta is None else 1.0 / gap.beta
@@ -309,6 +310,7 @@ def _acting(axis: Axis) -> list[Any]:
         spread.backlash,
         spread.beta,
         spread.gain,
+        spread.friction,
         [(effect.name, dict(effect.parameters)) for effect in axis.effects],
     ]
 
@@ -412,7 +414,7 @@ def _axis_rows(axis: Axis, drive: IdentifiedDrive) -> Iterator[Row | str]:
         yield Row("gear_ratio", gap.gear_ratio)
         yield Row("screw_lead_mm", gap.travel_per_rad * math.tau / MM)
     usual, uncertainty = Uncertainty(), axis.uncertainty
-    for name in ("backlash", "beta", "gain"):
+    for name in ("backlash", "beta", "gain", "friction"):
         if getattr(uncertainty, name) != getattr(usual, name):
             yield Row(f"{name}_uncertainty", getattr(uncertainty, name))
     if axis.reference_direction != USUAL_REFERENCE[axis.name]:

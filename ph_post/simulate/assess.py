@@ -172,7 +172,7 @@ def gap_error(
 
 def backlash_scenarios(tried: Iterable[Scenario]) -> tuple[Scenario, ...]:
     """Leave out the scenarios that differ from the machine file in more than their backlash."""
-    return tuple(one for one in tried if one.beta == one.gain == 1.0)
+    return tuple(one for one in tried if one.beta == one.gain == one.friction == 1.0)
 
 
 def resting_axes(command: Command) -> tuple[str, ...]:
@@ -189,10 +189,11 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
 
     Tried are every combination of initial flanks of the axes that rest at the beginning and do not say their own,
     and every pick-up rule where an axis with a scale on the table names none; with each of these the gap larger
-    and smaller by its uncertainty; with each rule β and C, likewise, on the first flanks alone, as they change the
-    way through the gap and not where it is entered. All axes have the same rule and factors; of axes with different
-    uncertainties the largest counts. What makes no difference to any axis is left out: of two axes at most 48 are
-    left, 16 where the rule is known, 12 where no axis has a scale on the table; of three 84, 28 and 24.
+    and smaller by its uncertainty; with each rule β, C and friction, likewise, on the first flanks alone, as they
+    change the way through the gap and not where it is entered. All axes have the same rule and factors; of axes with
+    different uncertainties the largest counts. What makes no difference to any axis is left out: of two axes at most
+    48 are left, 16 where the rule is known, 12 where no axis has a scale on the table; of three 84, 28 and 24. Where
+    an axis has friction it is 6 more, 2 where the rule is known.
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ def scenarios(machine: Machine, axes: Sequence[str], resting: Collection[str] | 
     rules: tuple[Any, ...] = PICKUPS if open_rule else (None,)
     nominal = [replace(one, pickup=rule) for rule in rules for one in sides]
     found = list(nominal)
-    for name, uncertain in (("backlash", "gap"), ("beta", "beta"), ("gain", "gain")):
+    for name, uncertain in (("backlash", "gap"), ("beta", "beta"), ("gain", "gain"), ("friction", "friction")):
         spread = max(getattr(axis.uncertainty, name) for axis in drives)
         bases = nominal if uncertain == "gap" else nominal[:: len(sides)]
         for factor in (1.0 + spread, max(1.0 - spread, 0.0)):
@@ -257,7 +258,7 @@ def _looks(axis: Axis, scenario: Scenario, rests: bool) -> object:
 
 def is_nominal(scenario: Scenario) -> bool:
     """Return whether a scenario has the values of the machine file."""
-    return scenario.gap == scenario.beta == scenario.gain == 1.0
+    return scenario.gap == scenario.beta == scenario.gain == scenario.friction == 1.0
 
 
 def _largest(errors: Sequence[ContourError | None], among: Iterable[int]) -> int:
@@ -301,6 +302,11 @@ def scenario_words(scenario: Scenario) -> str:
         other = "-" if scenario.flank == "+" else "+"
         words.append(f"starts on the {scenario.flank} side")
         words += [f"{', '.join(scenario.opposite)} on the {other} side"] if scenario.opposite else []
-    factors = (("backlash", scenario.gap), ("beta", scenario.beta), ("gain", scenario.gain))
+    factors = (
+        ("backlash", scenario.gap),
+        ("beta", scenario.beta),
+        ("gain", scenario.gain),
+        ("friction", scenario.friction),
+    )
     words += [f"{name} × {factor:g}" for name, factor in factors if factor != 1.0]
     return ", ".join(words) or "the values of the machine file"

@@ -105,6 +105,7 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True):
     backlash: float = 0.2
     beta: float = 0.2
     gain: float = 0.2
+    friction: float = 0.2
 
 
 class Axis(msgspec.Struct, frozen=True, kw_only=True):
@@ -159,8 +160,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     """One of the machines that a machine file leaves possible.
 
     `pickup` and `flank` stand in place of what the file leaves open (None: standstill, and the flank "+"); the
-    axes in `opposite` stand on the other flank. `gap`, `beta` and `gain` are factors on the file's values. A gap of
-    0 is the machine without backlash.
+    axes in `opposite` stand on the other flank. `gap`, `beta`, `gain` and `friction` are factors on the file's values.
+    A gap of 0 is the machine without backlash.
     """
 
     pickup: Pickup | None = None
@@ -169,3 +170,4 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     gap: float = 1.0
     beta: float = 1.0
     gain: float = 1.0
+    friction: float = 1.0

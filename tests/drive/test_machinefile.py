@@ -48,6 +48,7 @@ initial_flank = "-"
 backlash_uncertainty = 0.1
 beta_uncertainty = 0
 gain_uncertainty = 0.3
+friction_uncertainty = 0.4
 max_motor_acceleration_rad_s2 = 4000
 [axes.Y.control]
 ki_over_kp_per_s = 2.0
@@ -82,6 +83,7 @@ harmonics = [1, 2]
         4000.0,
     )
     assert (axis.uncertainty.backlash, axis.uncertainty.beta, axis.uncertainty.gain) == (0.1, 0.0, 0.3)
+    assert axis.uncertainty.friction == 0.4
     (effect,) = axis.effects
     assert (effect.name, effect.parameters) == (
         "servo_mismatch",
@@ -97,6 +99,7 @@ def test_what_may_be_left_out_has_its_default(read):
         None,
     )
     assert (axis.uncertainty.backlash, axis.uncertainty.beta, axis.uncertainty.gain) == (0.2, 0.2, 0.2)
+    assert axis.uncertainty.friction == 0.2
     assert (axis.servo.ki_over_kp, axis.servo.kd_over_kp, axis.effects) == (0.0, 0.0, ())
 
 

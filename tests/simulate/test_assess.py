@@ -12,10 +12,11 @@ from ph_post.compensate.comparison import before_and_after
 from ph_post.compensate.offsets import command_of
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
+from ph_post.drive.effects.active import plant_of
 from ph_post.drive.machinefile import read_machine
 from ph_post.files.path import read_path
 from ph_post.files.storage import or_shipped
-from ph_post.simulate.assess import PICKUPS, assess, resting_axes, scenarios
+from ph_post.simulate.assess import PICKUPS, assess, resting_axes, scenario_words, scenarios
 from ph_post.simulate.contour import Nominal
 from ph_post.simulate.machine import first_flank
 from ph_post.types import Scenario
@@ -136,6 +137,19 @@ def test_the_largest_uncertainty_of_the_axes_counts():
     # router.toml: 0.3 on X and Y, and the default 0.2 on Z.
     assert {one.gap for one in scenarios(machine("router"), ("X", "Z"))} == {1.0, 1.3, 0.7}
     assert {one.gap for one in scenarios(machine("router"), ("Z",))} == {1.0, 1.2, 0.8}
+
+
+def test_friction_is_tried_larger_and_smaller_on_axes_that_have_some():
+    tried = scenarios(read_machine("old_mill"), ("X", "Y"))
+    assert len(tried) == 48 + 6
+    assert {one.friction for one in tried} == {1.0, 0.8, 1.2}
+    assert {one.pickup for one in tried if one.friction == 1.2} == set(PICKUPS)
+    assert [scenario_words(one) for one in tried[-1:]] == ["pick-up contact, starts on the + side, friction × 0.8"]
+    # 0.04 mm of Coulomb friction on X; the load of Z is its weight, and no friction.
+    less = Scenario(friction=0.5)
+    axes = read_machine("old_mill").axes
+    assert plant_of(axes["X"], less).coulomb_plus == pytest.approx(0.02e-3)
+    assert plant_of(axes["Z"], less).load == plant_of(axes["Z"], Scenario()).load == pytest.approx(0.04e-3)
 
 
 def test_an_axis_that_moves_at_first_knows_its_flank():

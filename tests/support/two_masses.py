@@ -7,8 +7,11 @@ nothing in ph_post. In units of the table, with the controller's output u = e + 
     apart      η b (ẇ + β w) = u        (the motor)
                (1 - η) b v̇ + (c - η β b) v = 0        (the table)
 
-With the loop around the motor, or none, the motor alone obeys the first, and the table is a play behind it. Here is
-no friction but the viscous one in c and β.
+With the loop around the motor, or none, the motor alone obeys the first, and the table is a play behind it.
+
+Friction f = ± (F + (S - F) exp(-(v/v_s)²)) + d v + L resists the table, that of a loop around the motor the motor: F
+while it moves, S at rest, d by direction, L a constant load. A body at rest stays until what drives it exceeds S; it
+rests again where its speed changes its sign. With F = S = 0 and no load nothing of this counts.
 """
 
 from __future__ import annotations
@@ -45,14 +48,48 @@ class Body(NamedTuple):
     beta: float
     rule: int
     zero: int = 0
+    friction: tuple[float, ...] = (0.0,) * 7
+
+
+DRY = "coulomb_friction", "stribeck_friction"
+"""Effects of a machine file that turn round with the motion."""
+
+
+def friction_of(axis, factor: float = 1.0) -> tuple[float, ...]:
+    """F moving to plus and to minus, S - F, v_s, d to plus and to minus, and L, from the words of a machine file."""
+
+    def size(given, name: str) -> float:
+        if f"{name}force_n" in given:
+            return given[f"{name}force_n"] / axis.servo.stiffness
+        return 1e-3 * given[f"{name}following_error_mm"]
+
+    def damping(given, newton: str, second: str) -> float:
+        return given[second] if second in given else 1e3 * given[newton] / axis.servo.stiffness
+
+    dry = static = speed = plus = minus = load = 0.0
+    for effect in axis.effects:
+        given = effect.parameters
+        if effect.name in DRY:
+            dry += size(given, "")
+        if effect.name == "stribeck_friction":
+            static, speed = size(given, "static_") - size(given, ""), 1e-3 * given["stribeck_velocity_mm_s"]
+        if effect.name == "viscous_friction":
+            one = damping(given, "coefficient_n_s_per_mm", "following_error_s")
+            plus, minus = plus + one, minus + one
+        if effect.name == "friction_asymmetry":
+            plus += damping(given, "plus_n_s_per_mm", "plus_following_error_s")
+            minus += damping(given, "minus_n_s_per_mm", "minus_following_error_s")
+        if effect.name == "load_offset":
+            load += size(given, "")
+    return (factor * dry, factor * dry, factor * static, speed, factor * plus, factor * minus, load)
 
 
 NUMBERS = slice(1, 9)
 """What the equations of a body take."""
 
 
-def body_of(axis, rule: str = "standstill", factor: float = 1.0) -> Body:
-    """The numbers of an axis of a machine file."""
+def body_of(axis, rule: str = "standstill", factor: float = 1.0, friction: float = 1.0) -> Body:
+    """The numbers of an axis of a machine file; `factor` is one of its gap, `friction` one of its friction."""
     rules = ("standstill", "momentum", "contact")
     servo, gap = axis.servo, axis.gap
     return Body(
@@ -66,6 +103,7 @@ def body_of(axis, rule: str = "standstill", factor: float = 1.0) -> Body:
         beta=gap.beta or 0.0,
         rule=rules.index(gap.pickup or rule),
         zero={"+": 1, "-": -1, "both": 0}[axis.reference_direction],
+        friction=friction_of(axis, friction),
     )
 
 
@@ -77,12 +115,12 @@ def table_of(body: Body, command: Floats, period: float, side: int, place: float
     side = int(np.sign(speed)) or side
     half = 0.5 * body.gap
     if body.feedback == "load":
-        return _two_masses(command, period, side, place, speed, *body[NUMBERS])
+        return _two_masses(command, period, side, place, speed, *body[NUMBERS], body.friction)
     motor = command
     if body.b or body.c:
         start = command[0] - body.c * speed * (body.ki == 0.0)
         rigid = body._replace(gap=0.0)
-        motor = _two_masses(command, period, side, start, speed, *rigid[NUMBERS])
+        motor = _two_masses(command, period, side, start, speed, *rigid[NUMBERS], body.friction)
     zero = play(np.array([-1.0 * body.zero, 0.0]), half, 0)[-1]
     return play(motor, half, side) - zero
 
@@ -97,35 +135,44 @@ def play(motor: Floats, half: float, side: int) -> Floats:
 
 
 @numba.njit
-def _two_masses(command, period, side, place, speed, b, c, ki, kd, gap, eta, beta, rule):  # type: ignore[no-untyped-def]
+def _two_masses(command, period, side, place, speed, b, c, ki, kd, gap, eta, beta, rule, friction):  # type: ignore[no-untyped-def]
     half = 0.5 * gap
     numbers = (b, c, ki, kd, eta, beta)
+    dry = friction[0] + friction[1] + friction[2] + abs(friction[6]) > 0.0
     table = np.empty(command.size)
     table[0] = place
-    total = c * speed / ki if ki else 0.0
+    total = (c * speed + friction[6]) / ki if ki else 0.0
     y = (place, speed, place + side * half, speed, total)
     touch, h = side, period / FINE
+    way = int(np.sign(speed)) if dry else 2
     for row in range(command.size - 1):
         slope = (command[row + 1] - command[row]) / period
         for step in range(FINE):
             begin, before = command[row] + slope * h * step, y[1]
-            y = _stepped(y, h, begin, slope, touch, numbers)
+            y = _stepped(y, h, begin, slope, touch, way, numbers, friction)
+            after = begin + h * slope
+            if dry:
+                y, way = _at_rest(y, way, touch)
             if gap > 0.0 and touch:
-                y, touch = _after_contact(y, before, begin + h * slope, slope, touch, numbers, rule)
+                y, touch = _after_contact(y, before, after, slope, touch, way, numbers, friction, rule)
             elif gap > 0.0 and abs(y[2] - y[0]) >= half:
                 touch = 1 if y[2] > y[0] else -1
                 y = _meet(y, half, touch, eta, rule)
+                way = int(np.sign(y[1])) if dry else 2
+            if way == 0:
+                way = _breaks_away(y, after, slope, touch, numbers, friction)
         table[row + 1] = y[0]
     return table
 
 
 @numba.njit
-def _stepped(y, h, begin, slope, touch, numbers):  # type: ignore[no-untyped-def]
+def _stepped(y, h, begin, slope, touch, way, numbers, friction):  # type: ignore[no-untyped-def]
     """One step of Runge and Kutta of the places and speeds of table and motor, and of the sum of the error."""
-    first = _rates(y, begin, slope, touch, numbers)
-    second = _rates(_along(y, first, 0.5 * h), begin + 0.5 * h * slope, slope, touch, numbers)
-    third = _rates(_along(y, second, 0.5 * h), begin + 0.5 * h * slope, slope, touch, numbers)
-    fourth = _rates(_along(y, third, h), begin + h * slope, slope, touch, numbers)
+    half = begin + 0.5 * h * slope
+    first = _rates(y, begin, slope, touch, way, numbers, friction)
+    second = _rates(_along(y, first, 0.5 * h), half, slope, touch, way, numbers, friction)
+    third = _rates(_along(y, second, 0.5 * h), half, slope, touch, way, numbers, friction)
+    fourth = _rates(_along(y, third, h), begin + h * slope, slope, touch, way, numbers, friction)
     y = _along(_along(y, first, h / 6.0), second, h / 3.0)
     return _along(_along(y, third, h / 3.0), fourth, h / 6.0)
 
@@ -136,21 +183,70 @@ def _along(y, rate, h):  # type: ignore[no-untyped-def]
 
 
 @numba.njit
-def _rates(y, command, slope, touch, numbers):  # type: ignore[no-untyped-def]
-    b, c, ki, kd, eta, beta = numbers
-    u = command - y[0] + ki * y[4] + kd * (slope - y[1])
-    table = (u - c * y[1]) / b if touch else -(c - eta * beta * b) * y[1] / ((1.0 - eta) * b)
-    motor = table if touch else u / (eta * b) - beta * y[3]
+def _output(y, command, slope, numbers):  # type: ignore[no-untyped-def]
+    """What the controller gives."""
+    return command - y[0] + numbers[2] * y[4] + numbers[3] * (slope - y[1])
+
+
+@numba.njit
+def _resisting(speed, way, friction):  # type: ignore[no-untyped-def]
+    """Friction and load of a body that moves in a direction; 2 is a body without dry friction."""
+    plus, minus, static, scale, up, down, load = friction
+    if way == 2:
+        return (up if speed > 0.0 else down) * speed
+    dry = plus if way > 0 else -minus
+    if scale > 0.0:
+        dry += way * static * np.exp(-((speed / scale) ** 2))
+    return dry + (up if way > 0 else down) * speed + load
+
+
+@numba.njit
+def _rates(y, command, slope, touch, way, numbers, friction):  # type: ignore[no-untyped-def]
+    b, c, _, _, eta, beta = numbers
+    u = _output(y, command, slope, numbers)
+    free = u / (eta * b) - beta * y[3]
+    if way == 0:
+        # The table stands, and with it a motor that pushes it in vain.
+        if touch:
+            return (0.0, 0.0, 0.0, 0.0, command - y[0])
+        return (0.0, 0.0, y[3], free, command - y[0])
+    resists = _resisting(y[1], way, friction)
+    table = (u - c * y[1] - resists) / b
+    if not touch:
+        table = (-(c - eta * beta * b) * y[1] - resists) / ((1.0 - eta) * b)
+    motor = table if touch else free
     return (y[1], table, y[3], motor, command - y[0])
 
 
 @numba.njit
-def _after_contact(y, before, command, slope, touch, numbers, rule):  # type: ignore[no-untyped-def]
+def _at_rest(y, way, touch):  # type: ignore[no-untyped-def]
+    """State and direction, at rest where the table would turn round."""
+    if way in (1, -1) and way * y[1] < 0.0:
+        return (y[0], 0.0, y[2], 0.0 if touch else y[3], y[4]), 0
+    return y, way
+
+
+@numba.njit
+def _breaks_away(y, command, slope, touch, numbers, friction):  # type: ignore[no-untyped-def]
+    """Direction in which a table at rest is driven on; 0 where friction holds it."""
+    drive = _output(y, command, slope, numbers) if touch else 0.0
+    net = drive - friction[6]
+    if net > friction[0] + friction[2]:
+        return 1
+    return -1 if net < -friction[1] - friction[2] else 0
+
+
+@numba.njit
+def _after_contact(y, before, command, slope, touch, way, numbers, friction, rule):  # type: ignore[no-untyped-def]
     """State, and the side that is still touched: none once the contact force, or else the speed, changes its sign."""
-    b, c, ki, kd, eta, beta = numbers
+    b, c, _, _, eta, beta = numbers
+    u = _output(y, command, slope, numbers)
+    if way == 0:
+        # At rest the motor leaves the side as soon as it is pulled.
+        return y, (touch if touch * u >= 0.0 else 0)
     if rule == 2:
-        u = command - y[0] + ki * y[4] + kd * (slope - y[1])
-        return y, (touch if touch * ((1.0 - eta) * u + eta * (c - beta * b) * y[1]) >= 0.0 else 0)
+        own = eta * (c - beta * b) * y[1] + eta * _resisting(y[1], way, friction)
+        return y, (touch if touch * ((1.0 - eta) * u + own) >= 0.0 else 0)
     if touch * y[1] < 0.0 and touch * before >= 0.0:
         return (y[0], 0.0, y[2], 0.0, y[4]), 0
     return y, touch

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import Final
 
 import msgspec
 from msgspec.structs import replace
@@ -11,6 +12,9 @@ from ph_post.drive.effects.base import Effect, effect_values
 from ph_post.drive.effects.registry import find_effect, is_effect
 from ph_post.drive.plant import Plant, base_plant, scale_profile
 from ph_post.types import Axis, EffectSetting, Scenario
+
+FRICTION: Final = ("coulomb_plus", "coulomb_minus", "static", "viscous_plus", "viscous_minus")
+"""What of a plant is friction: forces by the direction or the speed of the motion."""
 
 
 class ActiveEffect(msgspec.Struct, frozen=True, kw_only=True):
@@ -63,12 +67,15 @@ def _felt(axis: Axis, setting: EffectSetting) -> Effect | None:
 def plant_of(axis: Axis, scenario: Scenario) -> Plant:
     """Return an axis as a scenario has it, with its effects applied in the order of the file.
 
-    A scenario's factor of the gap is one of all that the gap is at any place. Where gravity holds the axis, the gap
-    is closed at all of them.
+    A scenario's factor of the gap is one of all that the gap is at any place, that of friction one of all that
+    resists by the direction or the speed of the motion, beyond c. Where gravity holds the axis, the gap is closed at
+    all places.
     """
     plant = base_plant(axis, scenario)
     for one in active_effects(axis):
         plant = one.effect.apply(plant, one.values)
+    if scenario.friction != 1.0:
+        plant = replace(plant, **{name: scenario.friction * getattr(plant, name) for name in FRICTION})
     if axis.gravity_side:
         return replace(plant, gap=0.0, widening=None)
     if plant.widening is None or scenario.gap == 1.0:
