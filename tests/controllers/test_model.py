@@ -87,6 +87,21 @@ G1 X80
 M2
 """
 
+MANY_CORNERS = """G21 G90 G17 G64 P0.002
+G0 X14.1171 Y14.1671
+G3 X0.5147 Y20.0177 I-14.142136 J-14.142136 F3000
+G1 X0.2423 Y20.0251 F2998
+G1 X0.1172 Y20.0207 F1834
+G1 X-0.0079 Y20.0086 F1841
+G1 X-0.1148 Y19.9916 F1854
+G1 X-0.2036 Y19.9814 F1844
+G1 X-0.2924 Y19.9751 F1837
+G1 X-0.5648 Y19.9677 F2998
+G3 X-20.0178 Y0.5147 I0.539764 J-19.992736 F3000
+M2
+"""
+"""Six corners in a row, each as fast as it may be: looking ahead, LinuxCNC does not come to the line before them."""
+
 CASES = {
     "rounded corners": (CORNERS.format(mode="G64 P0.02 Q0"), "router"),
     "corners rounded at will": (CORNERS.format(mode="G64"), "router"),
@@ -97,6 +112,7 @@ CASES = {
     "helix": (HELIX, "router"),
     "timed blocks": (timed_dip(), "stepper"),
     "short moves": (figure_eight(3000).replace("F400", "F2400"), "stepper"),
+    "six corners in a row": (MANY_CORNERS, "stepper"),
     "linked moves": (figure_eight().replace("Q0", "Q0.02"), "mill"),
 }
 

@@ -4,7 +4,8 @@ The rules are those of its trajectory planner in version 2.9. A corner is passed
 axis' velocity by more than a tenth of its acceleration in one period, or rounded by an arc, or blended: the
 next leg starts while this one slows down; whichever is fastest. The end of a queue is approached with half
 the acceleration. In arcs half of the acceleration is left for the direction of travel where the other part is
-needed towards the centre. A leg takes at least one period.
+needed towards the centre. A leg takes at least one period. As each leg comes, speeds are looked at again from the
+last one back, but not beyond five legs that cannot be passed faster.
 """
 
 from __future__ import annotations
@@ -51,6 +52,9 @@ REVERSAL = (2.0 * math.pi / 180.0) ** 2
 DEPTH = 50
 """Legs that are looked ahead."""
 
+PEAKS = 4
+"""Looking ahead ends behind so many legs, and one, that are left at the largest speed which their ends allow."""
+
 GAP_CYCLES = 4.0
 """A line that is left with fewer periods between two rounded corners becomes part of the second."""
 
@@ -79,8 +83,8 @@ LINE, ARC, ROUNDING = 0.0, 1.0, 2.0
 
 # Columns of the working table, a row a leg: what it is, and how far it has come.
 KIND, ACC, MOST, SPEED, LENGTH, END, FINAL, KINK_SPEED, LESS, LESS_BEFORE, BLENDS, RATIO, NOMINAL = range(13)
-DONE, V, CYCLE, SPLIT, TERM_V, REMOVE, LATCHED, SLOWING, BLEND_V, RAMP, ACTIVE = range(13, 24)
-COLUMNS = 24
+DONE, V, CYCLE, SPLIT, TERM_V, REMOVE, LATCHED, SLOWING, BLEND_V, RAMP, ACTIVE, PEAK = range(13, 25)
+COLUMNS = 25
 
 
 @inner
@@ -416,33 +420,32 @@ def _join(legs: Array, table: Array, row: int, tangents: Array, limits: Array, p
 
 @inner
 def _look_ahead(table: Array, begin: int, end: int, period: float) -> None:
-    """Speeds at the ends of the legs of one queue, so that every later one can be kept."""
-    speed = 0.0
-    for row in range(end - 1, begin - 1, -1):
-        if row == end - 1 or table[row, END] != TANGENT:
-            table[row, FINAL] = speed = 0.0
+    """Raise the speeds at the ends of the legs of a queue that has just got its last one, as far as LinuxCNC goes.
+
+    Back from the last leg it ends behind the fifth that could not be left faster, also where those before it could.
+    """
+    peaks, passed = 0, False
+    for row in range(end - 1, max(end - 2 - DEPTH, begin), -1):
+        before = row - 1
+        if table[before, END] != TANGENT:
+            if passed:
+                return
+            passed = True
             continue
-        after = row + 1
-        bound = min(table[row, MOST], table[after, MOST])
-        if table[row, KINK_SPEED] >= 0.0:
-            bound = min(bound, table[row, KINK_SPEED])
-        if after < end - 1:
-            table[after, MOST] = min(table[after, MOST], table[after, LENGTH] / (LEAST_CYCLES * period))
-        acc = _along(table, after)
-        if after == end - 1:  # its length may yet change: only half of it counts
-            speed = min(math.sqrt(acc * table[after, LENGTH]), table[after, SPEED], bound)
-        else:
-            speed = min(math.sqrt(speed * speed + 2.0 * acc * table[after, LENGTH]), bound)
-        table[row, FINAL] = speed
-    way, last = 0.0, begin
-    for row in range(begin, end):
-        while last < min(row + DEPTH, end - 1):
-            last += 1
-            way += 2.0 * _along(table, last) * table[last, LENGTH]
-        if row > begin:
-            way -= 2.0 * _along(table, row) * table[row, LENGTH]
-        if last < end - 1:
-            table[row, FINAL] = min(table[row, FINAL], math.sqrt(max(way, 0.0)))
+        acc, bound = _along(table, row), min(table[row, MOST], table[before, MOST])
+        if table[before, KINK_SPEED] >= 0.0:
+            bound = min(bound, table[before, KINK_SPEED])
+        if row == end - 1:  # its length may yet change: only half of it counts
+            table[before, FINAL] = min(math.sqrt(acc * table[row, LENGTH]), table[row, SPEED], bound)
+            continue
+        reached = math.sqrt(table[row, FINAL] ** 2 + 2.0 * acc * table[row, LENGTH])
+        if reached >= bound:
+            table[before, PEAK] = 1.0
+        table[before, FINAL] = min(reached, bound)
+        table[row, MOST] = min(table[row, MOST], table[row, LENGTH] / (LEAST_CYCLES * period))
+        peaks += 1 if table[row, PEAK] > 0.0 else 0
+        if peaks > PEAKS:
+            return
 
 
 @compiled
@@ -470,14 +473,13 @@ def plan_legs(moves: Array, legs: Array, table: Array, limits: Array, period: fl
     tangents = np.empty((2, 3))
     for source in range(moves.shape[0]):
         if moves[source, DRAINS] > 0.0:
-            _look_ahead(table, begin, count, period)
             begin = count
         _copy(moves, source, legs, count)
         _enter(legs, table, count, period)
         if count > begin:
             count = _join(legs, table, count - 1, tangents, limits, period)
         count += 1
-    _look_ahead(table, begin, count, period)
+        _look_ahead(table, begin, count, period)
     return count
 
 
