@@ -11,10 +11,9 @@ from ph_post.api.options import CompensateOptions
 from ph_post.api.outcomes import Compensation, left_words, passed_through
 from ph_post.api.path_compensation import PathCompensation, compensated_path
 from ph_post.api.programs import CompensatedProgram, ProgramRequest, compensate_program
-from ph_post.api.results import AxisReversals, MotionResult, count_reversals
-from ph_post.api.reversals import ProgramReversal, program_reversals
+from ph_post.api.results import AxisReversals, MotionResult
+from ph_post.api.reversals import ProgramReversal, count_program_reversals, program_reversals
 from ph_post.compensate.options import PlanOutput
-from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.dialects.planners import planner_notes
 from ph_post.drive.axes import gravity_notes
 from ph_post.files.storage import SourceBytes
@@ -127,8 +126,7 @@ class ProgramCompensation(Compensation):
         """Numbers of reversals of every axis with backlash."""
         if self.output == "table":
             return self.longest.axis_reversals
-        rows = ((one.point.axis, one.strategy != PLAIN, one.cut) for one in self.places)
-        return count_reversals(rows, self.machine)
+        return count_program_reversals(self.places, self.machine)
 
     @property
     def not_compensated(self) -> str:

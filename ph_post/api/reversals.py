@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 import msgspec
@@ -10,6 +10,7 @@ import numpy as np
 
 from ph_post.analysis.path_analysis import Analysis, analyse
 from ph_post.api.programs import CompensatedProgram
+from ph_post.api.results import AxisReversals, count_reversals
 from ph_post.compensate.comparison import PASSED, crossings_at, strategy_at, window_number
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP
 from ph_post.edit.edits import Edits
@@ -40,7 +41,8 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
 
     It is the turning `point` of an `analysis` of a `path` of the program, on a `line` (from 1). `strategy` is
     "none" where nothing is done, and "takeup" where the axis gets another lasting offset. `cut` says whether
-    the tool cuts behind it.
+    the tool cuts behind it, `slight` whether the axis goes there and back by no more than the tolerance, as roundings
+    of centres and of lines along an axis have it.
     """
 
     path: ProgramPath
@@ -49,6 +51,12 @@ class ProgramReversal(ReversalEdit, frozen=True, kw_only=True, eq=False):
     window: Window | None
     line: int
     cut: bool
+    slight: bool
+
+    @property
+    def compensated(self) -> bool:
+        """Whether anything is done there."""
+        return self.strategy != PLAIN
 
 
 def program_reversals(found: CompensatedProgram, machine: Machine, tolerance: float) -> list[ProgramReversal]:
@@ -83,8 +91,7 @@ def path_reversals(found: CompensatedProgram, path: ProgramPath, analysis: Analy
     """
     edits = found.edits
     changes = None if edits is None or not edits.followed else _changes_of(edits)
-    reach = _reach(found.before.motions, path, analysis.turning_points)
-    return list(_of_path(found, path, analysis, _done(found.windows), changes, reach))
+    return list(_of_path(found, path, analysis, _done(found.windows), changes))
 
 
 def _reach(motions: Motions, path: ProgramPath, points: Sequence[TurningPoint]) -> list[float]:
@@ -161,15 +168,20 @@ def _changes_of(edits: Edits) -> _Changes:
     )
 
 
+def count_program_reversals(found: Iterable[ProgramReversal], machine: Machine) -> tuple[AxisReversals, ...]:
+    """Count the reversals of a program by axis; slight ones that are left as they are do not count."""
+    counted = (one for one in found if one.compensated or not one.slight)
+    return count_reversals(((one.point.axis, one.compensated, one.cut) for one in counted), machine)
+
+
 def _of_path(
     found: CompensatedProgram,
     path: ProgramPath,
     analysis: Analysis,
     done: Mapping[Place, ReversalEdit],
     changes: _Changes | None,
-    reach: Sequence[float] = (),
 ) -> Iterator[ProgramReversal]:
-    reach = reach or [0.0] * len(analysis.turning_points)
+    reach = _reach(found.before.motions, path, analysis.turning_points)
     places = _places(path, analysis.turning_points)
     motion = np.array([number for _, number, _ in places], dtype=np.int64)
     lines = found.before.motions.block[motion] + 1
@@ -178,9 +190,16 @@ def _of_path(
     at_end = np.array([one[2] == MILLION for one in places], dtype=np.int64)
     after = np.minimum(np.searchsorted(path.motion, motion) + at_end, path.motion.size - 1)
     rows = zip(
-        analysis.turning_points, places, reach, lines.tolist(), shifted, path.motion[after].tolist(), strict=True
+        analysis.turning_points,
+        places,
+        reach,
+        lines.tolist(),
+        shifted,
+        path.motion[after].tolist(),
+        _slight(analysis),
+        strict=True,
     )
-    for point, place, near, line, carried, behind in rows:
+    for point, place, near, line, carried, behind, slight in rows:
         edit = done.get(place) or _near(done, path, point, near)
         yield ProgramReversal(
             path=path,
@@ -189,10 +208,51 @@ def _of_path(
             window=windows.get(point.index),
             line=line,
             cut=bool(found.before.motions.kind[behind] != RAPID),
+            slight=slight,
             strategy=TAKE_UP if carried else edit.strategy,
             profile=edit.profile,
             crossings=edit.crossings,
         )
+
+
+def _slight(analysis: Analysis) -> list[bool]:
+    """Say of the turning points of a path where the axis goes there and back by no more than the tolerance."""
+    track, points = analysis.track, analysis.turning_points
+    s = np.array([0.0, *(point.s for point in points), track.length])
+    places = track.derivatives(*track.locate(s))[0]
+    found = [True] * len(points)
+    for column, name in enumerate(analysis.path.axes):
+        own = [number for number, point in enumerate(points) if point.axis == name]
+        rows = [0, *(number + 1 for number in own), s.size - 1]
+        for kept in np.flatnonzero(lasting_turns(places[rows, column], analysis.tolerance)).tolist():
+            found[own[kept - 1]] = False
+    return found
+
+
+def lasting_turns(values: Array, band: float) -> BoolArray:
+    """Return the values at which a zigzag turns back by more than a band, the first and the last never.
+
+    Parameters
+    ----------
+    values : Array, shape (n,)
+    band : float
+
+    Examples
+    --------
+    >>> lasting_turns(np.array([0.0, 5.0, 4.9, 5.1, 0.0, 3.0]), 1.0).tolist()
+    [False, False, False, True, True, False]
+    """
+    found = np.zeros(values.size, dtype=np.bool_)
+    lowest = highest = 0
+    way = 0
+    for n, value in enumerate(values.tolist()):
+        lowest = n if value < values[lowest] else lowest
+        highest = n if value > values[highest] else highest
+        if way <= 0 and value > values[lowest] + band:
+            found[lowest], way, highest = way < 0, 1, n
+        elif way >= 0 and value < values[highest] - band:
+            found[highest], way, lowest = way > 0, -1, n
+    return found
 
 
 def _near(done: Mapping[Place, ReversalEdit], path: ProgramPath, point: TurningPoint, reach: float) -> ReversalEdit:

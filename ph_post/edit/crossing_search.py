@@ -418,7 +418,9 @@ class CrossingSearch:
             # Out there and back from it, in the air.
             out = math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration)
             passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
-            cost[jogs] = (move + passed / self._push)[jogs] + 2.0 * self._pause(axis, coarser)
+            pause = self._pause(axis, coarser)
+            arrival = np.array([self._arrival(row, axis) for row in spots.rows[jogs]])
+            cost[jogs] = (move + passed / self._push)[jogs] + pause + np.maximum(pause, arrival)
             chords = own & (spots.window[:, 2] > 0.0)
             speed, feed = spots.window[chords, 2], spots.feed[chords]
             way = spots.window[chords, 1] - spots.window[chords, 0]
@@ -430,6 +432,12 @@ class CrossingSearch:
     def _pause(axis: Axis, coarser: float) -> float:
         """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
         return corner_pause(axis) if axis.servo.c > 0.0 and coarser == 1.0 else 0.0
+
+    def _arrival(self, row: Array, axis: Axis) -> float:
+        """Rest behind a jog between a rapid and a cut [s], until a motor that lags has arrived."""
+        behind = int(row[MOTION]) + 1
+        cuts = behind < self._program.motions.kind.size and self._program.motions.kind[behind] != RAPID
+        return SETTLING * axis.servo.c if cuts and row[SIGN] != 0.0 and self._behind_rapid(row) else 0.0
 
     def plan(
         self, changes: Mapping[str, Array], coarser: float
@@ -597,6 +605,8 @@ class CrossingSearch:
                 ways = [sign * beyond] if named else [travel - sign * beyond, sign * beyond]
         elif self._beam.tends and self._beam.works.stays[motion]:
             pause = 0.0
+        # A cut that began at once would begin with the rapid's lag and with that of the jog.
+        arrives = max(pause, self._arrival(row, axis))
         longest = max(map(abs, ways))
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))
@@ -609,7 +619,7 @@ class CrossingSearch:
                 axis=name,
                 travel=way,
                 velocity=min(velocity, math.inf if steady else reached, axis.limits.velocity),
-                pause=pause,
+                pause=arrives,
                 whole=sign != 0.0 and spots.before[n] != 0 and not behind_rapid,
             )
             for way in ways

@@ -115,6 +115,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     axis: the offset is plus or minus this, or zero, or of a `one_sided` axis zero or this to its side, +1 or -1;
     `pulse` [m] by axis: the largest backlash take-up move. `followed` are the axes whose reversals were planned: one
     that is exact on the side of its zero may need no offset.
+    `joints` are shares at which motions with crossings are divided besides, by motion.
     `slowdown` is what stops and crossings are reckoned to cost, relative; `warnings` name what is not compensated.
     """
 
@@ -126,6 +127,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     one_sided: Mapping[str, int] = {}
     followed: tuple[str, ...] = ()
     pulse: Mapping[str, float] = {}
+    joints: Mapping[int, Sequence[float]] = {}
     slowdown: float = 0.0
     warnings: tuple[str, ...] = ()
 
@@ -156,6 +158,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         one_sided={**a.one_sided, **b.one_sided},
         followed=tuple(dict.fromkeys((*a.followed, *b.followed))),
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
+        joints={**a.joints, **b.joints},
         slowdown=a.slowdown + b.slowdown,
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )
@@ -287,7 +290,9 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
         named = f"crossing {crossing.axis}{'+' if crossing.sign > 0 else '-'}"
         labels.setdefault(crossing.parts[0].motion, []).append(named)
     return [
-        _crossed_motion(motion, crossed[motion], stops.get(motion, []), labels.get(motion, []))
+        _crossed_motion(
+            motion, crossed[motion], stops.get(motion, []), labels.get(motion, []), edits.joints.get(motion, ())
+        )
         if motion in crossed
         else _motion_edit(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
         for motion in sorted({*timed, *stops, *crossed})
@@ -327,13 +332,16 @@ def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, MotionPart]]:
                 yield k, MotionPart(low=low, high=high, duration=duration * length / sum(lengths))
 
 
-def _crossed_motion(motion: int, crossed: list[CrossingPart], stops: list[StopEdit], labels: list[str]) -> MotionEdit:
+def _crossed_motion(
+    motion: int, crossed: list[CrossingPart], stops: list[StopEdit], labels: list[str], joints: Sequence[float]
+) -> MotionEdit:
     """Put the parts of crossings on a motion between those that stay as they are; feed dips give way to them."""
     parts: list[MotionPart] = []
     at = 0.0
     for part in (*sorted(crossed, key=lambda one: one.low), None):
         until = 1.0 if part is None else part.low
-        between = sorted({stop.share for stop in stops if at < stop.share < until})
+        shares = {*(stop.share for stop in stops), *joints}
+        between = sorted(share for share in shares if at < share < until)
         for low, high in pairwise((at, *between, until)):
             if high > low:
                 parts.append(MotionPart(low=low, high=high))

@@ -14,6 +14,7 @@ from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.plan_warnings import friction_warnings, round_up, varying_backlash_warnings
 from ph_post.dialects.base import Dialect
 from ph_post.edit.beams import BeamGuard, run_beside
+from ph_post.edit.chord_joints import chord_joints
 from ph_post.edit.crossing_search import APPROACH, CrossingSearch
 from ph_post.edit.crossings import COARSER
 from ph_post.edit.edits import EditOptions, Edits, join_stops
@@ -477,6 +478,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         followed=tuple(name for name in amplitude if len(changes[name])),
         one_sided={name: 1 if sides[name][0] == 0.0 else -1 for name in used if 0.0 in sides[name]},
         pulse=pulse,
+        joints=chord_joints(program.motions, machine, crossings),
         slowdown=afforded.slowdown,
     )
     warnings = [*said, *warn_blocked(program, blocked), *warn_unknown(program, amplitude), *afforded.warnings]

@@ -18,13 +18,11 @@ from ph_post.api.results import (
     PlannedMotion,
     ProgramMotion,
     ReversalCount,
-    count_reversals,
     plan_reversals,
 )
-from ph_post.api.reversals import ProgramReversal
+from ph_post.api.reversals import ProgramReversal, count_program_reversals
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.options import PlanOutput
-from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.dialects.declaration import read_declaration
 from ph_post.drive.axes import has_backlash
 from ph_post.errors import PhPostError
@@ -128,7 +126,7 @@ def summarize_program(
     summary = summarize_motions(before, after, machine, moved_axes(found.before))
     if found.done:
         return msgspec.structs.replace(summary, axes=declared_axes(found.after))
-    rows = count_reversals(((one.point.axis, one.strategy != PLAIN, one.cut) for one in reversals), machine)
+    rows = count_program_reversals(reversals, machine)
     return _counted(summary, rows, found.warnings, passed_through(found.before))
 
 

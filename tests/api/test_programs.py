@@ -7,8 +7,10 @@ from support.compensated import headed
 from support.corpus import stepper
 from support.editing import with_edits
 
+from ph_post.api.compensation import compensate
 from ph_post.api.programs import NOTED, ProgramRequest, compensate_program
 from ph_post.compensate.options import PlanOptions
+from ph_post.drive.machinefile import read_machine
 from ph_post.edit.edits import EditOptions, Edits, StopEdit
 from ph_post.edit.undo import undo
 from ph_post.errors import InputError
@@ -133,3 +135,25 @@ def test_climb_milling_that_cam_tells_of_is_warned_of(comment: str, line: int) -
     said = [word for word in found.warnings if "climb" in word]
     assert [word.partition(" speaks")[0] for word in said] == ([f"line {line}"] if line else [])
     assert b"(ph-post: note holds where friction holds the axes against the cut)\n" in found.after.data
+
+
+def test_the_rounding_of_a_centre_is_no_reversal(tmp_path):
+    # The half circles begin and end on a quadrant of Y, but for a micrometre in X and J: Y goes there and back by it.
+    text = "G21 G90 G17 G94\nG0 X0 Y0 Z2\nG1 Z-1 F300\nG1 Y5 F900\nG2 X10 Y5 I5.001 J0.001\nG1 Y-5\nG0 Z2\nM2\n"
+    file = tmp_path / "part.ngc"
+    file.write_text(text, encoding="utf-8")
+    counted = {row.axis: row for row in compensate(file, read_machine("stepper")).axis_reversals}
+    # Y turns on top of the half circle and X, which goes one way there, not at all.
+    assert (counted["Y"].compensated, counted["Y"].all) == (1, 1)
+    assert "X" not in counted or counted["X"].all == 0
+
+
+def test_reversals_of_a_sampled_curve_count_where_its_points_turn(tmp_path):
+    angles = np.linspace(0.3, 0.3 + 4.0 * np.pi, 150)
+    points = [f"G1 X{20.0 * np.cos(a):.3f} Y{12.0 * np.sin(a):.3f} F900" for a in angles]
+    first = points[0].replace("G1", "G0").replace(" F900", "")
+    text = "\n".join(["G21 G90 G17 G94", "G0 Z2", first, "G1 Z-1 F300", *points[1:], "G0 Z2", "M2", ""])
+    file = tmp_path / "part.ngc"
+    file.write_text(text, encoding="utf-8")
+    counted = {row.axis: row for row in compensate(file, read_machine("stepper")).axis_reversals}
+    assert [(counted[axis].compensated, counted[axis].all) for axis in "XY"] == [(4, 4), (4, 4)]
