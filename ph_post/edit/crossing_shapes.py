@@ -111,12 +111,48 @@ def _coordinate(view: Any, along: Any, s: float, axis: int) -> float:
     return float(start[k, axis] + share * (end[k, axis] - start[k, axis]))
 
 
+ASIDE: Final = 0.25
+"""Part of its length by which a window is moved at most."""
+
+UNEVEN: Final = 0.05
+"""Part by which the axis is farther from its turning point at one end of a window than at the other, and it stays."""
+
+SAMPLED: Final = 0.15
+"""Angle [rad] at the point at which an axis turns that lines of a sampled curve have at most."""
+
+LEVELLINGS: Final = 12
+"""Halvings by which the place is found where both are the same."""
+
+
 @inner
-def _depth(view: Any, along: Any, axis: int, sign: float, level: float, low: float, high: float) -> float:
-    """Return how far the axis is from its turning point at the farther of two places [m]; never negative."""
-    one = (_coordinate(view, along, low, axis) - level) * sign
-    other = (_coordinate(view, along, high, axis) - level) * sign
-    return max(one, other, 0.0)
+def _window(
+    view: Any, along: Any, axis: int, sign: float, rest: Any, bound: Any, more: float
+) -> tuple[float, float, float]:
+    """Return the window that reaches beyond a rest by `more` to both sides, and how far the axis is at its ends [m].
+
+    The depth is infinite where the window leaves its bounds. Where a curve is sampled in lines its turning point lies
+    beside the point at which the lines turn: the window is moved until the axis is as far at both of its ends.
+    """
+    begin, finish = rest[0] - more, rest[1] + more
+    if begin < bound[0] or finish > bound[1]:
+        return begin, finish, math.inf
+    level = _coordinate(view, along, rest[0], axis)
+    one = (_coordinate(view, along, begin, axis) - level) * sign
+    other = (_coordinate(view, along, finish, axis) - level) * sign
+    bent = one + other > SAMPLED * more
+    if more > 0.0 and not bent and abs(other - one) > UNEVEN * max(one, other):
+        least = max(-ASIDE * (finish - begin), bound[0] - begin)
+        most = min(ASIDE * (finish - begin), bound[1] - finish)
+        for _ in range(LEVELLINGS):
+            shift = 0.5 * (least + most)
+            one = (_coordinate(view, along, begin + shift, axis) - level) * sign
+            other = (_coordinate(view, along, finish + shift, axis) - level) * sign
+            if other > one:
+                most = shift
+            else:
+                least = shift
+        begin, finish = begin + shift, finish + shift
+    return begin, finish, max(one, other, 0.0)
 
 
 @compiled
@@ -186,20 +222,16 @@ def find_windows(
     """
     found = np.zeros((axis.size, 5))
     for n in range(axis.size):
-        level = _coordinate(view, along, rest[n, 0], axis[n])
         lasts = rest[n, 1] - rest[n, 0]
         low, high, allowed = 0.0, feed[n], error[n]
         for step in range(HALVINGS + 1):
             speed = high if step == 0 else 0.5 * (low + high)
             more = max(0.5 * (speed * wait[n] - lasts), 0.0)
-            begin, finish = rest[n, 0] - more, rest[n, 1] + more
-            inside = begin >= bound[n, 0] and finish <= bound[n, 1]
-            deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish) if inside else math.inf
+            begin, finish, deep = _window(view, along, axis[n], float(sign[n]), rest[n], bound[n], more)
             if 0.0 < deep < math.inf and more > 0.0 and push[n] < math.inf:
                 sooner = 2.0 * deep / more * speed / push[n]
                 more = max(0.5 * (speed * max(wait[n] - sooner, SOONEST * wait[n]) - lasts), 0.0)
-                begin, finish = rest[n, 0] - more, rest[n, 1] + more
-                deep = _depth(view, along, axis[n], float(sign[n]), level, begin, finish)
+                begin, finish, deep = _window(view, along, axis[n], float(sign[n]), rest[n], bound[n], more)
             out = (OUTER - 1.0) * more
             room = more > 0.0 and begin - out >= bound[n, 0] and finish + out <= bound[n, 1]
             if step == 0 and 0.0 < deep < math.inf:
