@@ -56,6 +56,7 @@ def run(copy, home, temporary, *arguments):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="modes of folders are those of POSIX")
 def test_a_read_only_installation_without_a_home_works_and_says_where_code_is_kept(read_only):
     copy, home, temporary = read_only
