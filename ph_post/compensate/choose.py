@@ -2,40 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Final
 
 import msgspec
-import numpy as np
 
-from ph_post.compensate.families import BARE, DesignFamily, ReversalCase, shortest_crossing, whole_crossing
+from ph_post.compensate.families import (
+    BARE,
+    DesignFamily,
+    ReversalCase,
+    jogs_last,
+    shortest_crossing,
+    whole_crossing,
+)
 from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
-from ph_post.compensate.search import FLOOR, DesignBounds, DesignSearch, TriedDesign
+from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign, best_of, largest_lag, rest_design
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
-from ph_post.compensate.trial import Surroundings, Trial, direction_at, find_surroundings
+from ph_post.compensate.survey import Drives, SearchSite, search_sites
+from ph_post.compensate.trial import SAME_TURN, Surroundings, Trial, direction_at, find_surroundings
 from ph_post.simulate.assess import PICKUPS
 from ph_post.simulate.contour import Nominal
-from ph_post.types import Array, Axis, Crossing, Jog, Machine, Scenario
-
-WORK: Final = 2.0e7
-"""Samples of one axis that may be simulated for a job: some ten seconds."""
-
-FEWEST, MOST = 40, 250
-"""Designs tried at a turning point, at least and at most."""
-
-ALIKE: Final = 0.1
-"""Difference of the logarithms of two feeds that are alike."""
-
-KEPT: Final = 6
-"""Turning points whose designs are remembered for the next one."""
-
-AS_GOOD: Final = 1.1
-"""Ratio by which a remembered design may be worse here before a new search is made; where nothing was found, the
-ratio by which the error of the plain motion may differ."""
-
-ROOMIER: Final = 1.01
-"""Ratio of the room up to which nothing is searched where nothing was found before."""
+from ph_post.types import Axis, Crossing, Jog, Machine, Scenario
 
 MOST_APPROACH: Final = 0.5
 """Part of the time allowed that may be spent before the path begins."""
@@ -43,34 +33,71 @@ MOST_APPROACH: Final = 0.5
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
 
-STANDS: Final = "the motion begins, ends or rests here"
+BESIDE: Final = 0.4
+"""Part of the effort that further choices are searched with."""
 
-Drives = tuple[tuple[Axis, int], ...]
-"""Axes that reverse, each with the direction it goes on in."""
+SMOOTH: Final = (1.0, 2.0, 4.0)
+"""Times the shortest duration in which offsets change at full feed."""
+
+ON_THE_FLY: Final = "fly"
+"""The strategy that changes offsets without a stop."""
+
+LEAST_TIME: Final = 1e-6
+"""Time [s] that a design takes at least where gains are weighed by it."""
+
+NOTHING_BETTER: Final = "nothing that was tried is better in every case"
+
+STANDS: Final = "the motion begins, ends or rests here"
 
 Choice = Callable[[PlanningTask, ReversalCase], Sequence[DesignFamily]]
 """The families to search at a turning point."""
 
 
-def choose(task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> StrategyResult:
+def choose(task: PlanningTask, *choices: Choice, offsets: bool, lead: bool, races: bool = False) -> StrategyResult:
     """Search every window for its best design.
 
     Parameters
     ----------
     task : PlanningTask
-    choice : callable
-        Families to search there.
+    choices : callable
+        Families to search there. Each choice is searched by itself; the best of all is proposed.
     offsets : bool
         Whether axes that are not closed over the table get a lasting offset.
     lead : bool
         Whether designs include inverse dynamics.
+    races : bool
+        Whether the result has rivals: the best of each choice, without rests, and without any design.
 
     Returns
     -------
     StrategyResult
         To be proven.
     """
-    return _Chooser(task, choice, offsets=offsets, lead=lead).propose()
+    chooser = _Chooser(task, offsets=offsets, lead=lead)
+    found = [
+        chooser.candidates(choice, task.options.effort * (1.0 if number == 0 else BESIDE))
+        for number, choice in enumerate(choices)
+    ]
+    merged = [best_of([one for own in owns for one in own]) for owns in zip(*found, strict=True)]
+    result = chooser.propose(merged)
+    if not races:
+        return result
+    rivals = [chooser.propose(own) for own in found] if len(found) > 1 else []
+    if any(one.design.stop for own in merged for one in own):
+        rivals += [chooser.propose([[one for one in own if not one.design.stop] for own in merged])]
+    return msgspec.structs.replace(result, rivals=(*rivals, *chooser.smooth_offsets()))
+
+
+def smooth_offsets(task: PlanningTask, *, lead: bool) -> tuple[StrategyResult, ...]:
+    """Return results that leave the feed alone and change lasting offsets around every reversal, for tables.
+
+    Parameters
+    ----------
+    task : PlanningTask
+    lead : bool
+        Whether the command includes inverse dynamics.
+    """
+    return _Chooser(task, offsets=True, lead=lead).smooth_offsets()
 
 
 def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
@@ -87,37 +114,14 @@ def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scena
     return tuple(Scenario(pickup=rule, gap=gap) for gap in gaps for rule in rules), len(rules)
 
 
-class ReversalDesigns(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Designs found at a turning point, or none where the plain motion is best.
-
-    `plain` (scenarios,) are the errors of that [m].
-    """
-
-    place: Surroundings
-    drives: Drives
-    plain: Array
-    found: Sequence[TriedDesign]
-
-    def likens(self, place: Surroundings, drives: Drives) -> bool:
-        """Return whether another turning point is alike: in feed, in room, and in the drives that reverse."""
-        same_feed = abs(np.log(place.cruise / self.place.cruise)) < ALIKE
-        enough = place.room >= min(self.place.room, max((one.side for one in self.found), default=0.0))
-        kinds = [[(axis.feedback, axis.servo, axis.gap) for axis, _ in own] for own in (drives, self.drives)]
-        return bool(same_feed and enough and kinds[0] == kinds[1])
-
-
 class _Chooser:
     """The search over all windows of a job."""
 
-    def __init__(self, task: PlanningTask, choice: Choice, *, offsets: bool, lead: bool) -> None:
-        self.task, self.choice, self.offsets, self.lead = task, choice, offsets, lead
+    def __init__(self, task: PlanningTask, *, offsets: bool, lead: bool) -> None:
+        self.task, self.offsets, self.lead = task, offsets, lead
         self.written = task.options.writes_program
         self.track, self.period = task.analysis.track, task.machine.servo_period
-        self.nominal = Nominal(self.track)
         self.sized = task.sized
-        self.scenarios, self.nominal_count = search_scenarios(task.machine, task.path.axes)
-        self.known: list[ReversalDesigns] = []
-        self.reached = 0
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
             reversing_axes(self.sized, [task.turning_points[k] for k in window.members]) for window in task.windows
@@ -143,27 +147,89 @@ class _Chooser:
         longest = max(times, default=0.0)
         return longest if longest <= MOST_APPROACH * self.task.allowed else 0.0
 
-    def propose(self) -> StrategyResult:
-        """Search window by window, and share the time out where it does most."""
-        found = list(map(self._candidates, self.places, self.reversing))
-        return self._proposal(found, 1.0)
+    @cached_property
+    def sites(self) -> tuple[SearchSite, ...]:
+        """The windows that are searched, each with its plain motion on all machines."""
+        task, nominal = self.task, Nominal(self.track)
+        tried, count = search_scenarios(task.machine, task.path.axes)
+        options = task.options
+        bounds = DesignBounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
+        sites = []
+        for number, (place, drives) in enumerate(zip(self.places, self.reversing, strict=True)):
+            if place is not None and drives:
+                trial = Trial(nominal, self.track, place, task.machine, tried, self.sized)
+                search = DesignSearch(trial, self._case(place, drives), bounds, count)
+                sites.append(SearchSite(number=number, drives=drives, search=search))
+        return tuple(sites)
 
-    def _proposal(self, found: Sequence[Sequence[TriedDesign]], part: float) -> StrategyResult:
-        """Pick candidates for a part of the time allowed."""
+    def candidates(self, choice: Choice, effort: float) -> list[list[TriedDesign]]:
+        """Return the candidates of every window, by the time they add."""
+        found: list[list[TriedDesign]] = [[] for _ in self.places]
+        for site in self.sites:
+            site.search.forget()
+            if self._may_rest(site.drives):
+                site.search.add_rest(jogs=self.written)
+        families = [choice(self.task, site.search.case) for site in self.sites]
+        for number, own in search_sites(self.sites, families, effort, self.task.progress).items():
+            found[number] = own
+        for number, (place, drives) in enumerate(zip(self.places, self.reversing, strict=True)):
+            resting = place is None and drives and self._may_rest(drives) and not self.task.options.min_feed
+            if resting and not self._at_an_end(number):
+                found[number] = [self._rest(number, drives)]
+        return found
+
+    def propose(self, found: Sequence[Sequence[TriedDesign]], part: float = 1.0) -> StrategyResult:
+        """Share the time out where it does most, a part of what is allowed."""
         time = SPARE * part * self.task.allowed - self.approach
-        picks = iter(allocate([own for own in found if own], time))
-        requests = (
-            self._request(next(picks) if own else None, place, drives)
-            for own, place, drives in zip(found, self.places, self.reversing, strict=True)
-        )
+        picks = allocate(found, time, [self._left_alone(number) for number in range(len(found))])
+        requests = map(self._request, picks, range(len(picks)))
         return StrategyResult(
             requests=tuple(requests),
             proven=True,
-            shorter=lambda less: self._proposal(found, less),
+            shorter=lambda less: self.propose(found, less),
             shifted=self._behind(),
             winds_up=self.approach > 0.0,
             crosses_by=BARE.name,
         )
+
+    def smooth_offsets(self) -> tuple[StrategyResult, ...]:
+        """Return results without any design, in which offsets change at full feed in several times."""
+        if self.written or not self.offsets or not self._behind():
+            return ()
+        return tuple(
+            StrategyResult(
+                requests=tuple(ProfileRequest(shape=None, crossings=self._bare(own, times)) for own in self.reversing),
+                shifted=self._behind(),
+                winds_up=winds_up,
+                rests=False,
+                crosses_by=ON_THE_FLY,
+            )
+            for times in SMOOTH
+            for winds_up in ((True, False) if self.approach > 0.0 else (False,))
+        )
+
+    def _left_alone(self, number: int) -> float:
+        """Merit of a window in which nothing is done; infinite where something must be."""
+        drives = self.reversing[number]
+        if not drives or (self.written and self.offsets and any(may_shift(axis) for axis, _ in drives)):
+            return math.inf
+        site = next((one for one in self.sites if one.number == number), None)
+        if site is not None:
+            return site.search.merit(site.search.plain)
+        return max(largest_lag(axis) for axis, _ in drives)
+
+    def _at_an_end(self, number: int) -> bool:
+        """Return whether the path begins or ends at a window."""
+        s = self.task.windows[number].s
+        return s <= SAME_TURN or s >= self.track.length - SAME_TURN
+
+    def _rest(self, number: int, drives: Drives) -> TriedDesign:
+        """Rest where the feed is not steady; the time is reckoned from the feed there."""
+        axes = [self.task.machine.axes[name] for name in self.task.path.axes]
+        longest = max(shortest_crossing(axis, self.lead, self.period) for axis, _ in drives)
+        cruise = self.task.feed.at(self.task.windows[number].s)
+        crossing = jogs_last(drives) if self.written else longest
+        return rest_design(axes, cruise, drives, self._bare(drives), crossing, self.lead)
 
     def _behind(self) -> tuple[str, ...]:
         """Axes whose gap is behind their loop, whether they turn back in windows, corners or nowhere."""
@@ -187,14 +253,15 @@ class _Chooser:
         side, direction = axis.reference_side, first_direction(self.track, self.task.turning_points, axis.name)
         return side * direction != 0 and {direction, approached_way(axis, direction)} != {side}
 
-    def _request(self, found: TriedDesign | None, place: Surroundings | None, drives: Drives) -> ProfileRequest:
+    def _request(self, found: TriedDesign | None, number: int) -> ProfileRequest:
+        place, drives = self.places[number], self.reversing[number]
         if not drives:
             return ProfileRequest(shape=None, note="no axis with backlash reverses here")
         bare = self._bare(drives)
-        if place is None and self._may_rest(drives):
+        if place is None and self._may_rest(drives) and self._at_an_end(number):
             return ProfileRequest(shape=None, crossings=bare, stop=True)
         if found is None:
-            why = STANDS if place is None else "nothing that was tried is better in every case"
+            why = STANDS if place is None else NOTHING_BETTER
             return ProfileRequest(shape=None, crossings=bare, note="" if bare else why)
         design = found.design
         return ProfileRequest(
@@ -207,61 +274,21 @@ class _Chooser:
             strategy=found.family.name,
         )
 
-    def _bare(self, drives: Drives) -> tuple[Crossing | Jog, ...]:
-        """Crossings of the lasting offsets that are needed in any case."""
+    def _bare(self, drives: Drives, times: float = 1.0) -> tuple[Crossing | Jog, ...]:
+        """Crossings of the lasting offsets that are needed in any case, in some times the shortest duration."""
         if not self.offsets:
             return ()
         if self.written:
             return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if may_shift(axis))
         open_loops = ((axis, direction) for axis, direction in drives if not axis.loop.encloses_backlash)
         return tuple(
-            whole_crossing(axis, direction, 0.0, shortest_crossing(axis, self.lead, self.period))
+            whole_crossing(axis, direction, 0.0, times * shortest_crossing(axis, self.lead, self.period))
             for axis, direction in open_loops
         )
-
-    def _candidates(self, place: Surroundings | None, drives: Drives) -> list[TriedDesign]:
-        """Return the candidates of a window, by the time they add."""
-        if place is None or not drives:
-            return []
-        self.reached += 1
-        self.task.progress(f"searching the best for turning point {self.reached} of {self.active}")
-        case = self._case(place, drives)
-        families = self.choice(self.task, case)
-        options, machine = self.task.options, self.task.machine
-        trial = Trial(self.nominal, self.track, place, machine, self.scenarios, self.sized)
-        bounds = DesignBounds(slowest=options.min_feed or 0.0, retrograde=options.allow_retrograde)
-        search = DesignSearch(trial, case, bounds, self.nominal_count)
-        if self._may_rest(drives):
-            search.add_rest(jogs=self.written)
-        for known in self.known:
-            if known.likens(place, drives) and self._serves(search, known):
-                return search.candidates()
-        rows = trial.rows + 2.0 * case.budget / self.period
-        calls = options.effort * WORK / (self.active * rows * len(trial.axes) * len(self.scenarios))
-        seeds = next((known.found for known in self.known if known.found), ())
-        found = search.explore(families, int(np.clip(calls, FEWEST, MOST)), seeds)
-        own = ReversalDesigns(place=place, drives=drives, plain=search.plain.error, found=found)
-        self.known = [own, *self.known][:KEPT]
-        return found
 
     def _may_rest(self, drives: Drives) -> bool:
         """Return whether a rest in the plain motion will do: no backlash inside a loop is crossed there."""
         return self.offsets and not any(axis.loop.encloses_backlash for axis, _ in drives)
-
-    @staticmethod
-    def _serves(search: DesignSearch, known: ReversalDesigns) -> bool:
-        """Return whether designs found elsewhere are as good here; or none, where there is no more room here."""
-        if not known.found:
-            errors = [np.log(one + FLOOR) for one in (search.plain.error, known.plain)]
-            same = bool(np.abs(errors[0] - errors[1]).max() <= np.log(AS_GOOD))
-            return same and search.case.place.room <= ROOMIER * known.place.room
-        for one in known.found:
-            if one.design.stop:
-                continue
-            again = search.look(one.family, one.x, one.budget)
-            if not again.allowed or again.merit > AS_GOOD * one.merit + FLOOR:
-                return False
-        return True
 
     def _case(self, place: Surroundings, drives: Drives) -> ReversalCase:
         """Make the case of a window, with an equal share of the time."""
@@ -277,8 +304,10 @@ class _Chooser:
         )
 
 
-def allocate(candidates: Sequence[Sequence[TriedDesign]], time: float) -> list[TriedDesign]:
-    """Pick a candidate for every window so that the worst is as good as the time allows.
+def allocate(
+    candidates: Sequence[Sequence[TriedDesign]], time: float, alone: Sequence[float] = ()
+) -> list[TriedDesign | None]:
+    """Pick a candidate for every window, or none, so that the worst is as good as the time allows.
 
     Parameters
     ----------
@@ -286,23 +315,46 @@ def allocate(candidates: Sequence[Sequence[TriedDesign]], time: float) -> list[T
         Of every window, by the time they add: each better than those before it.
     time : float
         What may be added in all [s].
+    alone : sequence of float, optional
+        Merits [m] of windows that are left alone; infinite, as by default, where none may be that has candidates.
 
     Returns
     -------
-    list of TriedDesign
+    list of TriedDesign or None
         The quickest ones that reach the best common merit that the time allows; where a window cannot reach
-        it, its best.
+        it, its best. Where time is short, windows that are better alone than that are left alone; what time is left
+        goes to those that gain most by it.
     """
+    merits = list(alone) or [math.inf] * len(candidates)
+    better = [[one for one in own if one.merit < merit] for own, merit in zip(candidates, merits, strict=True)]
 
-    def quickest(bound: float) -> list[TriedDesign]:
-        return [next((one for one in own if one.merit <= bound), own[-1]) for own in candidates]
+    def quickest(bound: float) -> list[TriedDesign | None]:
+        return [
+            None if not own or merit <= bound else next((one for one in own if one.merit <= bound), own[-1])
+            for own, merit in zip(better, merits, strict=True)
+        ]
 
-    bounds = sorted({one.merit for own in candidates for one in own})
+    def taken(picks: Sequence[TriedDesign | None]) -> float:
+        return sum(one.longer for one in picks if one is not None)
+
+    bounds = sorted({one.merit for own in better for one in own} | {merit for merit in merits if merit < math.inf})
+    if not bounds:
+        return [None] * len(candidates)
     low, high = 0, len(bounds) - 1
     while low < high:
         middle = (low + high) // 2
-        if sum(one.longer for one in quickest(bounds[middle])) <= time:
+        if taken(quickest(bounds[middle])) <= time:
             high = middle
         else:
             low = middle + 1
-    return quickest(bounds[low]) if bounds else []
+    picks = quickest(bounds[low])
+    spare = time - taken(picks)
+    rest = [(number, one) for number, own in enumerate(better) if picks[number] is None for one in own]
+    for number, one in sorted(
+        rest,
+        key=lambda pair: (merits[pair[0]] ** 2 - pair[1].merit ** 2) / max(pair[1].longer, LEAST_TIME),
+        reverse=True,
+    ):
+        if picks[number] is None and one.longer <= spare:
+            picks[number], spare = one, spare - one.longer
+    return picks

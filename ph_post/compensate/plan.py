@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from copy import copy
 from typing import NamedTuple
 
 import msgspec
@@ -15,6 +16,7 @@ from ph_post.compensate.layout import Job, approach_sides, lay_out, without_axes
 from ph_post.compensate.motion import FeedAlong, MotionLaw, cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
+from ph_post.compensate.race import race
 from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, reported_ratio, soften
 from ph_post.compensate.speed_ramps import reduced, smooth_ramps
 from ph_post.compensate.strategies.base import (
@@ -251,6 +253,8 @@ def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_
     require_loop(strategy, analysis.path.axes, machine)
     planner = Planner(analysis, machine, options, progress)
     result = strategy.profiles(planner.task)
+    if result.rivals:
+        return race(planner, strategy.name, result)
     plan = planner.plan(strategy.name, result)
     if not result.proven:
         return plan
@@ -297,24 +301,38 @@ class Planner:
         if options.writes_program and not self.moving:
             self._approached = approach_sides(analysis.track, analysis.turning_points)
         self._planned: Machine | None = None
-        self.baseline = self._on(feed_planner, self.before)
+        self._plain = self.baseline = self._on(feed_planner, self.before)
         if self.lead:
             self._lead_ramps()
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
         none = np.zeros(0)
         reported = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
         self.stops = plan_warnings.stop_warnings(*reported)
+        self.progress = progress
+        self.task = self._task()
+
+    def _task(self) -> PlanningTask:
+        """Make the task of strategies that are to build on the baseline."""
         end = self.baseline.valid.motion.end
-        self.task = PlanningTask(
-            analysis=analysis,
-            machine=machine,
-            options=options,
+        return PlanningTask(
+            analysis=self.analysis,
+            machine=self.machine,
+            options=self.options,
             feed=self.baseline.feed,
-            looped=feed_planner.looped,
+            looped=self.baseline.feed_planner.looped,
             duration=end,
             allowed=self.longest - end,
-            progress=progress,
+            progress=self.progress,
         )
+
+    def with_options(self, options: PlanOptions) -> Planner:
+        """Return the planner of the same job with another time allowed, or without inverse dynamics."""
+        other = copy(self)
+        other.options, other.lead = options, self.lead and options.inverse_dynamics
+        if self.lead and not other.lead:
+            other.baseline, other._planned = self._plain, None
+        other.task = other._task()
+        return other
 
     @property
     def longest(self) -> float:
@@ -378,7 +396,7 @@ class Planner:
         fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed, self.longest).fit()
         missed = self._missed(result.requests, fitted.profiles)
         if missed:
-            return self.plan(name, with_rests(result, missed))
+            return self.plan(name, with_rests(result, missed) if result.rests else without_profiles(result, missed))
         warnings = [
             *self.stops,
             *plan_warnings.slow_feed_warnings(feed_planner.caps),
@@ -427,6 +445,15 @@ class Planner:
             flanks=flanks_before(analysis) if feed_planner.looped else self._approached,
             warnings=tuple(warnings),
         )
+
+
+def without_profiles(result: StrategyResult, windows: Collection[int]) -> StrategyResult:
+    """Leave the feed alone in some windows, where their profiles could not be had."""
+    requests = tuple(
+        msgspec.structs.replace(request, shape=None) if number in windows else request
+        for number, request in enumerate(result.requests)
+    )
+    return msgspec.structs.replace(result, requests=requests)
 
 
 def with_rests(result: StrategyResult, windows: Collection[int]) -> StrategyResult:

@@ -14,7 +14,7 @@ from ph_post.compensate.offsets import lead_in
 from ph_post.drive.axes import backlash_varies
 from ph_post.geometry.numeric import runs
 from ph_post.types import Array, Axis, Machine, Tool
-from ph_post.units import MM, MM_PER_MIN
+from ph_post.units import MICROMETRE, MM, MM_PER_MIN
 
 _MOST = 12
 """Warnings of one kind that are listed one by one."""
@@ -144,6 +144,28 @@ def stop_time_warning(axes: Sequence[str], time: float, part: float) -> str:
     return (
         f"{who} not compensated: stopping at every reversal would add {time:.3g} s; "
         f"--max-slowdown {round_up(part):g} allows it"
+    )
+
+
+def more_time_warning(here: Sequence[float], there: Sequence[float], part: float) -> str:
+    """Say what a plan would bring that takes longer than it may, as part of the plain motion's time.
+
+    Parameters
+    ----------
+    here, there : sequence of float
+        Largest error and root mean square [m] of the plan that was made, and with more time.
+    part : float
+        By which it is longer.
+
+    Examples
+    --------
+    >>> more_time_warning([84e-6, 32e-6], [12e-6, 2.3e-6], 0.2)
+    'more time would help: --max-slowdown 0.21 allows a plan with 12/2.3 µm (largest/rms error) in place of 84/32 µm'
+    """
+    sizes = [f"{one[0] / MICROMETRE:.3g}/{one[1] / MICROMETRE:.3g} µm" for one in (there, here)]
+    return (
+        f"more time would help: --max-slowdown {round_up(part):g} allows a plan with {sizes[0]} (largest/rms error) "
+        f"in place of {sizes[1]}"
     )
 
 

@@ -47,6 +47,13 @@ OUT_OF_TIME: Final = "what was tried takes longer than --max-slowdown allows"
 GIVEN_UP: Final = "nothing that was tried is better than the plain motion in every case"
 
 
+class Proven(NamedTuple):
+    """A plan that is nowhere worse than the plain program, and what it is made of; None for the plain one."""
+
+    plan: Plan
+    result: StrategyResult | None
+
+
 def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     """Remove every change that makes an error larger than the plain program's in any scenario, or breaks a limit.
 
@@ -68,15 +75,27 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     Plan
         Nowhere worse than the plain program.
     """
-    plan, result = _in_time(plan, result, planner)
-    checker = _Checker(planner, without_strategy(plan))
+    plan, result = in_time(plan, result, planner)
+    return prove_in_time(plan, result, planner, Checker(planner, without_strategy(plan))).plan
+
+
+def prove_in_time(plan: Plan, result: StrategyResult, planner: Planner, checker: Checker) -> Proven:
+    """Prove a plan for which quicker designs were asked for already, by :func:`in_time`.
+
+    Parameters
+    ----------
+    plan, result, planner
+        As of :func:`prove`.
+    checker : Checker
+        Of the plain program.
+    """
     for _ in range(ROUNDS):
-        if _takes_too_long(plan, planner):
+        if takes_too_long(plan, planner):
             break
         removable = [k for k, one in enumerate(result.requests) if _without(one, planner.machine) is not one]
         blamed = checker.blame(plan, removable)
         if blamed is None:
-            return plan
+            return Proven(plan, result)
         requests = tuple(
             _without(request, planner.machine) if number in blamed else request
             for number, request in enumerate(result.requests)
@@ -85,23 +104,28 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
             break
         result = replace(result, requests=requests)
         plan = planner.plan(plan.strategy, result)
-    why = OUT_OF_TIME if _takes_too_long(plan, planner) else GIVEN_UP
+    why = OUT_OF_TIME if takes_too_long(plan, planner) else GIVEN_UP
+    return Proven(left_alone(plan.strategy, result, planner, why), None)
+
+
+def left_alone(name: str, result: StrategyResult, planner: Planner, why: str) -> Plan:
+    """Return the plain plan, in which every turning point is left alone for a reason."""
     nothing = tuple(ProfileRequest(shape=None, note=why) for _ in result.requests)
-    left = planner.plan(plan.strategy, StrategyResult(requests=nothing, warnings=result.warnings))
+    left = planner.plan(name, StrategyResult(requests=nothing, warnings=result.warnings))
     return replace(left, phases=left.nominal, inverse_dynamics=False)
 
 
-def _in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
+def in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
     """Ask for quicker designs while the plan takes longer than it may."""
     part = 1.0
     for _ in range(SHORTENINGS):
-        if result.shorter is None or not _takes_too_long(plan, planner):
+        if result.shorter is None or not takes_too_long(plan, planner):
             break
         end, plain = _ends(plan)
         part *= 0.97 * (planner.longest - plain) / (end - plain)
         result = result.shorter(part)
         plan = planner.plan(plan.strategy, result)
-    if planner.options.writes_program and result.shifted and _takes_too_long(plan, planner):
+    if planner.options.writes_program and result.shifted and takes_too_long(plan, planner):
         # What jogs take at stops of the path is no matter of designs.
         return _without_stops(plan, result, planner)
     return plan, result
@@ -116,12 +140,13 @@ def _without_stops(plan: Plan, result: StrategyResult, planner: Planner) -> tupl
         said = plan_warnings.stop_time_warning(left, end - plain, (end - plain) / plain)
         fewer = replace(without_axes(result, left, TOO_LONG), warnings=(*result.warnings, said))
         plan = planner.plan(plan.strategy, fewer)
-        if not _takes_too_long(plan, planner):
+        if not takes_too_long(plan, planner):
             break
     return plan, fewer
 
 
-def _takes_too_long(plan: Plan, planner: Planner) -> bool:
+def takes_too_long(plan: Plan, planner: Planner) -> bool:
+    """Return whether a plan takes longer than --max-slowdown allows."""
     return _ends(plan)[0] > planner.longest * (1.0 + TIMED)
 
 
@@ -143,7 +168,7 @@ def _case(scenario: Scenario) -> object:
     return scenario.pickup, scenario.gap
 
 
-class _Sizes(NamedTuple):
+class Sizes(NamedTuple):
     """Largest size of an error, its root mean square and 95th percentile [m], and the row of the largest."""
 
     max: float
@@ -152,17 +177,24 @@ class _Sizes(NamedTuple):
     row: int
 
 
-def _sizes(error: Array) -> _Sizes:
+def sizes_of(error: Array) -> Sizes:
     """Return the sizes of an error (n,) [m]; none where no rows count."""
     if error.size == 0:
-        return _Sizes(0.0, 0.0, 0.0, 0)
+        return Sizes(0.0, 0.0, 0.0, 0)
     size = np.abs(error)
     row = int(np.argmax(size))
-    return _Sizes(float(size[row]), float(np.sqrt(np.mean(size * size))), float(np.quantile(size, MOST)), row)
+    return Sizes(float(size[row]), float(np.sqrt(np.mean(size * size))), float(np.quantile(size, MOST)), row)
 
 
-class _Checker:
-    """The plain program in every scenario, and how others compare."""
+class Checker:
+    """The plain program in every scenario, and how others compare.
+
+    Parameters
+    ----------
+    planner : Planner
+    before : Plan
+        The plain one.
+    """
 
     def __init__(self, planner: Planner, before: Plan) -> None:
         self.planner = planner
@@ -171,15 +203,28 @@ class _Checker:
         self.nominal = Nominal(self.track)
         self.before = command_of(before, self.track, self.period)
         self.scenarios = scenarios(planner.machine, self.before.axes)
-        self.plain: dict[object, _Sizes] = {}
-        for scenario, found in zip(self.scenarios, self._measure(self.before), strict=True):
+        self.sizes = self.measure(self.before, self.scenarios)
+        self.plain: dict[object, Sizes] = {}
+        for scenario, found in zip(self.scenarios, self.sizes, strict=True):
             known = self.plain.get(_case(scenario), found)
             largest, rms, most = (max(pair) for pair in zip(known[:3], found[:3], strict=True))
-            self.plain[_case(scenario)] = _Sizes(largest, rms, most, found.row)
+            self.plain[_case(scenario)] = Sizes(largest, rms, most, found.row)
 
-    def _measure(self, command: Command) -> tuple[_Sizes, ...]:
-        """Sizes of the error in every scenario, of the rows that count."""
-        return for_each_scenario(command, self.planner.machine, self.nominal, self.scenarios, _sizes)
+    def measure(self, command: Command, tried: Sequence[Scenario]) -> tuple[Sizes, ...]:
+        """Sizes of the error in some scenarios, of the rows that count."""
+        return for_each_scenario(command, self.planner.machine, self.nominal, tried, sizes_of)
+
+    def around(self, command: Command, middles: Array, tried: Sequence[Scenario]) -> tuple[tuple[Array, Array], ...]:
+        """Largest size of the error [m], and its mean square's parts, around windows by the middles between them."""
+        first = first_counted(command, self.planner.machine)
+        owner = np.searchsorted(middles, command.s[first:])
+
+        def take(error: Array) -> tuple[Array, Array]:
+            largest = np.zeros(middles.size + 1)
+            np.maximum.at(largest, owner, np.abs(error))
+            return largest, np.bincount(owner, error * error, middles.size + 1) / max(error.size, 1)
+
+        return for_each_scenario(command, self.planner.machine, self.nominal, tried, take)
 
     def blame(self, plan: Plan, removable: Sequence[int]) -> set[int] | None:
         """Return the windows to give up; None where the plan is never worse and keeps the limits.
@@ -191,7 +236,7 @@ class _Checker:
         first = first_counted(command, self.planner.machine)
         broader: set[int] = set()
         worse = False
-        for scenario, found in zip(self.scenarios, self._measure(command), strict=True):
+        for scenario, found in zip(self.scenarios, self.measure(command, self.scenarios), strict=True):
             plain = self.plain[_case(scenario)]
             if found.max > plain.max + SAME:
                 instants.append(float(command.t[first + found.row]))

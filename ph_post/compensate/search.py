@@ -19,7 +19,7 @@ from ph_post.compensate import shapes
 from ph_post.compensate.families import BARE, ONE, DesignFamily, ReversalCase, jogs_last, make_bare
 from ph_post.compensate.speed_ramps import ramp_time
 from ph_post.compensate.trial import Design, Trial, TrialResult
-from ph_post.types import Array, Axis
+from ph_post.types import Array, Axis, Crossing, Jog
 
 ENOUGH: Final = 0.01
 """Part of the plain error on the machine as the file has it below which less is no better."""
@@ -41,6 +41,9 @@ BETTER: Final = 0.97
 
 REST_PART: Final = 0.5
 """Part of the limits along the path with which a rest in the plain motion is reckoned."""
+
+PROLONGED: Final = 60
+"""Designs that refine one which takes more than its share of the time."""
 
 ROOM: Final = 1.0 + 1e-9
 """Rounding allowed where a bound is met exactly."""
@@ -126,13 +129,38 @@ class DesignSearch:
             self._refine(start, share)
         return self.candidates()
 
+    def prolong(self, families: Sequence[DesignFamily], times: Sequence[float]) -> list[TriedDesign]:
+        """Try the seeds for some times the budget, until one is better than the plain motion.
+
+        Returns
+        -------
+        list of TriedDesign
+            The candidates, by the time they add.
+        """
+        for part in times:
+            starts = [self.look(one, seed, part * self.case.budget) for one in families for seed in one.seeds]
+            if any(start.allowed for start in starts):
+                self._refine(min(starts, key=lambda found: found.score), PROLONGED)
+                break
+        return self.candidates()
+
+    def polish(self, starts: Sequence[TriedDesign], calls: int) -> None:
+        """Refine the best of some designs by a few calls."""
+        self._refine(min(starts, key=lambda found: found.score), calls)
+
+    def adopt(self, known: TriedDesign) -> TriedDesign:
+        """Return a design of a turning point that is the same, made for this one."""
+        if known.design.stop:
+            own = [one for one in self.tried if one.design.stop]
+            return own[0] if own else known
+        case = msgspec.structs.replace(self.case, budget=known.budget)
+        found = msgspec.structs.replace(known, design=known.family.make(known.x, case))
+        self.tried.append(found)
+        return found
+
     def candidates(self) -> list[TriedDesign]:
         """Return the designs allowed than which none is both better and quicker, by the time they add."""
-        kept: list[TriedDesign] = []
-        for found in sorted(self.tried, key=lambda one: (one.longer, one.merit)):
-            if found.allowed and (not kept or found.merit < BETTER * kept[-1].merit):
-                kept.append(found)
-        return kept
+        return best_of(self.tried)
 
     def add_rest(self, *, jogs: bool) -> None:
         """Take into account that the plain motion may rest here while the gaps behind the loop are crossed.
@@ -144,28 +172,26 @@ class DesignSearch:
         """
         trial, case = self.trial, self.case
         drives = [trial.machine.axes[name] for name in trial.axes]
-        acceleration = np.array([REST_PART * min(axis.limits.acceleration for axis in drives)])
-        jerk = np.array([REST_PART * min(axis.limits.jerk for axis in drives)])
-        ramps = float(ramp_time(np.zeros(1), np.array([case.place.cruise]), acceleration, jerk)[0])
-        unknown = max(axis.uncertainty.backlash * _largest_lag(axis) for axis, _ in case.reversing)
-        error = np.full(len(trial.scenarios), unknown)
-        error[: self.nominal] = FLOOR
         crossing = jogs_last(case.reversing) if jogs else max(case.shortest.values())
-        outcome = TrialResult(error=error, rms=error, use=1.0, longer=ramps + crossing, slowest=0.0)
         crossings = () if jogs else make_bare(ONE, case).crossings
-        design = Design(crossings=crossings, lead=case.lead, stop=True)
-        rest = TriedDesign(
-            family=BARE,
-            x=ONE,
-            budget=case.budget,
-            design=design,
-            outcome=outcome,
-            side=0.0,
-            score=self._gain(outcome),
-            merit=self.merit(outcome),
-            allowed=self.bounds.slowest == 0.0,
+        rest = rest_design(drives, case.place.cruise, case.reversing, crossings, crossing, case.lead)
+        error = np.full(len(trial.scenarios), rest.outcome.error[-1])
+        error[: self.nominal] = FLOOR
+        outcome = msgspec.structs.replace(rest.outcome, error=error, rms=error)
+        self.tried.append(
+            msgspec.structs.replace(
+                rest,
+                budget=case.budget,
+                outcome=outcome,
+                score=self._gain(outcome),
+                merit=self.merit(outcome),
+                allowed=self.bounds.slowest == 0.0,
+            )
         )
-        self.tried.append(rest)
+
+    def forget(self) -> None:
+        """Forget what was tried."""
+        self.tried, self.calls = [], 0
 
     def look(self, family: DesignFamily, x: Array, budget: float) -> TriedDesign:
         """Try one design."""
@@ -248,7 +274,47 @@ class DesignSearch:
         minimize(score, start.x, method="Nelder-Mead", bounds=bounds, options=options)  # type: ignore[call-overload]
 
 
-def _largest_lag(axis: Axis) -> float:
+def best_of(tried: Sequence[TriedDesign]) -> list[TriedDesign]:
+    """Return the designs allowed than which none is both better and quicker, by the time they add."""
+    kept: list[TriedDesign] = []
+    for found in sorted(tried, key=lambda one: (one.longer, one.merit)):
+        if found.allowed and (not kept or found.merit < BETTER * kept[-1].merit):
+            kept.append(found)
+    return kept
+
+
+def rest_design(
+    drives: Sequence[Axis],
+    cruise: float,
+    reversing: Sequence[tuple[Axis, int]],
+    crossings: tuple[Crossing | Jog, ...],
+    crossing: float,
+    lead: bool,
+) -> TriedDesign:
+    """Rest in the plain motion while gaps behind the loop are crossed.
+
+    It is not simulated: the motion rests within the limits wherever it is planned to, and what is left is the part of
+    the gap that is not known. The time is estimated from the limits of the slowest of `drives`, with the feed `cruise`
+    [m/s] before and behind, and the time of the `crossing` [s].
+    """
+    acceleration = np.array([REST_PART * min(axis.limits.acceleration for axis in drives)])
+    jerk = np.array([REST_PART * min(axis.limits.jerk for axis in drives)])
+    ramps = float(ramp_time(np.zeros(1), np.array([cruise]), acceleration, jerk)[0]) if cruise > 0.0 else 0.0
+    error = np.array([FLOOR, max(axis.uncertainty.backlash * largest_lag(axis) for axis, _ in reversing)])
+    return TriedDesign(
+        family=BARE,
+        x=ONE,
+        budget=ramps + crossing,
+        design=Design(crossings=crossings, lead=lead, stop=True),
+        outcome=TrialResult(error=error, rms=error, use=1.0, longer=ramps + crossing, slowest=0.0),
+        side=0.0,
+        score=0.0,
+        merit=FLOOR + WORST * float(error.max()),
+        allowed=True,
+    )
+
+
+def largest_lag(axis: Axis) -> float:
     """Distance [m] by which the table is late without an offset, on the side where it is more."""
     return 0.5 * (1 + abs(axis.reference_side)) * axis.gap.lost_motion
 

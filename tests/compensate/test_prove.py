@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from support.motions import circle, look, make_machine
 
 from ph_post.analysis.path_analysis import Analysis
-from ph_post.compensate import choose, profile, shapes
+from ph_post.compensate import profile, shapes, survey
 from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.options import PlanOptions
@@ -128,7 +128,7 @@ def same_phase(one: Phase, other: Phase) -> bool:
 
 @pytest.mark.parametrize("feedback", ["load", "motor"])
 def test_the_same_job_gives_the_same_plan_twice(feedback: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choose, "MOST", 60)
+    monkeypatch.setattr(survey, "MOST", 60)
     machine = make_machine(feedback=feedback)
     options = PlanOptions(strategy="auto", inverse_dynamics=True, max_slowdown=0.3)
     first, second = (make_plan(look(circle(RADIUS, FEED), machine), options) for _ in range(2))

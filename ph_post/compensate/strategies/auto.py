@@ -36,26 +36,24 @@ class Automatic:
         refuse_options(task.options, self.name, "ratio", "degree", "coefficients", "t_star")
         options = task.options
         if options.feed_only:
-            return choose(task, _feed_families, offsets=False, lead=False)
+            return choose(task, _feed_families, offsets=False, lead=False, races=True)
         if not options.writes_program:
-            return choose(task, _families, offsets=True, lead=options.inverse_dynamics)
-        result = choose(task, _written_families, offsets=True, lead=False)
+            return choose(task, crossing_families, _beside, offsets=True, lead=options.inverse_dynamics, races=True)
+        result = choose(task, jog_families, _beside_jogs, offsets=True, lead=False, races=True)
         # Without a stop at every reversal there is no lasting offset, and the feed may be modulated instead.
         if lacks_stops(task, result):
-            return choose(task, _feed_families, offsets=False, lead=False)
+            return choose(task, _feed_families, offsets=False, lead=False, races=True)
         return result
 
 
-def _families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
-    """Crossings first; a stop alone helps only inside a loop."""
-    crossing = crossing_families(task, case)
-    return (*crossing, PLATEAU, *_dips(task, SIMPLE)) if case.inside_loop else crossing
+def _beside(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
+    """Return what is tried beside crossings: a stop alone helps only inside a loop."""
+    return (PLATEAU, *_dips(task, SIMPLE)) if case.inside_loop else ()
 
 
-def _written_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
+def _beside_jogs(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     lasting = any(may_shift(axis) for axis, _ in case.reversing)
-    jogs = jog_families(task, case)
-    return jogs if lasting else (*jogs, *_feed_families(task, case))
+    return () if lasting else _feed_families(task, case)
 
 
 def _feed_families(task: PlanningTask, _case: ReversalCase) -> Sequence[DesignFamily]:

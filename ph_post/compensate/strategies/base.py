@@ -129,6 +129,8 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shifted: tuple[str, ...] = ()
     crosses_by: str = ""
     winds_up: bool = True
+    rests: bool = True
+    rivals: tuple[StrategyResult, ...] = ()
     warnings: tuple[str, ...] = ()
 
 

@@ -60,7 +60,7 @@ class OnTheFly:
                 expected="--strategy takeup",
                 got=self.name,
             )
-        return StrategyResult(requests=requests)
+        return StrategyResult(requests=requests, rests=False)
 
     def _request(self, task: PlanningTask, window: Window) -> ProfileRequest:
         lead, period = task.options.inverse_dynamics, task.machine.servo_period

@@ -1,0 +1,353 @@
+"""Race whole plans of one job: what the search proposes, every strategy's own plan, and offsets that need no stop.
+
+All have the same time and limits, and are measured on the machines that the file leaves possible. The best by its
+worst case is proven against the plain program, and what others do better in single places is tried in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.compensate import plan_warnings
+from ph_post.compensate.choose import smooth_offsets
+from ph_post.compensate.motion import without_strategy
+from ph_post.compensate.offsets import command_of, plan_time
+from ph_post.compensate.prove import (
+    GIVEN_UP,
+    OUT_OF_TIME,
+    Checker,
+    Sizes,
+    in_time,
+    left_alone,
+    prove_in_time,
+    takes_too_long,
+)
+from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, require_loop, traits_of
+from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_strategy, strategy_names
+from ph_post.compensate.violations import check_command
+from ph_post.errors import InputError, PhPostError, TooLargeError
+from ph_post.simulate.assess import is_nominal
+from ph_post.types import Array, Command, Plan, Scenario
+
+if TYPE_CHECKING:
+    from ph_post.compensate.plan import Planner
+
+HEAT: Final = 4
+"""Plans that are measured in more than the machine file's own values."""
+
+LEADS: Final = 0.5
+"""Ratio to which inverse dynamics alone brings the error where plans without it are not tried."""
+
+PROOFS: Final = 3
+"""Plans that are proven, where the proof takes something away from those before."""
+
+CLOSE: Final = math.log(1.03)
+"""Logarithm of the ratio within which largest errors are alike, and the other errors decide."""
+
+ENOUGH: Final = 0.005
+"""Part of the plain error below which less is no better."""
+
+FLOOR: Final = 1e-8
+"""Errors [m] below which less is no better."""
+
+SLOWER: Final = 0.5
+"""What a plan's further time counts, as part of the plain one's, beside logarithms of errors."""
+
+GAINED: Final = 0.01
+"""Logarithm by which an error must fall for a plan to be better than another."""
+
+GRAFTS: Final = (1.0, 0.5, 0.25)
+"""Parts of the places at which other plans are better that are tried in the winner."""
+
+LEAST_GRAFT: Final = 0.05
+"""Logarithm by which another plan must be better at a place."""
+
+MORE: Final = 0.8
+"""Ratio to which more time must bring an error, to be worth a word."""
+
+WHATEVER: Final = 16.0
+"""Times the time allowed with which is asked what more time would bring."""
+
+
+class Runner(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+    """A plan in the race: what it is made of, its command, and its sizes and places by scenario."""
+
+    planner: Planner
+    result: StrategyResult
+    plan: Plan
+    command: Command
+    sizes: tuple[Sizes, ...] = ()
+    intact: bool = False
+
+
+class Place(NamedTuple):
+    """Largest error [m] and its sum of squares around every window, each the worst of some scenarios."""
+
+    max: Array
+    square: Array
+
+
+def race(planner: Planner, name: str, result: StrategyResult) -> Plan:
+    """Plan a job in every way there is, and return the best plan.
+
+    Parameters
+    ----------
+    planner : Planner
+    name : str
+        Of the strategy that chooses.
+    result : StrategyResult
+        What the search proposes, with its rivals.
+
+    Returns
+    -------
+    Plan
+        Nowhere worse than the plain program; that where nothing is better. Its warnings say what more time would
+        bring.
+    """
+    return _Race(planner, name, result).run()
+
+
+class _Race:
+    """One race."""
+
+    def __init__(self, planner: Planner, name: str, result: StrategyResult) -> None:
+        self.planner, self.name, self.result = planner, name, result
+        self.progress = planner.progress
+        self.late: list[Runner] = []
+        self.said: tuple[str, ...] = ()
+
+    def run(self) -> Plan:
+        """Run the heats, prove the winner, and try in it what others do better."""
+        runners = list(self._start(self.planner, self._entrants()))
+        before = without_strategy((runners or self.late)[0].plan)
+        self.checker = checker = Checker(self.planner, before)
+        few = few_scenarios(checker.scenarios)
+        many = tuple(one for one in checker.scenarios if one.beta == one.gain == 1.0)
+        runners = [self._measured(one, few) for one in runners]
+        if self.planner.lead and not self._leads(runners, few):
+            planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
+            runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
+        runners = [self._measured(one, many) for one in self._ranked(runners, few)[:HEAT]]
+        winner = self._proven(runners, many)
+        if winner is None:
+            words = self._words(None, few)
+            plan = left_alone(self.name, self.result, self.planner, OUT_OF_TIME if words else GIVEN_UP)
+            return replace(plan, warnings=(*plan.warnings, *words))
+        winner = self._grafted(winner, [one for one in runners if one is not winner], many)
+        plan = winner.plan
+        return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *self._words(winner, few)))))
+
+    def _entrants(self) -> Iterator[StrategyResult]:
+        """Return what the search proposes, its rivals, the named strategies, and nothing but inverse dynamics."""
+        yield self.result
+        yield from self.result.rivals
+        yield from named_results(self.planner.task)
+        if self.planner.lead:
+            alone = ProfileRequest(shape=None, note=GIVEN_UP)
+            yield StrategyResult(requests=(alone,) * len(self.result.requests), crosses_by=PLAIN)
+
+    @staticmethod
+    def _without_lead(task: PlanningTask) -> Iterator[StrategyResult]:
+        yield from named_results(task)
+        yield from smooth_offsets(task, lead=False)
+
+    def _leads(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> bool:
+        """Return whether inverse dynamics alone does so much that nothing is tried without it."""
+        plain = self._plain(tried)[:, 0].max()
+        return any(one.result.crosses_by == PLAIN and _largest(one)[0] < LEADS * plain for one in runners)
+
+    def _start(self, planner: Planner, entrants: Iterable[StrategyResult]) -> Iterator[Runner]:
+        """Plan all that is to be tried; what takes too long waits aside, and what breaks a limit is left out."""
+        for number, proposed in enumerate(entrants):
+            self.progress(f"racing plan {number + 1}")
+            try:
+                plan, result = in_time(planner.plan(self.name, proposed), proposed, planner)
+                command = command_of(plan, planner.analysis.track, planner.machine.servo_period)
+            except TooLargeError:
+                raise
+            except PhPostError:
+                continue
+            if proposed is self.result:
+                self.said = tuple(one for one in result.warnings if one not in proposed.warnings)
+            runner = Runner(planner=planner, result=result, plan=plan, command=command)
+            if takes_too_long(plan, planner):
+                self.late.append(runner)
+            elif proposed.proven or not check_command(command, planner.machine):
+                yield runner
+
+    def _measured(self, runner: Runner, tried: Sequence[Scenario]) -> Runner:
+        return replace(runner, sizes=self.checker.measure(runner.command, tried))
+
+    def _ranked(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> list[Runner]:
+        """Sort plans, the best first."""
+        left, found = list(runners), []
+        while left:
+            found.append(left.pop(self._best(left, tried)))
+        return found
+
+    def _best(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> int:
+        """Return the number of the best plan.
+
+        It has the least largest error; of those in which that is alike, the least of the other errors.
+        """
+        rows = np.array([self._score(one, tried) for one in runners])
+        behind = rows[:, :2] - rows[:, :2].min(axis=0)
+        worst = behind.max(axis=1)
+        close = np.flatnonzero(worst <= worst.min() + CLOSE)
+        return int(close[np.argmin(rows[close, 2:].sum(axis=1))])
+
+    def _score(self, runner: Runner, tried: Sequence[Scenario]) -> Array:
+        """Logarithms of largest errors, worst and on the machine as the file has it; of the others; and the time."""
+        own = [number for number, one in enumerate(tried) if is_nominal(one)]
+        plain = self._plain(tried)
+        table = np.array([one[:3] for one in runner.sizes])
+        least = np.maximum(ENOUGH * plain.max(axis=0), FLOOR)
+        worst, nominal = (np.log(np.maximum(rows.max(axis=0), least)) for rows in (table, table[own]))
+        time = SLOWER * plan_time(runner.plan) / max(self.planner.before.motion.end, self.checker.period)
+        others = [worst[1], nominal[1], 0.5 * worst[2], 0.5 * nominal[2], time]
+        return np.array([worst[0], nominal[0], *others])
+
+    def _plain(self, tried: Sequence[Scenario]) -> Array:
+        """Sizes of the plain motion in some scenarios, shape (scenarios, 3)."""
+        known = dict(zip(self.checker.scenarios, self.checker.sizes, strict=True))
+        return np.array([known[one][:3] for one in tried])
+
+    def _proven(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> Runner | None:
+        """Prove the best plans until one needs nothing taken away, or enough were proven."""
+        left, done = list(runners), list[Runner]()
+        while left and len(done) < PROOFS:
+            best = left.pop(self._best(left, tried))
+            self.progress("proving the plan against the plain program")
+            found = self._proof(best, tried)
+            if found is not None:
+                done.append(found)
+                if found.intact or (left and self._best([found, *left], tried) == 0):
+                    break
+        done = [one for one in done if self._gains(one, tried)]
+        return done[self._best(done, tried)] if done else None
+
+    def _proof(self, runner: Runner, tried: Sequence[Scenario]) -> Runner | None:
+        plan, result = prove_in_time(runner.plan, runner.result, runner.planner, self.checker)
+        if plan is runner.plan:
+            return replace(runner, intact=True)
+        if result is None:
+            return None
+        command = command_of(plan, self.checker.track, self.checker.period)
+        return self._measured(replace(runner, plan=plan, result=result, command=command), tried)
+
+    def _gains(self, runner: Runner, tried: Sequence[Scenario]) -> bool:
+        """Return whether a plan has any less error than the plain one."""
+        plain = np.maximum(self._plain(tried).max(axis=0), FLOOR)
+        found = np.maximum(_largest(runner), FLOOR)
+        return bool(np.log(plain / found).max() > GAINED)
+
+    def _grafted(self, winner: Runner, others: Sequence[Runner], tried: Sequence[Scenario]) -> Runner:
+        """Try in the winner what others of the same kind do in the places where they are better."""
+        kin = [one for one in others if one.planner is winner.planner and one.result.shifted == winner.result.shifted]
+        if not kin or not winner.result.requests:
+            return winner
+        self.progress("trying in the best plan what others do better")
+        few = few_scenarios(tried)
+        places = [self._places(one, few) for one in (winner, *kin)]
+        least = max(ENOUGH * float(self._plain(tried)[:, 0].max()), FLOOR)
+        high = np.log(np.maximum([one.max for one in places], least))
+        broad = np.log(np.maximum([one.square for one in places], least**2))
+        better = (high[0] - high) + 0.5 * (broad[0] - broad)
+        better[high > high[0] + GAINED] = 0.0
+        which, gain = np.argmax(better, axis=0), better.max(axis=0)
+        wanted = np.flatnonzero((gain > LEAST_GRAFT) & (which > 0))
+        wanted = wanted[np.argsort(-gain[wanted], kind="stable")]
+        for part in GRAFTS if wanted.size else ():
+            taken = wanted[: math.ceil(part * wanted.size)].tolist()
+            requests = list(winner.result.requests)
+            for number in taken:
+                requests[number] = kin[which[number] - 1].result.requests[number]
+            result = replace(winner.result, requests=tuple(requests), shorter=None, rivals=(), warnings=())
+            plan = winner.planner.plan(self.name, result)
+            if takes_too_long(plan, winner.planner):
+                continue
+            command = command_of(plan, self.checker.track, self.checker.period)
+            runner = Runner(planner=winner.planner, result=result, plan=plan, command=command)
+            found = self._proof(self._measured(runner, tried), tried) if self._beats(runner, winner, tried) else None
+            if found is not None and self._beats(found, winner, tried):
+                return found
+        return winner
+
+    def _beats(self, runner: Runner, other: Runner, tried: Sequence[Scenario]) -> bool:
+        measured = runner if runner.sizes else self._measured(runner, tried)
+        return self._best([other, measured], tried) == 1
+
+    def _places(self, runner: Runner, tried: Sequence[Scenario]) -> Place:
+        """Errors around every window."""
+        s = np.array([window.s for window in self.planner.analysis.windows])
+        found = self.checker.around(runner.command, 0.5 * (s[:-1] + s[1:]), tried)
+        return Place(*(np.max([one[k] for one in found], axis=0) for k in range(2)))
+
+    def _words(self, winner: Runner | None, tried: Sequence[Scenario]) -> tuple[str, ...]:
+        """Say what more time would bring; nothing where that is little, or worse in any case."""
+        if self.said and (winner is None or not winner.result.shifted):
+            # The search left axes out, and said what they would take.
+            return self.said
+        own = (
+            self._plain(tried) if winner is None else np.array([one[:3] for one in self._measured(winner, tried).sizes])
+        )
+        here = own.max(axis=0)
+        late = [self._measured(one, tried) for one in (*self.late, *self._with_more_time())]
+        for one in self._ranked(late, tried)[:1]:
+            there = _largest(one)
+            gains = bool(np.any(there[:2] < MORE * here[:2]) and np.all(there[:2] <= here[:2]))
+            if gains and self.checker.blame(one.plan, ()) is None:
+                plain = self.planner.before.motion.end
+                part = plan_time(one.plan) / plain - 1.0
+                return (plan_warnings.more_time_warning(here.tolist(), there.tolist(), part),)
+        return ()
+
+    def _with_more_time(self) -> Iterator[Runner]:
+        """Plan what the search found, without regard to the time."""
+        if self.result.shorter is None:
+            return
+        options = self.planner.options
+        planner = self.planner.with_options(replace(options, max_slowdown=WHATEVER * (1.0 + options.max_slowdown)))
+        result = self.result.shorter(WHATEVER)
+        if all(one == other for one, other in zip(result.requests, self.result.requests, strict=True)):
+            return
+        plan = planner.plan(self.name, result)
+        if takes_too_long(plan, self.planner):
+            command = command_of(plan, self.checker.track, self.checker.period)
+            yield Runner(planner=planner, result=result, plan=plan, command=command)
+
+
+def named_results(task: PlanningTask) -> Iterator[StrategyResult]:
+    """Return the answers of all strategies that do not search, those that refuse the task left out."""
+    for name in strategy_names():
+        strategy = find_strategy(name)
+        traits = traits_of(strategy)
+        refused = not traits.compensates or traits.chooses or name == TAKE_UP
+        if refused or (traits.moves_back and not task.options.allow_retrograde):
+            continue
+        try:
+            require_loop(strategy, task.path.axes, task.machine)
+            result = strategy.profiles(task)
+        except InputError:
+            continue
+        requests = tuple(replace(one, strategy=one.strategy or name) for one in result.requests)
+        yield replace(result, requests=requests, crosses_by=result.crosses_by or name)
+
+
+def few_scenarios(every: Sequence[Scenario]) -> tuple[Scenario, ...]:
+    """Choose scenarios at the file's values: every pick-up rule on the first sides, all sides with the first rule."""
+    nominal = [one for one in every if is_nominal(one)]
+    first = nominal[0]
+    same_sides = [one for one in nominal if (one.flank, one.opposite) == (first.flank, first.opposite)]
+    return tuple(dict.fromkeys([*same_sides, *(one for one in nominal if one.pickup == first.pickup)]))
+
+
+def _largest(runner: Runner) -> Array:
+    """Largest sizes of a plan in the scenarios that it was measured in, shape (3,)."""
+    return np.asarray(np.array([one[:3] for one in runner.sizes]).max(axis=0))
