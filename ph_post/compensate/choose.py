@@ -33,7 +33,7 @@ MOST_APPROACH: Final = 0.5
 SPARE: Final = 0.97
 """Part of the time allowed that is given to the turning points; the rest is for rounding."""
 
-BESIDE: Final = 0.4
+BESIDE: Final = 0.3
 """Part of the effort that further choices are searched with."""
 
 SMOOTH: Final = (1.0, 2.0, 4.0)

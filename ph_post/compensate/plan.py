@@ -393,6 +393,9 @@ class Planner:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
         feed_planner, valid, feed = self._baseline_for(result.requests)
+        # What it learns of the limits from this plan is no matter of the next one.
+        feed_planner = copy(feed_planner)
+        feed_planner.factor = valid.factor.copy()
         fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed, self.longest).fit()
         missed = self._missed(result.requests, fitted.profiles)
         if missed:

@@ -19,10 +19,10 @@ from ph_post.compensate.search import FLOOR, DesignSearch, TriedDesign
 from ph_post.progress import Progress
 from ph_post.types import Array, Axis
 
-WORK: Final = 1.2e7
+WORK: Final = 1e7
 """Samples of one axis that may be simulated for a job: some five seconds."""
 
-OVERHEAD: Final = 6e3
+OVERHEAD: Final = 8e3
 """What a design takes beside them, in samples."""
 
 FEWEST, MOST = 40, 250
