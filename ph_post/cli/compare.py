@@ -42,6 +42,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
       warnings           a list of sentences
     """
     import ph_post as ph
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.figures import write_figure
@@ -49,6 +50,7 @@ def command(source: str, machine: str, plot: str | None, as_json: bool, **how: A
     from ph_post.report.simulations import comparison_lines, comparison_view, warnings_of_choice
     from ph_post.report.tables import print_json
 
+    check_places({"IN": source}, {"--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         found = ph.compare(source, machine, output=how["carrier"], progress=progress, **options.in_si(how))
         if plot is not None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator, Mapping
-from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from ph_post.cli import options
-from ph_post.cli.outputs import Target, choose_target, products_of
+from ph_post.cli.outputs import Target, check_places, choose_target, products_of
 from ph_post.progress import Progress
 
 if TYPE_CHECKING:
@@ -125,8 +124,8 @@ def convert_path(raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> 
 
     machine = options.require_machine(how["machine"])
     table, program = how["table"], how["output"]
-    _check_outputs(program, table, as_json)
     program = program or (None if table is not None or as_json else "-")
+    check_places({"IN": raw.name}, {"-o": program, "--table": table, "--plot": how["plot"]}, json=as_json)
     asked: list[PlanOutput] = ["table"] if table is not None or program is None else []
     asked += ["program"] if program is not None else []
     with ProgressPrinter() as progress:
@@ -210,16 +209,6 @@ def _view(
     return {**views[first], "carrier": first, **beside}, plans
 
 
-def _check_outputs(output: str | None, table: str | None, as_json: bool) -> None:
-    """Refuse two products for one place."""
-    streams = [name for name, value in (("-o", output), ("--table", table)) if value == "-"]
-    streams += ["--json"] if as_json else []
-    if len(streams) > 1:
-        raise click.UsageError(f"standard output can take one product; got {' and '.join(streams)}")
-    if output not in (None, "-") and table is not None and FilePath(str(output)).resolve() == FilePath(table).resolve():
-        raise click.UsageError(f"-o and --table name the same file; got {output}")
-
-
 def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as_json: bool) -> int:
     """Compensate a part program, or take its compensation back, and write it where the options say.
 
@@ -246,8 +235,9 @@ def convert_program(source: str, raw: SourceBytes, how: Mapping[str, Any], *, as
 
     found = options_for_program(how)
     target = choose_target(source, how) or (None if as_json else Target(program="-"))
-    if as_json and target is not None and target.program == "-":
-        raise click.UsageError("standard output can take one product; got -o and --json")
+    if target is not None:
+        here = source if target.program != source or how["output"] is not None else None
+        check_places({"IN": here}, {"-o": target.program, "--plot": how["plot"]}, json=as_json)
     if how["undo"]:
         return _undo(raw, how, target, as_json)
     options.require_machine(how["machine"])

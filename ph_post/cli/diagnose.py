@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ph_post.cli import options
-from ph_post.cli.log_options import check_places, log_options
+from ph_post.cli.log_options import log_options
 
 if TYPE_CHECKING:
     from ph_post.api.measurements import LogDiagnosis
@@ -70,6 +70,7 @@ def command(source: str, machine: str, as_json: bool, **how: Any) -> int:
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.diagnoses import diagnosis_lines, diagnosis_view, effort_units

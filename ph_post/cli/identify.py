@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from ph_post.cli import options
-from ph_post.cli.log_options import check_places, log_options
+from ph_post.cli.log_options import log_options
 
 
 def _loops(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -94,6 +94,7 @@ def command(source: str, machine: str | None, output: str | None, plot: str | No
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.diagnoses import fit_view, identification_lines, identification_view

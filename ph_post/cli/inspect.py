@@ -48,12 +48,14 @@ def command(
       certificate     with --certify: {ok, count, found, roots, words}
     """
     import ph_post as ph
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_analysis, write_figure
     from ph_post.report.tables import print_inspection, print_json
     from ph_post.report.views import inspection_view
 
+    check_places({"IN": source}, {"--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
         found = ph.inspect(

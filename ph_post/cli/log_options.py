@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeVar
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import click
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-STDIN: Final = "-"
-"""Standard input, and standard output."""
 
 
 def _sides(_ctx: click.Context, _parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
@@ -58,33 +55,3 @@ def log_options(function: F) -> F:
     for option in reversed(_OPTIONS):
         function = option(function)
     return function
-
-
-def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | None], *, json: bool) -> None:
-    """Refuse two inputs or two products in one place, and a product in place of a record.
-
-    Parameters
-    ----------
-    inputs, products : mapping
-        What was named, by its option; None where nothing was. The machine file alone may be written over.
-    json : bool
-        Whether standard output is taken by the object.
-
-    Raises
-    ------
-    click.UsageError
-    """
-    streams = [option for option, name in inputs.items() if name == STDIN]
-    if len(streams) > 1:
-        raise click.UsageError(f"standard input can give one of them; got - for {' and '.join(streams)}")
-    taken = {STDIN: "--json"} if json else {}
-    for option, name in products.items():
-        if name is None:
-            continue
-        if name in taken:
-            place = "standard output" if name == STDIN else name
-            raise click.UsageError(f"{place} can take one product; got {taken[name]} and {option}")
-        taken[name] = option
-        for other, read in inputs.items():
-            if name == read != STDIN and other != "-m":
-                raise click.UsageError(f"{option} would write over {other} ({name})")

@@ -11,7 +11,7 @@ import click
 import msgspec
 
 from ph_post.errors import InputError
-from ph_post.files.storage import STDIO
+from ph_post.files.storage import STDIO, check_place
 
 
 class Target(msgspec.Struct, frozen=True, kw_only=True):
@@ -53,6 +53,44 @@ def choose_target(source: str, how: Mapping[str, Any]) -> Target | None:
         refuse_bad_suffix(how["suffix"])
         return Target(program=str(file.with_name(file.stem + how["suffix"] + file.suffix)))
     return Target(program=source, backup=f"{source}{how['backup']}" if how["backup"] else None)
+
+
+def check_places(inputs: Mapping[str, str | None], products: Mapping[str, str | None], *, json: bool) -> None:
+    """Refuse two inputs or two products in one place, a product in place of an input, and a place that is none.
+
+    Before the work is done: nobody waits for a result that cannot be written.
+
+    Parameters
+    ----------
+    inputs, products : mapping
+        What was named, by its option; None where nothing was. The machine file alone may be written over.
+    json : bool
+        Whether standard output is taken by the object.
+
+    Raises
+    ------
+    click.UsageError
+    InputError
+        Where a folder is missing, or a file is write-protected.
+    """
+    streams = [option for option, name in inputs.items() if name == STDIO]
+    if len(streams) > 1:
+        raise click.UsageError(f"standard input can give one of them; got - for {' and '.join(streams)}")
+    taken = {STDIO: "--json"} if json else {}
+    for option, name in products.items():
+        if name is None:
+            continue
+        place = STDIO if name == STDIO else os.path.realpath(name)
+        if place in taken:
+            shown = "standard output" if name == STDIO else name
+            raise click.UsageError(f"{shown} can take one product; got {taken[place]} and {option}")
+        taken[place] = option
+        if name == STDIO:
+            continue
+        for other, read in inputs.items():
+            if read not in (None, STDIO) and other != "-m" and place == os.path.realpath(str(read)):
+                raise click.UsageError(f"{option} would write over {other} ({name})")
+        check_place(name)
 
 
 def refuse_bad_suffix(suffix: str) -> None:

@@ -67,14 +67,14 @@ def command(
       lockstep  whether it ran period by period, not in real time
     """
     import ph_post as ph
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import write_figure
     from ph_post.report.rehearsals import draw_rehearsal, rehearsal_lines, rehearsal_view
     from ph_post.report.tables import print_json
 
-    if sum([log == "-", as_json]) > 1:
-        raise click.UsageError("standard output can take one product; got two for it")
+    check_places({"PROGRAM": program, "--against": against}, {"--log": log, "--plot": plot}, json=as_json)
     options.require_two_sources(against, program)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:

@@ -71,14 +71,14 @@ def command(
       ph-post report run.csv -m router.toml -o run.html
       ph-post report part.json -m mill.toml --strategy suppress --ratio 0.4 -o part.html
     """
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import write_atomically
     from ph_post.report.figures import write_figure
     from ph_post.report.tables import print_json
 
     page = output or (None if as_json or plot is not None else "-")
-    if page == "-" and as_json:
-        raise click.UsageError("standard output can take one product; got two for it")
+    check_places({"IN": source, "OTHER": other}, {"-o": page, "--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         made = _made(source, other, machine, how, progress)
         products: dict[str, str | bytes] = {}

@@ -72,6 +72,7 @@ def command(
       warnings            a list of sentences
     """
     import ph_post as ph
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import write_figure
@@ -79,8 +80,7 @@ def command(
     from ph_post.report.simulations import simulation_lines, simulation_view
     from ph_post.report.tables import print_json
 
-    if log == "-" and as_json:
-        raise click.UsageError("standard output can take one product; got two for it")
+    check_places({"IN": source}, {"--log": log, "--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
         found = ph.simulate(

@@ -182,7 +182,14 @@ def _is_stream(name: str) -> bool:
     return name == STDIO or not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
-def _plan(name: str, content: Content, number: int) -> _Product:
+def check_place(name: str) -> pathlib.Path:
+    """Return the file that a name leads to, and refuse one that cannot be written.
+
+    Raises
+    ------
+    InputError
+        Where it is a folder, its folder is missing, or it is write-protected. A device or a pipe may be written.
+    """
     with _writing_errors(name):
         place = pathlib.Path(os.path.realpath(name))
         if place.is_dir():
@@ -191,6 +198,11 @@ def _plan(name: str, content: Content, number: int) -> _Product:
             raise InputError(name, "cannot be written", expected="an existing folder", got=os.fspath(place.parent))
         if place.exists() and not os.access(place, os.W_OK):
             raise InputError(name, "cannot be written", got="a write-protected file")
+    return place
+
+
+def _plan(name: str, content: Content, number: int) -> _Product:
+    place = check_place(name)
     # By chance, not by process: what a killed run left behind must not be in the way of one of its number.
     stem = f".ph-post-{secrets.token_hex(6)}-{number}"
     fresh, old = place.with_name(f"{stem}.new"), place.with_name(f"{stem}.old")

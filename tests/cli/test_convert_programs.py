@@ -296,3 +296,21 @@ def test_a_full_standard_output_is_told_in_a_line(circle, capfdbinary, monkeypat
         2,
         "ph-post: standard output: cannot be read or written; got No space left on device\n",
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("-o", "missing/out.ngc"), "missing/out.ngc: cannot be written; expected an existing folder"),
+        (("-o", "out.ngc", "--plot", "missing/a.png"), "missing/a.png: cannot be written; expected an existing folder"),
+        (("-o", "part.ngc"), "-o would write over IN (part.ngc)"),
+        (("-o", "out.png", "--plot", "./out.png"), "./out.png can take one product; got -o and --plot"),
+    ],
+)
+def test_where_the_result_goes_is_looked_at_before_the_work(monkeypatch, tmp_path, capsys, words, what):
+    monkeypatch.chdir(tmp_path)
+    pathlib.Path("part.ngc").write_text("G21 G90\nG0 X0 Y0\nG3 X0 Y0 I10 J0 F800\nM2\n")
+    monkeypatch.setattr("ph_post.api.program_compensation.ProgramCompensation", None)
+    assert main(["convert", "part.ngc", "-m", "stepper", *words]) == 2
+    assert what in capsys.readouterr().err
+    assert [one.name for one in tmp_path.iterdir()] == ["part.ngc"]
