@@ -23,6 +23,9 @@ MOST_PLACES: Final = 10_000_000
 MOST_EFFORT: Final = 1000.0
 """Largest effort of a search: some three hours."""
 
+LEAST_CORNER_TOLERANCE: Final = 1e-7
+"""Smallest distance [m] within which corners of a path are rounded: no machine can show less."""
+
 HOUR: Final = 3600.0
 """[s]"""
 

@@ -48,6 +48,7 @@ def compensate(
     strategy: str | None = None,
     tolerance: float = TOLERANCE,
     feed: float | None = None,
+    corner_tolerance: float | None = None,
     dialect: str | None = None,
     start: Literal["rest", "moving"] = "rest",
     ratio: float | None = None,
@@ -95,6 +96,9 @@ def compensate(
         Largest distance of the osculating circle from the path inside a window [m].
     feed : float, optional
         Feed in place of the path's [m/s].
+    corner_tolerance : float, optional
+        Round the sharp corners of a path by curves of continuous curvature, which are run without a stop; neither
+        has a point farther from the other [m].
     dialect : str, optional
         Controller dialect in place of the machine's.
     start : {"rest", "moving"}
@@ -173,6 +177,7 @@ def compensate(
         strategy=strategy,
         tolerance=tolerance,
         feed=feed,
+        corner_tolerance=corner_tolerance,
         dialect=dialect,
         start=start,
         ratio=ratio,

@@ -14,6 +14,7 @@ from typing import Final
 import msgspec
 
 from ph_post.analysis.path_analysis import Analysis, IntervalSource, analyse
+from ph_post.api.corners import with_rounded_corners
 from ph_post.dialects.reading import dialect_of, read_again_as, read_as, read_program_file
 from ph_post.dialects.registry import find_dialect
 from ph_post.drive import machinefile
@@ -312,7 +313,12 @@ def _uncompensated(program: PartProgram) -> tuple[PartProgram, tuple[str, ...]]:
 
 
 def read_job(
-    job: Job, machine: Machine | Source | None, *, feed: float | None = None, dialect: str | None = None
+    job: Job,
+    machine: Machine | Source | None,
+    *,
+    feed: float | None = None,
+    dialect: str | None = None,
+    corner_tolerance: float | None = None,
 ) -> tuple[Path, Machine | None, tuple[str, ...]]:
     """Read a job and a machine that has a drive for each of its axes.
 
@@ -324,11 +330,13 @@ def read_job(
         Feed [m/s] in place of the path's.
     dialect : str, optional
         Controller dialect in place of the machine's, and language of a program.
+    corner_tolerance : float, optional
+        Round sharp corners, by curves as far from the path at most [m].
 
     Returns
     -------
     path : Path
-        Of a part program its longest path.
+        Of a part program its longest path; its remarks say which corners are rounded.
     machine : Machine or None
     notes : tuple of str
         Parts of a part program that the path does not show.
@@ -341,11 +349,11 @@ def read_job(
     raw = raw_job(job)
     if machine is None:
         path, notes = path_of_job(raw, feed=feed, dialect=dialect)
-        return path, None, notes
+        return with_rounded_corners(path, corner_tolerance), None, notes
     drives, name = machine_named(machine, dialect)
     path, notes = path_of_job(raw, drives, feed=feed, dialect=dialect)
     check_axes(path.axes, "path", drives, name)
-    return path, drives, notes
+    return with_rounded_corners(path, corner_tolerance), drives, notes
 
 
 def analyse_job(
@@ -355,6 +363,7 @@ def analyse_job(
     tolerance: float = TOLERANCE,
     feed: float | None = None,
     dialect: str | None = None,
+    corner_tolerance: float | None = None,
     interval_table: Source | IntervalTable | None = None,
     progress: Progress = no_progress,
 ) -> tuple[Analysis, tuple[str, ...]]:
@@ -362,7 +371,7 @@ def analyse_job(
 
     Parameters
     ----------
-    job, machine, feed, dialect
+    job, machine, feed, dialect, corner_tolerance
         As of :func:`read_job`.
     tolerance : float, optional
         ε of the windows [m].
@@ -382,7 +391,7 @@ def analyse_job(
         As :func:`read_job`, and where the table is bad.
     """
     progress("reading")
-    path, drives, notes = read_job(job, machine, feed=feed, dialect=dialect)
+    path, drives, notes = read_job(job, machine, feed=feed, dialect=dialect, corner_tolerance=corner_tolerance)
     solve: IntervalSource = backlash_interval
     if interval_table is not None:
         table = interval_table if isinstance(interval_table, IntervalTable) else read_intervals(interval_table)

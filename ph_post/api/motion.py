@@ -245,7 +245,7 @@ def simulate(
     progress : callable, optional
         Called with the name of every stage.
     **planning
-        `tolerance`, `feed`, `dialect`, `start`, `ratio`, `degree`, `t_star`, `coefficients`,
+        `tolerance`, `feed`, `corner_tolerance`, `dialect`, `start`, `ratio`, `degree`, `t_star`, `coefficients`,
         `allow_retrograde`, `min_feed`, `max_slowdown`, `feed_only`, `no_inverse_dynamics`, `effort` and
         `interval_table` of :func:`ph_post.compensate`.
 
@@ -290,7 +290,8 @@ def simulate(
         analysis, notes = _analysed(job, machine, how, progress)
         progress("planning the feed")
         plan = make_plan(analysis, how.plan(output), progress)
-        drives, caveats = _with_rules(plan.machine, pickup, initial_flank), plan.warnings
+        drives = _with_rules(plan.machine, pickup, initial_flank)
+        caveats = (*analysis.path.remarks, *plan.warnings)
         motion = PlannedMotion(analysis, replace(plan, machine=drives))
         command = motion.command
         name = f"{analysis.path.name}, strategy {plan.strategy}"
@@ -339,6 +340,7 @@ def _analysed(
         tolerance=how.tolerance,
         feed=how.feed,
         dialect=how.dialect,
+        corner_tolerance=how.corner_tolerance,
         interval_table=how.interval_table,
         progress=progress,
     )
@@ -437,5 +439,5 @@ def compare(
         strategies=contenders,
         error_without_gap=without_backlash(analysis, contenders[0]),
         notes=notes,
-        caveats=machine_warnings(_machine_of(analysis), analysis.path.axes),
+        caveats=(*analysis.path.remarks, *machine_warnings(_machine_of(analysis), analysis.path.axes)),
     )

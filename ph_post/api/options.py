@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from ph_post.bounds import MOST_EFFORT
+from ph_post.bounds import LEAST_CORNER_TOLERANCE, MOST_EFFORT
 from ph_post.compensate.options import PlanOptions, PlanOutput
 from ph_post.compensate.strategies.registry import default_strategy, find_traits
 from ph_post.drive.intervals import IntervalTable
@@ -19,13 +19,14 @@ from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramO
 
 _NUMBERS = (
     *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown"),
-    *("effort", "chord_tolerance", "block_time", "safe_z", "depth", "overshoot"),
+    *("effort", "chord_tolerance", "block_time", "safe_z", "depth", "overshoot", "corner_tolerance"),
 )
 """Options that are numbers."""
 
 _RANGES = {
     **dict.fromkeys(("tolerance", "feed", "t_star", "min_feed"), (0.0, True, math.inf)),
     **dict.fromkeys(("chord_tolerance", "block_time", "overshoot"), (0.0, True, math.inf)),
+    "corner_tolerance": (LEAST_CORNER_TOLERANCE, False, math.inf),
     "max_slowdown": (0.0, False, math.inf),
     "effort": (0.0, True, MOST_EFFORT),
 }
@@ -42,6 +43,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     strategy: str | None = None
     tolerance: float = TOLERANCE
     feed: float | None = None
+    corner_tolerance: float | None = None
     dialect: str | None = None
     start: Literal["rest", "moving"] = "rest"
     ratio: float | None = None
@@ -88,6 +90,8 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
                 option = f"--{name.replace('_', '-')}"
                 raise InputError(option, "out of range", expected=f"a finite number{least}{most}", got=str(value))
 
+        if self.corner_tolerance is not None and self.feed_only:
+            raise OptionsError("--corner-tolerance changes the path, and --feed-only leaves it as it is; leave one out")
         if self.position_from not in (None, "+", "-"):
             raise InputError("--position-from", "unknown side", expected="+ or -", got=str(self.position_from))
         if self.part_side not in (None, "left", "right"):
@@ -175,6 +179,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """
         given = {
             "--feed": self.feed is not None,
+            "--corner-tolerance": self.corner_tolerance is not None,
             "--safe-z": self.safe_z is not None,
             "--depth": self.depth is not None,
             "--interval-table": self.interval_table is not None,

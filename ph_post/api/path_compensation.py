@@ -59,7 +59,9 @@ class PathCompensation(Compensation):
         self._motions: dict[PlanOutput, PlannedMotion] = {}
         self._written: set[PlanOutput] = set()
         plan = self.plan(output)
-        self._plans[output] = with_warnings(plan, *machine_warnings(self.machine, analysis.path.axes))
+        self._plans[output] = with_warnings(
+            plan, *analysis.path.remarks, *machine_warnings(self.machine, analysis.path.axes)
+        )
 
     @cached_property
     def crossed(self) -> CrossedPath | None:
@@ -213,6 +215,7 @@ def compensated_path(
         tolerance=options.tolerance,
         feed=options.feed,
         dialect=options.dialect,
+        corner_tolerance=options.corner_tolerance,
         interval_table=options.interval_table,
         progress=progress,
     )

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ph_post.report.result_line import ResultSummary
     from ph_post.types import Machine, Plan
 
-_PATH_ONLY: Final = ("feed", "safe_z", "depth", "interval_table", "feed_mode")
+_PATH_ONLY: Final = ("feed", "corner_tolerance", "safe_z", "depth", "interval_table", "feed_mode")
 """Options that part programs leave out where a line with the options of path files serves both."""
 
 

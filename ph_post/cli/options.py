@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from ph_post.bounds import MOST_EFFORT
+from ph_post.bounds import LEAST_CORNER_TOLERANCE, MOST_EFFORT
 from ph_post.errors import OptionsError
 from ph_post.units import MM, MM_PER_MIN, MS
 
@@ -88,6 +88,7 @@ def require_two_sources(a: str | None, b: str | None) -> None:
 _UNITS = {
     "tolerance": MM,
     "feed": MM_PER_MIN,
+    "corner_tolerance": MM,
     "min_feed": MM_PER_MIN,
     "chord_tolerance": MM,
     "block_time": MS,
@@ -239,6 +240,13 @@ def report_written(warnings: Iterable[str], products: Iterable[str]) -> None:
 _PLANNING = (
     tolerance,
     feed,
+    click.option(
+        "--corner-tolerance",
+        type=Number(min=round(LEAST_CORNER_TOLERANCE / MM, 9)),
+        default=None,
+        metavar="MM",
+        help="Round the sharp corners of a path by smooth curves within this distance, and do not stop there.",
+    ),
     dialect,
     click.option(
         "--start",

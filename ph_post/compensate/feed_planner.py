@@ -15,6 +15,7 @@ import numpy as np
 
 from ph_post.bounds import check_samples
 from ph_post.compensate import shapes
+from ph_post.compensate.corner_speeds import RoundedCorners
 from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve
 from ph_post.compensate.motion import STEADY, FeedAlong, MotionLaw
 from ph_post.compensate.nominal import SAME_PLACE, Schedule, add_plateaus, first_nodes, plan_feed
@@ -279,12 +280,15 @@ class FeedPlanner:
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
         _check_feeds(track, self.limits)
         aimed = axis_limits(track.path.axes, planned or machine, machine.servo_period)
-        self.caps = build_limit_curve(track, _planned(aimed, track))
+        inside = _planned(aimed, track)
+        caps = build_limit_curve(track, inside)
+        self._corners = RoundedCorners(track, inside, caps)
+        self.caps = self._corners.expect(caps)
         self.factor = np.ones(self.caps.s.size)
         segments = track.path.segments
         first, last = moving and not segments[0].rapid, moving and not segments[-1].rapid
         self.looped = first and last and track.closed
-        self._nodes = first_nodes(track.length, stops, (first, last))
+        self._nodes = self._corners.add_nodes(first_nodes(track.length, stops, (first, last)))
 
     def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> ValidMotion:
         """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as requested.
@@ -335,7 +339,8 @@ class FeedPlanner:
         for row in np.flatnonzero(schedule.window >= 0).tolist():
             cruise[laid[schedule.window[row]].site] = float(schedule.speed[row, 0])
         planned = (msgspec.structs.replace(site, cruise=cruise[k]) for k, site in enumerate(sites))
-        return _Candidate(assemble(schedule, sites, laid), tuple(planned))
+        motion = self._corners.quicken(assemble(schedule, sites, laid), self.factor)
+        return _Candidate(motion, tuple(planned))
 
     def _lay(self, number: int, site: Site, depth: float) -> list[SiteSpan] | str:
         """Put a profile on the path so deep, or say why that cannot be done."""

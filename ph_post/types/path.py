@@ -29,15 +29,19 @@ class Curve(Protocol):
 
 
 class Segment(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """One segment of a path; `feed` [m/s] overrides the path's."""
+    """One segment of a path; `feed` [m/s] overrides the path's. One that is `rounded` replaces a sharp corner."""
 
     curve: Curve
     feed: float | None = None
     rapid: bool = False
+    rounded: bool = False
 
 
 class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """An analytic toolpath. `feed` in m/s; `digest` is the hash of the bytes it was read from."""
+    """An analytic toolpath. `feed` in m/s; `digest` is the hash of the bytes it was read from.
+
+    `remarks` say what was changed of it since then, a sentence each.
+    """
 
     name: str
     source: str
@@ -46,6 +50,7 @@ class Path(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     closed: bool
     segments: tuple[Segment, ...]
     digest: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 class TurningPoint(msgspec.Struct, frozen=True, kw_only=True, eq=False, gc=False):
