@@ -222,7 +222,7 @@ def test_where_sides_are_short_the_largest_curve_that_fits_is_taken() -> None:
     assert 0.0 < middle.derivatives(1.0)[0, 0][1] - middle.derivatives(0.0)[0, 0][1] < 0.03e-4
     # The other corner asks for little: this one may take what it leaves.
     wide = round_sharp_corners(
-        path_of(Line([[0, 0], [1, 0]]), Line([[1, 0], [1, 1e-3]]), Line([[1, 1e-3], [0.998, 1.1]])), 1e-4
+        path_of(Line([[0, 0], [1, 0]]), Line([[1, 0], [1, 1e-3]]), Line([[1, 1e-3], [0.5, -0.865]])), 1e-4
     )
     assert wide.corners[0].deviation == pytest.approx(1e-4)
 
