@@ -17,6 +17,8 @@ from ph_post.compensate.families import (
     shortest_crossing,
     whole_crossing,
 )
+from ph_post.compensate.friction import friction_of, friction_of_machine
+from ph_post.compensate.friction_layout import first_step
 from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign, best_of, largest_lag, rest_design
@@ -103,15 +105,19 @@ def smooth_offsets(task: PlanningTask, *, lead: bool) -> tuple[StrategyResult, .
 def search_scenarios(machine: Machine, axes: Sequence[str]) -> tuple[tuple[Scenario, ...], int]:
     """Return the scenarios to search with, and how many of them are nominal.
 
-    The nominal ones have the backlash of the machine file and come first; the others have it smaller and larger
-    by its uncertainty. Each has one of the pick-up rules that the file leaves open.
+    The nominal ones have the backlash of the machine file and come first; the others have it, or friction, smaller
+    and larger by its uncertainty. Each has one of the pick-up rules that the file leaves open.
     """
     drives = [machine.axes[name] for name in axes]
     inside = [axis for axis in drives if axis.loop.encloses_backlash]
     rules = PICKUPS if any(axis.gap.pickup is None for axis in inside) else (None,)
     spread = max(axis.uncertainty.backlash for axis in drives)
     gaps = (1.0,) if spread == 0.0 else (1.0, 1.0 - spread, 1.0 + spread)
-    return tuple(Scenario(pickup=rule, gap=gap) for gap in gaps for rule in rules), len(rules)
+    found = [Scenario(pickup=rule, gap=gap) for gap in gaps for rule in rules]
+    rubs = max((axis.uncertainty.friction for axis in drives if friction_of(axis) is not None), default=0.0)
+    if rubs > 0.0:
+        found += [Scenario(pickup=rule, friction=factor) for factor in (1.0 - rubs, 1.0 + rubs) for rule in rules]
+    return tuple(found), len(rules)
 
 
 class _Chooser:
@@ -121,14 +127,23 @@ class _Chooser:
         self.task, self.offsets, self.lead = task, offsets, lead
         self.written = task.options.writes_program
         self.track, self.period = task.analysis.track, task.machine.servo_period
+        self.friction = friction_of_machine(task.machine, task.path.axes) if lead else {}
         self.sized = task.sized
         self.places = find_surroundings(task.analysis, task.feed, task.looped)
         self.reversing = [
-            reversing_axes(self.sized, [task.turning_points[k] for k in window.members]) for window in task.windows
+            reversing_axes(self.sized, [task.turning_points[k] for k in window.members], self._turned)
+            for window in task.windows
         ]
-        self.approach = self._approach()
+        self.friction_first = self._friction_first()
+        self.winding = self._approach()
+        self.approach = max(self.winding, self.friction_first)
         pairs = zip(self.places, self.reversing, strict=True)
         self.active = max(sum(place is not None and bool(drives) for place, drives in pairs), 1)
+
+    @property
+    def _turned(self) -> tuple[str, ...]:
+        """Axes whose friction is led and turns round with them."""
+        return tuple(name for name, one in self.friction.items() if one.turns)
 
     def _approach(self) -> float:
         """Time that it takes at most to bring axes behind the loop to their first flank [s].
@@ -147,6 +162,13 @@ class _Chooser:
         longest = max(times, default=0.0)
         return longest if longest <= MOST_APPROACH * self.task.allowed else 0.0
 
+    def _friction_first(self) -> float:
+        """Time that friction is led for before the path begins, where that leaves most of the time allowed [s]."""
+        if self.task.options.start == "moving":
+            return 0.0
+        first = first_step(self.task.machine, self.friction)
+        return first if first <= MOST_APPROACH * self.task.allowed else 0.0
+
     @cached_property
     def sites(self) -> tuple[SearchSite, ...]:
         """The windows that are searched, each with its plain motion on all machines."""
@@ -157,7 +179,7 @@ class _Chooser:
         sites = []
         for number, (place, drives) in enumerate(zip(self.places, self.reversing, strict=True)):
             if place is not None and drives:
-                trial = Trial(nominal, self.track, place, task.machine, tried, self.sized)
+                trial = Trial(nominal, self.track, place, task.machine, tried, self.sized, self.friction)
                 search = DesignSearch(trial, self._case(place, drives), bounds, count)
                 sites.append(SearchSite(number=number, drives=drives, search=search))
         return tuple(sites)
@@ -188,7 +210,9 @@ class _Chooser:
             proven=True,
             shorter=lambda less: self.propose(found, less),
             shifted=self._behind(),
-            winds_up=self.approach > 0.0,
+            winds_up=self.winding > 0.0,
+            friction_part=1.0 if self.friction else 0.0,
+            friction_first=self.friction_first,
             crosses_by=BARE.name,
         )
 
@@ -202,10 +226,12 @@ class _Chooser:
                 shifted=self._behind(),
                 winds_up=winds_up,
                 rests=False,
+                friction_part=1.0 if self.friction else 0.0,
+                friction_first=self.friction_first,
                 crosses_by=ON_THE_FLY,
             )
             for times in SMOOTH
-            for winds_up in ((True, False) if self.approach > 0.0 else (False,))
+            for winds_up in ((True, False) if self.winding > 0.0 else (False,))
         )
 
     def _left_alone(self, number: int) -> float:
@@ -270,6 +296,7 @@ class _Chooser:
             turn=design.turn,
             may_leave_window=True,
             crossings=design.crossings or bare,
+            friction=design.friction,
             stop=design.stop,
             strategy=found.family.name,
         )
@@ -280,7 +307,11 @@ class _Chooser:
             return ()
         if self.written:
             return tuple(whole_jog(axis, direction, 0.0) for axis, direction in drives if may_shift(axis))
-        open_loops = ((axis, direction) for axis, direction in drives if not axis.loop.encloses_backlash)
+        open_loops = (
+            (axis, direction)
+            for axis, direction in drives
+            if not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0
+        )
         return tuple(
             whole_crossing(axis, direction, 0.0, times * shortest_crossing(axis, self.lead, self.period))
             for axis, direction in open_loops
@@ -301,6 +332,8 @@ class _Chooser:
             shortest=shortest,
             lead=self.lead,
             crosses=self.offsets and not self.written,
+            friction=self.friction,
+            period=self.period,
         )
 
 

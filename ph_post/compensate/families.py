@@ -8,7 +8,7 @@ programs take full stops, with jogs between dwells.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -16,11 +16,12 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import profile, shapes
+from ph_post.compensate.friction import Friction, direct_change, held_change
 from ph_post.compensate.offsets import DWELL, LEAST, make_jog, may_shift, motor_inertia, peaks, whole_jog
 from ph_post.compensate.profile import stop
 from ph_post.compensate.strategies.registry import TAKE_UP
-from ph_post.compensate.trial import Design, Surroundings
-from ph_post.types import Array, Axis, Crossing, Jog
+from ph_post.compensate.trial import EMPTY, Design, Surroundings
+from ph_post.types import Array, Axis, Crossing, FrictionChange, Jog
 
 ORDER: Final = 3
 """Derivatives of the feed that vanish at junctions."""
@@ -42,7 +43,8 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `budget` [s] is the time that a design may add, `reversing` the axes that turn back here and have a gap,
     each with the direction it goes on in; `shortest` [s] by axis what a crossing takes at least. `lead` is
-    whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed.
+    whether designs include inverse dynamics, `crosses` whether gaps behind the loop are crossed. `friction` is by
+    axis what is led of that, in rows of `period` [s].
     """
 
     place: Surroundings
@@ -51,11 +53,25 @@ class ReversalCase(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     shortest: dict[str, float]
     lead: bool
     crosses: bool = True
+    friction: Mapping[str, Friction] = EMPTY
+    period: float = 1e-3
 
     @property
     def inside_loop(self) -> bool:
         """True where the gap of an axis that turns back lies inside its loop."""
         return any(axis.loop.encloses_backlash for axis, _ in self.reversing)
+
+    @property
+    def behind(self) -> tuple[tuple[Axis, int], ...]:
+        """Those of them whose gap is behind their loop."""
+        drives = ((axis, way) for axis, way in self.reversing if not axis.loop.encloses_backlash)
+        return tuple((axis, way) for axis, way in drives if axis.gap.lost_motion > 0.0)
+
+    @property
+    def rubbing(self) -> tuple[tuple[Axis, int, Friction], ...]:
+        """Axes that turn back here with friction that is led, each with the direction it goes on in, and that."""
+        found = ((axis, way, self.friction.get(axis.name)) for axis, way in self.reversing)
+        return tuple((axis, way, one) for axis, way, one in found if one is not None and one.turns)
 
 
 class DesignFamily(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -143,7 +159,8 @@ def make_crossing(x: Array, case: ReversalCase) -> Design:
     for axis, direction in case.reversing:
         gap = axis.gap.lost_motion * direction
         if not axis.loop.encloses_backlash:
-            crossings.append(whole_crossing(axis, direction, begin + 0.5 * hold, case.shortest[axis.name]))
+            if gap:
+                crossings.append(whole_crossing(axis, direction, begin + 0.5 * hold, case.shortest[axis.name]))
             continue
         unit = _push_unit(axis, case.budget) * direction
         first = Crossing(
@@ -192,7 +209,7 @@ def make_offset(x: Array, case: ReversalCase) -> Design:
     down, hold, up = _ramps(float(x[0]), 1.0, part, float(x[1]))
     design = _stop(down, hold, up, float(x[1]), case.lead)
     crossings = []
-    for axis, direction in case.reversing:
+    for axis, direction in case.behind:
         duration = float(x[3]) * case.shortest[axis.name]
         crossings.append(whole_crossing(axis, direction, float(x[4]) * duration, duration))
     return msgspec.structs.replace(design, crossings=tuple(crossings))
@@ -206,12 +223,49 @@ def make_dip(x: Array, case: ReversalCase) -> Design:
     return _with_offsets(Design(shape=shape, t_star=float(x[0]) * case.budget, lead=case.lead), case)
 
 
+def make_friction(x: Array, case: ReversalCase) -> Design:
+    """Slow down or stop, and turn the friction that is led round meanwhile.
+
+    x = (share of the ramps, skew, floor, part of the budget, shift, release, hold, take, held): the last are the
+    durations of the three steps of :class:`FrictionChange` in units of the shortest ones, and the part of the friction
+    that carries the motor through its backlash. Around the middle of the hold they are shifted by a part of their
+    duration.
+    """
+    share, skew, floor, part, shift, release, hold, take, held = (float(value) for value in x)
+    less = msgspec.structs.replace(case, budget=case.budget * part)
+    down, still, up = _ramps(share, skew, less, floor)
+    design = _with_offsets(_stop(down, still, up, floor, case.lead), case)
+    middle = -design.t_star + down + 0.5 * still
+    changes = []
+    for axis, way, friction in case.rubbing:
+        one = held_change(axis, friction, -way, way, held, case.period)
+        one = msgspec.structs.replace(one, release=release * one.release, hold=hold * one.hold, take=take * one.take)
+        changes.append(msgspec.structs.replace(one, start=middle + (shift - 0.5) * one.duration))
+    return msgspec.structs.replace(design, friction=tuple(changes))
+
+
+def make_turn(x: Array, case: ReversalCase) -> Design:
+    """Leave the feed alone, and turn the friction that is led round: x = (shift, duration), as in `make_friction`."""
+    shift, longer = float(x[0]), float(x[1])
+    changes = []
+    for one in direct_changes(case):
+        middle, duration = one.start + 0.5 * one.release, longer * one.release
+        changes.append(msgspec.structs.replace(one, start=middle + (shift - 0.5) * duration, release=duration))
+    return msgspec.structs.replace(make_bare(ONE, case), friction=tuple(changes))
+
+
+def direct_changes(case: ReversalCase) -> tuple[FrictionChange, ...]:
+    """Turn the friction that is led round at the turning point, or where the backlash begins to be crossed there."""
+    begins = {axis.name: -0.5 * case.shortest[axis.name] for axis, _ in case.behind}
+    return tuple(
+        direct_change(axis, one, -way, way, begins.get(axis.name, 0.0), case.period) for axis, way, one in case.rubbing
+    )
+
+
 def make_bare(x: Array, case: ReversalCase) -> Design:
     """Leave the feed alone and cross the gaps behind the loop: x = (T,)."""
     crossings = tuple(
-        whole_crossing(axis, direction, 0.0, float(x[0]) * case.shortest[axis.name])
-        for axis, direction in case.reversing
-        if not axis.loop.encloses_backlash
+        whole_crossing(axis, direction, 0.0, float(x[0]) * case.shortest[axis.name]) for axis, direction in case.behind
     )
     return Design(crossings=crossings, lead=case.lead)
 
@@ -266,6 +320,29 @@ OFFSET: Final = _family(
     [0.8, 0.3, 1.0, 1.0, 0.0],
     budgets=(0.15, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0),
 )
+
+RUBBING: Final = _family(
+    TAKE_UP,
+    make_friction,
+    [
+        (0.1, 0.98),
+        (0.4, 1.6),
+        (0.0, 0.9),
+        (0.05, 1.0),
+        (-0.6, 0.6),
+        (1.0, 4.0),
+        (0.0, 2.5),
+        (1.0, 4.0),
+        (0.0, 0.7),
+    ],
+    [0.5, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.3],
+    [0.5, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.15],
+    [0.6, 1.0, 0.1, 1.0, 0.0, 1.0, 0.7, 1.0, 0.2],
+    [0.6, 1.0, 0.25, 1.0, 0.0, 1.0, 0.7, 1.0, 0.2],
+    [0.6, 1.0, 0.4, 0.6, 0.0, 1.0, 0.5, 1.0, 0.3],
+)
+
+TURN: Final = _family(TAKE_UP, make_turn, [(-1.0, 1.0), (1.0, 3.0)], [0.0, 1.0], [0.3, 1.0])
 
 BARE: Final = _family(TAKE_UP, make_bare, [(1.0, 3.0)], [1.0])
 

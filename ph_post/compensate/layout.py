@@ -17,6 +17,8 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.families import shortest_crossing, whole_crossing
+from ph_post.compensate.friction import Friction
+from ph_post.compensate.friction_layout import lay_friction
 from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.offsets import APPROACH_FEED, DWELL, approach_distance, corner_pause, make_jog, whole_jog
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
@@ -25,7 +27,7 @@ from ph_post.drive.axes import axis_at, lasting_offset, side_offsets
 from ph_post.geometry.numeric import bisect
 from ph_post.geometry.piecewise import MEETS
 from ph_post.geometry.track import Track
-from ph_post.types import Axis, Crossing, FeedProfile, Jog, Machine, Phase, TurningPoint, Window, frozen
+from ph_post.types import Axis, Crossing, FeedProfile, FrictionChange, Jog, Machine, Phase, TurningPoint, Window, frozen
 
 STILL = frozen([0.0])
 
@@ -40,6 +42,7 @@ class Layout(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crossings: tuple[Crossing | Jog, ...]
     bias: Mapping[str, float]
     dropped: tuple[str, ...] = ()
+    friction: tuple[FrictionChange, ...] = ()
 
 
 class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -47,7 +50,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `written` says that the plan becomes a part program, which crosses the gap by jogs at full stops. `shifted` are
     axes with a lasting offset whether or not a request crosses their gap. Without `winds_up` a table begins as
-    the path does, and axes come onto their sides under way.
+    the path does, and axes come onto their sides under way. `friction` is by axis what is led of that, from rest
+    in `friction_first` [s] before the path begins.
     """
 
     track: Track
@@ -62,6 +66,8 @@ class Job(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     written: bool
     shifted: tuple[str, ...] = ()
     winds_up: bool = True
+    friction: Mapping[str, Friction] = {}
+    friction_first: float = 0.0
 
     @property
     def length(self) -> float:
@@ -144,6 +150,8 @@ def lay_out(job: Job) -> Layout:
         # Whole periods, so that a row stands where the path begins.
         period = job.machine.servo_period
         stops.holds[0] = math.ceil(rest / period - WHOLE) * period
+    if job.friction_first:
+        stops.holds[0] = max(stops.holds.get(0, 0.0), job.friction_first)
     placed = [_delayed(one, stops.delay_at(job.phases, one.start)) for one in placed]
     placed += [_delayed(one, job.phases[k].start + stops.delay_before(k)) for k, one in stops.crossings]
     phases = with_holds(job.phases, stops.holds)
@@ -152,7 +160,24 @@ def lay_out(job: Job) -> Layout:
         placed = [_delayed(one, rest) for one in placed]
         phases = with_holds(phases, {0: rest})
     crossings = sorted(placed + approach, key=lambda one: (one.start, one.axis))
-    return Layout(phases=phases, crossings=tuple(crossings), bias=bias)
+    return Layout(phases=phases, crossings=tuple(crossings), bias=bias, friction=_friction_changes(job, phases))
+
+
+def _friction_changes(job: Job, phases: Sequence[Phase]) -> tuple[FrictionChange, ...]:
+    """Turn the friction that is led round in a motion with all its holds."""
+    if not job.friction:
+        return ()
+    motion = MotionLaw.from_phases(phases)
+    asked: list[FrictionChange] = []
+    for number, request in enumerate(job.requests):
+        if not request.friction:
+            continue
+        middle = middle_of(motion, number)
+        if middle is None and request.shape is None:
+            middle = _time_at(motion, job.windows[number].s)
+        if middle is not None:
+            asked += [msgspec.structs.replace(one, start=middle + one.start, window=number) for one in request.friction]
+    return lay_friction(job.track, job.machine, motion, job.friction, asked, job.moving)
 
 
 def is_open(job: Job, name: str) -> bool:
@@ -352,13 +377,16 @@ def _delayed(crossing: Crossing | Jog, delay: float) -> Crossing | Jog:
     return msgspec.structs.replace(crossing, start=crossing.start + delay)
 
 
-def reversing_axes(machine: Machine, points: Sequence[TurningPoint]) -> tuple[tuple[Axis, int], ...]:
+def reversing_axes(
+    machine: Machine, points: Sequence[TurningPoint], others: Sequence[str] = ()
+) -> tuple[tuple[Axis, int], ...]:
     """Axes with a gap among those that turn back, each as it is there and with the direction it goes on in.
 
-    The machine is one to size by, see :func:`ph_post.drive.axes.sized_machine`.
+    Of `others` those without a gap are among them. The machine is one to size by, see
+    :func:`ph_post.drive.axes.sized_machine`.
     """
     drives = ((axis_at(machine.axes[point.axis], point.position), -came_from(point)) for point in points)
-    return tuple((axis, direction) for axis, direction in drives if axis.gap.lost_motion > 0.0)
+    return tuple((axis, direction) for axis, direction in drives if axis.gap.lost_motion > 0.0 or axis.name in others)
 
 
 NO_OFFSET: Final = "the motion does not stop at every reversal of its axis, as a lasting offset needs it"

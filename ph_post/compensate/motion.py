@@ -269,5 +269,7 @@ def without_strategy(plan: Plan) -> Plan:
         crossings=(),
         bias={},
         inverse_dynamics=False,
+        friction_part=0.0,
+        friction=(),
         warnings=(),
     )

@@ -24,6 +24,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from ph_post.compensate.friction import FrictionLead, friction_of_machine
 from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import MotionLaw, cycle_time, sample
 from ph_post.compensate.violations import at_rest_around, command_noise, usage
@@ -188,13 +189,14 @@ class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Offsets that are added to a path.
 
     `bias` [m] is the lasting offset at the beginning by axis; `lead` adds inverse dynamics, with `fade` only
-    where the command keeps the limits.
+    where the command keeps the limits. `friction` is what is led of that.
     """
 
     crossings: tuple[Crossing | Jog, ...] = ()
     bias: Mapping[str, float] = {}
     lead: bool = True
     fade: bool = True
+    friction: FrictionLead = FrictionLead()
 
 
 def command_of(plan: Plan, track: Track, period: float) -> Command:
@@ -219,8 +221,18 @@ def command_of(plan: Plan, track: Track, period: float) -> Command:
         return plain
     rate = MotionLaw.from_phases(plan.phases).acceleration(plain.t)
     speed, acceleration = path_derivatives(plain, track, rate)
-    offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics)
+    friction = _friction_lead(plan, speed)
+    offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics, friction=friction)
     return add_offsets(plain, speed, acceleration, plan.machine, offsets)
+
+
+def _friction_lead(plan: Plan, speed: Array) -> FrictionLead:
+    """Return what a plan leads of the friction; a motion that does not begin at rest begins with all of it."""
+    if not (plan.inverse_dynamics and plan.friction_part):
+        return FrictionLead()
+    axes = friction_of_machine(plan.machine, plan.path.axes)
+    initial = {} if not speed[0].any() else dict(zip(plan.path.axes, np.sign(speed[0]).astype(int), strict=True))
+    return FrictionLead(axes=axes, part=plan.friction_part, initial=initial, changes=plan.friction)
 
 
 def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array, Array]:
@@ -285,6 +297,10 @@ def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, o
         # What leads a crossing stays where the path's own lead fades, or it would arrive late.
         crossing = offsets.lead * (servo.b * motor[2] + servo.c * motor[1])
         fixed = fixed + offsets.bias.get(axis.name, 0.0) + motor[0]
+    if offsets.lead and axis.name in offsets.friction.axes:
+        # Behind the loop friction is the motor's, which crosses the backlash beside the path.
+        moves = speed if axis.loop.encloses_backlash else speed + motor[1]
+        crossing = crossing + offsets.friction.share(axis.name, moves, t)
     fixed = fixed + error_for(servo, crossing, command.period)
     output = servo.b * acceleration + servo.c * speed
     return fixed, error_for(servo, output, command.period) if offsets.lead else np.zeros(t.size)

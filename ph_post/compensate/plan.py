@@ -12,6 +12,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import plan_warnings
 from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
+from ph_post.compensate.friction import Friction, friction_of_machine
 from ph_post.compensate.layout import Job, approach_sides, lay_out, without_axes
 from ph_post.compensate.motion import FeedAlong, MotionLaw, cycle_time
 from ph_post.compensate.options import PlanOptions
@@ -389,6 +390,12 @@ class Planner:
             and (found is None or found.ratio > reported_ratio(request.shape) + AS_DEEP)
         }
 
+    def _friction(self, result: StrategyResult) -> dict[str, Friction]:
+        """Return the friction by axis that a result leads."""
+        if not (self.lead and result.friction_part):
+            return {}
+        return friction_of_machine(self.machine, self.analysis.path.axes)
+
     def plan(self, name: str, result: StrategyResult) -> Plan:
         """Fit what a strategy proposes to the path and the limits."""
         analysis, options = self.analysis, self.options
@@ -396,7 +403,9 @@ class Planner:
         # What it learns of the limits from this plan is no matter of the next one.
         feed_planner = copy(feed_planner)
         feed_planner.factor = valid.factor.copy()
-        fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed, self.longest).fit()
+        first = result.friction_first if self._friction(result) else 0.0
+        longest = self.longest - first
+        fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed, longest).fit()
         missed = self._missed(result.requests, fitted.profiles)
         if missed:
             return self.plan(name, with_rests(result, missed) if result.rests else without_profiles(result, missed))
@@ -423,6 +432,8 @@ class Planner:
             written=options.writes_program,
             shifted=result.shifted,
             winds_up=result.winds_up,
+            friction=self._friction(result),
+            friction_first=first,
         )
         layout = lay_out(job)
         if not result.proven and cycle_time(layout.phases) > self.longest:
@@ -430,6 +441,7 @@ class Planner:
         if layout.dropped:
             return self.plan(name, without_axes(result, layout.dropped))
         warnings += plan_warnings.offset_warnings(self.machine, layout)
+        warnings += plan_warnings.led_friction_warnings(result.friction_part if self.lead else 0.0)
         warnings += plan_warnings.doubtful_values(self.machine, analysis.path.axes)
         return Plan(
             path=analysis.path,
@@ -445,6 +457,8 @@ class Planner:
             crosses_by=result.crosses_by,
             bias=layout.bias,
             inverse_dynamics=self.lead,
+            friction_part=result.friction_part if self.lead else 0.0,
+            friction=layout.friction,
             flanks=flanks_before(analysis) if feed_planner.looped else self._approached,
             warnings=tuple(warnings),
         )

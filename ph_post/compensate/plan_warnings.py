@@ -232,3 +232,13 @@ def _listed(words: Sequence[str]) -> str:
     """Join words by commas; beyond the first eight they are counted."""
     left = len(words) - _NUMBERS
     return ", ".join(words[:_NUMBERS]) + (f" and {left} more" if left > 0 else "")
+
+
+def led_friction_warnings(part: float) -> list[str]:
+    """Warn where less than all of the friction is led."""
+    if part in (0.0, 1.0):
+        return []
+    return [
+        f"{100.0 * part:.0f} % of the friction is led: with all of it the table would be farther off than the plain "
+        "program's on a machine with half of that friction"
+    ]

@@ -9,12 +9,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from ph_post.compensate import plan_warnings
+from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
-from ph_post.simulate.assess import for_each_scenario, scenarios
+from ph_post.simulate.assess import for_each_scenario, is_nominal, scenarios
 from ph_post.simulate.contour import Nominal, first_counted
 from ph_post.types import Array, Command, Machine, Plan, Scenario
 
@@ -40,6 +41,12 @@ at other places. The largest error may not be."""
 MOST: Final = 0.95
 """Part of the time at which the error is within its percentile that is kept."""
 
+LITTLE_FRICTION: Final = 0.5
+"""Part of the friction of the machine file with which a plan that leads it may be no worse than the plain program."""
+
+LEAST_FRICTION: Final = 0.55
+"""Part of the friction below which none of it is led."""
+
 TOO_LONG: Final = "the stops that a lasting offset needs take longer than --max-slowdown allows"
 
 OUT_OF_TIME: Final = "what was tried takes longer than --max-slowdown allows"
@@ -57,11 +64,11 @@ class Proven(NamedTuple):
 def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     """Remove every change that makes an error larger than the plain program's in any scenario, or breaks a limit.
 
-    The largest contour error of the whole run counts, its root mean square and its 95th percentile: for every
-    pick-up rule with every size of the backlash, the largest of its scenarios. Round by round a change is removed:
-    the last one before a largest error, and the one around which most of the mean square, or of what lies above the
-    percentile, came to be. A plan that still takes too long after quicker designs were asked for is replaced by
-    the plain one.
+    The largest contour error of the whole run counts, its root mean square and its 95th percentile: for every pick-up
+    rule with every size of the backlash, the largest of its scenarios. Round by round a change is removed: the last
+    one before a largest error, and the one around which most of the mean square, or of what lies above the percentile,
+    came to be. Where friction is led and half of it would do harm, less of it is led. A plan that still takes too long
+    after quicker designs were asked for is replaced by the plain one.
 
     Parameters
     ----------
@@ -96,6 +103,10 @@ def prove_in_time(plan: Plan, result: StrategyResult, planner: Planner, checker:
         blamed = checker.blame(plan, removable)
         if blamed is None:
             return Proven(plan, result)
+        if checker.too_much_friction > 0.0 and plan.friction_part:
+            result = replace(result, friction_part=_less_friction(plan.friction_part, checker.too_much_friction))
+            plan = planner.plan(plan.strategy, result)
+            continue
         requests = tuple(
             _without(request, planner.machine) if number in blamed else request
             for number, request in enumerate(result.requests)
@@ -113,6 +124,15 @@ def left_alone(name: str, result: StrategyResult, planner: Planner, why: str) ->
     nothing = tuple(ProfileRequest(shape=None, note=why) for _ in result.requests)
     left = planner.plan(name, StrategyResult(requests=nothing, warnings=result.warnings))
     return replace(left, phases=left.nominal, inverse_dynamics=False)
+
+
+def _less_friction(part: float, ratio: float) -> float:
+    """Return the part to lead where errors are larger by a ratio on a machine with little friction.
+
+    Of what is led too much there, they are a multiple.
+    """
+    less = LITTLE_FRICTION + 0.97 * (part - LITTLE_FRICTION) / ratio
+    return less if less > LEAST_FRICTION else 0.0
 
 
 def in_time(plan: Plan, result: StrategyResult, planner: Planner) -> tuple[Plan, StrategyResult]:
@@ -158,14 +178,14 @@ def _ends(plan: Plan) -> tuple[float, float]:
 def _without(request: ProfileRequest, machine: Machine) -> ProfileRequest:
     """Leave the feed alone; a lasting offset still has to be changed."""
     lasting = tuple(one for one in request.crossings if not machine.axes[one.axis].loop.encloses_backlash)
-    if request.shape is None and not request.stop and lasting == request.crossings:
+    if request.shape is None and not (request.stop or request.friction) and lasting == request.crossings:
         return request
     return ProfileRequest(shape=None, crossings=lasting, note=GIVEN_UP)
 
 
 def _case(scenario: Scenario) -> object:
     """Return what must not become worse by itself: every pick-up rule with every size of the backlash."""
-    return scenario.pickup, scenario.gap
+    return scenario.pickup, scenario.gap, scenario.friction
 
 
 class Sizes(NamedTuple):
@@ -203,6 +223,10 @@ class Checker:
         self.nominal = Nominal(self.track)
         self.before = command_of(before, self.track, self.period)
         self.scenarios = scenarios(planner.machine, self.before.axes)
+        if planner.lead and friction_of_machine(planner.machine, self.before.axes):
+            rules = {one.pickup: one for one in reversed(self.scenarios) if is_nominal(one)}
+            self.scenarios += tuple(replace(one, friction=LITTLE_FRICTION) for one in rules.values())
+        self.too_much_friction = 0.0
         self.sizes = self.measure(self.before, self.scenarios)
         self.plain: dict[object, Sizes] = {}
         for scenario, found in zip(self.scenarios, self.sizes, strict=True):
@@ -235,15 +259,20 @@ class Checker:
         instants = [violation.t for violation in check_command(command, self.planner.machine)]
         first = first_counted(command, self.planner.machine)
         broader: set[int] = set()
-        worse = False
+        worse, self.too_much_friction = False, 0.0
         for scenario, found in zip(self.scenarios, self.measure(command, self.scenarios), strict=True):
             plain = self.plain[_case(scenario)]
+            broader_error = found.rms > NO_WORSE * plain.rms + SAME
             if found.max > plain.max + SAME:
                 instants.append(float(command.t[first + found.row]))
-            elif found.rms > NO_WORSE * plain.rms + SAME or found.most > NO_WORSE * plain.most + SAME:
+            elif broader_error or found.most > NO_WORSE * plain.most + SAME:
                 worse = True
-                limit = 0.0 if found.rms > NO_WORSE * plain.rms + SAME else plain.most
-                broader |= self._around(command, scenario, limit, removable)
+                broader |= self._around(command, scenario, 0.0 if broader_error else plain.most, removable)
+            else:
+                continue
+            if scenario.friction == LITTLE_FRICTION:
+                ratios = (own / (other + SAME) for own, other in zip(found[:3], plain[:3], strict=True))
+                self.too_much_friction = max(self.too_much_friction, *ratios)
         if not instants and not worse:
             return None
         return {self._last_before(plan, t) for t in instants} - {-1} | broader

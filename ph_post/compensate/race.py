@@ -20,6 +20,7 @@ from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
 from ph_post.compensate.prove import (
     GIVEN_UP,
+    LITTLE_FRICTION,
     OUT_OF_TIME,
     Checker,
     Sizes,
@@ -128,7 +129,8 @@ class _Race:
         before = without_strategy((runners or self.late)[0].plan)
         self.checker = checker = Checker(self.planner, before)
         few = few_scenarios(checker.scenarios)
-        many = tuple(one for one in checker.scenarios if one.beta == one.gain == 1.0)
+        usual = (one for one in checker.scenarios if one.friction != LITTLE_FRICTION)
+        many = tuple(one for one in usual if one.beta == one.gain == 1.0)
         runners = [self._measured(one, few) for one in runners]
         if self.planner.lead and not self._leads(runners, few):
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
@@ -150,7 +152,11 @@ class _Race:
         yield from named_results(self.planner.task)
         if self.planner.lead:
             alone = ProfileRequest(shape=None, note=GIVEN_UP)
-            yield StrategyResult(requests=(alone,) * len(self.result.requests), crosses_by=PLAIN)
+            requests = (alone,) * len(self.result.requests)
+            yield StrategyResult(requests=requests, crosses_by=PLAIN)
+            if self.result.friction_part:
+                part, first = self.result.friction_part, self.result.friction_first
+                yield StrategyResult(requests=requests, crosses_by=PLAIN, friction_part=part, friction_first=first)
 
     @staticmethod
     def _without_lead(task: PlanningTask) -> Iterator[StrategyResult]:

@@ -1,7 +1,8 @@
 """Find good designs at a turning point by simulating many.
 
 The score of a design weighs two things: how much it shrinks the error on the machine as the file has it, up
-to a hundredfold, and how much in the worst of all cases. A design that is worse than the plain motion in any
+to a hundredfold, and how much in the worst of all cases. Friction is known so much worse than all else that there the
+worst case has the larger weight. A design that is worse than the plain motion in any
 case, breaks a limit or takes longer than it may is no candidate. Kept are the candidates than which no other
 is both better and quicker.
 """
@@ -16,7 +17,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate import shapes
-from ph_post.compensate.families import BARE, ONE, DesignFamily, ReversalCase, jogs_last, make_bare
+from ph_post.compensate.families import BARE, ONE, DesignFamily, ReversalCase, direct_changes, jogs_last, make_bare
 from ph_post.compensate.speed_ramps import ramp_time
 from ph_post.compensate.trial import Design, Trial, TrialResult
 from ph_post.types import Array, Axis, Crossing, Jog
@@ -199,6 +200,8 @@ class DesignSearch:
         x = np.clip(x, family.low, family.high)
         case = msgspec.structs.replace(self.case, budget=budget)
         design = family.make(x, case)
+        if design.lead and not design.friction:
+            design = msgspec.structs.replace(design, friction=direct_changes(case))
         outcome = self.trial.run(design)
         excess, gain = self._excess(design, outcome, budget), self._gain(outcome)
         found = TriedDesign(
@@ -216,8 +219,9 @@ class DesignSearch:
         return found
 
     def merit(self, outcome: TrialResult) -> float:
-        """Error on the machine as the file has it, and a part of the worst [m]."""
-        return float(outcome.error[: self.nominal].max() + WORST * outcome.error.max())
+        """Error on the machine as the file has it, and a part of the worst [m]; of friction, the other way round."""
+        nominal, worst = outcome.error[: self.nominal].max(), outcome.error.max()
+        return float(worst + WORST * nominal if self.case.rubbing else nominal + WORST * worst)
 
     def _ratios(self, outcome: TrialResult) -> Array:
         return np.asarray((outcome.error + FLOOR) / (self.plain.error + FLOOR))
@@ -226,7 +230,8 @@ class DesignSearch:
         """Logarithm of what is left of the error; the smaller the better."""
         ratios = self._ratios(outcome)
         nominal = float(ratios[: self.nominal].max())
-        return WEIGHT * math.log(max(nominal, ENOUGH)) + math.log(float(ratios.max()))
+        own, others = (1.0, WEIGHT) if self.case.rubbing else (WEIGHT, 1.0)
+        return own * math.log(max(nominal, ENOUGH)) + others * math.log(float(ratios.max()))
 
     def _excess(self, design: Design, outcome: TrialResult, budget: float) -> float:
         """By how much a design is not allowed; 0 where it is."""

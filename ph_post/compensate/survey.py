@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.families import DesignFamily
+from ph_post.compensate.friction import friction_of
 from ph_post.compensate.search import FLOOR, DesignSearch, TriedDesign
 from ph_post.progress import Progress
 from ph_post.types import Array, Axis
@@ -75,7 +76,10 @@ class SearchSite(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     def distance(self, other: SearchSite) -> float:
         """Return how unlike two windows are; infinite where the drives that reverse are others."""
-        kinds = [[(axis.feedback, axis.servo, axis.gap) for axis, _ in own.drives] for own in (self, other)]
+        kinds = [
+            [(axis.feedback, axis.servo, axis.gap, friction_of(axis)) for axis, _ in own.drives]
+            for own in (self, other)
+        ]
         if kinds[0] != kinds[1]:
             return math.inf
         return float(np.abs(self.features - other.features).max())

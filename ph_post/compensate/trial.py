@@ -9,6 +9,7 @@ from.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 import msgspec
@@ -17,6 +18,7 @@ import numpy as np
 from ph_post.analysis.path_analysis import Analysis
 from ph_post.compensate import profile as profiles
 from ph_post.compensate import shapes
+from ph_post.compensate.friction import Friction, FrictionLead
 from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import STEADY, FeedAlong
 from ph_post.compensate.offsets import Offsets, add_offsets, path_derivatives
@@ -32,6 +34,7 @@ from ph_post.types import (
     Command,
     Crossing,
     FeedProfile,
+    FrictionChange,
     Jog,
     Machine,
     ProfileShape,
@@ -141,6 +144,9 @@ LEAST: Final = 32
 FULL_STOP: Final = 0.99
 """Part of the limits that a stop for jogs may take: softened for the rest of the path it would be no stop."""
 
+EMPTY: Final[Mapping[str, Friction]] = MappingProxyType({})
+"""No axis with friction."""
+
 CONSTANT: Final = shapes.single([1.0])
 """No modulation."""
 
@@ -148,14 +154,16 @@ CONSTANT: Final = shapes.single([1.0])
 class Design(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A change of the motion at a turning point: a profile, and crossings counted from its middle [s].
 
-    `shape` None is the plain motion. `turn` is the share of the profile's way before the turning point. With
-    `stop` the plain motion itself is to rest there.
+    `friction` are changes of the direction in which friction is led, counted likewise. `shape` None is the plain
+    motion. `turn` is the share of the profile's way before the turning point. With `stop` the plain motion itself is
+    to rest there.
     """
 
     shape: ProfileShape | None = None
     t_star: float = 0.0
     turn: float = 0.5
     crossings: tuple[Crossing | Jog, ...] = ()
+    friction: tuple[FrictionChange, ...] = ()
     lead: bool = False
     stop: bool = False
 
@@ -187,6 +195,8 @@ class Trial:
     scenarios : sequence of Scenario
     sized : Machine
         By which lasting offsets are sized.
+    friction : mapping of str to Friction, optional
+        By axis what designs with inverse dynamics lead.
     """
 
     def __init__(
@@ -197,9 +207,11 @@ class Trial:
         machine: Machine,
         scenarios: Sequence[Scenario],
         sized: Machine,
+        friction: Mapping[str, Friction] = EMPTY,
     ) -> None:
         self.nominal, self.track, self.place = nominal, track, place
         self.machine, self.scenarios, self.sized = machine, tuple(scenarios), sized
+        self.friction = friction
         self.axes, self.period = track.path.axes, machine.servo_period
         self.limits = axis_limits(self.axes, machine, self.period)
         self.constant = time_constant(machine, self.axes)
@@ -267,7 +279,12 @@ class Trial:
                 for name, axis in axes
                 if not axis.loop.encloses_backlash
             }
-        offset = Offsets(crossings=tuple(crossings), bias=bias, lead=design.lead, fade=False)
+        friction = FrictionLead(
+            axes=self.friction,
+            initial=self.place.flanks,
+            changes=tuple(msgspec.structs.replace(one, start=one.start + middle) for one in design.friction),
+        )
+        offset = Offsets(crossings=tuple(crossings), bias=bias, lead=design.lead, fade=False, friction=friction)
         return lead, add_offsets(plain, speed, acceleration, self.machine, offset), speed
 
     def _profile(self, design: Design) -> FeedProfile:

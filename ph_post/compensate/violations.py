@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import msgspec
 import numpy as np
 
+from ph_post.compensate.friction import friction_of
 from ph_post.compensate.limit_curve import AxisLimits, axis_limits
 from ph_post.compensate.motion import MotionLaw, row_times
 from ph_post.drive.backlash import gap_constant
@@ -126,6 +127,10 @@ def asked_of_motor(command: Command, axis: Axis, number: int) -> Array:
     path = command.position[:, number] - command.offset[:, number]
     speed = np.gradient(path, command.period)
     taken = axis.servo.b * np.gradient(speed, command.period) + axis.servo.c * speed
+    friction = friction_of(axis)
+    if friction is not None:
+        # What friction takes is no acceleration, and the plain motion takes it too.
+        taken = np.abs(taken) + friction.size + abs(friction.load)
     extra = np.maximum(np.abs(command.offset[:, number]) - np.abs(taken), 0.0)
     return np.asarray(gap_constant(axis) * extra)
 

@@ -136,6 +136,35 @@ class Jog(msgspec.Struct, frozen=True, kw_only=True):
         return self.start + self.duration
 
 
+class FrictionChange(msgspec.Struct, frozen=True, kw_only=True):
+    """A change of the direction in which a command leads the friction of one axis, at a reversal.
+
+    From `start` [s] on its share of the command goes in `release` [s] from that of the direction `before` (1, -1, 0
+    where none was led) to the part `held` of that of `after`, stays there for `hold` [s], and goes to all of it in
+    `take` [s]. `window` is the index of the window it belongs to, -1 where it belongs to none.
+    """
+
+    axis: str
+    start: float
+    release: float
+    before: int
+    after: int
+    hold: float = 0.0
+    take: float = 0.0
+    held: float = 1.0
+    window: int = -1
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return self.release + self.hold + self.take
+
+    @property
+    def end(self) -> float:
+        """When it is over [s]."""
+        return self.start + self.duration
+
+
 class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Planned motion: phases one after the other from s = 0 to the path's end.
 
@@ -143,7 +172,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     None where nothing is modulated there. `crossings` are the path modifications, in the order of time, jogs
     where the plan becomes a part program, made by the strategy `crosses_by` where no profile names one, or else
     by `strategy`; `bias` [m] is by axis the lasting offset with which the motion
-    begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind. `flanks`
+    begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind, and
+    `friction_part` how much of the axes' friction it leads then, whose direction turns by `friction`. `flanks`
     has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed path,
     and that on which a program's approach leaves it; empty for others.
     """
@@ -161,6 +191,8 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     crosses_by: str = ""
     bias: Mapping[str, float] = {}
     inverse_dynamics: bool = False
+    friction_part: float = 0.0
+    friction: tuple[FrictionChange, ...] = ()
     flanks: Mapping[str, int] = {}
     warnings: tuple[str, ...] = ()
 

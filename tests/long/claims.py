@@ -110,8 +110,8 @@ class Judged(NamedTuple):
         return all(one <= WORSE * other + RESOLVED for one, other in zip(self.found, self.plain, strict=True))
 
 
-def run_table(command: Command, machine: Machine, track: Any) -> Sizes:
-    """Sizes of the error of a command on the tests' own machine."""
+def run_table(command: Command, machine: Machine, track: Any, *, gap: float = 1.0, friction: float = 1.0) -> Sizes:
+    """Sizes of the error of a command on the tests' own machine, of whose gap and friction there may be other parts."""
     path = command.position if command.offset is None else command.position - command.offset
     tangent = track.arc_derivatives(*track.locate(command.s[:1]), 1)[1, 0] if command.feed[0] else 0.0
     speed = np.asarray(tangent * command.feed[0] * np.ones(len(command.axes)))
@@ -121,7 +121,8 @@ def run_table(command: Command, machine: Machine, track: Any) -> Sizes:
     axes = [machine.axes[name] for name in command.axes]
     counted = np.arange(len(command.t)) >= np.ceil((first + settling(map(body_of, axes))) / command.period - 1e-6)
     known = {name: side for name, side in command.flanks.items() if side}
-    return _sizes(axes, command.position, path[0], speed, known, command.period, counted, track)
+    parts = (gap, friction)
+    return _sizes(axes, command.position, path[0], speed, known, command.period, counted, track, parts)
 
 
 def run_text(text: str, machine: Machine, track: Any) -> tuple[Sizes, float]:
@@ -146,6 +147,7 @@ def _sizes(
     period: float,
     counted: NDArray[np.bool_],
     track: Any,
+    parts: tuple[float, float] = (1.0, 1.0),
 ) -> Sizes:
     """Worst sizes over every combination of open sides, and every open rule."""
     nominal = Nominal(track.derivatives(*track.locate(np.linspace(0.0, track.length, POINTS)))[0])
@@ -157,7 +159,7 @@ def _sizes(
             side = known.get(axis.name) or {"+": 1, "-": -1}.get(axis.gap.initial_flank)
             sides = (side,) if side or pace else (1, -1)
             begin = place if axis.feedback == "load" else float(own[0])
-            columns.append([table_of(body_of(axis, rule), own, period, one or 1, begin, pace) for one in sides])
+            columns.append([table_of(body_of(axis, rule, *parts), own, period, one or 1, begin, pace) for one in sides])
         for chosen in product(*columns):
             error = nominal.distance(np.stack(chosen, axis=1)[counted])
             if error.size:

@@ -26,6 +26,7 @@ from ph_post.types import (
     BacklashInterval,
     Crossing,
     Feedback,
+    FrictionChange,
     Jog,
     Machine,
     Path,
@@ -94,7 +95,8 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     returns the share for another instant τ, as of a hold. It stays where
     the profile is softened, while the instant moves a little.
     `crossings` are those of the gap, their start counted from the middle of the profile's time; where there
-    is none, a lasting offset is changed all the same, around the turning point.
+    is none, a lasting offset is changed all the same, around the turning point. `friction` are changes of the
+    direction in which friction is led, counted likewise; others are made as quickly as may be.
     `may_leave_window` lets it leave the window in which the osculating circle stands for the path. `note` says why
     the window is left alone, or whatever else the user should know. `stop` has the plain motion rest at the
     turning point, for a crossing there. `strategy` names what was chosen where a
@@ -107,6 +109,7 @@ class ProfileRequest(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     turn: float = 0.5
     may_leave_window: bool = False
     crossings: tuple[Crossing | Jog, ...] = ()
+    friction: tuple[FrictionChange, ...] = ()
     stop: bool = False
     strategy: str = ""
     note: str = ""
@@ -116,6 +119,8 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A strategy's answer: one request a window, and warnings about the job as a whole.
 
     `proven` asks for a proof by simulation: changes that make any error larger than the plain program's are removed.
+    `friction_part` is how much of the axes' friction the command leads, where it has inverse dynamics,
+    and `friction_first` [s] how long the path waits for that at its start.
     `shorter` makes a result that takes about a part of the time that this one adds. `shifted` are axes that
     carry a lasting offset even if no request crosses their gap, as on a path whose turns are all corners; a part
     program can only if the motion stops at each of their reversals. `crosses_by` names the strategy by which
@@ -131,6 +136,8 @@ class StrategyResult(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     winds_up: bool = True
     rests: bool = True
     rivals: tuple[StrategyResult, ...] = ()
+    friction_part: float = 0.0
+    friction_first: float = 0.0
     warnings: tuple[str, ...] = ()
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ph_post.compensate.choose import choose
-from ph_post.compensate.families import BARE, CROSSING, JOG, OFFSET, PULSE, DesignFamily, ReversalCase
+from ph_post.compensate.families import BARE, CROSSING, JOG, OFFSET, PULSE, RUBBING, TURN, DesignFamily, ReversalCase
 from ph_post.compensate.offsets import may_shift
 from ph_post.compensate.strategies.base import PlanningTask, StrategyResult, StrategyTraits
 from ph_post.compensate.strategies.feed import refuse_options
@@ -67,8 +67,9 @@ def refuse_offsets(task: PlanningTask, name: str) -> None:
 def crossing_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
     """Return the families that cross the backlash; those that stop are left out where a least feed forbids it."""
     if not case.inside_loop:
-        return (BARE, OFFSET)
-    return () if task.options.min_feed else (CROSSING,)
+        return (TURN, BARE, OFFSET) if case.rubbing else (BARE, OFFSET)
+    turning = (TURN, RUBBING) if case.rubbing else ()
+    return turning if task.options.min_feed else (*turning, CROSSING)
 
 
 def jog_families(task: PlanningTask, case: ReversalCase) -> Sequence[DesignFamily]:
