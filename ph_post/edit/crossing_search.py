@@ -198,7 +198,8 @@ class CrossingSearch:
         shape = crossing_shape(axis, first, rounding)
         if isinstance(self._planner, ExactPath):
             return shape
-        return shape_in_steps(shape, axis, self._machine.servo_period)
+        allowed = tolerances(self._program, self._planner.tolerance)
+        return shape_in_steps(shape, axis, self._machine.servo_period, min(allowed[allowed > 0.0], default=math.inf))
 
     def moves(self, column: int, low: int, high: int) -> IntArray:
         """Return which motions from `low` to before `high` move an axis."""

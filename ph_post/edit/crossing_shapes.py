@@ -257,16 +257,23 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
 
     Behind a loop with lag the offset goes beyond its new value by the part `beyond` of its change, and comes back until
     the end of `wait`, so that the motor, which follows late, has arrived then. Where the controller rounds the joints,
-    the motor's speed changes in `steps` joints to its largest, and in as many back, over `span` [s], fewer where one
-    of the blocks would last less than `least` [s].
+    the motor's speed changes in `steps` joints to its largest, and in as many back, each over `ramp` [s], fewer where
+    one of the blocks would last less than `least` [s], but in `fewest` where it looks ahead through no more; `push` [m/s²]
+    is the acceleration of the axis then.
     """
 
     first: float
     wait: float
     beyond: float = 0.0
     steps: int = 1
-    span: float = 0.0
+    ramp: float = 0.0
     least: float = 0.0
+    fewest: int = 1
+    push: float = 0.0
+
+    def span(self, steps: int) -> float:
+        """Time between the first and the last joint of a crossing in steps [s]."""
+        return (2.0 - 1.0 / steps) * self.ramp
 
 
 def stair(up: int, down: int, travel: float, before: float, after: float) -> tuple[Array, Array]:
@@ -380,12 +387,23 @@ def fastest_in_arcs(program: PartProgram, machine: Machine) -> Array:
     return found
 
 
-def shape_in_steps(shape: CrossingShape, axis: Axis, period: float) -> CrossingShape:
-    """Return a crossing in :data:`STEPS` steps, where its blocks last long enough for two or more."""
+def shape_in_steps(shape: CrossingShape, axis: Axis, period: float, tolerance: float) -> CrossingShape:
+    """Return a crossing in :data:`STEPS` steps, where its blocks last long enough for two or more.
+
+    Parameters
+    ----------
+    shape : CrossingShape
+    axis : Axis
+    period : float
+        Of the servo [s].
+    tolerance : float
+        To which the controller rounds corners [m]: n steps need g/(8 n²).
+    """
     lost, push = axis.gap.lost_motion, axis.limits.acceleration
     ramp, least = math.sqrt(lost / (TURNING * push)), LEAST_PERIODS * period
     steps = min(STEPS, int(ramp / least))
     if steps < 2 or shape.beyond > 0.0 or shape.first > RAMPS * math.sqrt(lost / push):
         return shape
     wait = WAITING * math.sqrt(lost / push)
-    return replace(shape, wait=wait, steps=steps, span=(2.0 - 1.0 / steps) * ramp, least=least)
+    fewest = min(max(math.ceil(math.sqrt(lost / (8.0 * tolerance))), 2), steps)
+    return replace(shape, wait=wait, steps=steps, fewest=fewest, ramp=ramp, least=least, push=push)

@@ -190,8 +190,8 @@ def approach_again(rows: Array, restarts: list[Restart], column: int) -> Array:
         last = int(np.searchsorted(rows[:, MOTION], motion, side="right")) - 1
         if not one.late or last < 0 or rows[last, CHAIN] != one.chain or rows[last, SIGN] == 0.0:
             continue
-        if rows[last, MOTION] == motion:
-            found[last, [CARRIED, BEYOND]] = 0.0, 1.0
+        if rows[last, MOTION] == motion or (rows[last, MOTION] >= one.first and rows[last, CARRIED] == 0.0):
+            found[last, [MOTION, CARRIED, BEYOND]] = motion, 0.0, 1.0
         else:
             places.append(last + 1)
             more.append(_change(motion, rows[last, SIGN], float(one.chain), carried=False, beyond=True))

@@ -138,8 +138,8 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, sign: int, row:
     """Record the best place for a change of direction between two places at which the axis rests.
 
     `span` is (first motion, its share, last motion, its share, end of the chain). A rapid that takes the axis
-    away carries the change. Else it is made where the path stands or is slowest, the first of equals: behind
-    a rapid that is before the tool goes down.
+    away carries the change. Else it is made behind a rapid, before the tool goes down, or where the path stands or is
+    slowest, the first of equals.
     """
     k0, share0, k1, share1, high = span
     row[SIGN], row[CARRIED], row[PASSED], row[BEYOND] = sign, 0.0, 0.0, 0.0
@@ -161,10 +161,11 @@ def _write_reversal(view: Any, feed: Any, exact: Any, span: Any, sign: int, row:
         return
     least = math.inf
     for k in range(k0, k1 + 1):
-        passed = _passing(view, feed, exact, k, high)
+        # Where the path stands, rather in the air than at the end of a cut.
+        passed = _passing(view, feed, exact, k, high) if view[0][k] != RAPID else -1.0
         if passed < least:
             least = passed
-            row[MOTION], row[PASSED] = k, passed
+            row[MOTION], row[PASSED] = k, max(passed, 0.0)
 
 
 @inner

@@ -173,9 +173,9 @@ def test_a_rapid_carries_the_change_itself() -> None:
     assert signs(edits, "X") == [1, 1, -1, -1, 1, 0]
 
 
-def test_a_rapid_that_moves_another_axis_carries_nothing() -> None:
+def test_behind_a_rapid_that_moves_another_axis_the_shift_is_a_move_of_its_own() -> None:
     edits = plan(START + "Z5\nG1 X10\nG0 Z6\nG1 X2\nM2\n")
-    assert of_axis(edits, "X")[1] == (2, 1.0, -2.0)
+    assert of_axis(edits, "X")[1] == (3, 1.0, -2.0)
 
 
 def test_planes_and_helices() -> None:
