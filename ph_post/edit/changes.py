@@ -300,6 +300,8 @@ class ChangeWriter:
             if motions.kind[k] == RAPID or (part.high - part.low == 1.0 and part.duration is None):
                 return self._feeds.after(words.block)
             return self._inverse(MINUTE / (part.duration or whole))
+        if part.feed < motions.feed[k]:
+            return self._crossing_feed(words, part, part.feed)
         if part.duration is None:
             return self._feeds.after(words.block)
         speed = part_length(motions, k, part.low, part.high) / part.duration

@@ -50,7 +50,7 @@ from ph_post.edit.reversals import (
 )
 from ph_post.gcode.motion_parts import places_along
 from ph_post.gcode.program import ARC, AXES, CUBIC, LINE, NURBS, RAPID, PartProgram, plane_columns
-from ph_post.simulate.controllers.run import tolerances
+from ph_post.simulate.controllers.run import planned_speeds, tolerances
 from ph_post.types import Array, Axis, BoolArray, ExactPath, IntArray, Machine
 from ph_post.units import MM
 
@@ -159,6 +159,8 @@ class CrossingSearch:
         self._feed = np.where(timed, length / np.where(timed, program.motions.duration, 1.0), feed)
         if not isinstance(self._planner, ExactPath):
             self._feed = np.minimum(self._feed, fastest_in_arcs(program, machine))
+        self._kept = self._speeds_kept()
+        self._feed = np.minimum(self._feed, self._kept)
         self._view = motion_view(program.motions)
         self._way = np.nan_to_num(program.motions.end - program.motions.start)
         turning = np.zeros(self._way.shape, dtype=np.bool_)
@@ -178,6 +180,24 @@ class CrossingSearch:
         self._divisible = np.array([self._may_divide(k) for k in range(program.motions.kind.size)], dtype=np.bool_)
         self._shapes = {name: self._shape(machine.axes[name]) for name in sides}
         self._push = min(axis.limits.acceleration for axis in machine.axes.values())
+
+    def _speeds_kept(self) -> Array:
+        """Speeds of arcs that are not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
+        motions = self._program.motions
+        nothing = np.full(motions.kind.size, math.inf)
+        lags = any(self._machine.axes[name].servo.c >= SHORT_LAG for name in self._sides)
+        if isinstance(self._planner, ExactPath) or not lags:
+            return nothing
+        return np.where(motions.kind == ARC, planned_speeds(self._program, self._machine), nothing)
+
+    def kept(self, crossings: Collection[CrossingEdit]) -> dict[int, float]:
+        """Return the speed [m/s] that is kept in what crossings leave of each motion, where that is not its feed."""
+        divided = {part.motion for one in crossings for part in one.parts}
+        return {
+            motion: float(self._kept[motion])
+            for motion in sorted(divided)
+            if self._kept[motion] < AT_SPEED * self._program.motions.feed[motion]
+        }
 
     def _may_divide(self, k: int) -> bool:
         kind = self._program.motions.kind[k]

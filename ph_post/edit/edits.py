@@ -5,6 +5,7 @@ Two sets of edits are merged here, and put in the order in which they are writte
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby, pairwise
 
@@ -116,6 +117,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     `pulse` [m] by axis: the largest backlash take-up move. `followed` are the axes whose reversals were planned: one
     that is exact on the side of its zero may need no offset.
     `joints` are shares at which motions with crossings are divided besides, by motion.
+    `kept` [m/s]: speed that is kept in what crossings leave of a motion, where that is less than its feed.
     `slowdown` is what stops and crossings are reckoned to cost, relative; `warnings` name what is not compensated.
     """
 
@@ -128,6 +130,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     followed: tuple[str, ...] = ()
     pulse: Mapping[str, float] = {}
     joints: Mapping[int, Sequence[float]] = {}
+    kept: Mapping[int, float] = {}
     slowdown: float = 0.0
     warnings: tuple[str, ...] = ()
 
@@ -159,6 +162,7 @@ def merge_edits(a: Edits, b: Edits) -> Edits:
         followed=tuple(dict.fromkeys((*a.followed, *b.followed))),
         pulse={axis: max(a.pulse.get(axis, 0.0), b.pulse.get(axis, 0.0)) for axis in sorted({*a.pulse, *b.pulse})},
         joints={**a.joints, **b.joints},
+        kept={**a.kept, **b.kept},
         slowdown=a.slowdown + b.slowdown,
         warnings=tuple(dict.fromkeys((*a.warnings, *b.warnings))),
     )
@@ -240,7 +244,7 @@ _LEAST_STEPS = 4
 
 
 class MotionPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """A part of a motion between two shares; `duration` [s] is None where the feed is the program's.
+    """A part of a motion between two shares; `duration` [s] is None where the feed is the program's, or at most `feed`.
 
     `crossing` says of a part of a crossing how it is written.
     """
@@ -249,6 +253,7 @@ class MotionPart(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     high: float
     duration: float | None = None
     crossing: CrossingPart | None = None
+    feed: float = math.inf
 
 
 _WHOLE = MotionPart(low=0.0, high=1.0)
@@ -291,7 +296,12 @@ def schedule(edits: Edits, motions: Motions, step: float) -> list[MotionEdit]:
         labels.setdefault(crossing.parts[0].motion, []).append(named)
     return [
         _crossed_motion(
-            motion, crossed[motion], stops.get(motion, []), labels.get(motion, []), edits.joints.get(motion, ())
+            motion,
+            crossed[motion],
+            stops.get(motion, []),
+            labels.get(motion, []),
+            edits.joints.get(motion, ()),
+            edits.kept.get(motion, math.inf),
         )
         if motion in crossed
         else _motion_edit(motion, timed.get(motion, []), stops.get(motion, []), motions, step)
@@ -333,7 +343,12 @@ def _pieces(dip: DipEdit, motions: Motions) -> Iterable[tuple[int, MotionPart]]:
 
 
 def _crossed_motion(
-    motion: int, crossed: list[CrossingPart], stops: list[StopEdit], labels: list[str], joints: Sequence[float]
+    motion: int,
+    crossed: list[CrossingPart],
+    stops: list[StopEdit],
+    labels: list[str],
+    joints: Sequence[float],
+    feed: float,
 ) -> MotionEdit:
     """Put the parts of crossings on a motion between those that stay as they are; feed dips give way to them."""
     parts: list[MotionPart] = []
@@ -344,7 +359,7 @@ def _crossed_motion(
         between = sorted(share for share in shares if at < share < until)
         for low, high in pairwise((at, *between, until)):
             if high > low:
-                parts.append(MotionPart(low=low, high=high))
+                parts.append(MotionPart(low=low, high=high, feed=feed))
         if part is not None:
             parts.append(MotionPart(low=part.low, high=part.high, crossing=part))
             at = part.high

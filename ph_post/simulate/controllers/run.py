@@ -35,7 +35,7 @@ from ph_post.simulate.controllers.legs import (
     table_of,
     with_splines,
 )
-from ph_post.simulate.controllers.planner import COLUMNS, plan_legs, run_legs
+from ph_post.simulate.controllers.planner import COLUMNS, KIND, MOST, ROUNDING, plan_legs, run_legs
 from ph_post.simulate.controllers.unknown import known_ends
 from ph_post.types import (
     Array,
@@ -406,6 +406,27 @@ def check_run(program: PartProgram, machine: Machine) -> None:
         _blocks(program, limits, planner, machine.servo_period)
     else:
         _moves(program, limits, planner, machine.servo_period)
+
+
+def planned_speeds(program: PartProgram, machine: Machine) -> Array:
+    """Return the speed that LinuxCNC keeps to in each motion at any feed [m/s], shape (m,); infinite where it has no leg.
+
+    In arcs half of the acceleration is left for it beside a corner that is blended: an arc that is divided is faster.
+
+    Parameters
+    ----------
+    program : PartProgram
+    machine : Machine
+    """
+    limits, period, planner = limit_table(machine), machine.servo_period, planner_of(machine)
+    assert isinstance(planner, RoundedPath)
+    moves = table_of(_moves(program, limits, planner, period))
+    legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
+    count = plan_legs(moves, legs, table, limits, period)
+    found = np.full(program.motions.kind.size, np.inf)
+    own = table[:count, KIND] != ROUNDING
+    np.minimum.at(found, legs[:count, MOTION][own].astype(np.int64), table[:count, MOST][own])
+    return found
 
 
 def _blocks(program: PartProgram, limits: Array, planner: ExactPath, period: float) -> StraightBlocks:
