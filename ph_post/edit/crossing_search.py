@@ -19,6 +19,7 @@ from ph_post.edit.crossing_shapes import (
     AT_SPEED,
     INWARD,
     OUTWARD,
+    RESIDUE,
     SHORT_LAG,
     TURNING,
     CrossingShape,
@@ -182,7 +183,7 @@ class CrossingSearch:
         self._push = min(axis.limits.acceleration for axis in machine.axes.values())
 
     def _speeds_kept(self) -> Array:
-        """Speeds of arcs that are not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
+        """Speeds of arcs not to be passed faster in parts [m/s], (m,): motors that lag would leave the path."""
         motions = self._program.motions
         nothing = np.full(motions.kind.size, math.inf)
         lags = any(self._machine.axes[name].servo.c >= SHORT_LAG for name in self._sides)
@@ -626,6 +627,8 @@ class CrossingSearch:
                 ways = [sign * beyond] if named else [travel - sign * beyond, sign * beyond]
         elif self._beam.tends and self._beam.works.stays[motion]:
             pause = 0.0
+        elif behind_rapid and sign != 0.0:
+            pause = max(pause, _settled(axis))
         # A cut that began at once would begin with the rapid's lag and with that of the jog.
         arrives = max(pause, self._arrival(row, axis))
         longest = max(map(abs, ways))
@@ -654,6 +657,15 @@ class CrossingSearch:
             ),
             beyond,
         )
+
+
+def _settled(axis: Axis) -> float:
+    """Return how long the motor of an axis lags behind a rapid by more than :data:`RESIDUE` [s].
+
+    It is a c² away from where the command comes to rest with the acceleration a.
+    """
+    servo = axis.servo
+    return servo.c * math.log(max(axis.limits.acceleration * servo.c**2 / RESIDUE, 1.0))
 
 
 def _regions(program: PartProgram) -> IntArray:

@@ -258,8 +258,8 @@ class CrossingShape(msgspec.Struct, frozen=True, kw_only=True):
     Behind a loop with lag the offset goes beyond its new value by the part `beyond` of its change, and comes back until
     the end of `wait`, so that the motor, which follows late, has arrived then. Where the controller rounds the joints,
     the motor's speed changes in `steps` joints to its largest, and in as many back, each over `ramp` [s], fewer where
-    one of the blocks would last less than `least` [s], but in `fewest` where it looks ahead through no more; `push` [m/s²]
-    is the acceleration of the axis then.
+    one of the blocks would last less than `least` [s], in `fewest` where the controller looks ahead through no more;
+    `push` [m/s²] is the acceleration of the axis then.
     """
 
     first: float

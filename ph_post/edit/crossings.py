@@ -45,6 +45,9 @@ KINK: Final = math.cos(math.radians(20.0))
 LEAD: Final = 0.5 * (OUTER - 1.0)
 """Straight blocks before and behind a crossing with lag last this part of it."""
 
+NEWTON: Final = 8
+"""Steps of Newton's method, which is monotonic here."""
+
 SETTLING: Final = 4.0
 """So many time constants c behind a corner the motor has arrived, within 2 % of its way."""
 
@@ -74,6 +77,26 @@ NOTHING: Final = 1e-12
 
 SAME_SHARE: Final = 1e-9
 """Shares of a motion that differ by no more are the same."""
+
+
+def lead_time(time: float, lag: float) -> float:
+    """Return how long a command follows its tangent until a motor with a lag is where one without is after `time` [s].
+
+    Of a way off that grows with the square of time, t², the motor has gone t² − 2 c t + 2 c² (1 − exp(−t/c)).
+
+    Examples
+    --------
+    >>> lead_time(0.024, 0.0), round(lead_time(0.024, 0.025), 4)
+    (0.024, 0.0394)
+    """
+    if lag == 0.0:
+        return time
+    longer = time + lag
+    for _ in range(NEWTON):
+        left = math.exp(-longer / lag)
+        gone = longer * longer - 2.0 * lag * longer + 2.0 * lag * lag * (1.0 - left)
+        longer -= (gone - time * time) / (2.0 * longer - 2.0 * lag * (1.0 - left))
+    return longer
 
 
 def _stretch(begin: float, ends: Array, start: Array, points: Array) -> float:
@@ -255,9 +278,16 @@ class CrossingPlanner:
             lead = LEAD * (finish - begin)
             bulge = np.zeros(3)
             bulge[spot.column] = -spot.sign * (2.0 if kind == BALANCED else 1.0) * error * (2.0 * LEAD) ** 2
+            longer = lead_time(lead / speed, spot.lag) * speed / lead
             return _Knots(
-                s=[first - lead, first, half, half + spot.shape.first * speed, half + spot.shape.first * speed + lead],
-                added=[spot.before, spot.before + bulge, peak, spot.after + bulge, spot.after],
+                s=[
+                    first - longer * lead,
+                    first,
+                    half,
+                    half + spot.shape.first * speed,
+                    half + spot.shape.first * speed + lead,
+                ],
+                added=[spot.before, spot.before + longer**2 * bulge, peak, spot.after + bulge, spot.after],
                 line=[False, True, True, True, True],
                 speed=[spot.feed, speed, speed, speed, spot.feed],
             )

@@ -13,6 +13,7 @@ from support.reference_player import play
 
 from ph_post.drive.machinefile import read_machine
 from ph_post.edit.crossing_shapes import OUTER, RESIDUE, crossing_shape, stair
+from ph_post.edit.crossings import lead_time
 from ph_post.types import Axis
 
 GAP = 0.05
@@ -143,6 +144,16 @@ def test_a_plain_crossing_behind_a_lag_is_late(ratio: float, left: float) -> Non
     if late > 2.0 * first:
         after = lagging(lag, 0.0, first, 0.0, late)
         assert 1.0 - after[-1] == pytest.approx(left, rel=1e-5)
+
+
+@pytest.mark.parametrize("lag", [0.005, 0.01, 0.025])
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 1.0, 4.0])
+def test_a_lagging_motor_is_as_far_off_at_the_end_of_its_longer_lead(lag: float, ratio: float) -> None:
+    time = ratio * lag
+    until = lead_time(time, lag)
+    way = solve_ivp(lambda t, x: [(t * t - x[0]) / lag], (0.0, until), [0.0], rtol=1e-11, atol=1e-16).y[0, -1]
+    assert way == pytest.approx(time * time, rel=1e-6)
+    assert time < until < time + 3.0 * lag
 
 
 def lagging_axis(lag: float, b: float) -> Axis:

@@ -409,7 +409,7 @@ def check_run(program: PartProgram, machine: Machine) -> None:
 
 
 def planned_speeds(program: PartProgram, machine: Machine) -> Array:
-    """Return the speed that LinuxCNC keeps to in each motion at any feed [m/s], shape (m,); infinite where it has no leg.
+    """Return the speed that LinuxCNC keeps to in each motion at any feed [m/s], (m,); infinite where it has no leg.
 
     In arcs half of the acceleration is left for it beside a corner that is blended: an arc that is divided is faster.
 
