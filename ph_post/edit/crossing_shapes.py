@@ -73,7 +73,7 @@ TURNING: Final = 0.75
 WAITING: Final = 2.4
 """Time in √(g/a) for which the table waits in a crossing in steps, 2 √(g/a) being the least (seen on LinuxCNC)."""
 
-LEAST_PERIODS: Final = 2.5
+LEAST_PERIODS: Final = 2.0
 """Servo periods that a block of a crossing in steps takes at least at the mean speed of the crossing."""
 
 LEAST_WAY: Final = 0.25

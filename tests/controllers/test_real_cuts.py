@@ -27,12 +27,15 @@ SMALL = (
     Cut("engraving", 1200, True),
 )
 WIDE = (Cut("circle", 3000, False, 100), Cut("circle", 600, True, 5), Cut("spline", 1200, True))
+# The whole circle is slower than its parts would be, which shows where motors lag.
+FAST = (Cut("circle", 3000, True, 5), Cut("circle", 600, False, 20))
 
 JOBS = [
     (SMALL, Setting(0.05, 500.0)),
     (WIDE, Setting(0.1, 2000.0)),
     (SMALL[:1], Setting(0.05, 500.0, 0.010)),
     (SMALL[:1], Setting(0.05, 500.0, 0.025)),
+    (FAST, Setting(0.05, 500.0, 0.025)),
 ]
 
 
@@ -50,7 +53,7 @@ def measured(cuts: tuple[Cut, ...], setting: Setting, how: str, lost: float) -> 
     return measure(run(cuts, commanded, how), cuts, lost, setting.lag)
 
 
-@pytest.mark.parametrize(("cuts", "setting"), JOBS, ids=["small", "wide", "lag of 10 ms", "lag of 25 ms"])
+@pytest.mark.parametrize(("cuts", "setting"), JOBS, ids=["small", "wide", "lag of 10 ms", "lag of 25 ms", "fast"])
 def test_a_crossing_costs_a_micrometre_or_two(cuts: tuple[Cut, ...], setting: Setting) -> None:
     own = measured(cuts, setting, "plain", 0.0)
     plain = measured(cuts, setting, "plain", setting.lost)
@@ -61,5 +64,6 @@ def test_a_crossing_costs_a_micrometre_or_two(cuts: tuple[Cut, ...], setting: Se
         assert after.largest <= path.largest + EXCESS[tight(cut)], cut
         assert after.rms <= path.rms + 0.5, cut
         assert after.largest < 0.6 * controller.largest + 0.5 * path.largest, (cut, "better than the controller's own")
-        if cut.shape == "circle" and least_time(cut, setting, 1.5) == 0.0 and not setting.lag:
-            assert after.time <= 1.02 * before.time, cut
+        if cut.shape == "circle" and not setting.lag:
+            least = 4.0 * least_time(cut, setting, max(after.largest - path.largest, 0.05))
+            assert after.time - before.time <= max(0.02 * before.time, 1.5 * least), cut
