@@ -28,8 +28,8 @@ from ph_post.simulate.controllers.deviation import (
     cut_error,
     follow_cut,
     left_of_path,
-    program_gap_error,
 )
+from ph_post.simulate.controllers.gap_error import program_gap_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, Command, Machine, Plan, Scenario
 
@@ -288,13 +288,12 @@ class ProgramMotion(MotionResult):
     @cached_property
     def error_gap(self) -> ContourError | None:
         """Contour error that backlash causes at the values of the machine file [m]."""
-        return None if self.assessment is None else self._gap_error(self.assessment, (self.assessment.run.scenario,))
+        return None if self.assessment is None else self._gap_error((self.assessment.run.scenario,))
 
     @cached_property
     def error_gap_worst(self) -> ContourError | None:
         """Largest contour error that backlash causes if it is off by its uncertainty [m]."""
-        found = self.assessment
-        return None if found is None else self._gap_error(found, backlash_scenarios(found.scenarios))
+        return None if self.assessment is None else self._gap_error(backlash_scenarios(self.assessment.scenarios))
 
     @cached_property
     def sides(self) -> tuple[float, float] | None:
@@ -304,5 +303,5 @@ class ProgramMotion(MotionResult):
             return None
         return _largest_sides(left_of_path(found, self.cut.path, self.original)[found.counted])
 
-    def _gap_error(self, found: ProgramError, tried: Sequence[Scenario]) -> ContourError | None:
-        return program_gap_error(found, self.command, self.machine, self.cut.path, tried, self._plain.command)
+    def _gap_error(self, tried: Sequence[Scenario]) -> ContourError | None:
+        return program_gap_error(self.cut, self._plain.cut, tried)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
+import numpy as np
 
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
 from ph_post.gcode.numbers import PARENTHESES, Comments, comment_lines, decimal_text
-from ph_post.gcode.program import RS274, Language
+from ph_post.gcode.program import RS274, Language, PartProgram
+from ph_post.types import BoolArray, IntArray
 from ph_post.units import INCH, MM, MS
 
 MARK: Final = "ph-post: "
@@ -123,6 +125,54 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     commands: tuple[str, ...] = ()
     closing: str = ""
     notes: tuple[str, ...] = ()
+
+
+CHANGE_MARK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
+"""Comment line before a changed stretch."""
+
+_OWN_LINE: Final = comment_pattern(r"ph-post[ :][^)\r\n]*", alone=True)
+_OWN_FURTHER: Final = comment_pattern(r"  [^)\r\n]*", alone=True)
+
+
+class LineOrigins(NamedTuple):
+    """Lines of its original that each line of a program stands for, each of shape (n,).
+
+    `first` of them, and `end` behind the last: the same where a line was only added. `changed` where a mark says so.
+    """
+
+    first: IntArray
+    end: IntArray
+    changed: BoolArray
+
+
+def line_origins(program: PartProgram, original: PartProgram) -> LineOrigins | None:
+    """Return which lines of its original each line of a compensated program stands for.
+
+    None where the program does not declare this original, or has other lines than its marks tell of.
+    """
+    try:
+        declaration = read_declaration(program.data)
+    except InputError:
+        return None
+    if declaration is None or declaration.digest.lower() != original.digest:
+        return None
+    taken, replaced = np.ones(program.blocks, dtype=np.int64), np.zeros(program.blocks, dtype=np.int64)
+    changed = np.zeros(program.blocks, dtype=np.bool_)
+    for pattern in (_OWN_LINE, _OWN_FURTHER):
+        for found in pattern.finditer(program.data):
+            line = int(np.searchsorted(program.lines, found.start(), side="right")) - 1
+            if pattern is _OWN_LINE or (line and not taken[line - 1]):
+                taken[line] = 0
+    for found in CHANGE_MARK.finditer(program.data):
+        line = int(np.searchsorted(program.lines, found.start(), side="right")) - 1
+        added, old = map(int, mark_text(found))
+        taken[line], taken[line + 1 : line + 1 + added] = old, 0
+        replaced[line + 1 : line + 1 + added] = old
+        changed[line : line + 1 + added] = True
+    end = np.cumsum(taken)
+    if end[-1] != original.blocks:
+        return None
+    return LineOrigins(end - np.maximum(taken, replaced), end, changed)
 
 
 def declaration_lines(declaration: Declaration, max_line: int, style: Comments = PARENTHESES) -> list[str]:

@@ -25,14 +25,14 @@ from ph_post.drive.axes import has_backlash
 from ph_post.edit.undo import original_of
 from ph_post.errors import InputError, TooLargeError
 from ph_post.gcode.program import RAPID, PartProgram, runs
-from ph_post.simulate.assess import backlash_scenarios, resting_axes, scenarios
+from ph_post.simulate.assess import backlash_scenarios
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import (
-    CutPath,
+    cut_error,
+    follow_cut,
     moving_axes,
-    program_error,
-    program_gap_error,
 )
+from ph_post.simulate.controllers.gap_error import program_gap_error
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, Command, IntArray, Machine
 from ph_post.units import MM
@@ -224,14 +224,16 @@ def _predicted(
     command = run.command
     if command is None or command.t.size == 0 or run.trouble:
         return None, None, None
-    moving = moving_axes(command)
-    known = backlash_scenarios(scenarios(machine, moving.axes, resting_axes(moving)))
-    found = program_error(command, machine, target, [one for one in known if one.gap == 1.0], moved_by=program)
-    if target.data not in plain:
-        plain[target.data] = run_program(target, machine)
-    how = (found, command, machine, CutPath(target, machine))
-    own = program_gap_error(*how, (found.run.scenario,), plain[target.data])
-    return found.error, own, program_gap_error(*how, known, plain[target.data]) if worst else None
+    cut = follow_cut(command, machine, target, moved_by=program)
+    known = backlash_scenarios(cut.scenarios())
+    found = cut_error(cut, [one for one in known if one.gap == 1.0])
+    original = cut
+    if target.data != program.data:
+        if target.data not in plain:
+            plain[target.data] = run_program(target, machine)
+        original = follow_cut(plain[target.data], machine, target, moved_by=target)
+    own = program_gap_error(cut, original, (found.run.scenario,))
+    return found.error, own, program_gap_error(cut, original, known) if worst else None
 
 
 def _controller_timing(command: Command, program: PartProgram, programmed: PathTiming) -> PathTiming:

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from ph_post.dialects.declaration import (
+    CHANGE_MARK,
     MARK,
     comment_pattern,
     declared_language,
@@ -29,9 +30,6 @@ from ph_post.gcode.program import ByteArray, Language, PartProgram, PlaceArray
 from ph_post.gcode.read import reread
 from ph_post.gcode.words import read_words
 from ph_post.types import BoolArray, IntArray, sealed
-
-CHANGE_MARK: Final = comment_pattern(rf"{MARK}\+(\d+) -(\d+)[^)\r\n]*")
-"""Comment line before a changed stretch."""
 
 _LINES: Final = 50_000
 """So many lines are restored at a time."""

@@ -140,6 +140,36 @@ def closest_within(pieces: Array, starts: Array, position: Array, place: Array, 
 
 
 @compiled
+def closest_on(
+    pieces: Array, starts: Array, position: Array, place: Array, first: IntArray, end: IntArray
+) -> tuple[IntArray, Array]:
+    """Closest points of some of the lines and arcs of a path to positions (m, 3), of turns that nearest to a `place`.
+
+    Parameters
+    ----------
+    pieces, starts, position, place
+        As of :func:`closest_within`.
+    first, end : IntArray, shape (m,)
+        The first of the pieces for each position, and the one behind the last.
+
+    Returns
+    -------
+    piece : IntArray, s : Array, shape (m,)
+        The piece of each, and how far along the path [m].
+    """
+    count = position.shape[0]
+    piece, at = first.copy(), np.empty(count)
+    work = np.empty(3)
+    for row in range(count):
+        best, at[row] = math.inf, starts[first[row]]
+        for k in range(first[row], end[row]):
+            square, s = _distance_to(pieces, k, position[row], place[row] - starts[k], work)
+            if square < best:
+                best, piece[row], at[row] = square, k, starts[k] + s
+    return piece, at
+
+
+@compiled
 def closest_in_order(
     points: Array,
     reach: IntArray,

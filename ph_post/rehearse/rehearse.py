@@ -9,9 +9,8 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from ph_post.dialects.declaration import mark_text
+from ph_post.dialects.declaration import CHANGE_MARK, mark_text
 from ph_post.drive.axes import referred_to_middle
-from ph_post.edit.undo import CHANGE_MARK
 from ph_post.files.table import log_content
 from ph_post.gcode.program import AXES, PartProgram, runs
 from ph_post.progress import Progress, no_progress
@@ -20,11 +19,14 @@ from ph_post.simulate.assess import backlash_scenarios
 from ph_post.simulate.contour import ContourError
 from ph_post.simulate.controllers.deviation import (
     CutPath,
+    FollowedCut,
     ProgramError,
+    cut_error,
+    follow_cut,
     moving_axes,
     program_error,
-    program_gap_error,
 )
+from ph_post.simulate.controllers.gap_error import program_gap_error
 from ph_post.simulate.controllers.run import run_program, tolerances
 from ph_post.simulate.controllers.unknown import rows_before, unknown_lines
 from ph_post.types import Array, BoolArray, Command, Machine, RoundedPath, Scenario, frozen, sealed
@@ -45,10 +47,14 @@ JOINT: Final = 1e-6
 
 
 class Execution(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Run of a program on a controller: its commands, and the error of the machine's table."""
+    """Run of a program on a controller: its commands, and the error of the machine's table.
+
+    `cut` is LinuxCNC's run beside the path, None of the model's.
+    """
 
     command: Command
     error: ProgramError
+    cut: FollowedCut | None = None
 
     @property
     def time(self) -> float:
@@ -154,8 +160,8 @@ def rehearse(
         command = _of_motions(_without_waits(command_of(recording, machine), which), which, machine)
         # The controller's own compensation acts while the zero is taken too: it is that of the middle.
         referred = referred_to_middle(machine) if own else machine
-        error = program_error(command, referred, target, recorded=True, moved_by=which)
-        return Execution(command=command, error=error), recording
+        cut = follow_cut(command, referred, target, recorded=True, moved_by=which)
+        return Execution(command=command, error=cut_error(cut), cut=cut), recording
 
     progress("planning")
     planned = run_program(program, machine, RoundedPath())
@@ -179,18 +185,16 @@ def rehearse(
         path=path,
         allowed=_allowed(program),
         lockstep=recording.lockstep,
-        gaps=(None, None, None) if before is None else _gaps(before, real, machine, CutPath(target, machine)),
+        gaps=(None, None, None) if before is None else _gaps(before, real),
         nominal=nominal,
     )
 
 
-def _gaps(
-    before: Execution, real: Execution, machine: Machine, path: CutPath
-) -> tuple[ContourError | None, ContourError | None, ContourError | None]:
+def _gaps(before: Execution, real: Execution) -> tuple[ContourError | None, ContourError | None, ContourError | None]:
     """Return what backlash adds to LinuxCNC's runs of the original and of the program, and at worst to the latter."""
 
     def added(one: Execution, tried: Sequence[Scenario]) -> ContourError | None:
-        return program_gap_error(one.error, one.command, machine, path, tried, before.command)
+        return None if one.cut is None or before.cut is None else program_gap_error(one.cut, before.cut, tried)
 
     own = [added(one, (one.error.run.scenario,)) for one in (before, real)]
     return own[0], own[1], added(real, backlash_scenarios(real.error.scenarios))

@@ -93,11 +93,11 @@ def judge(job: RandomCut, allowed: Sequence[float] = ALLOWED) -> list[Judged]:
             result = ph.compensate(file, job.machine, max_slowdown=share)
             if plain is None or before is None:
                 plain = _played(result.before, job.text, path, job.machine)
-                before = measure(plain, plain, path, job.machine)
+                before = measure(plain, path, job.machine)
             after = before
             if not result.unchanged:
                 rows = _played(result.after, result.program().decode(), path, job.machine)
-                after = measure(rows, plain, path, job.machine)
+                after = measure(rows, path, job.machine)
             found.append(_judged(job, share, result, before, after))
     return found
 

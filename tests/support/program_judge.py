@@ -8,9 +8,11 @@ by a search tree. A stretch of cuts between two rapids is held against the same 
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -35,6 +37,12 @@ SEEN, AGAIN = 1e-4, 10
 WAYS = 3.0
 """A move of one axis behind a rapid by at most so many of its gaps only winds it up."""
 
+
+NEAR, LONG = 0.2, 5.0
+"""A table is no farther from where it would be without backlash than so much [mm], and so many of the largest gap."""
+
+NARROWED = 40
+"""A place between two rows is found to a ten-millionth of them."""
 
 LATE = 5.0
 """So many time constants is a table behind."""
@@ -90,6 +98,14 @@ class Stretches:
             found[own], along[own] = self._nearest(self.points[k], self.trees[k], places[own])
         return found, along
 
+    def nearest_on(self, places: Floats, first: int, last: int) -> Floats:
+        """Nearest points (n, 3) [mm] of the moves of some lines, or where the moves before `last` end."""
+        own = [move for move in self.moves if first <= move.line < last]
+        if not own:
+            return np.broadcast_to(end_of(self.moves, last), places.shape)
+        points = run(own, DENSE).motor
+        return self._nearest(points, cKDTree(points), places)[0]
+
     @staticmethod
     def _nearest(points: Floats, tree: cKDTree, places: Floats) -> tuple[Floats, Floats]:
         near = tree.query(places)[1]
@@ -118,11 +134,79 @@ class Stretches:
 
 
 class Played(NamedTuple):
-    """A program's motors (n, 3) [mm], the original's run of each row, and which rows count."""
+    """A program's motors (n, 3) [mm], the original's run of each row, and which rows count.
+
+    `free` (n, 3) are the motors without the offsets that the program gave them, `exact` the path next to them.
+    """
 
     motor: Floats
     run_of: NDArray[np.int64]
     counted: NDArray[np.bool_]
+    free: Floats
+    exact: Floats
+
+
+class Origin(NamedTuple):
+    """What a line of a program stands for: lines of the original from `first` to before `last`, and if it is new."""
+
+    first: int
+    last: int
+    new: bool
+
+
+def origins(text: str) -> list[Origin]:
+    """Read from its marks what each line of a program stands for, from line 1; line 0 is what is before."""
+    found, at, added, old, own = [Origin(0, 0, False)], 1, 0, 0, False
+    for line in text.splitlines():
+        change = re.match(r"(?:\(|; )ph-post: \+(\d+) -(\d+)", line)
+        own = re.match(r"(?:\(|; )ph-post", line) is not None or (own and re.match(r"(?:\(|; )  ", line) is not None)
+        if added:
+            found.append(Origin(at - old, at, True))
+            added -= 1
+        elif change:
+            added, old = int(change[1]), int(change[2])
+            at += old
+            found.append(Origin(at - old, at, True))
+        elif own:
+            found.append(Origin(at, at, True))
+        else:
+            found.append(Origin(at, at + 1, False))
+            at += 1
+    return found
+
+
+def end_of(moves: list[Move], before: int) -> Floats:
+    """Where the last of the moves ends whose line is before another."""
+    known = [move for move in moves if move.line < before]
+    return known[-1].end if known else moves[0].start
+
+
+def without_offsets(text: str, original: Stretches, motor: Floats, lines: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Motors without offsets, and the path next to them where lines are new.
+
+    A line ends as far from where the lines end for which it stands as its offsets are; between two ends they grow with
+    the way.
+    """
+    moves, stands = interpret(text), origins(text)
+    free, new = motor.copy(), np.zeros(len(motor), dtype=bool)
+    before, line = np.zeros(3), 0
+    while line < len(stands):
+        first, last, changed = stands[line]
+        behind = line + 1
+        while behind < len(stands) and stands[behind][:2] == (first, last):
+            behind += 1
+        after = end_of(moves, behind) - end_of(original.moves, last) if line else before
+        own = np.flatnonzero((lines >= line) & (lines < behind))
+        if own.size:
+            low = max(own[0] - 1, 0)
+            way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(motor[low : own[-1] + 1], axis=0), axis=1)))
+            share = (way / way[-1] if way[-1] else np.ones_like(way))[own - low, None]
+            free[own] -= (1.0 - share) * before + share * after
+            if changed:
+                new[own] = True
+                free[own] = original.nearest_on(free[own], first, last)
+        before, line = after, behind
+    return free, new
 
 
 def winds_up(moves: list[Move], gaps: Floats) -> set[int]:
@@ -156,7 +240,9 @@ def played(text: str, original: Stretches, command, lines: NDArray[np.int64], ga
     _, along = original.nearest(motor, numbers)
     begins = np.array([original.begins.get(k, 0) for k in range(int(numbers.max()) + 1)])
     cuts &= (along - begins[numbers]) * DENSE > BEGINS
-    return Played(motor, numbers, cuts & (command.t >= settled))
+    free, new = without_offsets(text, original, motor, np.maximum.accumulate(lines))
+    exact = np.where(new[:, None], free, original.nearest(free, numbers)[0])
+    return Played(motor, numbers, cuts & (command.t >= settled), free, exact)
 
 
 def _tables(motor: Floats, machine, sides, *, gaps: bool = True) -> Floats:
@@ -176,15 +262,17 @@ def sides_of(machine) -> list[tuple[int, ...]]:
     return list(product(*known))
 
 
-def measure(program: Played, plain: Played, path: Stretches, machine) -> Measured:
-    """Errors of a program; `plain` is the original's motion, the same object where that is measured."""
-    rows = program.counted
-    none = (1, 1, 1)
-    theirs = _tables(plain.motor, machine, none, gaps=False)
-    paced = _tables(path.nearest(program.motor, program.run_of)[0], machine, none, gaps=False)[rows]
-    free, free_at = path.nearest(theirs, plain.run_of)
-    own = _away(path, paced, program.run_of[rows])
+def measure(program: Played, path: Stretches, machine) -> Measured:
+    """Errors of a program.
+
+    By backlash alone is how far the table is from the way that it takes without any, with motors that go without
+    offsets; what is between that and the way of the exact path is the controller's rounding.
+    """
+    rows = np.flatnonzero(program.counted)
     runs = program.run_of[rows]
+    band = [_tables(way, machine, (1, 1, 1), gaps=False) for way in (program.free, program.exact)]
+    way = np.maximum(*(np.linalg.norm(np.diff(one, axis=0), axis=1) for one in band))
+    way, near = np.append(0.0, np.cumsum(way)), NEAR + LONG * gaps_of(machine).max()
     first: tuple[Floats, Floats, Floats] | None = None
     found = []
     for sides in sides_of(machine):
@@ -195,12 +283,8 @@ def measure(program: Played, plain: Played, path: Stretches, machine) -> Measure
         else:
             which = (table != first[0]).any(axis=1)
             error, gap = first[1].copy(), first[2].copy()
-        near, at = path.nearest(table[which], runs[which])
-        away = table[which] - near
-        error[which] = 1e-3 * np.linalg.norm(away, axis=1)
-        there = _looked_up(at, runs[which], free_at, plain.run_of, theirs - free)
-        apart = np.linalg.norm(table[which] - paced[which], axis=1)
-        gap[which] = 1e-3 * np.minimum(_to_segment(away, own[which], there), apart)
+        error[which] = 1e-3 * np.linalg.norm(table[which] - path.nearest(table[which], runs[which])[0], axis=1)
+        gap[which] = 1e-3 * _from_band(table[which], rows[which], *band, way, near)
         first = first or (table, error, gap)
         found.append((error, gap))
     worst = Sizes(*(max(values) for values in zip(*(_sizes(error) for error, _ in found), strict=True)))
@@ -214,26 +298,47 @@ def _sizes(error: Floats) -> tuple[float, float, float]:
     return float(error.max()), float(np.sqrt(np.mean(error**2))), float(np.quantile(error, 0.95))
 
 
-def _away(path: Stretches, places: Floats, runs: NDArray[np.int64]) -> Floats:
-    return places - path.nearest(places, runs)[0]
-
-
-def _looked_up(at: Floats, runs, known: Floats, known_runs, values: Floats) -> Floats:
-    """Values (m, 3) that are known at places of runs, at other places of the same runs."""
-    found = np.zeros((len(at), 3))
-    for k in np.unique(runs).tolist():
-        own, theirs = runs == k, known_runs == k
-        order = np.argsort(known[theirs], kind="stable")
-        if order.size:
-            for axis in range(3):
-                found[own, axis] = np.interp(at[own], known[theirs][order], values[theirs][order, axis])
+@numba.njit
+def _from_band(points, rows, one, other, way, near):  # type: ignore[no-untyped-def]
+    """Distances (n,) of points from all straight lines between two ways, no farther along these than `near`."""
+    found = np.empty(len(points))
+    for n in range(len(points)):
+        low = np.searchsorted(way, way[rows[n]] - near)
+        high = np.searchsorted(way, way[rows[n]] + near, side="right")
+        away = np.empty(high - low)
+        for k in range(low, high):
+            away[k - low] = _from_line(points[n], one[k], other[k])
+        least = away.min()
+        for k in range(low, high - 1):
+            if min(away[k - low], away[k - low + 1]) - (way[k + 1] - way[k]) < least:
+                least = min(least, _between(points[n], one[k : k + 2], other[k : k + 2]))
+        found[n] = least
     return found
 
 
-def _to_segment(points: Floats, a: Floats, b: Floats) -> Floats:
-    way = b - a
-    share = np.clip(((points - a) * way).sum(axis=1) / np.maximum((way * way).sum(axis=1), 1e-30), 0.0, 1.0)
-    return np.linalg.norm(points - a - share[:, None] * way, axis=1)
+@numba.njit
+def _between(point, one, other):  # type: ignore[no-untyped-def]
+    """Least distance of a point from the lines between two rows of two ways, by halving where it falls."""
+    low, high = 0.0, 1.0
+    best = np.inf
+    for _ in range(NARROWED):
+        third = (high - low) / 3.0
+        left, right = low + third, high - third
+        a = _from_line(point, one[0] + left * (one[1] - one[0]), other[0] + left * (other[1] - other[0]))
+        b = _from_line(point, one[0] + right * (one[1] - one[0]), other[0] + right * (other[1] - other[0]))
+        best = min(best, a, b)
+        if a < b:
+            high = right
+        else:
+            low = left
+    return best
+
+
+@numba.njit
+def _from_line(point, a, b):  # type: ignore[no-untyped-def]
+    square = ((b - a) ** 2).sum()
+    share = min(max(((point - a) * (b - a)).sum() / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return np.sqrt(((point - a - share * (b - a)) ** 2).sum())
 
 
 def gaps_of(machine) -> Floats:

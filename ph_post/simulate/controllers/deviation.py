@@ -27,6 +27,7 @@ from ph_post.geometry.closest import (
     RISE,
     SECOND,
     SWEEP,
+    closest_on,
     closest_within,
     follow_path,
     make_pieces,
@@ -115,11 +116,26 @@ class CutPath:
         self._pieces = pieces_of(self.legs)
         self._machine = machine
         self._works = working_motions(program, machine.tool).on
+        self.program = program
 
     def follow(self, command: Command) -> tuple[IntArray, Array]:
         """Leg of every row of a command, and its place along the program [m]."""
-        position = self._in_space(command.axes, command.position)
+        position = self.in_space(command.axes, command.position)
         return follow_path(self._pieces, self.starts, position, self._reach(command.axes, command.position), WIDE)
+
+    def closest_on_lines(self, position: Array, place: Array, first: IntArray, end: IntArray) -> tuple[Array, Array]:
+        """Return the places [m] and points (n, 3) [m] of lines of the program that are closest to positions (n, 3) [m].
+
+        Between `first` and `end` (n,) of these nothing may move: then it is the joint there. Of turns of a circle it is
+        the one next to a `place` (n,) [m].
+        """
+        of_legs = self.program.motions.block[self.legs.motion.astype(np.int64)]
+        low, high = (np.searchsorted(of_legs, line) for line in (first, end))
+        _, found = closest_on(self._pieces, self.starts, position, place, low, high)
+        return found, self.points(found)
+
+    def _gaps_by_name(self, command: Command) -> dict[str, float]:
+        return dict(zip(command.axes, self.gaps(command).tolist(), strict=True))
 
     def gaps(self, command: Command) -> Array:
         """Return the largest backlash of each axis of a command [m]."""
@@ -146,14 +162,14 @@ class CutPath:
         cuts = works[leg] & ~begins
         if moved_by is not None and moved_by.motions.kind.size:
             number = np.maximum(command.segment, 0)
-            gaps = dict(zip(command.axes, self.gaps(command).tolist(), strict=True))
+            gaps = self._gaps_by_name(command)
             works = working_motions(moved_by, self._machine.tool).on & (moved_by.motions.kind != RAPID)
             cuts &= works[number] & ~_approaches(moved_by, gaps)[number]
         return np.asarray(cuts)
 
     def command_distance(self, command: Command, place: Array) -> Array:
         """Return the distance of a command itself from the path in every row [m]."""
-        position = self._in_space(command.axes, command.position)
+        position = self.in_space(command.axes, command.position)
         return closest_within(self._pieces, self.starts, position, place, np.full(len(position), SLACK))[0]
 
     def distance(self, run: Run, place: Array) -> Array:
@@ -162,7 +178,7 @@ class CutPath:
 
     def closest_points(self, run: Run, place: Array) -> tuple[Array, Array]:
         """Return the distance of the table from the path in every row of a run [m], and the places along it [m]."""
-        executed = self._in_space(run.axes, run.executed)
+        executed = self.in_space(run.axes, run.executed)
         # In a corner an offset puts the command's place onto the next line earlier.
         reach = self._reach(run.axes, run.commanded) + self._lag(run)
         return closest_within(self._pieces, self.starts, executed, place, reach)
@@ -191,8 +207,8 @@ class CutPath:
         fastest = maximum_filter1d(steps, rows, origin=(rows - 1) // 2, mode="nearest")
         return np.asarray(late / run.period * fastest)
 
-    def _in_space(self, axes: Sequence[str], values: Array) -> Array:
-        """Fill in the axes that the command has not, which stand where the program begins."""
+    def in_space(self, axes: Sequence[str], values: Array) -> Array:
+        """Fill in the axes (n, 3) that values (n, axes) [m] have not, which stand where the program begins."""
         full = np.empty((len(values), len(AXES)))
         begin = self.legs.origin[0] + self.legs.radius[0] * self.legs.first[0]
         full[:] = begin
@@ -226,7 +242,8 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A command beside the path of a program: where it is in every row, and whether the error counts there.
 
     `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
-    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`.
+    `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `moved_by` is the program that
+    made the command, None where its `segment` does not number motions of that.
     """
 
     command: Command
@@ -235,6 +252,7 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     motion: IntArray
     place: Array
     counted: BoolArray
+    moved_by: PartProgram | None = None
 
     def simulate(self, scenario: Scenario) -> tuple[Run, Array]:
         """Run a machine, and return the distance of its table from the path in every row [m]."""
@@ -263,7 +281,9 @@ def follow_cut(
     counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
     if recorded:
         counted &= rows_before(program, path.legs.motion, path.starts, place)
-    return FollowedCut(command=command, machine=machine, path=path, motion=motion, place=place, counted=counted)
+    return FollowedCut(
+        command=command, machine=machine, path=path, motion=motion, place=place, counted=counted, moved_by=moved_by
+    )
 
 
 def program_error(
@@ -354,79 +374,6 @@ def left_of_path(found: ProgramError, path: CutPath, program: PartProgram) -> Ar
     length = np.hypot(way_a, way_b)
     sided = length > UPRIGHT * ALONG
     return np.asarray(np.where(sided, way_a * off_b - way_b * off_a, 0.0) / np.where(sided, length, 1.0))
-
-
-def program_gap_error(
-    found: ProgramError,
-    command: Command,
-    machine: Machine,
-    path: CutPath,
-    tried: Sequence[Scenario],
-    original: Command,
-) -> ContourError | None:
-    """Return the largest error in some scenarios that backlash causes.
-
-    Two motions have no part of backlash: that of the original program on a machine without any, at the same place
-    of the path, and that along the exact path as fast as this command follows it. Between them lie the lag of the
-    drives and the rounding of joints. The distance of the table, as a vector from the path, to what lies between
-    them is what backlash adds; it is no more than the distance between the table and that of the second motion at the
-    same time, as where the path turns sharply two points may be next to different parts of it. Nothing has to be known
-    of what a compensation did to the program.
-
-    Parameters
-    ----------
-    found : ProgramError
-        Of the same command.
-    command, machine
-        As of :func:`program_error`.
-    path : CutPath
-        Of the original program.
-    tried : sequence of Scenario
-        See :func:`ph_post.simulate.assess.backlash_scenarios`.
-    original : Command
-        Of the original program; `command` itself where that is the original.
-    """
-    moved = moving_axes(command)
-    exact = replace(moved, position=np.ascontiguousarray(path.points(found.place, moved.axes)))
-    plain = moved if original is command else moving_axes(original)
-    place = found.place if original is command else path.follow(plain)[1]
-
-    def from_path(rows: Command, scenario: Scenario, at: Array) -> tuple[Array, Array, Array]:
-        run = simulate(rows, machine, scenario)
-        _, places = path.closest_points(run, at)
-        away = np.zeros((len(places), len(AXES)))
-        away[:, [AXES.index(name) for name in run.axes]] = run.executed - path.points(places, run.axes)
-        return away, places, run.executed
-
-    def free(scenario: Scenario) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
-        return from_path(exact, scenario, found.place), from_path(plain, scenario, place)
-
-    gapless = tuple(dict.fromkeys(replace(one, gap=0.0) for one in tried))
-    without = dict(zip(gapless, run_scenarios(free, gapless), strict=True))
-
-    def added(scenario: Scenario) -> ContourError | None:
-        away, places, table = from_path(moved, scenario, found.place)
-        (own, _, paced), (theirs, along, _) = without[replace(scenario, gap=0.0)]
-        if original is not command:
-            theirs = _at_places(places, along, theirs)
-        apart = np.linalg.norm(table - paced, axis=1)
-        return contour_error(np.minimum(_distance_to_segment(away, own, theirs), apart)[found.counted])
-
-    return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
-
-
-def _at_places(places: Array, known: Array, values: Array) -> Array:
-    """Read values (m, axes), given at known places (m,) of the path, at other places (n,)."""
-    order = np.argsort(known, kind="stable")
-    return np.stack([np.interp(places, known[order], column[order]) for column in values.T], axis=1)
-
-
-def _distance_to_segment(points: Array, a: Array, b: Array) -> Array:
-    """Distances (n,) of points from the straight segments between `a` and `b`, all of shape (n, axes)."""
-    way = b - a
-    square = (way * way).sum(axis=1)
-    share = np.divide(((points - a) * way).sum(axis=1), square, out=np.zeros_like(square), where=square > 0.0)
-    return np.asarray(np.linalg.norm(points - a - np.clip(share, 0.0, 1.0)[:, None] * way, axis=1))
 
 
 def moving_axes(command: Command) -> Command:

@@ -1,0 +1,118 @@
+"""Compiled distance of points from the band between two ways that are run side by side.
+
+All functions stand in this file, as numba's cache looks at the file of the entry points alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from ph_post.compiling import compiled, inner
+from ph_post.types import Array, IntArray
+
+STEP: Final = 1e-8
+"""Steps of a band that are shorter in all [m] are one: at rests and at ends a command comes to a place for long."""
+
+FLAT: Final = 1e-12
+"""Squared sine of a triangle's angle below which its edges are all that there is of it."""
+
+
+def distance_to_band(points: Array, rows: IntArray, one: Array, other: Array, reach: float) -> Array:
+    """Distances of points from the band between two ways, near the rows of these that the points belong to.
+
+    The band is what lies between the same rows of both: a surface of triangles, which may be as narrow as a line.
+
+    Parameters
+    ----------
+    points : Array, shape (n, 3)
+        [m].
+    rows : IntArray, shape (n,)
+        A row of the ways for each point.
+    one, other : Array, shape (m, 3)
+        The ways [m].
+    reach : float
+        How far before and behind its row a point may be [m], along the longer of the ways.
+
+    Returns
+    -------
+    Array, shape (n,)
+        [m].
+
+    Examples
+    --------
+    >>> way = np.stack([np.linspace(0.0, 1.0, 11), np.zeros(11), np.zeros(11)], axis=1)
+    >>> points = np.array([[0.52, 0.3, 0.0], [0.52, -0.1, 0.0]])
+    >>> distance_to_band(points, np.array([5, 5]), way, way + [0.0, 0.2, 0.0], 0.5).round(6).tolist()
+    [0.1, 0.1]
+    """
+    steps = [np.sqrt((np.diff(way, axis=0) ** 2).sum(axis=1)) for way in (one, other)]
+    ways = np.concatenate([[0.0], np.cumsum(np.maximum(*steps))])
+    kept = np.flatnonzero(np.diff(np.floor(ways / STEP), prepend=-1.0))
+    near = np.searchsorted(kept, rows, side="right") - 1
+    one, other, ways = (np.ascontiguousarray(values[kept]) for values in (one, other, ways))
+    return _distances(np.ascontiguousarray(points), near, one, other, ways, reach)
+
+
+@compiled
+def _distances(points: Array, near: IntArray, one: Array, other: Array, ways: Array, reach: float) -> Array:
+    found = np.empty(points.shape[0])
+    for n in range(points.shape[0]):
+        point, begin = points[n], near[n]
+        least = _from_line(point, one[begin], other[begin])
+        for step in (1, -1):
+            row, away = begin, _from_line(point, one[begin], other[begin])
+            while 0 <= row + step < ways.size and abs(ways[row] - ways[begin]) <= reach:
+                following = row + step
+                # What is too far away for anything as near as what is known is passed over.
+                if abs(ways[following] - ways[row]) < away - least:
+                    away -= abs(ways[following] - ways[row])
+                else:
+                    k = min(row, following)
+                    sides = _from_sides(point, one[k], other[k], one[k + 1], other[k + 1])
+                    away = _from_line(point, one[following], other[following])
+                    least = min(least, sides, away)
+                row = following
+        found[n] = least
+    return found
+
+
+@inner
+def _from_sides(point: Array, a: Array, b: Array, c: Array, d: Array) -> float:
+    """Distance of a point from what lies between a line from a to b and the following from c to d, but for these."""
+    along = min(_from_line(point, a, c), _from_line(point, a, d), _from_line(point, b, d))
+    return min(along, _from_inside(point, a, b, d), _from_inside(point, a, d, c))
+
+
+@inner
+def _from_line(point: Array, a: Array, b: Array) -> float:
+    square, dot = 0.0, 0.0
+    for k in range(3):
+        square += (b[k] - a[k]) ** 2
+        dot += (b[k] - a[k]) * (point[k] - a[k])
+    share = min(max(dot / square, 0.0), 1.0) if square > 0.0 else 0.0
+    distance = 0.0
+    for k in range(3):
+        distance += (point[k] - a[k] - share * (b[k] - a[k])) ** 2
+    return math.sqrt(distance)
+
+
+@inner
+def _from_inside(point: Array, a: Array, b: Array, c: Array) -> float:
+    """Distance of a point from a triangle where the foot of its perpendicular is inside, else infinity."""
+    uu, uv, vv, up, vp = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        u, v, p = b[k] - a[k], c[k] - a[k], point[k] - a[k]
+        uu, uv, vv, up, vp = uu + u * u, uv + u * v, vv + v * v, up + u * p, vp + v * p
+    area = uu * vv - uv * uv
+    if area <= FLAT * uu * vv or area <= 0.0:
+        return math.inf
+    first, second = (vv * up - uv * vp) / area, (uu * vp - uv * up) / area
+    if first < 0.0 or second < 0.0 or first + second > 1.0:
+        return math.inf
+    distance = 0.0
+    for k in range(3):
+        distance += (point[k] - a[k] - first * (b[k] - a[k]) - second * (c[k] - a[k])) ** 2
+    return math.sqrt(distance)

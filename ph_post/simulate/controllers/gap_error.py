@@ -1,0 +1,196 @@
+"""What backlash adds to the deviation of a command from the path of a program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from ph_post.compiling import compiled
+from ph_post.dialects.declaration import line_origins
+from ph_post.gcode.program import AXES, PartProgram
+from ph_post.geometry.bands import distance_to_band
+from ph_post.simulate.assess import run_scenarios
+from ph_post.simulate.contour import ContourError, contour_error
+from ph_post.simulate.controllers.deviation import SLACK, FollowedCut
+from ph_post.simulate.machine import simulate
+from ph_post.types import Array, Command, IntArray, Scenario
+
+FASTER: Final = 1.02
+"""The original is run at most so many times as fast as it runs by itself, or as the command where that is faster."""
+
+JOINT: Final = 1e-6
+"""A command no farther than this [m] before a place is at it: what is written is rounded."""
+
+GAPS: Final = 4.0
+"""So many times the largest gap may a table be before or behind a motion without backlash."""
+
+
+def program_gap_error(cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scenario]) -> ContourError | None:
+    """Return the largest error in some scenarios that backlash causes.
+
+    It is the distance of the table from the way that the table takes without any backlash where motors go the same way
+    without the offsets that cross it. Where controllers round joints, what lies between that and the way of the exact
+    path at the same pace adds nothing. A program that declares this original carries offsets that follow from where its
+    lines end and those of the original. Of any other nothing is known: there it is the way of the original, run as fast
+    as the command goes along the path.
+
+    Parameters
+    ----------
+    cut : FollowedCut
+        The command beside the original's path.
+    plain : FollowedCut
+        That of the original, beside the same path; `cut` itself where that is the original.
+    tried : sequence of Scenario
+        See :func:`ph_post.simulate.assess.backlash_scenarios`.
+
+    Returns
+    -------
+    ContourError or None
+        None where nothing is cut.
+    """
+    machine, rows = cut.machine, np.flatnonzero(cut.counted)
+    if rows.size == 0:
+        return None
+    if plain is cut:
+        ways = (
+            cut.command,
+            replace(cut.command, position=np.ascontiguousarray(cut.path.points(cut.place, cut.command.axes))),
+        )
+    else:
+        ways = _without_offsets(cut) or _as_fast(cut, plain)
+    free = [replace(one, gap=0.0, flank=None, opposite=()) for one in tried]
+
+    def without(scenario: Scenario) -> list[Array]:
+        return [_in_space(simulate(one, machine, scenario).executed) for one in ways]
+
+    distinct = tuple(dict.fromkeys(free))
+    bands = dict(zip(distinct, run_scenarios(without, distinct), strict=True))
+
+    def added(scenario: Scenario) -> ContourError | None:
+        table = _in_space(simulate(cut.command, machine, scenario).executed)
+        one, other = bands[replace(scenario, gap=0.0, flank=None, opposite=())]
+        return contour_error(distance_to_band(table[rows], rows, one, other, _reach(cut)))
+
+    return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
+
+
+def _reach(cut: FollowedCut) -> float:
+    return SLACK + GAPS * float(cut.path.gaps(cut.command).max())
+
+
+def _without_offsets(cut: FollowedCut) -> tuple[Command, Command] | None:
+    """Return a command without the offsets that its program declares, and that of the exact path at the same pace.
+
+    A line that is not changed carries what it begins and ends with. In a changed stretch a crossing leaves the path:
+    there both are next to the command on the path.
+    """
+    program, path, command = cut.moved_by, cut.path, cut.command
+    original = path.program
+    origins = None if program is None else line_origins(program, original)
+    if program is None or origins is None:
+        return None
+    blocks, theirs = program.motions.block, original.motions.block
+    if (np.diff(blocks) < 0).any() or (np.diff(theirs) < 0).any():
+        return None
+    # Lines that stand for the same ones are one stretch, and so is what is added between two.
+    new = (np.diff(origins.first, prepend=-1) != 0) | (np.diff(origins.end, prepend=-1) != 0)
+    stretch = np.cumsum(new) - 1
+    last = np.append(np.flatnonzero(new)[1:], stretch.size)
+    offset = _ends(program, np.searchsorted(blocks, last)) - _ends(
+        original, np.searchsorted(theirs, origins.end[last - 1])
+    )
+    offset = np.concatenate([np.zeros((1, len(AXES))), np.nan_to_num(offset)])
+    line = blocks[np.maximum(command.segment, 0)]
+    own = np.maximum.accumulate(stretch[line])
+    full = path.in_space(command.axes, command.position)
+    way = _way_along(full)
+    begin, end = (way[np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1)] for side in ("left", "right"))
+    share = np.divide(way - begin, end - begin, out=np.ones_like(way), where=end > begin)[:, None]
+    free = full - (1.0 - share) * offset[own] - share * offset[own + 1]
+    _, exact = path.closest_on_lines(free, cut.place, origins.first[line], origins.end[line])
+    free = np.where(origins.changed[line][:, None], exact, free)
+    columns = [AXES.index(name) for name in command.axes]
+    both = [replace(command, position=np.ascontiguousarray(one[:, columns])) for one in (free, exact)]
+    return both[0], both[1]
+
+
+def _ends(program: PartProgram, count: IntArray) -> Array:
+    """Places (n, 3) [m] at the ends of the first motions (n,) of a program, NaN before the first."""
+    ends = np.concatenate([np.full((1, len(AXES)), np.nan), program.motions.end])
+    return np.asarray(ends[count])
+
+
+def _in_space(table: Array) -> Array:
+    """Fill in axes (n, 3) [m] that stand still."""
+    return np.concatenate([table, np.zeros((len(table), len(AXES) - table.shape[1]))], axis=1)
+
+
+def _as_fast(cut: FollowedCut, plain: FollowedCut) -> tuple[Command, Command]:
+    """Return commands that go along the original's way, and along the exact path, as fast as the command of a cut."""
+    command, path = cut.command, cut.path
+    way = path.in_space(plain.command.axes, plain.command.position)[:, [AXES.index(name) for name in command.axes]]
+    known, place = np.maximum.accumulate(plain.place), np.maximum.accumulate(cut.place)
+    row = _keep_pace(
+        _rows_at(known, place - _reach(cut)),
+        _rows_at(known, place + JOINT),
+        _way_along(path.in_space(plain.command.axes, plain.command.position)),
+        np.diff(_way_along(path.in_space(command.axes, command.position)), prepend=0.0),
+        command.period / plain.command.period,
+    )
+    every = np.arange(known.size)
+    position = np.stack([np.interp(row, every, column) for column in way.T], axis=1)
+    return (
+        replace(command, position=position),
+        replace(command, position=np.ascontiguousarray(path.points(np.interp(row, every, plain.place), command.axes))),
+    )
+
+
+def _way_along(position: Array) -> Array:
+    steps = np.sqrt((np.diff(position, axis=0) ** 2).sum(axis=1))
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _rows_at(known: Array, place: Array) -> Array:
+    """Last row (n,), a fraction between two of them, in which a rising place (m,) is no more than others (n,)."""
+    before = np.clip(np.searchsorted(known, place, side="right") - 1, 0, known.size - 1)
+    step = known[np.minimum(before + 1, known.size - 1)] - known[before]
+    share = np.divide(place - known[before], step, out=np.zeros_like(place), where=step > 0.0)
+    return np.asarray(before + np.clip(share, 0.0, 1.0))
+
+
+@compiled
+def _keep_pace(earliest: Array, latest: Array, way: Array, step: Array, period: float) -> Array:
+    """Rows (n,) of the original at which a motion is that follows another along its path, and never leaps.
+
+    Where a command that carries offsets is beside a corner, the nearest place of the path leaps; a motion that did
+    would be another than that of a machine.
+
+    Parameters
+    ----------
+    earliest, latest : Array, shape (n,)
+        Rows of the original at places as far behind the command as is allowed, and at those where it is.
+    way : Array, shape (m,)
+        Way of the original up to each of its rows [m].
+    step : Array, shape (n,)
+        Way of the command in each row [m].
+    period : float
+        That of the command by that of the original.
+    """
+    rows = np.empty(latest.size)
+    last, row = way.size - 1, 0.0
+    for k in range(latest.size):
+        if k > 0:
+            before = min(int(row), last - 1)
+            here = way[before] + (row - before) * (way[before + 1] - way[before])
+            there, at = here + FASTER * step[k], before
+            while at < last - 1 and way[at + 1] < there:
+                at += 1
+            along = row
+            if there > here and way[at + 1] > way[at]:
+                along = at + min((there - way[at]) / (way[at + 1] - way[at]), 1.0)
+            row = max(row, earliest[k], min(max(row + FASTER * period, along), latest[k]))
+        rows[k] = row
+    return rows

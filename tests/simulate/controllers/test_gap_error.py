@@ -1,0 +1,77 @@
+"""What backlash adds: nothing where there is none, however fast a program runs; else what closed forms say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+import ph_post as ph
+from ph_post.gcode.read import read_program
+from ph_post.simulate.controllers.deviation import follow_cut
+from ph_post.simulate.controllers.gap_error import program_gap_error
+from ph_post.simulate.controllers.run import run_program
+from ph_post.types import Gap, Machine, Scenario, Servo
+
+LAG = 0.025
+"""Time [s] that the tables are behind their commands."""
+
+GAP = 50e-6
+HEAD = "G21 G17 G90 G94 G61\nG0 X5 Y0 Z5\nG1 Z-1 F300\n"
+TURNS = 8
+RING = HEAD + TURNS * "G3 X5 Y0 I-5 J0 F1200\n" + "G0 Z5\nM2\n"
+SQUARE = HEAD + "G1 X20 F1200\nY15\nX5\nY0\nX12 Y4\nX5 Y8\nG0 Z5\nM2\n"
+
+
+def late(gap: float) -> Machine:
+    """A machine whose tables lag, with backlash in X and Y."""
+    machine = ph.read_machine("router")
+    axes = {
+        name: replace(
+            axis,
+            feedback="motor",
+            servo=Servo(b=(0.2 * LAG) ** 2, c=LAG),
+            gap=Gap(lost_motion=gap if name != "Z" else 0.0, initial_flank="-"),
+            reference_direction="both",
+        )
+        for name, axis in machine.axes.items()
+    }
+    return replace(machine, axes=axes)
+
+
+@pytest.mark.parametrize("text", [RING, SQUARE], ids=["ring", "square"])
+def test_a_slower_program_adds_nothing_without_backlash(text: str) -> None:
+    """The lag of the drives leaves much at full speed, and less at half of it: not by backlash."""
+    machine = late(0.0)
+    fast, slow = (read_program(one.encode(), "part.ngc") for one in (text, text.replace("F1200", "F600")))
+    plain, cut = (follow_cut(run_program(one, machine), machine, fast, moved_by=one) for one in (fast, slow))
+    away = [np.sqrt(np.mean(one.simulate(Scenario())[1][one.counted] ** 2)) for one in (plain, cut)]
+    assert away[0] > 8e-6
+    assert away[1] < 0.8 * away[0]
+    for one in (plain, cut):
+        found = program_gap_error(one, plain, (Scenario(),))
+        assert found is not None
+        assert found.max < 1e-6
+
+
+def test_on_a_late_circle_it_is_that_of_play_on_the_smaller_one() -> None:
+    """Play holds a table g/2 back along each axis: g/2 (cos - sin) from the circle, g √(1/4 - 1/2π) in all.
+
+    While an axis crosses its backlash the table goes from one side of the circle to the other; that is less.
+    """
+    machine = late(GAP)
+    program = read_program(RING.encode(), "ring.ngc")
+    cut = follow_cut(run_program(program, machine), machine, program, moved_by=program)
+    found = program_gap_error(cut, cut, (Scenario(),))
+    assert found is not None
+    # On the way down both axes are on their wrong sides.
+    assert found.max == pytest.approx(math.sqrt(0.5) * GAP, rel=0.001)
+    ring, plunge = TURNS * 2.0 * math.pi * 5.0 / 20.0, 6.0 / 5.0
+    crossed = 4.0 * math.acos(1.0 - GAP / 5e-3) / (2.0 * math.pi)
+    least, most = (
+        GAP * math.sqrt((share * (0.25 - 0.5 / math.pi) * ring + 0.5 * plunge) / (ring + plunge))
+        for share in (1.0 - crossed, 1.0)
+    )
+    assert 0.99 * least < found.rms < 1.01 * most
