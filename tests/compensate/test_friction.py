@@ -8,6 +8,7 @@ import pytest
 from long.claims import Sizes, run_table
 from msgspec.structs import replace
 from support.motions import look, make_machine, make_path
+from support.two_masses import Body, table_of
 from support.two_masses import friction_of as words_of
 
 from ph_post.compensate.friction import (
@@ -118,6 +119,23 @@ def test_a_motor_comes_through_its_backlash_while_the_change_is_held():
     assert (quick.end - 2.0, quick.duration) == pytest.approx(
         (0.5 * quick.duration, shortest_step(axis, 120 * UM, 1e-3))
     )
+
+
+@pytest.mark.parametrize("eta", [0.3, 0.6])
+@pytest.mark.parametrize("held", [0.1, 0.25, 0.5])
+def test_the_knock_of_a_motor_is_what_its_energy_leaves(held, eta):
+    # A motor on its + side is let go: its command falls to -held F at once. Without c and β all energy is left.
+    dry, gap, period = 50 * UM, 60 * UM, 1e-4
+    command = np.full(6000, -held * dry)
+    body = Body("load", 2e-4, 0.0, 0.0, 0.0, gap, eta, 0.0, 1, friction=(dry, dry, 0.0, 0.0, 0.0, 0.0, 0.0))
+    knock = -table_of(body, command, period, 1, 0.0).min()
+    left = (1.0 - held) * dry
+    bound = np.sqrt(left**2 + 2.0 * eta * held * dry * gap) - left
+    assert knock == pytest.approx(bound, rel=0.02)
+    assert bound < eta * gap * held / (1.0 - held)
+    damped = body._replace(c=0.02, beta=2.0)
+    assert -table_of(damped, command, period, 1, 0.0).min() < bound
+    assert table_of(body._replace(rule=0), command, period, 1, 0.0).min() == 0.0
 
 
 def test_turns_are_where_the_axis_rests():

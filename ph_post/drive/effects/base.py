@@ -26,7 +26,7 @@ engine (:mod:`ph_post.simulate.slow`), a thousand times as long and more; the ot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Literal
 
 import msgspec
@@ -227,7 +227,7 @@ def effect_values(effect: Effect, axis: Axis, given: Mapping[str, Any], where: s
     """
     values: dict[str, float] = {}
     for gives, parameters in effect.ways().items():
-        found = ((one.name, _in_si(one, axis, given, where)) for one in parameters)
+        found = ((one.name, _in_si(one, parameters, axis, given, where)) for one in parameters)
         value = consistent_value(found, lambda key: f"{where}.{key}")
         if value is None:
             names = " or ".join(one.name for one in parameters)
@@ -242,7 +242,10 @@ def effect_values(effect: Effect, axis: Axis, given: Mapping[str, Any], where: s
     return values
 
 
-def _in_si(parameter: Parameter, axis: Axis, given: Mapping[str, Any], where: str) -> float | None:
+def _in_si(
+    parameter: Parameter, ways: Sequence[Parameter], axis: Axis, given: Mapping[str, Any], where: str
+) -> float | None:
+    """Return a value in SI units; where its unit needs what the axis lacks, name the keys that need nothing."""
     number = given.get(parameter.name, parameter.default)
     if number is None:
         return None
@@ -251,5 +254,7 @@ def _in_si(parameter: Parameter, axis: Axis, given: Mapping[str, Any], where: st
     scale = parameter.unit.scale(axis)
     if scale is None:
         what = f"{parameter.unit.symbol} cannot be converted on this axis"
-        raise InputError(f"{where}.{parameter.name}", what, expected=parameter.unit.needs, got=f"{number:g}")
+        others = [one.name for one in ways if one.unit is not None and one.unit.scale(axis) is not None]
+        expected = "; or ".join([parameter.unit.needs, *(f"{name} in its place" for name in others)])
+        raise InputError(f"{where}.{parameter.name}", what, expected=expected, got=f"{number:g}")
     return float(number) * scale
