@@ -8,6 +8,7 @@ speeds of nearly the least time take its place.
 from __future__ import annotations
 
 from typing import Final, NamedTuple
+from weakref import WeakKeyDictionary
 
 import msgspec
 import numpy as np
@@ -70,6 +71,10 @@ MOST_SOLVED: Final = 300
 """Corners that differ from each other for which speeds are sought, some 0.05 s each; others keep the plan by nodes."""
 
 
+_SOLVED: WeakKeyDictionary[Track, dict[bytes, tuple[Array, Array] | None]] = WeakKeyDictionary()
+"""Places and speeds that were found, by track and by what they follow from: every plan of a track finds the same."""
+
+
 class _Stretch(NamedTuple):
     """Phases from `first` to before `behind`."""
 
@@ -98,7 +103,7 @@ class RoundedCorners:
         self._feeds = np.array(asked)[track.segment]
         joints = find_joints(track) if self._spans else None
         self._jumps = np.zeros(0) if joints is None else joints.s[_jumps(joints.curvature_jump, joints.tangent_jump)]
-        self._known: dict[bytes, tuple[Array, Array] | None] = {}
+        self._known = _SOLVED.setdefault(track, {})
 
     def expect(self, caps: LimitCurve) -> LimitCurve:
         """Return caps that ask for no more than the limits allow on rounded corners: nothing is said of these."""
