@@ -39,7 +39,7 @@ KNOWN: Final = 2
 """Windows whose designs are tried in another one."""
 
 LOOKS: Final = 4
-"""Designs of each that are."""
+"""Designs of each that are at most, and two at least."""
 
 SAME: Final = 1e-3
 """Difference of logarithms of feeds and errors up to which two windows are one."""
@@ -52,6 +52,9 @@ AS_GOOD: Final = 1.1
 
 ROOMIER: Final = 1.01
 """Ratio of the room up to which nothing is searched where nothing was found before."""
+
+PROLONGED: Final = 2
+"""Windows at most in which more time is tried in vain."""
 
 LONGER: Final = (2.0, 4.0, 8.0, 16.0)
 """Shares of the time that are tried where nothing is found in one."""
@@ -130,6 +133,7 @@ class _Survey:
         self.calls = effort * WORK / float(np.mean(samples))
         self.found: dict[int, list[TriedDesign]] = {}
         self.searched: list[int] = []
+        self.in_vain = 0
 
     def search(self) -> dict[int, list[TriedDesign]]:
         """Search those least alike first, and try what they found in the others."""
@@ -159,8 +163,9 @@ class _Survey:
         search, families = self.sites[number].search, self.families[number]
         seeds = next((own for own in self.found.values() if own), [])
         found = search.explore(families, calls, seeds)
-        if not found and self.sites[number].search.case.inside_loop:
+        if not found and search.case.inside_loop and self.in_vain < PROLONGED:
             found = search.prolong(families, LONGER)
+            self.in_vain += not found
         self.found[number] = found
 
     def _reuse(self, number: int, calls: int) -> None:
@@ -180,12 +185,12 @@ class _Survey:
         if not known and apart <= ALIKE and site.room <= ROOMIER * closest.room:
             self.found[number] = []
             return
-        looks = [site.search.look(one.family, one.x, one.budget) for one in _chosen(known)]
-        serves = all(
-            one.allowed and one.merit <= AS_GOOD * own.merit for one, own in zip(looks, _chosen(known), strict=True)
-        )
+        chosen = _chosen(known, max(calls, 2))
+        looks = [site.search.look(one.family, one.x, one.budget) for one in chosen]
+        pairs = zip(looks, chosen, strict=True)
+        serves = all(one.allowed and one.merit <= AS_GOOD * own.merit for one, own in pairs)
         if not (looks and serves):
-            others = [one for other in near[1:] for one in _chosen(self.found[other])]
+            others = [one for other in near[1:] for one in _chosen(self.found[other], calls - len(looks))]
             looks += [site.search.look(one.family, one.x, one.budget) for one in others]
             if looks:
                 site.search.polish(looks, calls - len(looks))
@@ -199,9 +204,10 @@ def _samples(search: DesignSearch) -> float:
     return rows * len(trial.axes) * len(trial.scenarios) + OVERHEAD
 
 
-def _chosen(known: Sequence[TriedDesign]) -> list[TriedDesign]:
+def _chosen(known: Sequence[TriedDesign], calls: int) -> list[TriedDesign]:
     """Choose some of the designs known, from the quickest to the best; rests are none."""
     moving = [one for one in known if not one.design.stop]
-    if len(moving) <= LOOKS:
+    most = max(min(calls, LOOKS), 0)
+    if len(moving) <= most:
         return moving
-    return [moving[k] for k in np.linspace(0, len(moving) - 1, LOOKS).round().astype(int).tolist()]
+    return [moving[k] for k in np.linspace(0, len(moving) - 1, most).round().astype(int).tolist()]
