@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from ph_post.compensate.friction import friction_of_machine
 from ph_post.compensate.layout import without_axes
 from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import command_of, plan_time
+from ph_post.compensate.sizes import Sizes, measure_sizes
 from ph_post.compensate.strategies.base import ProfileRequest, StrategyResult
 from ph_post.compensate.violations import check_command
 from ph_post.simulate.assess import for_each_scenario, is_nominal, scenarios
@@ -37,9 +38,6 @@ SAME: Final = 1e-9
 NO_WORSE: Final = 1.002
 """Ratio by which root mean square and percentile of the error may be larger: a motion that takes longer is sampled
 at other places. The largest error may not be."""
-
-MOST: Final = 0.95
-"""Part of the time at which the error is within its percentile that is kept."""
 
 LITTLE_FRICTION: Final = 0.5
 """Part of the friction of the machine file with which a plan that leads it may be no worse than the plain program."""
@@ -86,7 +84,13 @@ def prove(plan: Plan, result: StrategyResult, planner: Planner) -> Plan:
     return prove_in_time(plan, result, planner, Checker(planner, without_strategy(plan))).plan
 
 
-def prove_in_time(plan: Plan, result: StrategyResult, planner: Planner, checker: Checker) -> Proven:
+def prove_in_time(
+    plan: Plan,
+    result: StrategyResult,
+    planner: Planner,
+    checker: Checker,
+    known: Mapping[Scenario, Sizes] = {},
+) -> Proven:
     """Prove a plan for which quicker designs were asked for already, by :func:`in_time`.
 
     Parameters
@@ -95,17 +99,19 @@ def prove_in_time(plan: Plan, result: StrategyResult, planner: Planner, checker:
         As of :func:`prove`.
     checker : Checker
         Of the plain program.
+    known : mapping, optional
+        Sizes of the plan's error in some scenarios.
     """
     for _ in range(ROUNDS):
         if takes_too_long(plan, planner):
             break
         removable = [k for k, one in enumerate(result.requests) if _without(one, planner.machine) is not one]
-        blamed = checker.blame(plan, removable)
+        blamed = checker.blame(plan, removable, known)
         if blamed is None:
             return Proven(plan, result)
         if checker.too_much_friction > 0.0 and plan.friction_part:
             result = replace(result, friction_part=_less_friction(plan.friction_part, checker.too_much_friction))
-            plan = planner.plan(plan.strategy, result)
+            plan, known = planner.plan(plan.strategy, result), {}
             continue
         requests = tuple(
             _without(request, planner.machine) if number in blamed else request
@@ -114,7 +120,7 @@ def prove_in_time(plan: Plan, result: StrategyResult, planner: Planner, checker:
         if all(one is other for one, other in zip(requests, result.requests, strict=True)):
             break
         result = replace(result, requests=requests)
-        plan = planner.plan(plan.strategy, result)
+        plan, known = planner.plan(plan.strategy, result), {}
     why = OUT_OF_TIME if takes_too_long(plan, planner) else GIVEN_UP
     return Proven(left_alone(plan.strategy, result, planner, why), None)
 
@@ -184,26 +190,8 @@ def _without(request: ProfileRequest, machine: Machine) -> ProfileRequest:
 
 
 def _case(scenario: Scenario) -> object:
-    """Return what must not become worse by itself: every pick-up rule with every size of the backlash."""
+    """Return what must not become worse by itself: a pick-up rule with a size of the backlash and of friction."""
     return scenario.pickup, scenario.gap, scenario.friction
-
-
-class Sizes(NamedTuple):
-    """Largest size of an error, its root mean square and 95th percentile [m], and the row of the largest."""
-
-    max: float
-    rms: float
-    most: float
-    row: int
-
-
-def sizes_of(error: Array) -> Sizes:
-    """Return the sizes of an error (n,) [m]; none where no rows count."""
-    if error.size == 0:
-        return Sizes(0.0, 0.0, 0.0, 0)
-    size = np.abs(error)
-    row = int(np.argmax(size))
-    return Sizes(float(size[row]), float(np.sqrt(np.mean(size * size))), float(np.quantile(size, MOST)), row)
 
 
 class Checker:
@@ -236,7 +224,7 @@ class Checker:
 
     def measure(self, command: Command, tried: Sequence[Scenario]) -> tuple[Sizes, ...]:
         """Sizes of the error in some scenarios, of the rows that count."""
-        return for_each_scenario(command, self.planner.machine, self.nominal, tried, sizes_of)
+        return measure_sizes(command, self.planner.machine, self.nominal, tried)
 
     def around(self, command: Command, middles: Array, tried: Sequence[Scenario]) -> tuple[tuple[Array, Array], ...]:
         """Largest size of the error [m], and its mean square's parts, around windows by the middles between them."""
@@ -250,17 +238,20 @@ class Checker:
 
         return for_each_scenario(command, self.planner.machine, self.nominal, tried, take)
 
-    def blame(self, plan: Plan, removable: Sequence[int]) -> set[int] | None:
+    def blame(self, plan: Plan, removable: Sequence[int], known: Mapping[Scenario, Sizes] = {}) -> set[int] | None:
         """Return the windows to give up; None where the plan is never worse and keeps the limits.
 
-        `removable` are the windows in which something can still be given up.
+        `removable` are the windows in which something can still be given up; `known` is what was measured already.
         """
         command = command_of(plan, self.track, self.period)
         instants = [violation.t for violation in check_command(command, self.planner.machine)]
         first = first_counted(command, self.planner.machine)
         broader: set[int] = set()
         worse, self.too_much_friction = False, 0.0
-        for scenario, found in zip(self.scenarios, self.measure(command, self.scenarios), strict=True):
+        left = [one for one in self.scenarios if one not in known]
+        sizes = {**known, **dict(zip(left, self.measure(command, left) if left else (), strict=True))}
+        for scenario in self.scenarios:
+            found = sizes[scenario]
             plain = self.plain[_case(scenario)]
             broader_error = found.rms > NO_WORSE * plain.rms + SAME
             if found.max > plain.max + SAME:

@@ -23,12 +23,12 @@ from ph_post.compensate.prove import (
     LITTLE_FRICTION,
     OUT_OF_TIME,
     Checker,
-    Sizes,
     in_time,
     left_alone,
     prove_in_time,
     takes_too_long,
 )
+from ph_post.compensate.sizes import Sizes
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, require_loop, traits_of
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_strategy, strategy_names
 from ph_post.compensate.violations import check_command
@@ -40,7 +40,10 @@ if TYPE_CHECKING:
     from ph_post.compensate.plan import Planner
 
 HEAT: Final = 4
-"""Plans that are measured in more than the machine file's own values."""
+"""Plans that are measured in more than the machine file's own values; of long jobs half as many."""
+
+LONG: Final = 100_000
+"""Rows beyond which a job is long."""
 
 LEADS: Final = 0.5
 """Ratio to which inverse dynamics alone brings the error where plans without it are not tried."""
@@ -132,10 +135,11 @@ class _Race:
         usual = (one for one in checker.scenarios if one.friction != LITTLE_FRICTION)
         many = tuple(one for one in usual if one.beta == one.gain == 1.0)
         runners = [self._measured(one, few) for one in runners]
-        if self.planner.lead and not self._leads(runners, few):
+        long = checker.before.position.size > LONG
+        if self.planner.lead and not self._leads(runners, few) and (self._shifts() or not long):
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
             runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
-        runners = [self._measured(one, many) for one in self._ranked(runners, few)[:HEAT]]
+        runners = [self._measured(one, many) for one in self._ranked(runners, few)[: HEAT // 2 if long else HEAT]]
         winner = self._proven(runners, many)
         if winner is None:
             words = self._words(None, few)
@@ -163,6 +167,11 @@ class _Race:
         yield from named_results(task)
         yield from smooth_offsets(task, lead=False)
 
+    def _shifts(self) -> bool:
+        """Return whether any axis may get a lasting offset."""
+        axes = [self.planner.machine.axes[name] for name in self.planner.analysis.path.axes]
+        return any(not axis.loop.encloses_backlash and axis.gap.lost_motion > 0.0 for axis in axes)
+
     def _leads(self, runners: Sequence[Runner], tried: Sequence[Scenario]) -> bool:
         """Return whether inverse dynamics alone does so much that nothing is tried without it."""
         plain = self._plain(tried)[:, 0].max()
@@ -170,7 +179,12 @@ class _Race:
 
     def _start(self, planner: Planner, entrants: Iterable[StrategyResult]) -> Iterator[Runner]:
         """Plan all that is to be tried; what takes too long waits aside, and what breaks a limit is left out."""
+        seen: list[tuple[object, ...]] = []
         for number, proposed in enumerate(entrants):
+            looks = (proposed.requests, proposed.shifted, proposed.winds_up)
+            if looks in seen:
+                continue
+            seen.append(looks)
             self.progress(f"racing plan {number + 1}")
             try:
                 plan, result = in_time(planner.plan(self.name, proposed), proposed, planner)
@@ -239,7 +253,8 @@ class _Race:
         return done[self._best(done, tried)] if done else None
 
     def _proof(self, runner: Runner, tried: Sequence[Scenario]) -> Runner | None:
-        plan, result = prove_in_time(runner.plan, runner.result, runner.planner, self.checker)
+        known = dict(zip(tried, runner.sizes, strict=True))
+        plan, result = prove_in_time(runner.plan, runner.result, runner.planner, self.checker, known)
         if plan is runner.plan:
             return replace(runner, intact=True)
         if result is None:
