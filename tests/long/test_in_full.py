@@ -9,6 +9,7 @@ import pytest
 from tests.dialects import test_siemens_exact as siemens_exact
 from tests.hidden import test_named as named
 from tests.post import test_approach as approach
+from tests.property import test_auto_races as auto_races
 from tests.property import test_auto_random as auto_random
 from tests.property import test_limits as limits
 
@@ -19,6 +20,12 @@ BATCHES = 20
 def test_auto_is_never_worse_than_none_and_keeps_what_it_promises(batch: int) -> None:
     for number in range(batch, auto_random.PAIRS, BATCHES):
         auto_random.keeps_its_promises(number)
+
+
+@pytest.mark.parametrize("batch", range(BATCHES))
+def test_no_single_strategy_beats_auto(batch: int) -> None:
+    for number in range(batch, auto_races.PAIRS, BATCHES):
+        auto_races.is_not_beaten(number)
 
 
 def test_no_sample_breaks_a_limit() -> None:
