@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from ph_post.api.checks import diff, rehearse, verify
     from ph_post.api.compensation import compensate, undo
+    from ph_post.api.hand_measurements import measure
     from ph_post.api.inputs import read_log, read_machine, read_path, read_program
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
     from ph_post.api.motion import Inspection, Simulation, StrategyComparison, compare, inspect, simulate
@@ -51,6 +52,7 @@ __all__ = [
     "diff",
     "identify",
     "inspect",
+    "measure",
     "read_log",
     "read_machine",
     "read_path",
@@ -65,6 +67,7 @@ __all__ = [
 _HOMES: Final = {
     "api.checks": ("diff", "rehearse", "verify"),
     "api.compensation": ("compensate", "undo"),
+    "api.hand_measurements": ("measure",),
     "api.inputs": ("read_log", "read_machine", "read_path", "read_program"),
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
     "api.motion": ("Inspection", "Simulation", "StrategyComparison", "compare", "inspect", "simulate"),

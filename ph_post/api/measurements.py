@@ -28,6 +28,7 @@ from ph_post.identify.identify import Transmission
 from ph_post.identify.log_quality import examine
 from ph_post.identify.machinefile import diagnosed_machine, identified_machine
 from ph_post.progress import Progress, no_progress
+from ph_post.testprograms.gauges import gauge_kit
 from ph_post.testprograms.kit import WARM_UP, calibration_kit
 from ph_post.types import MACHINE_AXES, Array, Feedback, Log, Machine
 from ph_post.types.diagnosis import Diagnosis, Experiment, Identification, ResidualTrace
@@ -178,7 +179,7 @@ def identify(
     >>> round(found.axes["X"]["lost_motion"].value, 3), found.axes["X"]["lost_motion"].unit
     (0.12, 'mm')
     """
-    drives, source = (None, None) if machine is None else _measured_machine(machine)
+    drives, source = (None, None) if machine is None else measured_machine_of(machine)
     transmission = _transmission(drives, gear_ratio, screw_lead)
     record = _log_of(log, drives)
     loops = dict.fromkeys(record.axes, feedback) if isinstance(feedback, str) else dict(feedback or {})
@@ -233,14 +234,14 @@ def diagnose(log: Log | Source, machine: Machine | Source, *, progress: Progress
     ...     ph.diagnose(file, "router").verdict
     'not-identifiable'
     """
-    drives, source = _measured_machine(machine)
+    drives, source = measured_machine_of(machine)
     record = _log_of(log, drives)
     found = diagnosing.diagnose(record, drives, progress)
     return LogDiagnosis(**{name: getattr(found, name) for name in found.__struct_fields__}, log=record, source=source)
 
 
-def _measured_machine(machine: Machine | Source) -> tuple[Machine, SourceText | None]:
-    """Return a machine and the text of its file."""
+def measured_machine_of(machine: Machine | Source) -> tuple[Machine, SourceText | None]:
+    """Return a machine and the text of its file, None where it has none."""
     drives, _ = any_machine(machine)
     return drives, machine_text(drives)
 
@@ -374,8 +375,14 @@ def calibrate(
     radius: float | None = None,
     feeds: Sequence[float] = (),
     warm_up: float = WARM_UP,
+    without_log: bool = False,
+    swing: float | None = None,
+    repeats: int | None = None,
+    tool: float | None = None,
+    size: float | None = None,
+    depth: float | None = None,
 ) -> tuple[Experiment, ...]:
-    """Write test programs that show what a machine file should know.
+    """Write test programs that show what a machine file should know, by a log or by readings taken by hand.
 
     Parameters
     ----------
@@ -393,6 +400,19 @@ def calibrate(
         Feeds of the circles [m/s]; three by default, up to 0.8 of the machine's highest.
     warm_up : float, optional
         Duration of the run that warms the screws [s].
+    without_log : bool, optional
+        Write the programs for a dial indicator, and with `tool` the test cut for calipers; :func:`measure` takes
+        their readings. `feeds` are then the one or two of the dial. The rest is for them alone.
+    swing : float, optional
+        Way by which the table goes beyond a place and comes back [m]; 0.0005.
+    repeats : int, optional
+        How often each place is read from either side; 2.
+    tool : float, optional
+        Diameter of the cutter [m].
+    size : float, optional
+        Of the circles and squares of the test cut [m]; what the travel allows, up to 0.06.
+    depth : float, optional
+        Of the test cut [m]; 0.002.
 
     Returns
     -------
@@ -412,4 +432,24 @@ def calibrate(
     ('mix', 'a little of everything in one log: steps, sweeps, speeds, circles and diagonals')
     """
     drives, _ = any_machine(machine)
-    return calibration_kit(drives, axes=axes, centre=centre, travel=travel, feeds=feeds, radius=radius, warm_up=warm_up)
+    by_hand = {"swing": swing, "repeats": repeats, "tool": tool, "size": size, "depth": depth}
+    if not without_log:
+        if given := [f"--{name}" for name, value in by_hand.items() if value is not None]:
+            raise OptionsError(f"{', '.join(given)} needs --without-log")
+        return calibration_kit(
+            drives, axes=axes, centre=centre, travel=travel, feeds=feeds, radius=radius, warm_up=warm_up
+        )
+    if radius is not None or warm_up != WARM_UP:
+        raise OptionsError("--radius and --warm-up are for programs with a log; got --without-log")
+    return gauge_kit(
+        drives,
+        axes=axes,
+        centre=centre,
+        travel=travel,
+        feeds=feeds,
+        swing=swing,
+        repeats=repeats,
+        tool=tool,
+        size=size,
+        depth=depth,
+    ).programs

@@ -71,6 +71,18 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
     metavar="MIN",
     help="Duration of the warm-up run.",
 )
+@click.option(
+    "--without-log",
+    is_flag=True,
+    help="Write programs for a dial indicator, a sheet, and a file for its readings, in place of those for a log.",
+)
+@click.option("--tool", type=options.Number(), metavar="MM", help="Diameter of a cutter: a test cut for calipers too.")
+@click.option("--size", type=options.Number(), metavar="MM", help="Size of its shapes. [what the travel allows, to 60]")
+@click.option("--depth", type=options.Number(), metavar="MM", help="Depth of the test cut. [2]")
+@click.option(
+    "--swing", type=options.Number(), metavar="MM", help="Way of the dial test beyond a place and back. [0.5]"
+)
+@click.option("--repeats", type=int, metavar="N", help="Readings of the dial at a place from either side. [2]")
 @click.option("--force", is_flag=True, help="Overwrite existing files of these names.")
 @options.common
 def command(
@@ -82,6 +94,12 @@ def command(
     radius: float | None,
     feeds: tuple[float, ...],
     warm_up: float,
+    without_log: bool,
+    tool: float | None,
+    size: float | None,
+    depth: float | None,
+    swing: float | None,
+    repeats: int | None,
     force: bool,
     as_json: bool,
 ) -> int:
@@ -95,37 +113,59 @@ def command(
 
     plan.md says what to record with each program, and the `ph-post diagnose` line for its log.
 
+    --without-log is for machines that record nothing. It writes a program for each axis that stops where a dial
+    indicator is to be set and read, at both ends and the middle, at two --feeds; with --tool also test_cut.ngc,
+    two circles and two squares for calipers. sheet.md says what to do, readings.toml takes the readings, and
+    `ph-post machine measure` makes a machine file of them.
+
     \b
     Examples:
       ph-post calibrate -m mill --centre 150,80 --travel 120
       ph-post calibrate -m router.toml -o tests --travel 300,200 --radius 40 --feeds 600,1800,4500
       ph-post calibrate -m mill --axes X,Y,Z --centre 150,80,-40 --travel 100,100,30
+      ph-post calibrate -m router --without-log --axes X,Y,Z --centre 150,80,-40 --travel 200,200,30
+      ph-post calibrate -m router --without-log --tool 6 --travel 150 --swing 0.3
 
     \b
     JSON:
-      folder, plan  where the programs are, and the file name of the plan
+      folder, plan  where the programs are, and the file name of the plan or sheet
       programs      a list of {name, file, why, record}
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
+    from ph_post.files.check import counted
     from ph_post.files.storage import make_folder, write_atomically
     from ph_post.report.tables import print_json
+    from ph_post.testprograms.gauges import gauge_kit
     from ph_post.testprograms.kit import program_file, recording_plan
+    from ph_post.testprograms.sheet import READINGS, SHEET, readings_template, sheet
 
     if output in ("", "-"):
         raise click.UsageError(f"-o takes a folder; got {output!r}")
     drives, _ = any_machine(machine)
-    kit = ph.calibrate(
-        drives,
-        axes=() if axes is None else [word.strip().upper() for word in axes.split(",")],
-        centre=_scaled(centre, MM),
-        travel=_scaled(travel, MM),
-        feeds=_scaled(feeds, MM_PER_MIN),
-        radius=None if radius is None else radius * MM,
-        warm_up=warm_up * MINUTE,
-    )
+    room = {
+        "axes": () if axes is None else [word.strip().upper() for word in axes.split(",")],
+        "centre": _scaled(centre, MM),
+        "travel": _scaled(travel, MM),
+        "feeds": _scaled(feeds, MM_PER_MIN),
+    }
+    by_hand = {
+        "swing": None if swing is None else swing * MM,
+        "repeats": repeats,
+        "tool": None if tool is None else tool * MM,
+        "size": None if size is None else size * MM,
+        "depth": None if depth is None else depth * MM,
+    }
+    circle = None if radius is None else radius * MM
+    kit = ph.calibrate(drives, **room, radius=circle, warm_up=warm_up * MINUTE, without_log=without_log, **by_hand)
     texts = {program_file(drives, one): one.program for one in kit}
-    texts[PLAN] = recording_plan(drives, machine, output, kit)
+    if without_log:
+        gauges = gauge_kit(drives, **room, **by_hand)
+        plan = SHEET
+        texts |= {SHEET: sheet(drives, machine, output, gauges), READINGS: readings_template(gauges)}
+    else:
+        plan = PLAN
+        texts[PLAN] = recording_plan(drives, machine, output, kit)
     if not force:
         _refuse_others(Path(output), texts)
     folder = make_folder(output)
@@ -134,11 +174,11 @@ def command(
         programs = [
             {"name": one.name, "file": program_file(drives, one), "why": one.why, "record": one.record} for one in kit
         ]
-        print_json({"folder": output, "plan": PLAN, "programs": programs})
+        print_json({"folder": output, "plan": plan, "programs": programs})
     else:
         for one in kit:
             click.echo(f"{folder / program_file(drives, one)}: {one.why}")
-    click.echo(f"wrote {len(kit)} programs and {folder / PLAN}: read that first", err=True)
+    click.echo(f"wrote {counted(len(kit), 'program')} and {folder / plan}: read that first", err=True)
     return 0
 
 

@@ -358,7 +358,7 @@ def conduct(given: Mapping[str, GivenAnswer], defaults: bool, settings: Settings
             untouched = answer is None
         else:
             if welcome:
-                _print(WELCOME)
+                show(WELCOME)
                 welcome = False
             state[question.key], untouched = _asked(question, axes, default, terminal)
         if untouched and not own:
@@ -411,14 +411,14 @@ def _asked(question: Question, axes: AskedAxes, default: str, terminal: bool) ->
         _show(question, axes)
     while True:
         if terminal:
-            _print(f"  [{default}] ", end="")
-        line = _line(where)
+            show(f"  [{default}] ", end="")
+        line = next_line(where)
         try:
             return _value(question, line or default, axes, question.key if terminal else where), not line
         except InputError as error:
             if not terminal:
                 raise
-            _print(f"  {error}")
+            show(f"  {error}")
 
 
 def _show(question: Question, axes: AskedAxes) -> None:
@@ -427,16 +427,16 @@ def _show(question: Question, axes: AskedAxes) -> None:
     kind = question.kind
     hint = f"{question.hint} {kind.words.capitalize()}." if isinstance(kind, WordChoice) else question.hint
     indented = textwrap.fill(hint, _SCREEN, initial_indent="  ", subsequent_indent="  ")
-    _print(f"\n{about}{question.ask}\n{indented}")
+    show(f"\n{about}{question.ask}\n{indented}")
 
 
-def _print(text: str, end: str = "\n") -> None:
+def show(text: str, end: str = "\n") -> None:
     """Talk on standard error: standard output is for the product."""
     sys.stderr.write(text + end)
     sys.stderr.flush()
 
 
-def _line(where: str) -> str:
+def next_line(where: str) -> str:
     """Return the next line without its ends.
 
     Raises
@@ -451,7 +451,7 @@ def _line(where: str) -> str:
         raise InputError(where, "not text", expected="UTF-8", got=byte) from None
     if not line:
         if sys.stdin is not None and sys.stdin.isatty():
-            _print("")  # what is said stands below the question, not behind it
+            show("")  # what is said stands below the question, not behind it
         raise InputError(where, "no answer", expected="a line, or --yes for defaults", got="the end of the input")
     return line.strip()
 

@@ -1,4 +1,4 @@
-"""``ph-post machine new``: writes a machine file from questions that a machinist can answer."""
+"""``ph-post machine``: writes machine files, `new` from questions; `measure` stands in a module of its own."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import click
 
 from ph_post.cli import options
 from ph_post.cli.interview import QUESTIONS
+from ph_post.cli.measure import command as measure
 
 if TYPE_CHECKING:
     from ph_post.cli.interview import GivenAnswer
@@ -36,7 +37,11 @@ def command() -> None:
     \b
     Examples:
       ph-post machine new --help
+      ph-post machine measure --help
     """
+
+
+command.add_command(measure, "measure")
 
 
 @command.command()

@@ -111,6 +111,8 @@ class Syntax(msgspec.Struct, frozen=True, kw_only=True):
         No blanks, no motion word and no coordinate that repeats the last one: for serial lines.
     rapid_feed : bool
         Whether G0 moves at F, as G1 does, so that every rapid needs an F of its own.
+    stop : str or None
+        What stops the program until the person lets it go on; None where nothing does so without a risk.
     finish : callable or None
         ``finish(lines, name) -> lines``: what is done with the whole program of that name at last: its frame
         (% and O number, BEGIN PGM), line numbers.
@@ -125,6 +127,7 @@ class Syntax(msgspec.Struct, frozen=True, kw_only=True):
     modal_motion: bool = True
     terse: bool = False
     rapid_feed: bool = False
+    stop: str | None = "M0"
     finish: Callable[[Sequence[str], str], Sequence[str]] | None = None
 
 

@@ -11,7 +11,8 @@ G4 (`klippy/toolhead.py`): P in milliseconds, no S; the axes stand still in it. 
 has to be positive. `Move` and `LookAheadQueue` there have the rule of corners and the look-ahead, `ToolHead` the
 defaults: square corner velocity 5 mm/s, half of the acceleration as accel-to-decel; one velocity and acceleration
 for X and Y (`kinematics/cartesian.py` has others of Z); `gcode_move.py` begins with 25 mm/s. Klipper has no
-compensation of backlash of its own.
+compensation of backlash of its own. M0 is unknown; PAUSE waits, but the macros that most people put in its place
+also lift and park the head.
 """
 
 from __future__ import annotations
@@ -61,6 +62,7 @@ DIALECT = Dialect(
         dwell=DwellWords(unit=MS),
         modal_motion=False,
         rapid_feed=True,
+        stop=None,
     ),
     abilities=Abilities(arc_planes=()),
     numbers=NumberFormat(decimals=_DECIMALS, feed_digits=7),

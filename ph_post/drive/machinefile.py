@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
-import tomllib
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -29,7 +27,7 @@ from ph_post.dialects.registry import find_dialect, is_dialect
 from ph_post.drive.effects.base import Effect, Parameter, effect_values
 from ph_post.drive.effects.registry import find_effect, is_effect, known_names
 from ph_post.errors import InputError
-from ph_post.files.check import Keys, Refused, checked, one_line, one_of, place, quoted, shown
+from ph_post.files.check import Keys, Refused, checked, one_line, one_of, parse_toml, place, quoted, shown
 from ph_post.files.machine import PLANNER_KEYS, AxisRecord, ControllerRecord, MachineRecord
 from ph_post.files.storage import SourceText, or_shipped, read_source
 from ph_post.types import (
@@ -131,7 +129,6 @@ _MOTOR = (
     ("amplifier_gain_a_per_v", "k_a"),
     ("torque_constant_n_m_per_a", "k_t"),
 )
-_SIZES = (1e-15, 1e15)
 
 
 def read_machine(source: str | os.PathLike[str]) -> Machine:
@@ -167,7 +164,7 @@ def machine_source(source: str | os.PathLike[str]) -> SourceText:
 
 def machine_of(text: SourceText) -> Machine:
     """Return the machine of a text that was read already; raises as :func:`read_machine`."""
-    record = checked(_parse(text), MachineRecord, text.name)
+    record = checked(parse_toml(text.text, text.name), MachineRecord, text.name)
     axes = {name: _axis(name, axis, text.name) for name, axis in record.axes.given().items()}
     if not axes:
         wanted = ", ".join(f"[axes.{name}]" for name in MACHINE_AXES)
@@ -218,32 +215,6 @@ def _planner_settings(record: ControllerRecord, file: str) -> PlannerSettings:
         where = place(file, ("controller", PLANNER_KEYS["jerk"][0]))
         raise InputError(where, "a second rule of corners", expected="one of junction_deviation_mm, jerk_mm_s")
     return PlannerSettings(**given)
-
-
-def _parse(source: SourceText) -> dict[str, Any]:
-    """Decode TOML, with :class:`Refused` in place of numbers that cannot be taken."""
-    try:
-        return tomllib.loads(source.text, parse_float=_number)
-    except ValueError as error:  # TOMLDecodeError, and an integer of thousands of digits
-        message = str(error)
-    except RecursionError:
-        raise InputError(source.name, "brackets are nested too deeply") from None
-    match = re.fullmatch(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", message, re.DOTALL)
-    if match is None:
-        raise InputError(source.name, f"not valid TOML: {message}")
-    end = source.text.count("\n") + 1
-    where = f"{source.name}:{match[2]}:{match[3]}" if match[2] else f"{source.name}:{end}"
-    what = f"not valid TOML: {match[1][:1].lower()}{match[1][1:]}"
-    raise InputError(where, what, got="" if match[2] else "the end of the file")
-
-
-def _number(text: str) -> float | Refused:
-    value = float(text)
-    if not math.isfinite(value):
-        return Refused("not finite", "a finite number", text)
-    if value == 0 or _SIZES[0] <= abs(value) <= _SIZES[1]:
-        return value
-    return Refused("number out of range", f"0, or {_SIZES[0]:g} to {_SIZES[1]:g} in size", quoted(text))
 
 
 class _Given:

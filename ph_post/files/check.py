@@ -12,6 +12,7 @@ import difflib
 import json
 import math
 import re
+import tomllib
 import unicodedata
 from collections.abc import Callable, Iterable
 from decimal import Decimal
@@ -28,6 +29,9 @@ MAX_DIGITS = 1000
 
 _PLAIN = 40
 """A number of this many characters and no exponent lies well inside a double's range."""
+
+_SIZES = (1e-15, 1e15)
+"""Numbers of a TOML file that are not 0, in size."""
 
 _RATIONAL = re.compile(r"\s*([+-]?[0-9]+)(?:/([0-9]+))?\s*")
 
@@ -73,6 +77,38 @@ def loads(text: str, name: str, number: Callable[[str], Any] | None = None) -> A
         raise _syntax_error(error, name) from None
     except RecursionError:
         raise InputError(name, "brackets are nested too deeply") from None
+
+
+def parse_toml(text: str, name: str) -> dict[str, Any]:
+    """Decode TOML, with :class:`Refused` in place of numbers that cannot be taken.
+
+    Raises
+    ------
+    InputError
+        ``name:line:column`` where the text is no TOML.
+    """
+    try:
+        return tomllib.loads(text, parse_float=_toml_number)
+    except ValueError as error:  # TOMLDecodeError, and an integer of thousands of digits
+        message = str(error)
+    except RecursionError:
+        raise InputError(name, "brackets are nested too deeply") from None
+    match = re.fullmatch(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", message, re.DOTALL)
+    if match is None:
+        raise InputError(name, f"not valid TOML: {message}")
+    end = text.count("\n") + 1
+    where = f"{name}:{match[2]}:{match[3]}" if match[2] else f"{name}:{end}"
+    what = f"not valid TOML: {match[1][:1].lower()}{match[1][1:]}"
+    raise InputError(where, what, got="" if match[2] else "the end of the file")
+
+
+def _toml_number(text: str) -> float | Refused:
+    value = float(text)
+    if not math.isfinite(value):
+        return Refused("not finite", "a finite number", text)
+    if value == 0 or _SIZES[0] <= abs(value) <= _SIZES[1]:
+        return value
+    return Refused("number out of range", f"0, or {_SIZES[0]:g} to {_SIZES[1]:g} in size", quoted(text))
 
 
 def rational(text: str) -> Fraction | Refused:

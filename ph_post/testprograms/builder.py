@@ -23,6 +23,9 @@ TOP_SHARE: Final = 0.8
 RADIUS_SHARE: Final = 0.3
 """Radius of the circles where a person names none, as a share of the smallest room."""
 
+SLOWEST: Final = 1.0 * MM_PER_MIN
+"""Feeds below it [m/s] take a day."""
+
 CRAWL: Final = 0.2 * MM
 """Slowest feed [m/s] of the programs, where friction falls with speed if it does so anywhere."""
 
@@ -99,6 +102,9 @@ CHORD: Final = 0.001 * MM
 APPROACH: Final = 10.0 * MM
 """Speed [m/s] at which the axes go to where a program begins, at most a quarter of their greatest."""
 
+WAIT: Final = 20.0
+"""Time [s] that a person has at a stop where the controller has no word for it."""
+
 
 class ProgramBuilder:
     """Collects the lines of one test program, which begins and ends in the middle of its volume.
@@ -147,6 +153,16 @@ class ProgramBuilder:
         self.seconds += seconds
         self._writer.write_dwell(seconds)
 
+    def stop(self, words: str) -> None:
+        """Stop the program until the person lets it go on; `words` say what to do. Without such a word it waits."""
+        self.dwell(self.volume.settle)
+        self.say(words)
+        word = self.dialect.syntax.stop
+        if word is None:
+            self.dwell(WAIT)
+        else:
+            self._writer.add([word])
+
     def line(self, target: Mapping[str, float], speed: float) -> None:
         """Go straight to places [m] by axis, at `speed` [m/s], and stop there."""
         to = {axis: self._count(place) for axis, place in target.items()}
@@ -160,8 +176,17 @@ class ProgramBuilder:
         self._spend(math.hypot(*steps) * self.dialect.numbers.quantum, speed, tuple(moved))
         self._at |= to
 
-    def circle(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int = 1) -> None:
-        """Go around the middle of the volume from the side towards plus of the first axis, and back to it.
+    def circle(
+        self,
+        pair: tuple[str, str],
+        radius: float,
+        turn: int,
+        speed: float,
+        turns: int = 1,
+        centre: Mapping[str, float] | None = None,
+        rest: bool = True,
+    ) -> None:
+        """Go around a centre from the side towards plus of the first axis, and back to it.
 
         Parameters
         ----------
@@ -174,40 +199,46 @@ class ProgramBuilder:
             [m/s].
         turns : int
             How often.
+        centre : mapping, optional
+            By axis [m]; the middle of the volume.
+        rest : bool
+            Whether the axes come to rest before and behind.
         """
         first, second = pair
-        middle = {axis: self.volume.centre(axis) for axis in pair}
+        middle = {axis: self.volume.centre(axis) for axis in pair} if centre is None else centre
         self.line({first: middle[first] + radius, second: middle[second]}, TOP_SHARE * self.volume.top(*pair))
-        self.dwell(self.volume.settle)
+        if rest:
+            self.dwell(self.volume.settle)
         abilities = self.dialect.abilities
         if abilities.full_circles and abilities.writes_arcs(plane_of(pair)[0]):
-            self._arcs(pair, turn, speed, turns)
+            self._arcs(pair, middle, turn, speed, turns)
         else:
-            self._chords(pair, radius, turn, speed, turns)
+            self._chords(pair, middle, radius, turn, speed, turns)
         self._spend(math.tau * radius * turns, speed, pair)
-        self.dwell(self.volume.settle)
+        if rest:
+            self.dwell(self.volume.settle)
 
-    def _arcs(self, pair: tuple[str, str], turn: int, speed: float, turns: int) -> None:
+    def _arcs(self, pair: tuple[str, str], middle: Mapping[str, float], turn: int, speed: float, turns: int) -> None:
         """Write whole turns, each with its end, which is its beginning."""
         first, second = pair
         plane, sense = plane_of(pair)
         self._writer.plane(plane)
         self._writer.path_mode(exact=False)
         end = self._words({axis: self._at[axis] for axis in pair})
-        centre = self._words(
-            {CENTERS[first]: self._count(self.volume.centre(first)) - self._at[first], CENTERS[second]: 0}
-        )
+        centre = self._words({CENTERS[first]: self._count(middle[first]) - self._at[first], CENTERS[second]: 0})
         for _ in range(turns):
             self._writer.arc(end, centre, turn * sense > 0, self._feed(speed))
 
-    def _chords(self, pair: tuple[str, str], radius: float, turn: int, speed: float, turns: int) -> None:
+    def _chords(
+        self, pair: tuple[str, str], middle: Mapping[str, float], radius: float, turn: int, speed: float, turns: int
+    ) -> None:
         """Go the same way by straight moves."""
         self._writer.path_mode(exact=False)
         count = max(8, math.ceil(math.pi / math.acos(max(1.0 - CHORD / radius, 0.0))))
         for k in range(1, turns * count + 1):
             angle = math.tau * turn * (k % count) / count
             place = (radius * math.cos(angle), radius * math.sin(angle))
-            to = {axis: self._count(self.volume.centre(axis) + off) for axis, off in zip(pair, place, strict=True)}
+            to = {axis: self._count(middle[axis] + off) for axis, off in zip(pair, place, strict=True)}
             self._writer.write_straight("G1", self._words(to), self._feed(speed))
             self._at |= to
 

@@ -17,6 +17,7 @@ from ph_post.gcode.program import AXES
 from ph_post.testprograms import motions as parts
 from ph_post.testprograms.builder import (
     RADIUS_SHARE,
+    SLOWEST,
     TOP_SHARE,
     ProgramBuilder,
     TestVolume,
@@ -40,9 +41,6 @@ LEAST_RADIUS: Final = 0.5 * MM
 
 FARTHEST: Final = 100.0
 """Places [m] that no machine has."""
-
-SLOWEST: Final = 1.0 * MM_PER_MIN
-"""Feeds below it [m/s] take a day."""
 
 _FEED_RATIOS: Final = (1.0 / 6.0, 0.4, 1.0)
 """Feeds of the circles where a person names none, by the greatest that is taken."""

@@ -1,0 +1,188 @@
+"""Lost motion from a dial indicator: rows of readings at places, from minus and from plus."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from ph_post.errors import InputError
+from ph_post.identify.handreadings import Sure, resolution, rounding_error, widened
+from ph_post.types import Array
+from ph_post.types.readings import DialRow
+from ph_post.units import INCH, MICROMETRE, MM
+
+SLIPPED: Final = 0.3
+"""Part of the swing by which repeated readings may differ before the indicator has slipped."""
+
+MOST_LOST: Final = 0.9
+"""Part of the swing from which on the table hardly moves: the lost motion may be anything above."""
+
+_WRONG_SIGN: Final = 3.0
+"""Errors by which a lost motion may be below 0."""
+
+_UNITS: Final = (
+    (MM / INCH, "the dial counts inches", 'unit = "inch"'),
+    (INCH / MM, "the dial counts mm", 'unit = "mm"'),
+    (1000.0, "the dial counts micrometres", 'unit = "um"'),
+    (0.001, "the dial counts mm", 'unit = "mm"'),
+    (25400.0, "the dial counts inches in micrometres", 'unit = "um"'),
+)
+
+
+class DialPlaceResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Lost motion of one row [m], its place [m] and feed [m/s], None where they are not known."""
+
+    lost_motion: float
+    place: float | None
+    feed: float | None
+
+
+class DialResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Lost motion of an axis by a dial indicator [m].
+
+    `scatter` is the standard error of one reading, `along` the standard deviation of the lost motion along the
+    axis beyond what the readings scatter, both [m].
+    """
+
+    axis: str
+    lost_motion: Sure
+    scatter: float
+    along: float
+    rows: tuple[DialPlaceResult, ...]
+
+
+def read_dial(rows: Sequence[DialRow], swing: float) -> dict[str, DialResult]:
+    """Return the lost motion of every axis with rows.
+
+    Parameters
+    ----------
+    rows : sequence of DialRow
+    swing : float
+        Way that the table went on beyond each place [m].
+
+    Raises
+    ------
+    InputError
+        Where readings contradict the swing, each other or a lost motion above 0; or are too few to say how sure.
+    """
+    by_axis: dict[str, list[DialRow]] = {}
+    for row in rows:
+        by_axis.setdefault(row.axis, []).append(row)
+    return {axis: _axis(axis, group, swing) for axis, group in by_axis.items()}
+
+
+def _axis(axis: str, rows: Sequence[DialRow], swing: float) -> DialResult:
+    _check_swing(axis, rows, swing)
+    lost = np.array([_check_row(row, swing) for row in rows])
+    scatter, freedom = _scatter(rows, lost)
+    if freedom == 0:
+        what = "one reading from either side does not say how far it is off"
+        raise InputError(f"{rows[0].where}, {axis}", what, expected="another row, or more readings in this one")
+    grain = resolution([one for row in rows for one in row.readings])
+    error = _mean_error(rows, scatter, freedom, grain)
+    found = Sure(value=float(np.mean(lost)), error=error)
+    if found.value < -max(_WRONG_SIGN * found.error, 5.0 * MICROMETRE):
+        what = f"the lost motion of {axis} comes out below 0: readings from minus and from plus are swapped"
+        raise InputError(rows[0].where, what, expected="more where the axis comes from plus", got=_mm(found.value))
+    return DialResult(
+        axis=axis,
+        lost_motion=found,
+        scatter=scatter,
+        along=_along(rows, lost, scatter),
+        rows=tuple(
+            DialPlaceResult(lost_motion=float(one), place=row.place, feed=row.feed)
+            for one, row in zip(lost, rows, strict=True)
+        ),
+    )
+
+
+def _sides(row: DialRow) -> tuple[Array, Array]:
+    """Return the readings from minus, and from plus."""
+    readings = row.readings
+    return np.array([readings[0], *readings[3::2]]), np.array([readings[2], *readings[4::2]])
+
+
+def _lost(row: DialRow) -> float:
+    minus, plus = _sides(row)
+    return float(np.mean(plus) - np.mean(minus))
+
+
+def _beyond(row: DialRow) -> float:
+    return row.readings[1] - row.readings[0]
+
+
+def _check_swing(axis: str, rows: Sequence[DialRow], swing: float) -> None:
+    """Refuse readings in another unit or with the other sign: the swing is known."""
+    shares = [_beyond(row) / swing for row in rows]
+    typical = float(np.median(shares))
+    where = rows[int(np.argmin(np.abs(np.array(shares) - typical)))].where
+    expected, got = f"{_mm(swing)} more beyond than from minus", _mm(typical * swing)
+    if -1.3 < typical < -0.7:
+        what = f"the dial counts down while {axis} counts up"
+        raise InputError(where, what, expected=f"{expected}: every reading with the other sign", got=got)
+    for ratio, what, instead in _UNITS:
+        if 0.75 < abs(typical) / ratio < 1.3:
+            raise InputError(where, what, expected=f"{instead}, {expected}", got=got)
+
+
+def _check_row(row: DialRow, swing: float) -> float:
+    """Return the lost motion of a row whose readings agree with each other."""
+    for side, name in zip(_sides(row), ("minus", "plus"), strict=True):
+        if np.ptp(side) > SLIPPED * swing:
+            listed = ", ".join(f"{one / MM:.4g}" for one in side)
+            what = f"readings from {name} contradict each other: the indicator slipped"
+            raise InputError(row.where, what, expected=f"within {SLIPPED * swing / MM:.3g} mm", got=listed)
+    lost = _lost(row)
+    if lost > MOST_LOST * swing:
+        what = f"the lost motion of {row.axis} is as large as the swing, and may be larger"
+        raise InputError(row.where, what, expected="the test again with a larger --swing", got=_mm(lost))
+    if abs(_beyond(row) / swing - 1.0) > SLIPPED:
+        what = f"{row.axis} went on by {_mm(swing)}, and the dial shows another way"
+        raise InputError(row.where, what, expected=f"about {_mm(swing)} more than from minus", got=_mm(_beyond(row)))
+    return lost
+
+
+def _scatter(rows: Sequence[DialRow], lost: Array) -> tuple[float, int]:
+    """Return the standard error of one reading, by repeats of the same, else between rows; and its freedom."""
+    sides = [side for row in rows for side in _sides(row)]
+    freedom = sum(side.size - 1 for side in sides)
+    if freedom > 0:
+        return math.sqrt(sum(float(np.sum((side - np.mean(side)) ** 2)) for side in sides) / freedom), freedom
+    if len(rows) > 1:
+        return float(np.std(lost, ddof=1)) / math.sqrt(2.0), len(rows) - 1
+    return 0.0, 0
+
+
+def _mean_error(rows: Sequence[DialRow], scatter: float, freedom: int, grain: float) -> float:
+    """Return the error of the mean of the rows' lost motions [m]."""
+    variance = sum(1.0 / side.size for row in rows for side in _sides(row)) / len(rows) ** 2
+    return math.hypot(widened(freedom) * scatter * math.sqrt(variance), rounding_error(grain, scatter))
+
+
+def _along(rows: Sequence[DialRow], lost: Array, scatter: float) -> float:
+    """Return the standard deviation of the lost motion between places, less what the readings make of it [m]."""
+    places = _by_place(rows, lost)
+    if len(places) < 2:
+        return 0.0
+    means = [float(np.mean([one for _, one in group])) for group in places.values()]
+    noise = [
+        scatter**2 * sum(1.0 / side.size for row, _ in group for side in _sides(row)) / len(group) ** 2
+        for group in places.values()
+    ]
+    return math.sqrt(max(0.0, float(np.var(means, ddof=1)) - float(np.mean(noise))))
+
+
+def _by_place(rows: Sequence[DialRow], lost: Array) -> Mapping[float, list[tuple[DialRow, float]]]:
+    places: dict[float, list[tuple[DialRow, float]]] = {}
+    for row, one in zip(rows, lost.tolist(), strict=True):
+        if row.place is not None:
+            places.setdefault(row.place, []).append((row, one))
+    return places
+
+
+def _mm(length: float) -> str:
+    return f"{length / MM:.3g} mm"

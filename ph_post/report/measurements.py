@@ -1,0 +1,153 @@
+"""Measurements by hand as lines for people and as a plain object for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from ph_post.api.hand_measurements import HandMeasurement
+from ph_post.identify.ballbar import BallBarResult
+from ph_post.identify.dial import DialResult
+from ph_post.identify.handreadings import Sure
+from ph_post.identify.measurement import AxisMeasurement, scale_words, square_words
+from ph_post.report.tables import format_table
+from ph_post.units import DEGREE, MICROMETRE, MM, MS
+
+
+def measurement_lines(found: HandMeasurement) -> Iterator[str]:
+    """Yield what readings say: lost motions first, then what else they show. +- holds the truth in 68 of 100 cases."""
+    for axis, one in found.axes.items():
+        yield from _axis_lines(axis, one, found)
+    for pair, angle in found.squareness.items():
+        degrees = f"{angle.value / DEGREE:+.4f} +- {angle.error / DEGREE:.4f} degrees"
+        yield f"squareness of {' and '.join(pair)}: {square_words(angle)} ({degrees}) short of a right angle"
+    for axis, one in found.scale.items():
+        yield f"scale of {axis}: {scale_words(one)} further than commanded{_worth(one, 'correct it in the controller')}"
+    for pair, one in found.mismatch.items():
+        if not set(pair) <= set(found.scale):
+            yield f"scale of {pair[0]} less that of {pair[1]}: {scale_words(one)}"
+    if found.cut is not None and found.cut.tool is not None:
+        yield f"cutter as it cut: {_length(found.cut.tool)}"
+    for bar in found.ball_bar:
+        yield from _bar_lines(bar)
+
+
+def _axis_lines(axis: str, one: AxisMeasurement, found: HandMeasurement) -> Iterator[str]:
+    apart = "" if len(one.sources) == 1 else "; " + ", ".join(f"{way} {_length(n)}" for way, n in one.sources.items())
+    by = f" by {next(iter(one.sources))}" if len(one.sources) == 1 else ""
+    yield f"{axis}: lost motion {_length(one.lost_motion)}{by}{apart}"
+    if axis in found.dial:
+        yield from _dial_lines(found.dial[axis])
+    if one.note:
+        yield f"   {one.note}"
+        return
+    written = found.machine.axes[axis]
+    lost = written.gap.lost_motion
+    if lost == 0.0:
+        yield "   no lost motion that these readings show: 0 in the machine file"
+    else:
+        share = f"backlash_uncertainty {written.uncertainty.backlash:g}"
+        yield f"   in the machine file: lost_motion_mm {lost / MM:g}, {share}"
+
+
+def _dial_lines(dial: DialResult) -> Iterator[str]:
+    """Yield the lost motion by place, and how readings scatter."""
+    places: dict[float | None, list[float]] = {}
+    for row in dial.rows:
+        places.setdefault(row.place, []).append(row.lost_motion)
+    if len(places) > 1:
+        each = (
+            f"{_mean(values) / MM:.4f} at {'some place' if place is None else f'{place / MM:g}'}"
+            for place, values in places.items()
+        )
+        yield f"   along the axis {', '.join(each)} mm"
+    yield f"   one reading is off by {dial.scatter / MICROMETRE:.2g} µm"
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _worth(one: Sure, words: str) -> str:
+    return f": {words}" if abs(one.value) > 2.0 * one.error else ""
+
+
+def _length(one: Sure) -> str:
+    return f"{one.value / MM:.4f} +- {one.error / MM:.4f} mm"
+
+
+def _bar_lines(bar: BallBarResult) -> Iterator[str]:
+    """Yield the results of arcs beside the names of ball-bar reports."""
+    yield f"ball bar in {''.join(bar.plane)}, radius {bar.radius / MM:.4f} mm"
+    header = ("here", "in ball-bar reports", "value")
+    yield from (f"   {line}" for line in format_table(header, list(_bar_rows(bar))).splitlines())
+
+
+def _bar_rows(bar: BallBarResult) -> Iterator[tuple[str, str, str]]:
+    first, second = bar.plane
+    for axis, one in zip(bar.plane, bar.lost_motion, strict=True):
+        if one is not None:
+            yield f"lost motion of {axis}", f"backlash {axis}, reversal error", _micrometres(one)
+    if bar.squareness is not None:
+        yield "squareness", f"squareness {first}{second}", _parts(bar.squareness)
+    if bar.mismatch is not None:
+        yield f"scale of {first} less {second}", "scaling mismatch", _parts(bar.mismatch)
+    if bar.scale is not None:
+        yield "scale, mean of both", "scaling error", _parts(bar.scale)
+    if bar.servo is not None:
+        if bar.feed:
+            late = f"{bar.servo.value / bar.feed / MS:+.3f} +- {bar.servo.error / bar.feed / MS:.3f} ms"
+        else:
+            late = _micrometres(bar.servo)
+        yield f"lag of {first} less {second}", "servo mismatch", late
+    for turn, deviation in bar.deviation:
+        way = "counterclockwise" if turn > 0 else "clockwise"
+        yield f"off the circle, {way}", "circular deviation G (ISO 230-4)", f"{deviation / MICROMETRE:.1f} µm"
+    yield "what is left", "noise, straightness, cyclic error", f"{bar.scatter / MICROMETRE:.2g} µm rms"
+
+
+def _micrometres(one: Sure) -> str:
+    return f"{one.value / MICROMETRE:+.1f} +- {one.error / MICROMETRE:.1f} µm"
+
+
+def _parts(one: Sure) -> str:
+    return f"{one.value / MICROMETRE:+.0f} +- {one.error / MICROMETRE:.0f} µm/m"
+
+
+def measurement_view(found: HandMeasurement) -> dict[str, Any]:
+    """Return what readings say as a plain object: lengths in mm, angles in rad, scales as parts of one."""
+    return {
+        "axes": {
+            axis: {
+                "lost_motion": _view(one.lost_motion, MM),
+                "written": None if one.note else found.machine.axes[axis].gap.lost_motion / MM,
+                "backlash_uncertainty": None if one.note else found.machine.axes[axis].uncertainty.backlash,
+                "sources": {way: _view(number, MM) for way, number in one.sources.items()},
+                "note": one.note,
+            }
+            for axis, one in found.axes.items()
+        },
+        "squareness": {"".join(pair): _view(one, 1.0) for pair, one in found.squareness.items()},
+        "scale": {axis: _view(one, 1.0) for axis, one in found.scale.items()},
+        "scale_mismatch": {"".join(pair): _view(one, 1.0) for pair, one in found.mismatch.items()},
+        "ball_bar": [
+            {
+                "plane": "".join(bar.plane),
+                "radius": bar.radius / MM,
+                "lost_motion": {a: _view(n, MM) for a, n in zip(bar.plane, bar.lost_motion, strict=True)},
+                "squareness": _view(bar.squareness, 1.0),
+                "scaling_mismatch": _view(bar.mismatch, 1.0),
+                "scaling_error": _view(bar.scale, 1.0),
+                "servo_mismatch": _view(bar.servo, MM),
+                "circular_deviation": {
+                    "ccw" if turn > 0 else "cw": deviation / MM for turn, deviation in bar.deviation
+                },
+                "residual": bar.scatter / MM,
+            }
+            for bar in found.ball_bar
+        ],
+    }
+
+
+def _view(one: Sure | None, unit: float) -> dict[str, float] | None:
+    return None if one is None else {"value": one.value / unit, "stderr": one.error / unit}
