@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -143,13 +143,13 @@ def command(
     if output in ("", "-"):
         raise click.UsageError(f"-o takes a folder; got {output!r}")
     drives, _ = any_machine(machine)
-    room = {
+    room: dict[str, Any] = {
         "axes": () if axes is None else [word.strip().upper() for word in axes.split(",")],
         "centre": _scaled(centre, MM),
         "travel": _scaled(travel, MM),
         "feeds": _scaled(feeds, MM_PER_MIN),
     }
-    by_hand = {
+    by_hand: dict[str, Any] = {
         "swing": None if swing is None else swing * MM,
         "repeats": repeats,
         "tool": None if tool is None else tool * MM,

@@ -202,7 +202,7 @@ def _asked(drives: Machine, swing: float | None, unit: str | None) -> Readings:
         way = f"{swing or SWING_MM:g} mm"
         show(f"Readings in {name}, apart by blanks. Enter alone: no more. Ctrl-C writes nothing.\n")
         show(f"A row of the dial: {', '.join(STEPS)}, and from minus, from plus again; beyond is {way} further on.")
-    rows = []
+    rows: list[DialRow] = []
     for axis, drive in drives.axes.items():
         while not drive.loop.encloses_backlash:
             where = f"standard input, {axis}, row {sum(row.axis == axis for row in rows) + 1}"

@@ -45,13 +45,13 @@ class DialResult(msgspec.Struct, frozen=True, kw_only=True):
     """Lost motion of an axis by a dial indicator [m].
 
     `scatter` is the standard error of one reading, `along` the standard deviation of the lost motion along the
-    axis beyond what the readings scatter, both [m].
+    axis beyond what the readings scatter, both [m]; None where it was read at one place alone.
     """
 
     axis: str
     lost_motion: Sure
     scatter: float
-    along: float
+    along: float | None
     rows: tuple[DialPlaceResult, ...]
 
 
@@ -163,11 +163,11 @@ def _mean_error(rows: Sequence[DialRow], scatter: float, freedom: int, grain: fl
     return math.hypot(widened(freedom) * scatter * math.sqrt(variance), rounding_error(grain, scatter))
 
 
-def _along(rows: Sequence[DialRow], lost: Array, scatter: float) -> float:
+def _along(rows: Sequence[DialRow], lost: Array, scatter: float) -> float | None:
     """Return the standard deviation of the lost motion between places, less what the readings make of it [m]."""
     places = _by_place(rows, lost)
     if len(places) < 2:
-        return 0.0
+        return None
     means = [float(np.mean([one for _, one in group])) for group in places.values()]
     noise = [
         scatter**2 * sum(1.0 / side.size for row, _ in group for side in _sides(row)) / len(group) ** 2

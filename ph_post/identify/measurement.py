@@ -35,13 +35,14 @@ _DIGITS: Final = 4
 class AxisMeasurement(msgspec.Struct, frozen=True, kw_only=True):
     """Lost motion of one axis [m], by every way that it was measured and all together.
 
-    `spread` [m] is the error with what the lost motion varies along the axis. `note` says why it is not written to
+    `spread` [m] is the error with what the lost motion varies along the axis, None where it was not read at several
+    places. `note` says why it is not written to
     the machine file, empty where it is.
     """
 
     axis: str
     lost_motion: Sure
-    spread: float
+    spread: float | None
     sources: Mapping[str, Sure]
     note: str = ""
 
@@ -135,14 +136,14 @@ def _axis(axis: Axis, sources: Mapping[str, Sure], dial: DialResult | None, name
             got = f"{_words(first)} and {_words(second)}"
             raise InputError(name, what, expected=expected, got=got)
     found = weighted_mean(list(sources.values()))
-    along = 0.0 if dial is None else dial.along
+    along = None if dial is None else dial.along
     note = ""
     if axis.loop.encloses_backlash:
         note = "the scale on the table keeps the backlash away from it, so that the machine file stays as it is"
     return AxisMeasurement(
         axis=axis.name,
         lost_motion=found,
-        spread=math.hypot(found.error, along),
+        spread=None if along is None else math.hypot(found.error, along),
         sources=dict(sources),
         note=note,
     )
@@ -153,11 +154,17 @@ def _words(one: Sure) -> str:
 
 
 def _changed(axis: Axis, found: AxisMeasurement) -> Axis:
-    """Return the axis with the lost motion and its relative uncertainty, rounded as a file has them."""
+    """Return the axis with the lost motion and its relative uncertainty, rounded as a file has them.
+
+    Where nobody looked at several places, the uncertainty of the file is not made smaller.
+    """
     lost = round(max(0.0, found.lost_motion.value) / MM, _DIGITS) * MM
     if lost == 0.0:
         return replace(axis, gap=axis.gap.with_lost_motion(0.0))
-    relative = min(_MOST_RELATIVE, math.ceil(100.0 * found.spread / lost) / 100.0)
+    spread = found.lost_motion.error if found.spread is None else found.spread
+    relative = min(_MOST_RELATIVE, math.ceil(100.0 * spread / lost) / 100.0)
+    if found.spread is None:
+        relative = max(relative, axis.uncertainty.backlash)
     uncertainty = replace(axis.uncertainty, backlash=relative)
     return replace(axis, gap=axis.gap.with_lost_motion(lost), uncertainty=uncertainty)
 
@@ -216,10 +223,10 @@ def measured_machine(original: SourceText, found: Measurement, machine: Machine)
 def _above(axis: str, one: AxisMeasurement, found: Measurement) -> Iterator[str]:
     """Yield the comment lines that stand above a measured lost motion."""
     yield f"measured by {' and '.join(one.sources)}, {' '.join(found.readings.split())}; +- holds it in 68 of 100 cases"
-    if one.spread > 1.5 * one.lost_motion.error:
+    if one.spread is not None and one.spread > 1.5 * one.lost_motion.error:
         yield f"along the axis it differs by {one.spread / MICROMETRE:.2g} um: that is in the uncertainty"
     if axis in found.scale:
-        yield f"scale: {scale_words(found.scale[axis])}; correct it in the controller's steps or screw table"
+        yield f"scale: {scale_words(found.scale[axis])} further than commanded"
     for pair, angle in found.squareness.items():
         if axis == pair[1]:
             yield f"squareness to {pair[0]}: {square_words(angle)}"
@@ -231,9 +238,9 @@ def scale_words(one: Sure) -> str:
     Examples
     --------
     >>> scale_words(Sure(value=2e-4, error=1e-4))
-    '+0.20 +- 0.10 mm/m'
+    '+0.200 +- 0.100 mm/m'
     """
-    return f"{one.value / MM:+.2f} +- {one.error / MM:.2f} mm/m"
+    return f"{one.value / MM:+.3f} +- {one.error / MM:.3f} mm/m"
 
 
 def square_words(one: Sure) -> str:
@@ -242,6 +249,6 @@ def square_words(one: Sure) -> str:
     Examples
     --------
     >>> square_words(Sure(value=-2e-4, error=1e-4))
-    '-0.20 +- 0.10 mm/m'
+    '-0.200 +- 0.100 mm/m'
     """
-    return f"{one.value / MM:+.2f} +- {one.error / MM:.2f} mm/m"
+    return f"{one.value / MM:+.3f} +- {one.error / MM:.3f} mm/m"

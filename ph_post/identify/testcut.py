@@ -21,6 +21,7 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError
+from ph_post.files.check import counted
 from ph_post.identify.handreadings import LinearFit, Sure, fit_rows, resolution
 from ph_post.types.readings import CutWidths
 from ph_post.units import INCH, MM
@@ -78,8 +79,8 @@ def read_cut(cut: CutWidths, known: Mapping[str, Sure] | None = None) -> CutResu
     fit = fit_rows(_NAMES, rows, right - offset, grain)
     if fit.freedom < 1:
         what = "the widths are too few to say how far they are off"
-        raise InputError(cut.where, what, expected="each width more than once", got=f"{right.size} readings")
-    _check_agreement(cut, fit, kinds)
+        raise InputError(cut.where, what, expected="each width more than once", got=counted(right.size, "reading"))
+    _check_agreement(cut, fit, kinds, rows, right - offset)
     alone = {axis: fit.get({f"lost_{axis.lower()}": 1.0}) for axis in "XY"}
     lost = {axis: one for axis, one in alone.items() if one is not None}
     for axis, one in lost.items():
@@ -150,7 +151,9 @@ def _check_width(cut: CutWidths, shape: str, name: str, values: Sequence[float])
         )
 
 
-def _check_agreement(cut: CutWidths, fit: LinearFit, kinds: Sequence[tuple[str, str]]) -> None:
+def _check_agreement(
+    cut: CutWidths, fit: LinearFit, kinds: Sequence[tuple[str, str]], rows: np.ndarray, right: np.ndarray
+) -> None:
     """Refuse widths that no lost motion, squareness and scale make, by more than repeated readings scatter."""
     groups = list(_groups(fit.left, kinds))
     freedom = sum(left.size - 1 for _, left in groups)
@@ -161,9 +164,12 @@ def _check_agreement(cut: CutWidths, fit: LinearFit, kinds: Sequence[tuple[str, 
     off = float(np.mean(worst))
     if abs(off) > _OFF * repeats / math.sqrt(worst.size) + _BESIDE:
         shape, name = key
+        others = np.array([kind != key for kind in kinds])
+        without = fit_rows(_NAMES, rows[others], right[others])
+        beside = float(np.mean(right[~others] - rows[~others] @ without.values))
         what = "contradicts the other widths: swapped with another, or not this shape's"
         width = float(np.mean(cut.widths[key]))
-        expected = f"about {(width - off) / MM:.5g} mm"
+        expected = f"about {(width - beside) / MM:.5g} mm"
         raise InputError(f"{cut.where}.{shape}.{name}", what, expected=expected, got=f"{width / MM:.5g} mm")
 
 

@@ -109,6 +109,13 @@ WAIT: Final = 20.0
 class ProgramBuilder:
     """Collects the lines of one test program, which begins and ends in the middle of its volume.
 
+    Parameters
+    ----------
+    volume : TestVolume
+    dialect : Dialect
+    height : float, optional
+        Z [m] to which the program goes first, where it cuts.
+
     Attributes
     ----------
     volume : TestVolume
@@ -116,12 +123,14 @@ class ProgramBuilder:
         About how long the program takes [s].
     """
 
-    def __init__(self, volume: TestVolume, dialect: Dialect) -> None:
+    def __init__(self, volume: TestVolume, dialect: Dialect, height: float | None = None) -> None:
         self.volume = volume
         self.dialect = dialect
         self.seconds = 0.0
         self._writer = dialect.line_writer(AXES, JOINT)
         self._at: dict[str, int] = {}
+        if height is not None:
+            self.line({"Z": height}, min(APPROACH, 0.25 * volume.top("Z")))
         self.home(min(APPROACH, 0.25 * volume.top(*volume.axes)))
         self.dwell(1.0)
 

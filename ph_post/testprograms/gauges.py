@@ -305,8 +305,7 @@ def _cut_program(volume: TestVolume, test: CutTest) -> Experiment:
     """Write the test cut: its Z goes to the depth and to the height over the work, X and Y stay inside their room."""
     machine = volume.machine
     volume = replace(volume, spans={axis: volume.spans[axis] for axis in ("X", "Y")})
-    builder = ProgramBuilder(volume, find_dialect(machine.dialect, "controller.dialect"))
-    builder.line({"Z": SAFE}, _z_speed(machine))
+    builder = ProgramBuilder(volume, find_dialect(machine.dialect, "controller.dialect"), SAFE)
     builder.stop("look: the spindle runs, and no clamp or screw is in the way")
     for shape, centre in test.centres.items():
         builder.say(f"{shape.replace('_', ' ')} about X{centre[0] / MM:.6g} Y{centre[1] / MM:.6g}")

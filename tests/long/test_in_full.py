@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.dialects import test_siemens_exact as siemens_exact
 from tests.hidden import test_named as named
+from tests.identify import test_hand_measurements as by_hand
 from tests.post import test_approach as approach
 from tests.property import test_auto_races as auto_races
 from tests.property import test_auto_random as auto_random
@@ -51,3 +53,12 @@ def test_the_program_is_as_good_as_it_says_whatever_side_the_axes_stood_on(name:
 @pytest.mark.parametrize(("path", "machine"), siemens_exact.PAIRS, ids=lambda file: file.stem)
 def test_siemens_program_is_the_path_and_the_plan(path: Path, machine: Path, strategy: str) -> None:
     siemens_exact.compare_program(path, machine, strategy)
+
+
+@pytest.mark.parametrize("honest", [by_hand.dial_is_honest, by_hand.cut_is_honest, by_hand.both_are_honest])
+def test_two_hundred_machines_measured_by_hand(honest: Callable[[Path, int], None], tmp_path: Path) -> None:
+    honest(tmp_path, 200)
+
+
+def test_a_hundred_machines_measured_by_a_ball_bar(tmp_path: Path) -> None:
+    by_hand.bars_are_honest(tmp_path, 100)

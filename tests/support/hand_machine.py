@@ -7,6 +7,7 @@ theory says of it. What the cutter leaves of a shape is found ray by ray from it
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from dataclasses import dataclass, field
@@ -17,7 +18,8 @@ WORD = re.compile(r"([A-Z])\s*([+-]?(?:\d+\.?\d*|\.\d+))")
 CHORD = 0.1
 """Way between two places of an arc [mm]."""
 
-RAYS = np.radians(np.linspace(-12.0, 12.0, 49))
+RAYS = np.radians(np.linspace(-6.0, 6.0, 25))
+"""Directions in which a flat jaw looks for what is left, about its own [rad]."""
 
 
 @dataclass
@@ -28,6 +30,7 @@ class Course:
     stops: list[tuple[int, str]]
 
 
+@functools.cache
 def course(text: str) -> Course:
     """Follow a program in mm of G0 to G3; comments before an M0 are what it says there."""
     at, motion, words_before = np.zeros(3), "", []
@@ -115,20 +118,18 @@ class HandMachine:
         low = run.places[:, 2] < 0.0
         found = {}
         for shape, centre in centres.items():
-            middle = self.table(np.array([[*centre, 0.0]]))[0, :2] * 0.0 + centre
             near = low & (np.abs(run.places[:, :2] - centre).max(axis=1) < self._reach(centres))
-            way = _dense(table[:, :2] - middle, near)
+            way = _dense(table[:, :2] - centre, near)
             radius = 0.5 * self.cutter + (0.5 * self.climb if shape == "circle_cw" else 0.0)
             angles = {"x": 0.0, "y": 90.0} if "square" in shape else {f"d{n}": float(n) for n in (0, 45, 90, 135)}
-            found[shape] = {name: _across(way, radius, math.radians(angle)) for name, angle in angles.items()}
+            rays = RAYS if "circle" in shape else np.zeros(1)  # jaws lie against a straight edge, at its middle
+            found[shape] = {name: _across(way, radius, math.radians(one), rays) for name, one in angles.items()}
         found["slot"] = {"width": self.cutter}
         return found
 
     @staticmethod
     def _reach(centres: dict[str, tuple[float, float]]) -> float:
-        (x, y), (other, _) = centres["circle_ccw"], centres["circle_cw"]
-        del y
-        return 0.5 * abs(other - x)
+        return 0.5 * abs(centres["circle_cw"][0] - centres["circle_ccw"][0])
 
 
 def _dense(table: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -141,22 +142,18 @@ def _dense(table: np.ndarray, used: np.ndarray) -> np.ndarray:
     return np.unique(np.round(np.concatenate(pieces), 7), axis=0)
 
 
-def _across(way: np.ndarray, radius: float, angle: float) -> float:
+def _across(way: np.ndarray, radius: float, angle: float, rays: np.ndarray) -> float:
     """Distance between two flat jaws on both sides of what is left, the jaws across `angle`."""
-    return sum(_support(way, radius, angle + side) for side in (0.0, math.pi))
+    return sum(_support(way, radius, angle + side, rays) for side in (0.0, math.pi))
 
 
-def _support(way: np.ndarray, radius: float, angle: float) -> float:
-    farthest = 0.0
+def _support(way: np.ndarray, radius: float, angle: float, rays: np.ndarray) -> float:
     near = way[way @ [math.cos(angle), math.sin(angle)] > 0.0]
-    for off in RAYS:
-        ray = np.array([math.cos(angle + off), math.sin(angle + off)])
-        along = near @ ray
-        aside = np.sum(near**2, axis=1) - along**2
-        hit = (aside < radius**2) & (along > 0.0)
-        left = float(np.min(along[hit] - np.sqrt(radius**2 - aside[hit])))
-        farthest = max(farthest, left * math.cos(off))
-    return farthest
+    along = near @ np.array([np.cos(angle + rays), np.sin(angle + rays)])
+    aside = np.sum(near**2, axis=1)[:, None] - along**2
+    hit = (aside < radius**2) & (along > 0.0)
+    left = np.where(hit, along - np.sqrt(np.maximum(radius**2 - aside, 0.0)), np.inf).min(axis=0)
+    return float(np.max(left * np.cos(rays)))
 
 
 def ball_bar(

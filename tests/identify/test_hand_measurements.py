@@ -1,0 +1,200 @@
+"""Lost motion, squareness and scale from readings by hand, on machines that know nothing of ph_post."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import hand_trials
+from support.hand_machine import HandMachine, ball_bar
+from support.hand_trials import MM, Shop
+
+import ph_post as ph
+
+Errors = dict[str, list[tuple[float, float]]]
+"""By quantity: how far a value is off the truth, and the error that was stated."""
+
+
+def measure_many(folder: Path, count: int, shop: Shop, *, dial: bool = True, cut: bool = False) -> Errors:
+    """Measure machines, and collect how far each result is off."""
+    errors: Errors = defaultdict(list)
+    for seed in range(count):
+        random = np.random.default_rng(seed)
+        machine = hand_trials.draw(random, worn=dial)
+        file = folder / "readings.toml"
+        file.write_text(hand_trials.readings(machine, random, shop, dial, cut))
+        found = ph.measure(file, "stepper")
+        for axis in "XY":
+            lost = found.axes[axis].lost_motion
+            errors["lost motion"].append((lost.value / MM - hand_trials.true_play(machine, axis), lost.error / MM))
+            if cut:
+                scale = found.scale[axis]
+                errors["scale"].append((scale.value - machine.scale[axis], scale.error))
+        if cut:
+            angle = found.squareness["X", "Y"]
+            errors["squareness"].append((angle.value - machine.squareness, angle.error))
+    return errors
+
+
+def share_within(pairs: list[tuple[float, float]], limit: float) -> float:
+    return float(np.mean([abs(off) < limit for off, _ in pairs]))
+
+
+def coverage(pairs: list[tuple[float, float]]) -> float:
+    return float(np.mean([abs(off) < error for off, error in pairs]))
+
+
+def dial_is_honest(folder: Path, count: int) -> None:
+    for shop in (Shop(), Shop(dial_grain=0.01), Shop(dial=0.02, dial_grain=0.01, repeats=4)):
+        pairs = measure_many(folder, count, shop)["lost motion"]
+        assert share_within(pairs, 0.010) >= 0.9, shop
+        assert 0.6 <= coverage(pairs) <= 0.75, shop
+
+
+def cut_is_honest(folder: Path, count: int) -> None:
+    """The test cut alone, where the play is the same all over the plate."""
+    errors = measure_many(folder, count, Shop(), dial=False, cut=True)
+    assert share_within(errors["lost motion"], 0.010) >= 0.9
+    for name, pairs in errors.items():
+        assert 0.6 <= coverage(pairs) <= 0.75, name
+
+
+def both_are_honest(folder: Path, count: int) -> None:
+    pairs = measure_many(folder, count, Shop(), cut=True)["lost motion"]
+    assert share_within(pairs, 0.010) >= 0.99
+    assert 0.6 <= coverage(pairs) <= 0.75
+
+
+def bars_are_honest(folder: Path, count: int) -> None:
+    for error in (0.005, 0.020):
+        errors = measure_bars(folder, count, error)
+        assert share_within(errors["lost motion"], 0.010) >= 0.9
+        assert 0.6 <= coverage(errors["lost motion"]) <= 0.75, error
+        assert 0.6 <= coverage([pair for pairs in errors.values() for pair in pairs]) <= 0.75, error
+
+
+def test_a_dial_finds_the_lost_motion_and_says_how_sure_it_is(tmp_path):
+    dial_is_honest(tmp_path, 60)
+
+
+def test_few_readings_of_a_coarse_dial_are_as_sure_as_they_say(tmp_path):
+    pairs = measure_many(tmp_path, 60, Shop(dial=0.02, dial_grain=0.01))["lost motion"]
+    assert 0.6 <= coverage(pairs) <= 0.75
+    assert 0.006 < np.mean([error for _, error in pairs]) < 0.010
+
+
+def test_a_cut_shows_squareness_and_scale_beside_the_lost_motion(tmp_path):
+    errors = measure_many(tmp_path, 8, Shop(), cut=True)
+    assert share_within(errors["lost motion"], 0.010) == 1.0
+    assert coverage(errors["squareness"] + errors["scale"]) > 0.4
+    assert np.std([off for off, _ in errors["scale"]]) < 6e-4
+
+
+def test_readings_without_error_give_the_machine_itself(tmp_path):
+    machine = HandMachine(
+        play={"X": 0.06, "Y": 0.11}, squareness=8e-4, scale={"X": 6e-4, "Y": -4e-4}, cutter=5.96, climb=0.03
+    )
+    exact = Shop(dial=1e-9, dial_grain=1e-4, calipers=1e-9, calipers_grain=1e-4, widths=2)
+    file = tmp_path / "readings.toml"
+    file.write_text(hand_trials.readings(machine, np.random.default_rng(1), exact, cut=True))
+    found = ph.measure(file, "stepper")
+    for axis in "XY":
+        for source in found.axes[axis].sources.values():
+            assert source.value / MM == pytest.approx(machine.play[axis], abs=1e-3)
+        assert found.scale[axis].value == pytest.approx(machine.scale[axis], abs=3e-5)
+    assert found.squareness["X", "Y"].value == pytest.approx(machine.squareness, abs=3e-5)
+    assert found.cut is not None
+    assert found.cut.tool is not None
+    assert found.cut.tool.value / MM == pytest.approx(machine.cutter, abs=1e-3)
+
+
+def test_a_wrong_model_of_the_cut_would_be_seen(tmp_path):
+    """The circles swapped have the plays of the axes swapped, and the squares say otherwise."""
+    machine = HandMachine(play={"X": 0.06, "Y": 0.11})
+    exact = Shop(dial=1e-9, dial_grain=1e-4, calipers=1e-9, calipers_grain=1e-4, widths=2)
+    text = hand_trials.readings(machine, np.random.default_rng(1), exact, dial=False, cut=True)
+    swapped = (
+        text.replace("circle_ccw", "circle_no").replace("circle_cw", "circle_ccw").replace("circle_no", "circle_cw")
+    )
+    file = tmp_path / "readings.toml"
+    file.write_text(swapped)
+    with pytest.raises(ph.InputError, match="contradicts the other widths"):
+        ph.measure(file, "stepper")
+
+
+def test_what_varies_along_the_axis_is_in_the_uncertainty_of_the_file(tmp_path):
+    random = np.random.default_rng(4)
+    worn = HandMachine(play={"X": 0.1, "Y": 0.1}, slope={"X": 4e-4})
+    file = tmp_path / "readings.toml"
+    file.write_text(hand_trials.readings(worn, random, Shop()))
+    found = ph.measure(file, "stepper")
+    assert found.machine.axes["X"].uncertainty.backlash == pytest.approx(0.2, abs=0.04)
+    assert found.machine.axes["Y"].uncertainty.backlash < 0.06
+    copy = tmp_path / "measured.toml"
+    found.write(copy)
+    again = ph.read_machine(copy)
+    for axis in "XY":
+        assert again.axes[axis].gap.lost_motion == found.machine.axes[axis].gap.lost_motion
+        assert again.axes[axis].uncertainty == found.machine.axes[axis].uncertainty
+    assert again.axes["Z"] == ph.read_machine("stepper").axes["Z"]
+
+
+def write_arcs(file: Path, parts: list[tuple[np.ndarray, np.ndarray]], error: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    lines = ["# nominal_mm: 100", "# feed_mm_min: 1000", "angle,radius"]
+    for angle, radius in parts:
+        noisy = radius + random.normal(0.0, error, radius.size)
+        lines += [f"{a:.3f},{r:.4f}" for a, r in zip(angle, noisy, strict=True)]
+    file.write_text("\n".join(lines) + "\n")
+
+
+def bar_machine(seed: int) -> tuple[HandMachine, tuple[float, float]]:
+    random = np.random.default_rng(seed)
+    machine = HandMachine(
+        play={axis: random.uniform(0.0, 0.1) for axis in "XY"},
+        squareness=random.normal(0.0, 3e-4),
+        scale={axis: random.normal(0.0, 2e-4) for axis in "XY"},
+    )
+    return machine, (random.uniform(0.0, 0.05), random.uniform(0.0, 0.05))
+
+
+def measure_bars(folder: Path, count: int, error: float) -> Errors:
+    errors: Errors = defaultdict(list)
+    for seed in range(count):
+        machine, lag = bar_machine(seed)
+        file = folder / "bar.csv"
+        write_arcs(file, [ball_bar(machine, 100.0, turn, 360, lag, (0.02, -0.03)) for turn in (1, -1)], error, seed)
+        found = ph.measure(None, "stepper", ball_bar=[file])
+        bar = found.ball_bar[0]
+        for axis, one in zip("XY", bar.lost_motion, strict=True):
+            assert one is not None
+            errors["lost motion"].append((one.value / MM - machine.play[axis], one.error / MM))
+        assert bar.squareness is not None
+        assert bar.mismatch is not None
+        assert bar.servo is not None
+        errors["squareness"].append((bar.squareness.value - machine.squareness, bar.squareness.error))
+        truth = machine.scale["X"] - machine.scale["Y"]
+        errors["mismatch"].append((bar.mismatch.value - truth, bar.mismatch.error))
+        errors["servo"].append((bar.servo.value / MM - (lag[0] - lag[1]), bar.servo.error / MM))
+    return errors
+
+
+def test_a_ball_bar_gives_back_the_machine_and_says_how_sure_it_is(tmp_path):
+    errors = measure_bars(tmp_path, 25, 0.005)
+    assert max(abs(off) for off, _ in errors["lost motion"]) < 0.004
+    assert max(abs(off) for off, _ in errors["squareness"]) < 3e-5
+    assert max(abs(off) for off, _ in errors["servo"]) < 0.003
+    assert 0.55 <= coverage([pair for pairs in errors.values() for pair in pairs]) <= 0.8
+
+
+def test_one_arc_alone_does_not_separate_squareness_from_the_servo(tmp_path):
+    machine, lag = bar_machine(2)
+    file = tmp_path / "bar.csv"
+    write_arcs(file, [ball_bar(machine, 100.0, 1, 360, lag, (0.0, 0.0))], 0.001, 0)
+    bar = ph.measure(None, "stepper", ball_bar=[file]).ball_bar[0]
+    assert bar.squareness is None
+    assert bar.servo is None
+    assert bar.lost_motion[0] is not None
+    assert bar.lost_motion[0].value / MM == pytest.approx(machine.play["X"], abs=0.002)
