@@ -129,8 +129,8 @@ def command(
       warnings       a list of sentences
       carrier        output that the object describes: table or program
       strategy       of a path: its name
-      other_crossings, bias, inverse_dynamics
-                     of a path: additions outside of the windows
+      other_crossings, bias, inverse_dynamics, friction_led
+                     of a path: additions outside of the windows; the part of the friction that is led
       program        the same object of the program, if -o and --table are given
       table_error    error that a table would reach, with -o alone
       crossings, stops, dips

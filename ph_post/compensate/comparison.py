@@ -246,7 +246,8 @@ def strategy_at(plan: Plan, point: TurningPoint) -> str:
     profile = None if number is None else plan.profiles[number]
     if profile is not None:
         return profile.strategy or plan.strategy
-    return plan.crosses_by or plan.strategy if crossings_at(plan, point) else PLAIN
+    turns = any(one.window == number and one.axis == point.axis for one in plan.friction)
+    return plan.crosses_by or plan.strategy if turns or crossings_at(plan, point) else PLAIN
 
 
 def chosen_at(plan: Plan) -> dict[str, list[int]]:

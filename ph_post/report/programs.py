@@ -87,6 +87,7 @@ def crossed_view(result: CrossedPath, strategy: str, outcome: ResultSummary, war
         "other_crossings": [],
         "bias": {},
         "inverse_dynamics": False,
+        "friction_led": 0.0,
         "warnings": list(warnings),
     }
 

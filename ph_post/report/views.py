@@ -242,6 +242,7 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
         "bias": {name: offset / MM for name, offset in plan.bias.items()},
         "offsets": offsets_view(command),
         "inverse_dynamics": plan.inverse_dynamics,
+        "friction_led": plan.friction_part,
         "warnings": list(plan.warnings),
     }
 

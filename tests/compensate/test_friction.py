@@ -11,6 +11,7 @@ from support.motions import look, make_machine, make_path
 from support.two_masses import Body, table_of
 from support.two_masses import friction_of as words_of
 
+from ph_post.compensate.comparison import strategy_at
 from ph_post.compensate.friction import (
     FrictionLead,
     direct_change,
@@ -199,6 +200,8 @@ def test_what_is_led_does_no_harm_with_half_of_it(case):
     track, plan, command, plain = planned(path, machine, effort=0.1)
     assert not check_command(command, machine)
     assert plan_time(plan) <= 1.1 * cycle_time(plan.nominal) + machine.servo_period
+    turned = [plan.turning_points[plan.windows[one.window].turning_point] for one in plan.friction if one.window >= 0]
+    assert {strategy_at(plan, point) for point in turned} <= {"takeup"}
     for part in (1.0, 0.8, 1.2, 0.5):
         before, after = (run_table(one, machine, track, friction=part) for one in (plain, command))
         assert after.max <= before.max + 0.05 * UM, (part, before, after)

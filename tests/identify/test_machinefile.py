@@ -189,6 +189,14 @@ def test_uncertainties_and_control_gains_are_added_behind_the_axis_keys():
     assert "ki_over_kp_per_s = 1.0\n# fitted to run.csv (sha256 abc123)\nkd_over_kp_s = 0.001\n" in text
 
 
+def test_the_standard_error_of_friction_is_its_uncertainty():
+    axis = machine_of(motor(PLAIN)).axes["X"]
+    better = improved_axis(axis, (finding(),))
+    # 0.104 N of 20.4 N.
+    assert better.uncertainty.friction == 0.00509
+    assert replace(better.uncertainty, friction=0.2) == axis.uncertainty
+
+
 OLD = '\n[[axes.X.effects]]   # first\nname = "coulomb_friction" # dry\nforce_n = 10 # guess\n'
 
 
