@@ -68,6 +68,7 @@ def read_translated(
     remarks: Mapping[int, Remark],
     *,
     in_place: bool,
+    language: Language = RS274,
 ) -> PartProgram:
     """Read a program by the translations of its lines.
 
@@ -81,6 +82,8 @@ def read_translated(
         What is not understood, by line (from 0); noted in place of the translation's own note.
     in_place : bool
         Whether translations that are as long as their lines have their words at the same places.
+    language : Language
+        Language of the translation.
 
     Raises
     ------
@@ -88,7 +91,7 @@ def read_translated(
         As :func:`ph_post.gcode.read.read_program`, with the original line shown.
     """
     try:
-        found = read_program(b"\n".join([*texts, b""]), name)
+        found = read_program(b"\n".join([*texts, b""]), name, language=language)
     except InputError as error:
         raise _retold_error(error, data, lines) from None
     return replace(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -177,7 +178,9 @@ def why_not_editable(program: PartProgram) -> list[str]:
     troubles = []
     if _checksummed(program):
         troubles.append("its lines carry checksums, so no line can be added")
-    words = program.words
+    words, moving = program.words, program.motions.block
+    if moving.size and moving[0] == 0 and program.data.startswith(codecs.BOM_UTF8):
+        troubles.append("its first line moves, behind a byte order mark, so that there is no room for a head")
     turned = (words.letter == ord("G")) & (words.digits == 10) & (words.decimals == 0)
     for block in words.block[turned].tolist():
         own = {chr(words.letter[word]): float(words.value[word]) for word in program.words_of(block)}
@@ -219,7 +222,11 @@ def own_setting(dialect: Dialect, machine: Machine) -> list[str]:
 
 
 def _checksummed(program: PartProgram) -> bool:
-    """Return true where a line ends with a checksum."""
+    """Return true where a line ends with a checksum.
+
+    Printers number their lines, each one more than the last, and check them (reprap.org/wiki/G-code, Checking): no
+    line can be changed or added without all that follow.
+    """
     if b"*" not in program.data:
         return False
     data = np.frombuffer(program.data, dtype=np.uint8)

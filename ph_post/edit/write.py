@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from typing import Final
 
@@ -245,9 +246,12 @@ def _join_lines(lines: list[str], end: str) -> bytes:
 
 
 def _head_line(program: PartProgram) -> int:
-    """Return the line before which the header goes: behind a leading percent sign and a program number."""
-    line = 0
-    if program.text(0).strip().startswith(b"%"):
+    """Return the line before which the header goes: behind a leading percent sign and a program number.
+
+    A byte order mark stays the first of all.
+    """
+    line, first = 0, program.text(0)
+    if first.startswith(codecs.BOM_UTF8) or first.strip().startswith(b"%"):
         line = 1
     if line < program.blocks and _O_NUMBER.match(program.text(line).rstrip()):
         line += 1

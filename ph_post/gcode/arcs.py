@@ -71,25 +71,32 @@ def _sweep(a0: float, a1: float, b0: float, b1: float, turns: int) -> Any:
 
 
 @compiled
-def solve_arcs(starts: Any, ends: Any, plane: Any, turns: Any, inches: Any, center: Any, angle: Any) -> Any:
-    """Turn the words of arcs into centres and angles, in place: motion that is refused, why, both radii.
+def solve_arcs(
+    starts: Any, ends: Any, plane: Any, turns: Any, inches: Any, center: Any, angle: Any, faults: Any, radii: Any
+) -> Any:
+    """Turn the words of arcs into centres and angles, in place, and return the number of those that are none.
 
-    `turns` 0 are no arcs; `angle` has the R word [m] or NaN and `center` the centre [m] by I, J and K;
-    `inches` whether G20 was in force.
+    `turns` 0 are no arcs; `angle` has the R word [m] or NaN and `center` the centre [m] by I, J and K; `inches`
+    whether G20 was in force. `faults` (m,) gets why an arc is none, `radii` (m, 2) both radii [m] of such arcs.
     """
+    count = 0
     for row in range(turns.size):
         if turns[row] == 0:
             continue
-        first, second = (0, 1) if plane[row] == 17 else (2, 0) if plane[row] == 18 else (1, 2)
-        a0, a1, b0, b1 = starts[row, first], starts[row, second], ends[row, first], ends[row, second]
+        one, two = (0, 1) if plane[row] == 17 else (2, 0) if plane[row] == 18 else (1, 2)
+        a0, a1, b0, b1 = starts[row, one], starts[row, two], ends[row, one], ends[row, two]
         if not np.isnan(angle[row]):
             center[row, 0], center[row, 1], why = _find_center(a0, a1, b0, b1, angle[row], turns[row])
             if why:
-                return row, why, abs(angle[row]), math.hypot(b0 - a0, b1 - a1) / 2.0
+                faults[row], radii[row, 0], radii[row, 1] = why, abs(angle[row]), math.hypot(b0 - a0, b1 - a1) / 2.0
+                count += 1
+                continue
         c0, c1 = center[row]
-        radii = math.hypot(a0 - c0, a1 - c1), math.hypot(b0 - c0, b1 - c1)
-        why = _radii_fault(radii[0], radii[1], _SPREAD_INCH if inches[row] else _SPREAD_MM)
+        first, last = math.hypot(a0 - c0, a1 - c1), math.hypot(b0 - c0, b1 - c1)
+        why = _radii_fault(first, last, _SPREAD_INCH if inches[row] else _SPREAD_MM)
         if why:
-            return row, why, radii[0], radii[1]
+            faults[row], radii[row, 0], radii[row, 1] = why, first, last
+            count += 1
+            continue
         angle[row] = _sweep(a0 - c0, a1 - c1, b0 - c0, b1 - c1, turns[row])
-    return -1, 0, 0.0, 0.0
+    return count

@@ -54,17 +54,19 @@ NONE, UNKNOWN = -1.0, -2.0
     FORGET,
     FORGET_NAMED,
     PRESET,
-) = range(12)
+    AIMED,
+) = range(13)
 """What a block does to the position: the motions, and to forget it, of all or of the named axes, or to give
-it another name (G92). `FORGET_FIRST` is added where it is forgotten before the motion."""
-FORGET_FIRST = 16
+it another name (G92), or to pass through a motion whose end is known. `FORGET_FIRST` is added where it is
+forgotten before the motion, `FORGET_LENGTH` where that of Z is."""
+FORGET_FIRST, FORGET_LENGTH = 16, 32
 
 EXPLICIT, LENIENT_LINE, OFFSET_LINE, FRAMED, KNOWN_SHIFT = 1, 2, 4, 8, 4
 """Bits of what else a block has: its own motion word, a word that takes further letters, offsets in its axis
 words (G43.1), a frame that is not the machine's; and the bit from which on stands whether F is known."""
 
-TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END = 1, 2, 4, 8, 16, 32
-"""Bits of what separates chains."""
+TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END, LENGTH_CHANGE = 1, 2, 4, 8, 16, 32, 64
+"""Bits of what separates chains; `LENGTH_CHANGE` beside `FRAME_CHANGE` where only the tool's length changes."""
 
 (
     PARAMETER,
@@ -91,8 +93,14 @@ TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END = 1, 2, 4, 8, 16, 32
     SPLINE_PLANE,
     SAVED_STATE,
     LONE_SPLINE,
-) = range(1, 25)
+    STAYING_G,
+    STAYING_M,
+) = range(1, 27)
 """Why a block is not understood."""
+
+FAULT, QUIET = 100, 200
+"""What is added to a fault where it becomes a reason: `FAULT` where the block is passed through, and `QUIET` where
+only something beside its motion is not known. Under ``--strict`` both are refused."""
 
 (
     TWICE,
@@ -109,7 +117,7 @@ TOOL_CHANGE, PROBE, HOME, MACHINE, FRAME_CHANGE, END = 1, 2, 4, 8, 16, 32
     TURNS,
     NO_DWELL,
 ) = range(20, 33)
-"""Why a block is refused."""
+"""Faults of a block."""
 
 MOST_TURNS: Final = 1000
 """An arc of more turns is a slip of the pen: threads have tens."""
@@ -164,14 +172,34 @@ _GROUPS: Final[dict[int, tuple[int, ...]]] = {
     14: (960, 970),
     15: (70, 80),
     16: (921, 922, 923),
-    17: (150, 160, 500, 501, 510, 511, 680, 690),
+    17: (121, 131, 150, 160, 500, 501, 510, 511, 680, 682, 683, 684, 690),
 }
 GROUP = np.full(1000, -1, np.int64)
 for _number, _codes in _GROUPS.items():
     GROUP[list(_codes)] = _number
-FRAMES = np.array([[70, 80], [160, 150], [510, 500], [511, 501], [680, 690]])
+FRAMES = np.array(
+    [[70, 80], [160, 150], [510, 500], [511, 501], [680, 690], [121, 131], [682, 690], [683, 690], [684, 690]]
+)
 """Words that make the frame another, and words that end that: diameters (G7), polar coordinates (G16), scaled
-(G51), mirrored (G51.1), turned (G68)."""
+(G51), mirrored (G51.1), turned (G68), a plane about a rotary axis (G12.1), tilted (G68.2 to G68.4)."""
+
+STAYS, CALLS = 1, 2
+"""Effects of words that are not of RS274/NGC: on neither axes nor modes; on any of them, as a subprogram has."""
+
+G_EFFECT, M_EFFECT = np.zeros(1000, np.int8), np.zeros(1000, np.int8)
+"""Effects of G words, by ten times their number, and of M words; of the others (0) on the axes.
+
+Haas, Mill Operator's Manual (G-codes, M-codes): G09 exact stop is a setting; M10 and M11 clamp and
+release rotary axes, M41 to M44 are gears, M88 and M89 coolant through the spindle; G65 calls a macro, M97 a
+subprogram of the same file. FANUC B-64484EN: G65 to G67, M198 and M96 call macros and subprograms. Mach3, "Mach3 G and
+M code reference": M47 begins the program anew. Temperatures, fans and messages of printer firmware (Marlin,
+`src/gcode/gcode.cpp`: M104 to M109, M117, M140, M190) are on LinuxCNC a user's own programs, which its interpreter
+takes to move nothing ("User Defined Commands M100 to M199"), and on Grbl refused.
+"""
+G_EFFECT[90] = STAYS
+G_EFFECT[[650, 660, 661, 670]] = CALLS
+M_EFFECT[[10, 11, 41, 42, 43, 44, 88, 89, 104, 105, 106, 107, 108, 109, 117, 140, 190]] = STAYS
+M_EFFECT[[47, 96, 97, 198]] = CALLS
 TAKES_AXES = (GROUP < 0) | (GROUP == 0) | (GROUP == 17)
 TAKES_AXES[[431, 432, 530]] = True, True, False
 """Words that take the axis words of their block for themselves, or may, as nobody knows them (by ten times their
@@ -263,6 +291,7 @@ def _bits(letters: str) -> int:
 
 AXES: Final = _bits("XYZ")
 FURTHER: Final = _bits("ABCUVW")
+FURTHER_LINEAR: Final = _bits("UVW")
 CENTER: Final = _bits("IJK")
 ALWAYS: Final = _bits("FGMNOST")
 SPLINE_LETTERS: Final = _bits("XYIJPQ")

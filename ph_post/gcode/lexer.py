@@ -27,8 +27,14 @@ with ``$``; `KEEPS`: one that leaves all modes as they are, which begins with ``
     AFTER_PERCENT,
     CHECKSUM,
     FULL,
-) = range(1, 11)
-"""Why the text is not read any further. `FULL`: there is no room for more words."""
+    BYTE_ORDER,
+    TEXT,
+) = range(1, 13)
+"""Faults of a line. `FULL`: there is no room for more words; `BYTE_ORDER`: the file begins with the mark of its
+encoding; `TEXT`: from a ``#`` on that begins no parameter."""
+
+FAULT, QUIET = 100, 200
+"""What is added to a fault where a line is passed through: `QUIET` where no controller can obey it."""
 
 _POWERS = 10.0 ** np.arange(23)
 """Powers of ten that are exact."""
@@ -225,12 +231,34 @@ def _is_exponent(data: Any, i: int, end: int, before: int) -> Any:
 
 
 @inner
-def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
+def _is_text(data: Any, i: int, end: int, alone: Any) -> Any:
+    """Return True if a ``#`` begins no parameter; `alone` at the head of a line, where one has to be set."""
+    after = _skip_blanks(data, i + 1, end)
+    if after >= end or not (_is_letter(data[after]) or data[after] == 60 or data[after] in (35, 91)):
+        if after >= end or not 48 <= data[after] <= 57:
+            return True
+    elif _is_letter(data[after]):
+        while after < end and _is_letter(data[after]):
+            after += 1
+        after = _skip_blanks(data, after, end)
+        if after >= end or data[after] != 91:
+            return True
+    if not alone:
+        return False
+    behind = _skip_expression(data, i, end)
+    behind = _skip_blanks(data, behind, end) if behind > 0 else end
+    return behind >= end or data[behind] != 61
+
+
+@inner
+def _skip_other(data: Any, i: int, end: int, alone: Any) -> Any:  # noqa: PLR0911
     """Pass over what is neither word nor comment: the place behind it, its trait and why it is refused."""
     c = data[i]
     if c == 47:
         i += 1
         return i + (i < end and 48 <= data[i] <= 57), DELETE, 0
+    if c == 35 and _is_text(data, i, end, alone):
+        return end, 0, TEXT
     if c == 35:
         i = _skip_expression(data, i, end)
         i = _skip_blanks(data, i, end) if i > 0 else end
@@ -260,33 +288,60 @@ def _skip_other(data: Any, i: int, end: int) -> Any:  # noqa: PLR0911
 
 
 @inner
+def _is_nested(data: Any, first: int, end: int) -> Any:
+    """Return True if a line holds nothing but comments, of which one stands in another."""
+    depth, deepest = 0, 0
+    for i in range(first, end):
+        c = data[i]
+        depth += int(c == 40) - int(c == 41)
+        deepest = max(deepest, depth)
+        if depth < 0 or (depth == 0 and c not in (32, 9, 41)):
+            return False
+    return deepest > 1
+
+
+@inner
 def _read_line(data: Any, first: Any, end: Any, row: int, block: int, out: Any) -> Any:
-    """Read one line: the row after its words, its trait, why it is refused, and where."""
+    """Read one line: the row after its words, its trait, its first fault, and where.
+
+    Behind a fault the words are read on: somebody may obey them. To the fault `FAULT` or `QUIET` is added.
+    """
     blocks, letters, starts, ends, values, digits, decimals = out
     i, open_at = _skip_comments(data, first, end)
-    trait, begin = 0, row
+    trait, begin, fault, where, named = 0, row, 0, first, False
     while i < end and open_at < 0:
         at = i
         if _is_letter(data[i]):
             if row == letters.size:
                 return row, trait, FULL, i
             if _is_exponent(data, i, end, letters[row - 1] if row > begin else 0):
-                return row, trait, EXPONENT, i
-            i, count, places, found, why = _read_word(data, i, end)
-            blocks[row], letters[row], starts[row], ends[row] = block, data[at] & 0xDF, at, i
-            values[row] = np.nan if places < 0 else count / _power(places)
-            digits[row], decimals[row] = count if places >= 0 else 0, max(places, -1)
-            row += why == 0
+                i, found, why = i + 1, 0, EXPONENT
+            else:
+                i, count, places, found, why = _read_word(data, i, end)
+                blocks[row], letters[row], starts[row], ends[row] = block, data[at] & 0xDF, at, i
+                values[row] = np.nan if places < 0 else count / _power(places)
+                digits[row], decimals[row] = count if places >= 0 else 0, max(places, -1)
+                row += why == 0
+                named = named or why != 0 or data[at] & 0xDF != 78
         elif data[i] == 36 and row == begin:
             keeps = i + 1 < end and data[i + 1] == 64
             i, found, why = end, SYSTEM | (KEEPS if keeps else 0), 0
         else:
-            i, found, why = _skip_other(data, i, end)
+            i, found, why = _skip_other(data, i, end, row == begin and fault == 0)
+            named = named or found != 0
         trait |= found
         if why:
-            return row, trait, why, at
+            fault, where = (fault, where) if fault else (why, at)
+            i = end if why == TEXT else at + 1
         i, open_at = _skip_comments(data, i, end)
-    return row, trait, OPEN_COMMENT if open_at >= 0 else 0, open_at
+    if open_at >= 0:
+        fault, where, named = (fault, where, True) if fault else (OPEN_COMMENT, open_at, True)
+    if fault and _is_nested(data, first, end):
+        row, trait, fault, named = begin, 0, CLOSED_COMMENT, False
+    if fault:
+        trait &= ~O_WORD
+        fault += FAULT if named else QUIET
+    return row, trait, fault, where
 
 
 @inner
@@ -295,29 +350,33 @@ def _power(places: int) -> Any:
 
 
 @compiled
-def lex(data: Any, lines: Any, out: Any, traits: Any) -> Any:
-    """Read all words: their number, the line behind them, why reading ends there (0: all is read), where.
+def lex(data: Any, lines: Any, out: Any, traits: Any, whys: Any, spots: Any) -> Any:
+    """Read all words: their number, and the line behind them; -1 for that where there is no more room.
 
     `out` are the columns block, letter, start, end, value, digits and decimals. Reading ends at the closing
-    ``%``.
+    ``%``. `whys` (n,) gets the faults of lines, with `FAULT` or `QUIET`, and `spots` (n,) their places, from 1.
     """
     row, opened = 0, False
     for block in range(lines.size - 1):
         first, end = np.int64(lines[block]), np.int64(lines[block + 1])
+        if block == 0 and end >= 3 and data[0] == 0xEF and data[1] == 0xBB and data[2] == 0xBF:
+            whys[0], spots[0], first = QUIET + BYTE_ORDER, 1, np.int64(3)
         while end > first and (data[end - 1] == 10 or data[end - 1] == 13):
             end -= 1
         at, _ = _skip_comments(data, first, end)
         if at < end and data[at] == 37:
             rest, _ = _skip_comments(data, at + 1, end)
             if rest < end:
-                return row, block, AFTER_PERCENT, rest
+                whys[block], spots[block] = QUIET + AFTER_PERCENT, rest + 1
             if opened:
-                return row, block, 0, at
+                return row, block
             opened = True
             continue
         row, trait, why, where = _read_line(data, first, end, row, block, out)
+        if why == FULL:
+            return row, -1
         traits[block] = trait
         if why:
-            return row, block, why, where
+            whys[block], spots[block] = why, where + 1
         opened = opened or at < end
-    return row, lines.size - 1, 0, -1
+    return row, lines.size - 1

@@ -15,12 +15,14 @@ from ph_post.gcode.codes import (
     ABSOLUTE,
     ARC_ABSOLUTE,
     AXES,
+    CALLS,
     COMMA,
     CONTROLLER_LINE,
     DELETED,
     END,
     EXPLICIT,
     EXPRESSION,
+    FAULT,
     FEED,
     FEED_KNOWN,
     FEED_MODE,
@@ -30,9 +32,11 @@ from ph_post.gcode.codes import (
     FRAME_CHANGE,
     FRAMED,
     FRAMES,
+    G_EFFECT,
     GROUP,
     KNOWN_SHIFT,
     LENGTH,
+    LENGTH_CHANGE,
     LENIENT_LINE,
     LETTER_F,
     LETTER_G,
@@ -42,6 +46,7 @@ from ph_post.gcode.codes import (
     LETTER_Q,
     LETTER_S,
     LETTER_T,
+    M_EFFECT,
     M_GROUP,
     MIST,
     MODES,
@@ -56,10 +61,14 @@ from ph_post.gcode.codes import (
     PLANE,
     POLAR,
     PREPARED,
+    QUIET,
     SAVED_STATE,
     SPEED,
     SPINDLE,
     STATE,
+    STAYING_G,
+    STAYING_M,
+    STAYS,
     SUBPROGRAM,
     SYSTEM,
     TOOL,
@@ -109,16 +118,24 @@ def _code_of(value: float) -> Any:
 
 @inner
 def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
-    """Set the groups of a block's G words (`given` by group): why not understood, refused, word."""
-    why = 0
+    """Set the groups of a block's G words (`given` by group): why not understood, its fault, word.
+
+    What two words of a group leave may be either.
+    """
+    why, fault, place = 0, 0, -1
     for k in range(count):
         code = _code_of(value[codes[0, k]])
         group = GROUP[code]
         if group < 0:
-            why = UNKNOWN_G
+            effect = G_EFFECT[code]
+            found = STAYING_G if effect == STAYS else SUBPROGRAM if effect == CALLS else UNKNOWN_G
+            why = found if why in (0, STAYING_G) or found == SUBPROGRAM else why
             continue
         if given[group] >= 0 and (group != 1 or given[1] == code or (given[1] != 800 and code != 800)):
-            return why, TWO_OF_GROUP, codes[0, k]
+            fault, place = (fault, place) if fault else (TWO_OF_GROUP, codes[0, k])
+            if FIELD[group] >= 0 and group not in (15, 17):
+                state[FIELD[group]] = UNKNOWN
+            continue
         if group == 1 and code == 800 and given[1] >= 0:
             continue  # the other motion is the one that lasts
         given[group] = code
@@ -126,7 +143,7 @@ def _apply_g(value: Any, codes: Any, count: int, state: Any, given: Any) -> Any:
             state[FRAME] = _framed(int(state[FRAME]), code)
         elif FIELD[group] >= 0:
             state[FIELD[group]] = _setting(group, code)
-    return why, 0, -1
+    return why, fault, place
 
 
 @inner
@@ -154,8 +171,8 @@ def _setting(group: int, code: int) -> Any:
 
 @inner
 def _apply_m(value: Any, codes: Any, count: int, values: Any, present: int, state: Any) -> Any:
-    """Set the groups of a block's M words: why not understood, breaks, why refused, word."""
-    why, mark, seen, coolant = 0, 0, 0, 0
+    """Set the groups of a block's M words: why not understood, breaks, its fault, word."""
+    why, mark, seen, coolant, fault, place = 0, 0, 0, 0, 0, -1
     for k in range(count):
         word = codes[1, k]
         code = np.int64(value[word]) if 0.0 <= value[word] < 1000.0 else 999
@@ -164,14 +181,30 @@ def _apply_m(value: Any, codes: Any, count: int, values: Any, present: int, stat
         group = M_GROUP[code] if code < 100 else -1
         both = (code == 7 and coolant == 8) or (code == 8 and coolant == 7)
         if group >= 0 and (seen >> group) & 1 and not both:
-            return why, mark, TWO_OF_GROUP, word
+            fault, place = (fault, place) if fault else (TWO_OF_GROUP, word)
+            _unset_m(group, state)
+            continue
         if group < 0:
-            why = SUBPROGRAM if code in (98, 99) else SAVED_STATE if code in (72, 73) else UNKNOWN_M
+            effect = M_EFFECT[code]
+            found = STAYING_M if effect == STAYS else SUBPROGRAM if effect == CALLS or code in (98, 99) else UNKNOWN_M
+            found = SAVED_STATE if code in (72, 73) else found
+            why = found if why in (0, STAYING_M) or found == SUBPROGRAM else why
             continue
         seen |= 1 << group
         coolant = int(code) if group == 8 else coolant
         mark |= _set_m(int(code), values, present, state)
-    return why, mark, 0, -1
+    return why, mark, fault, place
+
+
+@inner
+def _unset_m(group: int, state: Any) -> None:
+    """Forget what two M words of a group may set."""
+    if group == 7:
+        state[SPINDLE] = UNKNOWN
+    elif group == 8:
+        state[MIST] = state[FLOOD] = UNKNOWN
+    elif group == 6:
+        state[TOOL] = UNKNOWN
 
 
 @inner
@@ -225,34 +258,42 @@ def _apply_numbers(values: Any, present: int, given: Any, was: float, mode_was: 
 
 
 @inner
+def _worst(one: int, other: int) -> Any:
+    """Return that of two reasons which leaves less known."""
+    calls = one in (SUBPROGRAM, SAVED_STATE)
+    return one if calls or (other in (0, STAYING_G) and one != 0) else other
+
+
+@inner
 def _apply_words(words: Any, low: int, high: int, state: Any, before: Any, room: Any) -> Any:
     """Carry out a block's words on the state.
 
-    Returns its breaks, why it is not understood, the letters whose values are computed, why it is refused and
-    the word.
+    Returns its breaks, why it is not understood, the letters whose values are computed, its fault and the word.
     """
     letter, value = words
     values, where, codes, given = room
-    present, g, m, computed, refused = _gather(letter, value, low, high, values, where, codes)
+    present, g, m, computed, twice = _gather(letter, value, low, high, values, where, codes)
     for group in range(given.size):
         given[group] = -1
-    if refused >= 0:
-        return 0, 0, computed, TWICE, refused
-    odd, refused, word = _apply_g(value, codes, g, state, given)
-    if refused:
-        return 0, 0, computed, refused, word
-    why, mark, refused, word = _apply_m(value, codes, m, values, present, state)
-    if refused:
-        return 0, 0, computed, refused, word
-    if (present >> LETTER_F) & 1 and values[LETTER_F] < 0.0:
-        return 0, 0, computed, NEGATIVE_FEED, where[LETTER_F]
+    odd, fault, word = _apply_g(value, codes, g, state, given)
+    why, mark, other, place = _apply_m(value, codes, m, values, present, state)
+    fault, word = (fault, word) if fault else (other, place)
+    if twice >= 0:
+        fault, word = TWICE, twice
+    if not fault and (present >> LETTER_F) & 1 and values[LETTER_F] < 0.0:
+        fault, word = NEGATIVE_FEED, where[LETTER_F]
     if given[17] >= 0 and state[FRAME] == before[FRAME] and present & AXES:
         odd = UNKNOWN_G  # G50 X Z is no end of a scaling
+    speed = state[SPEED]
     _apply_numbers(values, present, given, before[UNITS], before[FEED_MODE], state)
-    moved = given[12] >= 0 and state[SYSTEM] != before[SYSTEM]
-    moved = moved or (given[8] >= 0 and (given[8] != 490 or before[LENGTH] != 490.0))
-    mark |= FRAME_CHANGE if given[16] >= 0 or moved else 0
-    return mark, max(why, odd), computed, 0, -1
+    if why == STAYING_M:
+        state[SPEED] = speed  # S is a fan's or a temperature
+    moved = given[16] >= 0 or (given[12] >= 0 and state[SYSTEM] != before[SYSTEM])
+    if moved:
+        mark |= FRAME_CHANGE
+    elif given[8] >= 0 and (given[8] != 490 or before[LENGTH] != 490.0):
+        mark |= FRAME_CHANGE | LENGTH_CHANGE
+    return mark, _worst(why, odd), computed, fault, word
 
 
 @inner
@@ -261,6 +302,7 @@ def _forget_modes(state: Any, before: Any, all_of_them: bool, fixed: Any) -> Non
     for column in range(MODES):
         if all_of_them or state[column] != before[column]:
             state[column] = UNKNOWN if np.isnan(fixed[column]) else fixed[column]
+    state[FRAME] = float(int(state[FRAME]) | int(before[FRAME]))
     if (
         all_of_them
         or not (state[FEED] == before[FEED] or np.isnan(before[FEED]))
@@ -288,21 +330,27 @@ def _line_reason(trait: int, computed: int, why: int) -> Any:  # noqa: PLR0911
 
 
 @inner
-def _run_block(words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any) -> Any:
-    """Carry out one block on the state: breaks, why not understood, why refused, the word."""
-    mark, why, computed, refused, word = _apply_words(words, low, high, state, before, room)
-    if refused:
-        return mark, why, refused, word
+def _run_block(
+    words: Any, low: int, high: int, trait: int, state: Any, before: Any, room: Any, fixed: Any, fault: int
+) -> Any:
+    """Carry out one block on the state: breaks, why not understood, its fault, the word.
+
+    A block with a fault may be carried out or not; `fault` is one of its text.
+    """
+    mark, why, computed, found, word = _apply_words(words, low, high, state, before, room)
+    fault = fault or found
     why = _line_reason(trait, computed, why)
-    if why == DELETED:
+    if why == DELETED or fault:
         _forget_modes(state, before, False, fixed)
-        return 0, why, 0, -1
+        mark = 0
+        if not fault or not computed & ((1 << LETTER_G) | (1 << LETTER_M)):
+            return mark, why, fault, word
     codes = computed & ((1 << LETTER_G) | (1 << LETTER_M))
     if codes or (why in (SUBPROGRAM, SAVED_STATE, CONTROLLER_LINE) and not trait & lexer.KEEPS):
         _forget_modes(state, before, True, fixed)
     if (computed >> LETTER_F) & 1:
         state[FEED], state[FEED_KNOWN] = np.nan, 2.0
-    return mark, why, 0, -1
+    return mark, why, fault, word
 
 
 @inner
@@ -395,31 +443,36 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
     `words` are the columns block, letter and value; `stretches` (k, 3) first and last line of what lies under
     O-words and the groups that it sets, a bit a column of the state; `fixed` the state that no line of the
     language changes, NaN where it does, and whether F is known at first. `columns` to fill, each (n,): state,
-    F, the motion in force, word of group 0, flags, breaks, why not understood. Returns the block at which it
-    ended, why that is refused and the word (-1: none), and the distinct states.
+    F, the motion in force, word of group 0, flags, breaks, why not understood, and the word with a fault of its
+    own, as -2 - number (-1: none); the faults of the text stand there before. Returns the block at which it ended,
+    and the distinct states.
     """
     blocks, letter, value = words
-    states, feeds, motions, zeros, flags, marks, whys = columns
+    states, feeds, motions, zeros, flags, marks, whys, spots = columns
     state, table, slots = _begin()
     state[FEED_KNOWN] = fixed[FEED_KNOWN]
     before, count, low, row, at = state.copy(), 1, 0, 0, 0
     room = (np.zeros(26), np.zeros(26, np.int64), np.zeros((2, 64), np.int64), np.zeros(18, np.int64))
     for block in range(end):
-        high, refused, word = low, 0, -1
+        high, was = low, np.int64(whys[block])
         while high < blocks.size and blocks[high] == block:
             high += 1
         zeros[block] = -1
         if at < stretches.shape[0] and stretches[at, 0] <= block:
-            whys[block] = O_WORD
+            whys[block] = was if FAULT < was < QUIET else O_WORD
             _forget_columns(state, stretches[at, 2])
             at += stretches[at, 1] == block
         elif high > low or traits[block]:
             for column in range(STATE):
                 before[column] = state[column]
-            parts = (letter, value)
-            marks[block], whys[block], refused, word = _run_block(
-                parts, low, high, traits[block], state, before, room, fixed
+            parts, own = (letter, value), was if FAULT < was < QUIET else 0
+            marks[block], why, fault, word = _run_block(
+                parts, low, high, traits[block], state, before, room, fixed, own
             )
+            if own == 0 and fault:
+                whys[block], spots[block] = FAULT + fault, -2 - word
+            elif own == 0 and (why or was == 0):
+                whys[block] = why
             zeros[block] = room[3][0]
             motions[block] = _after(state, room[3], before)
             flags[block] = _flags(room[3], state)
@@ -429,7 +482,7 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
             row = _intern(state, table, slots, count)
             count = max(count, row + 1)
         states[block], feeds[block] = row, state[FEED]
-        if refused or marks[block] & END:
-            return block, refused, word, table[:count]
+        if marks[block] & END:
+            return block, table[:count]
         low = high
-    return end, 0, -1, table[:count]
+    return end, table[:count]

@@ -12,6 +12,7 @@ import numpy as np
 from ph_post.compiling import compiled, inner
 from ph_post.gcode.codes import (
     ABSOLUTE,
+    AIMED,
     ALWAYS,
     ARC_ABSOLUTE,
     ARC_CCW,
@@ -25,23 +26,28 @@ from ph_post.gcode.codes import (
     CYCLE,
     DWELL_AXES,
     EXPLICIT,
+    FAULT,
     FEED_MODE,
     FOREIGN_CENTER,
     FORGET,
     FORGET_FIRST,
+    FORGET_LENGTH,
     FORGET_NAMED,
     FRAME_CHANGE,
     FRAMED,
     FURTHER,
     FURTHER_AXIS,
+    FURTHER_LINEAR,
     HOME,
     KNOWN_SHIFT,
+    LENGTH_CHANGE,
     LENIENT,
     LENIENT_LINE,
     LETTER_F,
     LETTER_I,
     LETTER_J,
     LETTER_K,
+    LETTER_L,
     LETTER_M,
     LETTER_P,
     LETTER_R,
@@ -71,11 +77,15 @@ from ph_post.gcode.codes import (
     PRESET,
     PROBE,
     QUADRATIC,
+    QUIET,
     RAPID,
     REST,
     SPLINE_FROM_NOWHERE,
     SPLINE_LETTERS,
     SPLINE_PLANE,
+    STAYING_G,
+    STAYING_M,
+    SYSTEM,
     THREAD,
     TOOL_CHANGE,
     TURNS,
@@ -112,12 +122,12 @@ def _aim(values: Any, modes: Any, position: Any, target: Any) -> None:
 
 
 @inner
-def _named(values: Any, modes: Any, position: Any, task: int) -> None:
-    """Forget the named axes, or give their places the numbers that stand there (G92)."""
+def _named(values: Any, modes: Any, position: Any) -> None:
+    """Give the places of the named axes the numbers that stand there (G92)."""
     for axis in range(3):
         value = values[LETTER_X + axis]
         if not np.isnan(value):
-            position[axis] = value * modes[UNITS] if task == PRESET else np.nan
+            position[axis] = value * modes[UNITS]
 
 
 @inner
@@ -162,7 +172,7 @@ def _kind(task: int) -> Any:
 def _write_motion(
     at: Any, values: Any, modes: Any, position: Any, target: Any, word: float, columns: Any, curves: Any
 ) -> None:
-    """Write down one motion from `position` to `target` [m]; `word` is its F."""
+    """Write down one motion from `position` to `target` [m]; `word` is its F, NaN where it is not known."""
     block_of, kind, starts, ends, plane, feed, duration, exact = columns
     row, block, task = at
     # Where the plane is not known no arc is read, and for the rest any will do.
@@ -173,18 +183,83 @@ def _write_motion(
         _write_arc(values, modes, position, row, task, curves)
     feed[row] = 0.0
     if task != RAPID and modes[FEED_MODE] == 93.0:
-        feed[row], duration[row] = np.nan, 60.0 / word
+        feed[row], duration[row] = np.nan, 0.0 if np.isnan(word) else 60.0 / word
     elif task != RAPID:
         feed[row] = word * modes[UNITS] / 60.0 if modes[FEED_MODE] == 94.0 else np.nan
     exact[row] = modes[PATH] == 610.0 or modes[PATH] == 611.0
 
 
+@inner
+def _close(axis: int, block: int, since: Any, moved: Any, anchors: Any) -> None:
+    """Let an axis be forgotten in a block, or found (-1): what it moved until then needs directions alone."""
+    if since[axis] >= 0 and moved[axis]:
+        anchors[since[axis]] |= 1 << axis
+    since[axis], moved[axis] = block, False
+
+
+@inner
+def _use(values: Any, modes: Any, task: int, axis: int, since: Any, moved: Any) -> None:
+    """Note how a motion uses an axis whose place is not known: by its increments, or by a place."""
+    first, second = _plane_axes(modes[PLANE]) if ARC_CW <= task <= ARC_CCW else (0, 1)
+    curved = task >= ARC_CW and axis in (first, second)
+    named = not np.isnan(values[LETTER_X + axis])
+    placed = named and modes[ABSOLUTE] == 1.0
+    if placed or (curved and (modes[ARC_ABSOLUTE] == 1.0 or task > QUADRATIC)):
+        since[axis] = -1
+    elif curved or named:
+        moved[axis] = True
+
+
 @compiled
-def trace_motions(words: Any, modal: Any, end: int, columns: Any, curves: Any) -> Any:  # noqa: C901
+def find_anchors(words: Any, modal: Any, end: int, anchors: Any) -> None:
+    """Find the axes that move by increments alone from where they are forgotten to where they are found or lost again.
+
+    `words` and `modal` as in :func:`trace_motions`. `anchors` (n + 1,) gets a bit an axis at the beginning, and
+    behind each block that forgets it: any place is as good as another there.
+    """
+    blocks, letter, value = words
+    table, states, _, tasks, _ = modal
+    values, since, moved = np.empty(26), np.zeros(3, np.int64), np.zeros(3, np.bool_)
+    low = 0
+    for block in range(end):
+        high = low
+        while high < blocks.size and blocks[high] == block:
+            high += 1
+        first, low = low, high
+        task, modes = tasks[block] & (FORGET_FIRST - 1), table[states[block]]
+        if tasks[block] == 0:
+            continue
+        _spread_values(letter, value, first, high, values)
+        for axis in range(3):
+            named = not np.isnan(values[LETTER_X + axis])
+            if tasks[block] & FORGET_FIRST or (axis == 2 and tasks[block] & FORGET_LENGTH):
+                _close(axis, block + 1, since, moved, anchors)
+            if task == FORGET or (task == FORGET_NAMED and named):
+                _close(axis, block + 1, since, moved, anchors)
+            elif task == PRESET and named:
+                _close(axis, -1, since, moved, anchors)
+            elif (REST < task < FORGET or task == AIMED) and since[axis] >= 0:
+                _use(values, modes, RAPID if task == AIMED else task, axis, since, moved)
+    for axis in range(3):
+        _close(axis, -1, since, moved, anchors)
+
+
+@inner
+def _lose(axis: int, anchor: Any, position: Any) -> None:
+    """Forget the place of an axis; one that moves by increments alone goes on from any."""
+    if not (anchor >> axis) & 1:
+        position[axis] = np.nan
+    elif np.isnan(position[axis]):
+        position[axis] = 0.0
+
+
+@compiled
+def trace_motions(words: Any, modal: Any, end: int, anchors: Any, columns: Any, curves: Any) -> Any:  # noqa: C901, PLR0912, PLR0915
     """Follow the position through all blocks before `end`, write down the motions and return their number.
 
     `words` are the columns block, letter and value; `modal` the distinct states, and for each block its
-    state, F, task and why it is not understood, to which arcs and splines from unknown places are added.
+    state, F, task and why it is not understood, to which arcs and splines from unknown places are added;
+    `anchors` those of :func:`find_anchors`.
     `columns` to fill: block, kind, start, end, plane, feed, duration, exact; `curves`: centre, angle and
     turns as the words have them. Durations and curves are zeros, and stay so where nothing is written:
     memory that nothing is written to takes no room.
@@ -193,6 +268,8 @@ def trace_motions(words: Any, modal: Any, end: int, columns: Any, curves: Any) -
     table, states, feeds, tasks, whys = modal
     values, position, target, pen = np.empty(26), np.full(3, np.nan), np.empty(3), np.full(3, np.nan)
     low, row, drawing = 0, 0, False
+    for axis in range(3):
+        _lose(axis, anchors[0], position)
     for block in range(end):
         high = low
         while high < blocks.size and blocks[high] == block:
@@ -200,20 +277,27 @@ def trace_motions(words: Any, modal: Any, end: int, columns: Any, curves: Any) -
         first, low = low, high
         if tasks[block] == 0:
             continue
-        if tasks[block] & FORGET_FIRST:
-            position[:] = np.nan
+        for axis in range(3):
+            if tasks[block] & FORGET_FIRST or (axis == 2 and tasks[block] & FORGET_LENGTH):
+                _lose(axis, anchors[block + 1], position)
         task, modes = tasks[block] & (FORGET_FIRST - 1), table[states[block]]
         if task == 0:
             continue
         _spread_values(letter, value, first, high, values)
-        if task == FORGET:
-            position[:] = np.nan
-        elif task in (FORGET_NAMED, PRESET):
-            _named(values, modes, position, task)
-        if task >= FORGET:
+        if task in (FORGET, FORGET_NAMED):
+            for axis in range(3):
+                if task == FORGET or not np.isnan(values[LETTER_X + axis]):
+                    _lose(axis, anchors[block + 1], position)
+        elif task == PRESET:
+            _named(values, modes, position)
+        if FORGET <= task < AIMED:
             drawing = False
             continue
         _aim(values, modes, position, target)
+        if task == AIMED:
+            _copy(target, position)
+            drawing = False
+            continue
         if task == NURBS_POINT:
             _copy(target if not np.isnan(values[LETTER_X]) else pen if drawing else position, pen)
             drawing = True
@@ -225,10 +309,13 @@ def trace_motions(words: Any, modal: Any, end: int, columns: Any, curves: Any) -
             whys[block] = ARC_FROM_NOWHERE if task <= ARC_CCW else SPLINE_FROM_NOWHERE
             position[:] = np.nan
             if modes[ABSOLUTE] == 1.0 and task != NURBS_END:
-                _named(values, modes, position, PRESET)
+                _named(values, modes, position)
             continue
         write_at = (row, block, task)
-        _write_motion(write_at, values, modes, position, target, feeds[block], columns, curves)
+        word = feeds[block]
+        if word == 0.0 or (modes[FEED_MODE] == 93.0 and np.isnan(values[LETTER_F])):
+            word = np.nan
+        _write_motion(write_at, values, modes, position, target, word, columns, curves)
         _copy(target, position)
         row += 1
     return row
@@ -284,30 +371,56 @@ def _feed_fault(present: int, where: Any, modes: Any, feed: float, known: int) -
 
 
 @inner
-def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any) -> Any:
-    """Return what a word of group 0 does: task (-1: the motion's), break, why not understood, refused."""
+def _set_data(values: Any, present: int, modes: Any) -> Any:
+    """Return what a G10 does to the position, by its L."""
     axes = present & (AXES | FURTHER)
+    kind = values[LETTER_L] if (present >> LETTER_L) & 1 else 0.0
+    if kind == 1.0 or 10.0 <= kind <= 13.0:
+        return FORGET_LENGTH  # the tool table: of use from the next G43 on, or at once
+    turned = (present >> LETTER_R) & 1 and values[LETTER_R] != 0.0
+    if kind not in (2.0, 20.0) or turned or not axes or present & FURTHER_LINEAR:
+        return FORGET
+    number = values[LETTER_P] if (present >> LETTER_P) & 1 else 0.0
+    active = modes[SYSTEM]
+    own = 0.0 if active < 0.0 else (active - 530.0) / 10.0 if active <= 590.0 else active - 584.0
+    if 1.0 <= number <= 9.0 and own > 0.0 and number != own:
+        return REST
+    known = kind == 20.0 and number in (0.0, own) and modes[ABSOLUTE] == 1.0
+    return PRESET if known and modes[UNITS] != UNKNOWN else FORGET_NAMED
+
+
+@inner
+def _zero_group(code: int, motion: int, explicit: int, present: int, modes: Any, values: Any) -> Any:
+    """Return what a word of group 0 does: task (-1: the motion's), break, why not understood, refused.
+
+    To the task `FORGET_LENGTH` may be added. Axes that are not named stay where they are.
+    """
+    axes = present & (AXES | FURTHER)
+    # U, V and W may be increments of X, Y and Z.
+    named = FORGET_NAMED if axes and not present & FURTHER_LINEAR else FORGET
     task, mark, why, refused = -1, 0, 0, 0
     if code == 40:
         timed = (present >> LETTER_P) & 1 or ((present >> LETTER_S) & 1 and not explicit)
         apart = axes and not (timed and explicit)
         why, refused = DWELL_AXES if apart else 0, 0 if timed or apart else NO_DWELL
         task = -1 if axes and explicit else REST
-    elif code in (100, 520):
-        task, mark = FORGET, FRAME_CHANGE
+    elif code == 100:
+        task, mark = _set_data(values, present, modes), FRAME_CHANGE
+    elif code == 520:
+        task, mark = named, FRAME_CHANGE
     elif code in (280, 300):
-        task, mark = FORGET, HOME
+        task, mark = named, HOME
     elif code in (281, 301):
         task, mark = REST, HOME
     elif code == 920:
-        task, mark = PRESET if axes else FORGET, FRAME_CHANGE
+        known = modes[UNITS] != UNKNOWN and named == FORGET_NAMED
+        task, mark = PRESET if known else named, FRAME_CHANGE
+        if not axes and (present >> LETTER_S) & 1:
+            task, mark = REST, 0  # the spindle's highest speed
     elif code == 53:
         task, why = NURBS_END, 0 if motion == 52 else LONE_SPLINE
     elif code == 530:
-        named = modes[ABSOLUTE] == 1.0 and not axes & FURTHER
-        task, mark = REST, 0
-        if axes:
-            task, mark = FORGET_NAMED if named else FORGET, MACHINE
+        task, mark = (named, MACHINE) if axes else (REST, 0)
     return task, mark, why, refused
 
 
@@ -328,7 +441,7 @@ def _motion_task(code: int, explicit: int, present: int) -> Any:
     elif code == 52:
         task, used = NURBS_POINT, NURBS_LETTERS
     elif 382 <= code <= 385:
-        mark = PROBE
+        task, mark = FORGET_NAMED, PROBE
     elif code in (-1, 800):
         why = NO_MOTION_MODE
     elif code == -2:
@@ -370,14 +483,21 @@ def _is_odd(present: int, flags: int) -> Any:
 
 
 @inner
+def _is_aimed(task: int, why: int, present: int, flags: int, modes: Any) -> Any:
+    """Return True if the end of a motion is known that is passed through for a rotary axis."""
+    known = modes[UNITS] != UNKNOWN and modes[ABSOLUTE] != UNKNOWN and not flags & FRAMED
+    return why == FURTHER_AXIS and RAPID <= task <= ARC_CCW and not present & FURTHER_LINEAR and known
+
+
+@inner
 def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> Any:
-    """Return what a block does: task, break, why not understood, why refused, the word."""
+    """Return what a block does: task, break, why not understood, its fault, the word."""
     zero, motion, flags, feed = block
     explicit, word = flags & EXPLICIT, -1
-    task, mark, why, refused = _zero_group(zero, motion, explicit, present, modes)
+    task, mark, why, refused = _zero_group(zero, motion, explicit, present, modes, values)
     used = AXES | FURTHER | CENTER | LENIENT
     if task < 0 and flags & OFFSET_LINE and present & AXES:
-        task = FORGET
+        task = FORGET_NAMED
     elif task < 0:
         task, mark, doubt, used = _motion_task(motion, explicit, present)
         why = max(why, doubt)
@@ -387,39 +507,59 @@ def _decide(block: Any, values: Any, present: int, where: Any, modes: Any) -> An
             refused, word = _arc_fault(values, present, where, modes)
         if why == 0 and refused == 0 and task >= LINE:
             refused, word = _feed_fault(present, where, modes, feed, flags >> KNOWN_SHIFT)
+        if _is_aimed(task, why, present, flags, modes):
+            task = AIMED
     if why == 0 and refused == 0 and task == REST and zero < 0 and _is_odd(present, flags):
         why = UNUSED_WORD
     if modes[COMPENSATION] > 400.0:
-        why, refused = COMPENSATED, 0
+        task, why, refused = FORGET, COMPENSATED, 0
     return task, mark, why, refused, word
 
 
 @compiled
-def choose_tasks(words: Any, table: Any, columns: Any, traits: Any, end: int, tasks: Any) -> Any:
-    """Decide what each block before `end` does; return the block at which that ends, why it is refused, the word.
+def choose_tasks(words: Any, table: Any, columns: Any, traits: Any, end: int, tasks: Any) -> Any:  # noqa: C901, PLR0912
+    """Decide what each block before `end` does.
 
-    `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks and why a
-    block is not understood are added to them, `tasks` (n,) is filled.
+    `columns` are those that :func:`resolve <ph_post.gcode.modes.resolve_modes>` fills; breaks, why a block is not
+    understood and the words with faults are added to them, `tasks` (n,) is filled. A lack of feed is said at the
+    first cut that has none.
     """
     blocks, letter, value = words
-    states, feeds, motions, zeros, flags, marks, whys = columns
+    states, feeds, motions, zeros, flags, marks, whys, spots = columns
     values, where = np.zeros(26), np.zeros(26, np.int64)
-    low = 0
+    low, lack = 0, 0
     for block in range(end):
         high = low
         while high < blocks.size and blocks[high] == block:
             high += 1
         first, low = low, high
-        if whys[block]:
+        stays = whys[block] in (STAYING_G, STAYING_M)
+        if 0 < whys[block] < QUIET and not stays:
             tasks[block] = FORGET
         elif high > first or traits[block]:
             present = _spread(letter, value, first, high, values, where)
-            parts = (zeros[block], motions[block], np.int64(flags[block]), feeds[block])
-            task, mark, why, refused, word = _decide(parts, values, present, where, table[states[block]])
-            if refused:
-                return block, refused, word
-            forget = marks[block] & (FRAME_CHANGE | TOOL_CHANGE)
-            tasks[block] = FORGET if why else task | (FORGET_FIRST if forget else 0)
+            more = LENIENT_LINE if stays else 0
+            parts = (zeros[block], motions[block], np.int64(flags[block]) | more, feeds[block])
+            modes = table[states[block]]
+            task, mark, why, fault, word = _decide(parts, values, present, where, modes)
+            if fault in (NO_FEED, ZERO_FEED, NO_INVERSE_FEED):
+                if fault != lack and whys[block] == 0:
+                    whys[block], spots[block] = QUIET + fault, -2 - word
+                fault, lack = 0, fault
+            elif LINE <= task <= CUBIC:
+                lack = 0
+            if stays and RAPID <= task <= ARC_CCW:
+                task = AIMED
+            elif stays and CUBIC <= task <= NURBS_END:
+                task = FORGET
+            first_of_all = 0
+            if marks[block] & TOOL_CHANGE or marks[block] & (FRAME_CHANGE | LENGTH_CHANGE) == FRAME_CHANGE:
+                first_of_all = FORGET_FIRST
+            elif marks[block] & LENGTH_CHANGE:
+                first_of_all = FORGET_LENGTH if modes[PLANE] == 17.0 else FORGET_FIRST
             marks[block] |= mark
-            whys[block] = why
-    return end, 0, -1
+            if fault:
+                tasks[block], whys[block], spots[block] = FORGET, FAULT + fault, -2 - word
+            else:
+                tasks[block] = FORGET if why and task != AIMED else task | first_of_all
+                whys[block] = why if why else whys[block]

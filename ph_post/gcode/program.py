@@ -37,6 +37,9 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
         Whether a cut needs an F before it; if not, it is one whose feed is not known.
     bound : callable or None
         ``bound(line)``: why the motion of a line cannot be divided, in words; empty where it can.
+    lengths : callable or None
+        ``lengths(words, data) -> words``: the words of a text with the numbers that the controller reads, where a
+        length without a decimal point counts in increments.
     read : callable or None
         ``read(data, name) -> program``: its own reader, every byte kept, for a language of another grammar.
     """
@@ -47,6 +50,7 @@ class Language(msgspec.Struct, frozen=True, kw_only=True):
     fixed: Mapping[int, float] = {}
     feed_known: bool = True
     bound: Callable[[bytes], str] | None = None
+    lengths: Callable[[WordTable, bytes], WordTable] | None = None
     read: Callable[[bytes, str], PartProgram] | None = None
 
     def hidden(self, data: bytes) -> bytes:
@@ -192,12 +196,16 @@ class Break(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Note(msgspec.Struct, frozen=True, kw_only=True):
-    """A stretch that is passed through as it is: blocks `first` to `last`, what was met, in which column."""
+    """A stretch that is passed through as it is: blocks `first` to `last`, what was met, in which column.
+
+    `refusal` is what was met, what was expected and what was found, where controllers refuse it.
+    """
 
     first: int
     last: int
     column: int
     what: str
+    refusal: tuple[str, str, str] | None = None
 
 
 class Modal(msgspec.Struct, frozen=True, kw_only=True):

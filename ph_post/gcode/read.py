@@ -13,7 +13,7 @@ from ph_post.errors import InputError
 from ph_post.gcode import codes, splinewords
 from ph_post.gcode.arcs import RADII_DIFFER, RADIUS_TOO_SMALL, solve_arcs
 from ph_post.gcode.modes import resolve_modes
-from ph_post.gcode.motions import choose_tasks, trace_motions
+from ph_post.gcode.motions import choose_tasks, find_anchors, trace_motions
 from ph_post.gcode.program import (
     CUBIC,
     NURBS,
@@ -31,7 +31,18 @@ from ph_post.gcode.program import (
     number_text,
     span_of,
 )
-from ph_post.gcode.words import NOT_UNDERSTOOD, Lexed, ProgramFault, fault_error, find_stretches, lines_of, read_words
+from ph_post.gcode.words import (
+    NOT_UNDERSTOOD,
+    Lexed,
+    ProgramFault,
+    excerpt,
+    fault_error,
+    fault_text,
+    fault_words,
+    find_stretches,
+    lines_of,
+    read_words,
+)
 from ph_post.types import Array, sealed
 from ph_post.units import INCH, MM
 
@@ -60,6 +71,8 @@ _TEXTS: Final = {
     codes.SPLINE_PLANE: "spline in another plane than G17",
     codes.SAVED_STATE: "modal state brought back",
     codes.LONE_SPLINE: "spline that is not whole",
+    codes.STAYING_G: "G word of other controllers, which moves nothing",
+    codes.STAYING_M: "M word of other controllers, which moves nothing",
 }
 _LETTERS: Final = {
     codes.FURTHER_AXIS: "ABCUVW",
@@ -84,8 +97,9 @@ _KINDS: Final[tuple[tuple[int, BreakKind], ...]] = (
 _NOT_UNDERSTOOD: Final = len(_KINDS)
 
 
-def find_notes(lexed: Lexed, data: bytes, whys: ByteArray) -> tuple[Note, ...]:
-    """Make a note for each stretch of blocks that are passed through for one reason."""
+def find_notes(lexed: Lexed, data: bytes, found: _Blocks) -> tuple[Note, ...]:
+    """Make a note for each stretch of blocks that are passed through, or not known in all, for one reason."""
+    whys = found.whys
     blocks = np.flatnonzero(whys)
     if not blocks.size:
         return ()
@@ -96,17 +110,25 @@ def find_notes(lexed: Lexed, data: bytes, whys: ByteArray) -> tuple[Note, ...]:
     new = np.flatnonzero(np.r_[True, (np.diff(rank) > 1) | (np.diff(whys[blocks]) != 0)])
     last = np.r_[new[1:] - 1, blocks.size - 1]
     return tuple(
-        _note(lexed, data, int(blocks[low]), int(blocks[high]), int(whys[blocks[low]]))
-        for low, high in zip(new, last, strict=True)
+        _note(lexed, data, int(blocks[low]), int(blocks[high]), found) for low, high in zip(new, last, strict=True)
     )
 
 
-def _note(lexed: Lexed, data: bytes, first: int, last: int, why: int) -> Note:
+def _note(lexed: Lexed, data: bytes, first: int, last: int, found: _Blocks) -> Note:
     """Name a stretch by the word on its first line for which it is passed through."""
-    start, end = find_place(lexed, data, first, why)
+    why = int(found.whys[first])
+    if why >= codes.FAULT:
+        fault = _fault_at(lexed, first, found)
+        behind = _word_end(lexed, fault)
+        start, end = fault.place, behind or int(lexed.lines[first + 1])
+        what, refusal = fault_text(fault.code), fault_words(data, fault, behind)
+    else:
+        refusal = None
+        start, end = find_place(lexed, data, first, why)
+        what = _TEXTS[why]
     text = data[start:end].decode("utf-8", "replace").strip()
     column = len(data[int(lexed.lines[first]) : start].decode("utf-8", "replace")) + 1
-    return Note(first=first, last=last, column=column, what=f"{_TEXTS[why]}: {shortened(text)}")
+    return Note(first=first, last=last, column=column, what=f"{what}: {shortened(text)}", refusal=refusal)
 
 
 def shortened(text: str) -> str:
@@ -130,10 +152,12 @@ def _is_meant(letter: str, value: float, why: int) -> bool:
     """Return True if a block is passed through because of this word."""
     if why in (codes.EXPRESSION, codes.O_WORD):
         return np.isnan(value) if why == codes.EXPRESSION else letter == "O"
-    if why == codes.UNKNOWN_G:
+    if why in (codes.UNKNOWN_G, codes.STAYING_G):
         known = 0.0 <= value < 99.9 and codes.GROUP[round(10 * value)] >= 0
         return letter == "G" and not (known and abs(10.0 * value - round(10.0 * value)) < 1e-6)
-    if why in (codes.UNKNOWN_M, codes.SUBPROGRAM, codes.SAVED_STATE):
+    if why == codes.SUBPROGRAM and letter == "G":
+        return 0.0 <= value < 99.9 and codes.G_EFFECT[round(10 * value)] == codes.CALLS
+    if why in (codes.UNKNOWN_M, codes.STAYING_M, codes.SUBPROGRAM, codes.SAVED_STATE):
         return letter == "M" and not (value in range(codes.M_GROUP.size) and codes.M_GROUP[int(value)] >= 0)
     return letter in _LETTERS.get(why, "")
 
@@ -161,19 +185,27 @@ def find_breaks(motion_block: PlaceArray, marks: ByteArray, whys: ByteArray, end
 _OPENED: Final = re.compile(rb"\s*%")
 """A program between two percent signs."""
 
+_BEHIND: Final = re.compile(rb"^[ \t]*(?:N[ \t]*\d+[ \t]*)?(?:[O:]\d|G\d|[XYZ][-+.\d])", re.MULTILINE | re.IGNORECASE)
+"""A line of another program."""
+
 
 class _Blocks(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Findings on each block: its state, F, task, breaks and why it is not understood."""
+    """Findings on each block: its state, F, task, breaks, why it is not understood, and where.
+
+    `spots` is the byte of a fault in the text, from 1, or the word, as -2 - number (-1: none); `gots` what an error
+    says of it.
+    """
 
     states: PlaceArray
     feeds: Array
     tasks: ByteArray
     marks: ByteArray
     whys: ByteArray
+    spots: PlaceArray
     table: Array
     end: int
     last: int
-    fault: ProgramFault | None
+    gots: dict[int, str]
 
 
 def read_program(data: bytes, name: str, *, strict: bool = False, language: Language = RS274) -> PartProgram:
@@ -193,7 +225,7 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     Raises
     ------
     InputError
-        If the text is no program, or is ambiguous or meaningless to controllers.
+        If the text is no program; if `strict`, also if it is ambiguous or meaningless to controllers.
 
     Examples
     --------
@@ -209,20 +241,28 @@ def read_program(data: bytes, name: str, *, strict: bool = False, language: Lang
     lines = lines_of(data, name)
     plain = language.hidden(data)
     lexed = read_words(plain, lines)
+    if language.lengths is not None:
+        lexed = msgspec.structs.replace(lexed, words=language.lengths(lexed.words, plain))
     blocks = _resolve(lexed, plain, language.start())
-    motions, fault = _make_motions(lexed, blocks)
-    faults = [one for one in (fault, blocks.fault) if one is not None]
-    first = min(faults, key=lambda one: one.block, default=None)
-    notes = find_notes(lexed, data, blocks.whys)
-    if strict and notes and (first is None or notes[0].first < first.block):
-        raise _refuse_note(name, data, lexed, notes[0], int(blocks.whys[notes[0].first]))
-    if first is not None:
-        raise fault_error(name, data, lines, first, _word_end(lexed, first))
+    motions = _make_motions(lexed, blocks)
+    notes = find_notes(lexed, data, blocks)
+    if strict and notes:
+        raise _refusal(name, data, lexed, notes[0], blocks)
     if blocks.end == lines.size - 1 and not notes and _OPENED.match(data):
         # What is passed through may hold the end; without an opening % many programs have none.
-        expected = "M2, M30 or the % that belongs to the first one"
-        raise InputError(f"{name}:{blocks.end}", "the program breaks off", expected=expected, got="the end of the file")
-    breaks = find_breaks(motions.block, blocks.marks, blocks.whys, blocks.end)
+        what, end = "the program breaks off", "the end of the file"
+        refusal = (what, "M2, M30 or the % that belongs to the first one", end)
+        if strict:
+            raise InputError(f"{name}:{blocks.end}", what, expected=refusal[1], got=end)
+        last = blocks.end - 1
+        notes = (Note(first=last, last=last, column=1, what=f"{what}: {end}", refusal=refusal),)
+    behind = None if strict else _BEHIND.search(data, int(lines[min(blocks.end + 1, lines.size - 1)]))
+    if behind is not None:
+        first = int(np.searchsorted(lines, np.int32(behind.start()), "right")) - 1
+        text = data[behind.start() : lines[first + 1]].decode("utf-8", "replace").strip()
+        what = f"behind the program's end: {shortened(text)}"
+        notes = (*notes, Note(first=first, last=lines.size - 2, column=1, what=what))
+    breaks = find_breaks(motions.block, blocks.marks, np.where(blocks.whys < codes.QUIET, blocks.whys, 0), blocks.end)
     number = np.arange(len(breaks) - 1, dtype=np.int32)
     chain = np.repeat(number, np.diff([one.motion for one in breaks]))
     return PartProgram(
@@ -251,44 +291,43 @@ def _resolve(lexed: Lexed, data: bytes, fixed: Array) -> _Blocks:
     count = lexed.lines.size - 1
     states, feeds, tasks = np.zeros(count, np.int32), np.full(count, np.nan), np.zeros(count, np.uint8)
     motions, zeros = np.full(count, -1, np.int16), np.full(count, -1, np.int16)
-    flags, marks, whys = (np.zeros(count, np.uint8) for _ in range(3))
-    columns = (states, feeds, motions, zeros, flags, marks, whys)
+    flags, marks = np.zeros(count, np.uint8), np.zeros(count, np.uint8)
+    columns = (states, feeds, motions, zeros, flags, marks, lexed.whys, lexed.spots)
     text = (lexed.words.block, lexed.words.letter, lexed.words.value)
     stretches = find_stretches(lexed, data)
-    stop, refused, word, table = resolve_modes(text, lexed.traits, stretches, lexed.end, columns, fixed)
-    last = stop + 1 if stop < lexed.end and not refused else stop
+    stop, table = resolve_modes(text, lexed.traits, stretches, lexed.end, columns, fixed)
+    last = stop + 1 if stop < lexed.end else stop
     if 0 < last < count:
         states[last:], feeds[last:] = states[last - 1], feeds[last - 1]
-    fault = lexed.fault if stop == lexed.end else None
-    if refused:
-        marks[stop] = whys[stop] = 0
-        fault = _fault_at(lexed, int(stop), int(refused), int(word))
-    sooner, refused, word = choose_tasks(text, table, columns, lexed.traits, last, tasks)
-    if refused:
-        last, fault = sooner, _fault_at(lexed, int(sooner), int(refused), int(word))
-        marks[last:], whys[last:] = 0, 0
+    lexed.whys[last + (stop == lexed.end) :] = 0
+    choose_tasks(text, table, columns, lexed.traits, last, tasks)
     return _Blocks(
         states=states,
         feeds=feeds,
         tasks=tasks,
         marks=marks,
-        whys=whys,
+        whys=lexed.whys,
+        spots=lexed.spots,
         table=table,
         end=int(stop),
         last=int(last),
-        fault=fault,
+        gots={},
     )
 
 
-def _fault_at(lexed: Lexed, block: int, code: int, word: int, got: str = "") -> ProgramFault:
-    """Make the fault of a word, or of the word of a block that sets its motion, or of its first word."""
-    words = lexed.words
-    if word < 0:
-        low, high = span_of(words.block, block)
-        motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
-        axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
-        word = [*motions, *axes, low][0]
-    return ProgramFault(block=block, place=int(words.start[word]), code=code, got=got)
+def _fault_at(lexed: Lexed, block: int, blocks: _Blocks) -> ProgramFault:
+    """Make the fault of a block: of a byte, of a word, of the word that sets its motion, or of its first word."""
+    words, spot = lexed.words, int(blocks.spots[block])
+    place, word = spot - 1, -2 - spot
+    if spot <= 0:
+        if word < 0:
+            low, high = span_of(words.block, block)
+            motions = [k for k in range(low, high) if chr(words.letter[k]) == "G" and words.value[k] < 6]
+            axes = [k for k in range(low, high) if chr(words.letter[k]) in "XYZ"]
+            word = [*motions, *axes, low][0]
+        place = int(words.start[word])
+    code = int(blocks.whys[block]) % codes.FAULT
+    return ProgramFault(block=block, place=place, code=code, got=blocks.gots.get(block, ""))
 
 
 def _word_end(lexed: Lexed, fault: ProgramFault) -> int | None:
@@ -299,7 +338,12 @@ def _word_end(lexed: Lexed, fault: ProgramFault) -> int | None:
     return None
 
 
-def _refuse_note(name: str, data: bytes, lexed: Lexed, note: Note, why: int) -> InputError:
+def _refusal(name: str, data: bytes, lexed: Lexed, note: Note, blocks: _Blocks) -> InputError:
+    """Make the error of a note where nothing may be passed through."""
+    why = int(blocks.whys[note.first])
+    if why >= codes.FAULT:
+        fault = _fault_at(lexed, note.first, blocks)
+        return fault_error(name, data, lexed.lines, fault, _word_end(lexed, fault))
     start, end = find_place(lexed, data, note.first, why)
     fault = ProgramFault(block=note.first, place=start, code=NOT_UNDERSTOOD, got=note.what)
     return fault_error(name, data, lexed.lines, fault, end)
@@ -316,28 +360,36 @@ def refuse_notes(program: PartProgram) -> None:
     if program.notes:
         note = program.notes[0]
         text = program.text(note.first)
+        if note.refusal is not None:
+            # Found in a translation: the words of the line may be others.
+            what, expected, got = note.refusal
+            line = text.rstrip(b"\r\n").decode("utf-8", "replace")
+            where, found = f"{program.name}:{note.first + 1}", got if got in line or " " in got else ""
+            raise InputError(where, what, expected=expected, got=found, excerpt=excerpt(line, 1, len(line)))
         place = int(program.lines[note.first]) + len(text.decode("utf-8", "replace")[: note.column - 1].encode())
         end = int(program.lines[note.first]) + len(text.rstrip())
         fault = ProgramFault(block=note.first, place=place, code=NOT_UNDERSTOOD, got=note.what)
         raise fault_error(program.name, program.data, program.lines, fault, max(end, place + 1))
 
 
-def _make_motions(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, ProgramFault | None]:
-    """Make the motions, and find the first arc that cannot be."""
+def _make_motions(lexed: Lexed, blocks: _Blocks) -> Motions:
+    """Make the motions; what cannot be drawn is passed through."""
     while True:
         columns, curves, count = _trace(lexed, blocks)
         drawn = _splines(lexed, blocks, [column[:count] for column in columns])
-        if drawn is not None:
+        if drawn is None:
+            continue
+        block, kind, start, end, plane, feed, duration, exact = (_cut(column, count) for column in columns)
+        center, angle, turns = (_cut(column, count) for column in curves)
+        inches = blocks.table[:, codes.UNITS][blocks.states[block]] == INCH
+        faults, radii = np.zeros(block.size, np.uint8), np.zeros((block.size, 2))
+        if not solve_arcs(start, end, plane, turns, inches, center, angle, faults, radii):
             break
-    block, kind, start, end, plane, feed, duration, exact = (_cut(column, count) for column in columns)
-    center, angle, turns = (_cut(column, count) for column in curves)
-    inches = blocks.table[:, codes.UNITS][blocks.states[block]] == INCH
-    row, why, *radii = solve_arcs(start, end, plane, turns, inches, center, angle)
-    fault = None
-    if why:
-        differ = why in (RADII_DIFFER, RADIUS_TOO_SMALL)
-        got = " and ".join(f"{number_text(round(radius / MM, 4))} mm" for radius in radii) if differ else ""
-        fault = _fault_at(lexed, int(block[row]), int(why), -1, got)
+        for row in np.flatnonzero(faults).tolist():
+            if faults[row] in (RADII_DIFFER, RADIUS_TOO_SMALL):
+                texts = [f"{number_text(round(radius / MM, 4))} mm" for radius in radii[row].tolist()]
+                blocks.gots[int(block[row])] = " and ".join(texts)
+            _pass_through(blocks, int(block[row]), codes.FAULT + int(faults[row]))
     control, nurbs = drawn
     whole: dict[str, Any] = {
         "block": block,
@@ -354,7 +406,7 @@ def _make_motions(lexed: Lexed, blocks: _Blocks) -> tuple[Motions, ProgramFault 
     }
     for part in whole.values():
         part.setflags(write=False)
-    return Motions(**whole, control=control, nurbs=nurbs), fault
+    return Motions(**whole, control=control, nurbs=nurbs)
 
 
 def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, ...], int]:
@@ -372,7 +424,9 @@ def _trace(lexed: Lexed, blocks: _Blocks) -> tuple[tuple[Any, ...], tuple[Any, .
     )
     curves = (np.zeros((room, 2)), np.zeros(room), np.zeros(room, np.int16))
     modal = (blocks.table, blocks.states, blocks.feeds, blocks.tasks, blocks.whys)
-    count = trace_motions((words.block, words.letter, words.value), modal, blocks.last, columns, curves)
+    text, anchors = (words.block, words.letter, words.value), np.zeros(blocks.tasks.size + 1, np.uint8)
+    find_anchors(text, modal, blocks.last, anchors)
+    count = trace_motions(text, modal, blocks.last, anchors, columns, curves)
     return columns, curves, int(count)
 
 
@@ -406,9 +460,9 @@ def _splines(lexed: Lexed, blocks: _Blocks, columns: list[Any]) -> Splines | Non
     return control, nurbs
 
 
-def _pass_through(blocks: _Blocks, block: int) -> None:
+def _pass_through(blocks: _Blocks, block: int, why: int = codes.LONE_SPLINE) -> None:
     blocks.tasks[block] = codes.FORGET
-    blocks.whys[block] = codes.LONE_SPLINE
+    blocks.whys[block], blocks.spots[block] = why, -1
 
 
 def _cut(column: Any, count: int) -> Any:

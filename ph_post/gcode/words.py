@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import re
 from typing import Any, Final
 
@@ -30,6 +29,8 @@ _TEXTS = {
     lexer.NO_LETTER: ("number without a letter", "a letter before the number"),
     lexer.AFTER_PERCENT: ("text behind a percent sign", "nothing else on its line"),
     lexer.CHECKSUM: ("checksum that is none", "a whole number at the end of the line"),
+    lexer.BYTE_ORDER: ("byte order mark", "UTF-8 without one: controllers refuse it"),
+    lexer.TEXT: ("unknown character", "a word, such as X10"),
     codes.TWICE: ("the same letter twice on a line", "each letter but G and M once"),
     codes.TWO_OF_GROUP: ("two words of one modal group on a line", "one of them"),
     codes.NEGATIVE_FEED: ("negative feed", "F > 0"),
@@ -61,6 +62,11 @@ class ProgramFault(msgspec.Struct, frozen=True, kw_only=True):
     got: str = ""
 
 
+def fault_text(code: int) -> str:
+    """Return what a fault is, in words."""
+    return "text" if code == lexer.TEXT else _TEXTS[code][0]
+
+
 def fault_error(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, end: int | None = None) -> InputError:
     """Make the error of a fault, with its line and a caret under the `end` - `place` bytes it is about.
 
@@ -81,18 +87,27 @@ def fault_error(name: str, data: bytes, lines: PlaceArray, fault: ProgramFault, 
     first = int(lines[fault.block])
     column = len(data[first : fault.place].decode("utf-8", "replace")) + 1
     where = f"{name}:{fault.block + 1}:{column}"
-    word = _plain(data[fault.place : end] if end is not None else data[fault.place : fault.place + 4])
-    word = word if end is not None else word[:1]
-    got = fault.got or word or "the end of the line"
     if fault.code == BINARY:
         return InputError(where, "not a part program", expected="text", got="a zero byte")
     if fault.code == LONG_LINE:
         return InputError(where, "line is too long", expected="a line end within 16384 bytes")
-    what, expected = _TEXTS.get(fault.code, ("not understood", "a program that is understood throughout (--strict)"))
-    if fault.code == lexer.BAD_CHARACTER and data.startswith(codecs.BOM_UTF8) and fault.place == 0:
-        what, expected, got = "byte order mark", "UTF-8 without one: controllers refuse it", "EF BB BF"
+    what, expected, got = fault_words(data, fault, end)
+    word = _word(data, fault, end)
     line = _plain(data[first : int(lines[fault.block + 1])].rstrip(b"\r\n"))
     return InputError(where, what, expected=expected, got=got, excerpt=excerpt(line, column, max(len(word), 1)))
+
+
+def fault_words(data: bytes, fault: ProgramFault, end: int | None) -> tuple[str, str, str]:
+    """Return what a fault is, what was expected, and what was found; see :func:`fault_error`."""
+    what, expected = _TEXTS.get(fault.code, ("not understood", "a program that is understood throughout (--strict)"))
+    found = "EF BB BF" if fault.code == lexer.BYTE_ORDER else fault.got or _word(data, fault, end)
+    return what, expected, found or "the end of the line"
+
+
+def _word(data: bytes, fault: ProgramFault, end: int | None) -> str:
+    if end is not None:
+        return _plain(data[fault.place : end])
+    return _plain(data[fault.place : fault.place + 4])[:1]
 
 
 def excerpt(line: str, column: int, width: int) -> str:
@@ -129,14 +144,16 @@ class Lexed(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """A program's text as words.
 
     `traits` (n,) has the bits of :mod:`lexer <ph_post.gcode.lexer>` for each line; `end` is the line
-    of the closing ``%``, the number of lines where there is none, or the line of `fault`.
+    of the closing ``%``, the number of lines where there is none. `whys` (n,) has the faults of lines, with
+    ``lexer.FAULT`` or ``lexer.QUIET``, and `spots` (n,) their bytes, from 1.
     """
 
     lines: PlaceArray
     words: WordTable
     traits: ByteArray
     end: int
-    fault: ProgramFault | None
+    whys: ByteArray
+    spots: PlaceArray
 
 
 def lines_of(data: bytes, name: str) -> PlaceArray:
@@ -173,10 +190,10 @@ def _find_lines(data: bytes) -> tuple[PlaceArray, ProgramFault | None]:
 
 
 def read_words(data: bytes, lines: PlaceArray) -> Lexed:
-    """Read the words of a program up to its closing ``%`` or to the first fault."""
+    """Read the words of a program up to its closing ``%``."""
     text = np.frombuffer(data, np.uint8)
     lexed = _read_words(text, lines, int(lexer.count_letters(text, False)))
-    if lexed.fault is not None and lexed.fault.code == lexer.FULL:  # what looks like a comment is in a name
+    if lexed.end < 0:  # what looks like a comment is in a name
         lexed = _read_words(text, lines, int(lexer.count_letters(text, True)))
     return lexed
 
@@ -185,12 +202,12 @@ def _read_words(text: ByteArray, lines: PlaceArray, room: int) -> Lexed:
     blocks, starts, ends = (np.empty(room, np.int32) for _ in range(3))
     letters, digits, decimals = np.empty(room, np.uint8), np.empty(room, np.int64), np.empty(room, np.int16)
     out = (blocks, letters, starts, ends, np.empty(room), digits, decimals)
-    traits = np.zeros(lines.size - 1, np.uint8)
-    count, end, why, place = lexer.lex(text, lines, out, traits)
-    fault = ProgramFault(block=int(end), place=int(place), code=int(why)) if why else None
+    traits, whys = np.zeros(lines.size - 1, np.uint8), np.zeros(lines.size - 1, np.uint8)
+    spots = np.zeros(lines.size - 1, np.int32)
+    count, end = lexer.lex(text, lines, out, traits, whys, spots)
     block, letter, start, stop, value, digits, decimals = (_cut(column, count) for column in out)
     words = WordTable(block=block, letter=letter, start=start, end=stop, value=value, digits=digits, decimals=decimals)
-    return Lexed(lines=lines, words=words, traits=traits, end=int(end), fault=fault)
+    return Lexed(lines=lines, words=words, traits=traits, end=int(end), whys=whys, spots=spots)
 
 
 def _cut(column: Any, count: int) -> Any:

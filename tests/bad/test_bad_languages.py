@@ -16,6 +16,6 @@ CASES = sorted(file for file in HERE.iterdir() if file.suffix in DIALECTS)
 def test_a_bad_program_is_refused_in_its_line_with_a_caret(case, monkeypatch):
     monkeypatch.chdir(HERE)
     with pytest.raises(InputError) as refusal:
-        read_program_file(case.name, dialect=DIALECTS[case.suffix])
+        read_program_file(case.name, dialect=DIALECTS[case.suffix], strict=True)
     shown = "".join(f"{part}\n" for part in (str(refusal.value), refusal.value.excerpt) if part)
     assert shown == (HERE / f"{case.name}.error").read_text(encoding="utf-8")

@@ -21,7 +21,7 @@ ACCEPTED_BY_LINUXCNC = {"binary"}
 def test_a_bad_program_is_refused_in_its_line_with_a_caret(case, monkeypatch):
     monkeypatch.chdir(HERE)
     with pytest.raises(InputError) as refusal:
-        read_program_file(f"{case.stem}.ngc")
+        read_program_file(f"{case.stem}.ngc", strict=True)
     shown = "".join(f"{part}\n" for part in (str(refusal.value), refusal.value.excerpt) if part)
     assert shown == case.read_text(encoding="utf-8")
 

@@ -19,6 +19,7 @@ from ph_post.units import MM, MM_PER_MIN
 HEAD = "%\nO1234 (PART)\nG21\nG17 G90 G94 G40 G49 G80\nG54\nG0 X0. Y0. Z0.\nG1 X10. Y10. F500.\n"
 LINES = HEAD.count("\n")
 TAIL = "M30\n%\n"
+INCREMENTS = "lengths without a decimal point count 1e-3 mm or 1e-4 inch (fanuc+calculator: 1)"
 
 
 def read(body: str, **more: bool):
@@ -57,11 +58,11 @@ def test_words_that_move_nothing_are_seen_through(body: str) -> None:
 @pytest.mark.parametrize(
     ("body", "told"),
     [
-        ("G1 X20 Y10.\n", (1, 4, "number without a decimal point: X20")),
-        ("G1 X-\t20 Y10.\n", (1, 4, "number without a decimal point: X-\t20")),
-        ("G1 X20. Y-5\n", (1, 9, "number without a decimal point: Y-5")),
-        ("G3 X10. Y10. I5 J0.\n", (1, 14, "number without a decimal point: I5")),
-        ("G92 X100\n", (1, 5, "number without a decimal point: X100")),
+        ("G1 X20 Y10.\n", (1, 4, f"{INCREMENTS}: X20")),
+        ("G1 X-\t20 Y10.\n", (1, 4, f"{INCREMENTS}: X-\t20")),
+        ("G1 X20. Y-5\nX30\nX-40\n", (1, 9, f"{INCREMENTS}: Y-5")),
+        ("G3 X10. Y10. I5000 J0.\n", (1, 14, f"{INCREMENTS}: I5000")),
+        ("G92 X100\n", (1, 5, f"{INCREMENTS}: X100")),
         ("G4 X2\n", (1, 4, "dwell without a decimal point: X2")),
         ("G2 X20. Y10. I5. J0. P2\n", (1, 22, "word that no other on the line uses: P2")),
         ("#101=20.\n", (1, 1, "parameter: #101=20.")),
@@ -89,12 +90,27 @@ def test_what_is_not_understood_is_named_at_its_place(body: str, told: tuple[int
 
 
 @pytest.mark.parametrize(
-    "body", ["G1 X20 Y10.\n", "#101=20.\n", "G65 P9010\n", "G12.1\n", "G68.2 I0. J45. K0.\n", "G92 X100\n"]
+    "body", ["G28 U0.\n", "#101=20.\n", "G65 P9010\n", "G12.1\n", "G68.2 I0. J45. K0.\n", "G2 X20. Y10. I5. J0. P2\n"]
 )
 def test_nothing_is_known_of_the_position_behind_what_is_not_understood(body: str) -> None:
     program = read(body + "G21 G17 G90 G94 G1 Y30. F100.\n")
     behind = program.motions.start[program.motions.block >= LINES + 1]
     assert np.isnan(behind[:, 0]).all()
+
+
+@pytest.mark.parametrize(
+    ("dialect", "units", "step"), [("fanuc", "G21", 1e-3), ("fanuc+isc", "G21", 1e-4), ("fanuc", "G20", 25.4e-4)]
+)
+def test_numbers_without_a_point_count_in_the_increments_of_the_control(dialect, units, step) -> None:
+    body = f"{units}\nG0 X0 Y0\nG1 X20000 Y5. F100.\nG91 X-5000\nG90 G2 X15000 I0 J2500\n"
+    program = read_as(dialect, (HEAD + body + TAIL).encode(), "a.nc")
+    counts = "1e-4 mm or 1e-5 inch" if "isc" in dialect else "1e-3 mm or 1e-4 inch"
+    said = [note.what.partition(" (")[0] for note in program.notes]
+    assert said == [f"lengths without a decimal point count {counts}"]
+    point = 25.4 if units == "G20" else 1.0
+    expected = [[0, 0], [20000 * step, 5 * point], [15000 * step, 5 * point], [15000 * step, 5 * point]]
+    np.testing.assert_allclose(program.motions.end[-4:, :2] * 1e3, expected, rtol=1e-12)
+    np.testing.assert_allclose(program.motions.center[-1] * 1e3, [15000 * step, 5 * point + 2500 * step], rtol=1e-12)
 
 
 def test_numbers_without_a_point_are_millimetres_where_the_dialect_says_so() -> None:

@@ -108,10 +108,16 @@ def test_extrusion_is_no_part_of_the_path() -> None:
 
 
 def test_a_tool_change_forgets_the_place_and_keeps_the_modes() -> None:
-    program = read("G91\nG1 X1 F60\nT1\nG1 X2\n")
+    program = read("G91\nG1 X1 F60\nT1\nG1 X2\nG90\nG1 X5\n")
     assert [one.kind for one in program.breaks] == ["beginning", "not understood", "end"]
     assert np.isnan(program.motions.end[1, 0])
     assert not program.modal_after(3).absolute
+
+
+def test_increments_behind_a_tool_change_need_no_place() -> None:
+    motions = read("G91\nG1 X1 F60\nT1\nG1 X2\n").motions
+    assert motions.chain.tolist() == [0, 1]
+    assert ((motions.end - motions.start)[:, 0] / MM).tolist() == pytest.approx([1.0, 2.0])
 
 
 def test_a_macro_forgets_the_modes_too() -> None:
@@ -127,7 +133,10 @@ def test_a_move_before_any_feed_is_read() -> None:
     program = read("G28\nG1 Z5\nG1 X1 F600\n")
     assert np.isnan(program.motions.feed[0])
     with pytest.raises(InputError, match="feed"):
-        read_program(b"G1 Z5\n", "a.ngc")
+        read_program(b"G1 Z5\n", "a.ngc", strict=True)
+    plain = read_program(b"G1 Z5\n", "a.ngc")
+    assert np.isnan(plain.motions.feed[0])
+    assert [note.what for note in plain.notes] == ["cut without a feed: G1"]
 
 
 @pytest.mark.parametrize(

@@ -230,7 +230,7 @@ def test_modal_calls_end_with_their_end() -> None:
 )
 def test_what_is_refused(text: str, words: str) -> None:
     with pytest.raises(InputError) as error:
-        _read(f"{BEGIN}{text}\nM30\n")
+        read_as("siemens", f"{BEGIN}{text}\nM30\n".encode(), "part.mpf", strict=True)
     assert str(error.value) == words
 
 

@@ -1,6 +1,7 @@
 """Modal states, breaks and positions that get lost, against what the words mean by the book."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,13 +12,13 @@ from ph_post.gcode.read import read_program
 HEAD = "G21 G90 G17 G94 F600\nG0 X0 Y0 Z0\n"
 
 
-def read(body, head=HEAD):
-    return read_program((head + body).encode(), "a.ngc")
+def read(body, head=HEAD, **options):
+    return read_program((head + body).encode(), "a.ngc", **options)
 
 
-def ends(program):
-    """Ends of the motions behind the head [mm]."""
-    return (program.motions.end[1:] * 1e3).round(9).tolist()
+def ends(program, place="end"):
+    """Ends, or starts, of the motions behind the head [mm]."""
+    return (getattr(program.motions, place)[1:] * 1e3).round(9).tolist()
 
 
 def kinds(program):
@@ -101,37 +102,90 @@ def test_inches_are_inches():
 
 
 @pytest.mark.parametrize(
-    ("words", "kind"),
+    ("words", "kind", "lost"),
     [
-        ("T1 M6", "tool change"),
-        ("M61 Q1", "tool change"),
-        ("G28", "home"),
-        ("G30 Z5", "home"),
-        ("G38.2 Z-5 F10", "probe"),
-        ("G54", "frame"),
-        ("G43 H1", "frame"),
-        ("G49", "frame"),
-        ("G10 L2 P1 X0", "frame"),
-        ("G52 X5", "frame"),
-        ("G92.1", "frame"),
-        ("G92.3", "frame"),
-        ("G1 A90", "not understood"),
-        ("G81 X1 Z-5 R1", "not understood"),
-        ("G1 X#5", "not understood"),
-        ("M98 P5", "not understood"),
-        ("M106", "not understood"),
-        ("G187", "not understood"),
+        ("T1 M6", "tool change", "XYZ"),
+        ("M61 Q1", "tool change", "XYZ"),
+        ("G28", "home", "XYZ"),
+        ("G28 X5 Y0", "home", "XY"),
+        ("G91 G28 Z0", "home", "Z"),
+        ("G30 Z5", "home", "Z"),
+        ("G28 A0", "home", ""),
+        ("G38.2 Z-5 F10", "probe", "Z"),
+        ("G54", "frame", "XYZ"),
+        ("G43 H1", "frame", "Z"),
+        ("G43.1 X1", "frame", "XZ"),
+        ("G18 G43 H1", "frame", "XYZ"),
+        ("G49", "frame", "Z"),
+        ("G10 L2 P1 X0", "frame", "X"),
+        ("G10 L2 P1 X0 R5", "frame", "XYZ"),
+        ("G10 L20 P1 Y0", "frame", "Y"),
+        ("G10 L20 P0 Y0", "frame", ""),
+        ("G10 L1 P1 Z5", "frame", "Z"),
+        ("G10 L50", "frame", "XYZ"),
+        ("G52 X5", "frame", "X"),
+        ("G92.1", "frame", "XYZ"),
+        ("G92.3", "frame", "XYZ"),
+        ("G53 G0 Z0 A5", "machine coordinates", "Z"),
+        ("G1 A90", "not understood", ""),
+        ("G1 U90", "not understood", "XYZ"),
+        ("G81 X1 Z-5 R1", "not understood", "XYZ"),
+        ("G1 X#5", "not understood", "XYZ"),
+        ("M98 P5", "not understood", "XYZ"),
+        ("M106", "not understood", ""),
+        ("G9 G1 Y0", "not understood", ""),
+        ("M150", "not understood", "XYZ"),
+        ("G187", "not understood", "XYZ"),
     ],
 )
-def test_behind_a_break_the_place_is_known_by_absolute_words_only(words, kind):
+def test_behind_a_break_the_place_of_what_may_have_moved_is_known_by_absolute_words_only(words, kind, lost):
     program = read(f"G1 X1\n{words}\nG90 G0 X7\n")
     assert kinds(program) == [(kind, 3, 2)]
     if words == "M98 P5":  # a subprogram may leave any mode behind, so nothing is known of what follows
         assert program.motions.block.size == 2
         return
     assert program.motions.chain.tolist() == [0, 0, 1]
-    assert np.isnan(program.motions.start[-1]).all()
-    np.testing.assert_array_equal(program.motions.end[-1], [7e-3, np.nan, np.nan])
+    before = np.where([axis in lost for axis in "XYZ"], np.nan, [1e-3, 0.0, 0.0])
+    np.testing.assert_array_equal(program.motions.start[-1], before)
+    np.testing.assert_array_equal(program.motions.end[-1], [7e-3, *before[1:]])
+
+
+def test_a_rotary_axis_beside_the_others_leaves_them_where_the_line_says():
+    program = read("G1 X1 A90\nG91 Y1 A90\nG90 G1 X7\n")
+    assert ends(program) == [[7, 1, 0]]
+    assert ends(program, "start") == [[1, 1, 0]]
+
+
+def test_a_work_offset_that_is_not_in_force_moves_nothing():
+    program = read("G55 G0 X0 Y0 Z0\nG10 L2 P1 X5\nG10 L20 P2 X5\nG1 X6\n")
+    assert ends(program, "start")[-1] == [5, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "G91 G0 X1 Y1\nG1 X5 Y2\nG2 X2 Y2 I2\n",
+        "G90 G2 I5 J5\n",
+        "G91 G1 X5\nG1 Y5\nG28\nG1 X-2 Y1\n",
+        "G91 G1 X5 Y5 Z1\nG92 X0\nG90 G1 X2\nG91 Y5\n",
+    ],
+)
+def test_increments_need_no_place_to_begin_at(words):
+    motions = read_program(f"G21 G17 F600\n{words}M2\n".encode(), "a").motions
+    assert motions.block.size == len(re.findall(r"G2 |G0 |G1 |G91 Y", words))
+    assert np.isfinite(motions.start[:, :2]).all()
+    assert np.isfinite(motions.end[:, :2]).all()
+
+
+def test_an_axis_that_a_word_places_later_is_not_known_before():
+    motions = read_program(b"G21 G91 F600\nG1 X1 Y1\nG1 X1 Y1\nG90 G1 X5\nM2\n", "a").motions
+    np.testing.assert_array_equal(motions.end[:, 0], [np.nan, np.nan, 5e-3])
+    np.testing.assert_array_equal(motions.end[:, 1], [1e-3, 2e-3, 2e-3])
+
+
+def test_an_arc_about_an_absolute_centre_needs_a_place():
+    program = read_program(b"G21 G17 G90.1 F600\nG2 I5 J5\nM2\n", "a")
+    assert [note.what for note in program.notes] == ["arc from an unknown position: G2 I5 J5"]
 
 
 def test_what_is_seen_through_breaks_nothing():
@@ -216,7 +270,7 @@ def test_radii_may_differ_as_linuxcnc_lets_them():
     read("G2 X10.02 Y0 I5 J0\n")
     read("G2 X1000.4 Y0 I500 J0\n")
     with pytest.raises(InputError, match="radii of the arc differ"):
-        read("G2 X10.06 Y0 I5 J0\n")
+        read("G2 X10.06 Y0 I5 J0\n", strict=True)
 
 
 def test_splines_have_their_control_points():

@@ -11,6 +11,7 @@ PLANE = "spline in another plane than G17"
 COMPUTED = "value that is computed"
 AXIS = "axis other than X, Y and Z"
 FRAME = "motion in a turned, scaled, polar or diameter frame"
+OTHERS = " of other controllers, which moves nothing"
 SPECIAL = "word of one controller, or of more digits than are kept"
 
 
@@ -37,7 +38,11 @@ def notes(program):
         ("G187 M3\n", [(2, 2, 1, "unknown G word: G187")]),
         ("G-810 X1\n", [(2, 2, 1, "unknown G word: G-810")]),
         ("G1.05\nG100\n", [(2, 3, 1, "unknown G word: G1.05")]),
-        ("M3 M106 S5\n", [(2, 2, 4, "unknown M word: M106")]),
+        ("M3 M150 S5\n", [(2, 2, 4, "unknown M word: M150")]),
+        ("M3 M106 S5\n", [(2, 2, 4, f"M word{OTHERS}: M106")]),
+        ("G9 G1 X5\n", [(2, 2, 1, f"G word{OTHERS}: G9")]),
+        ("G65 P1\n", [(2, 2, 1, "subprogram: G65")]),
+        ("M97 P1\n", [(2, 2, 1, "subprogram: M97")]),
         ("G1 X5 R2\n", [(2, 2, 7, "word that no other on the line uses: R2")]),
         ("P2\nH1\nM8 K0\n", [(2, 4, 1, "word that no other on the line uses: P2")]),
         ("G54\nG54 P3\n", [(3, 3, 5, "word that no other on the line uses: P3")]),
@@ -99,6 +104,17 @@ def last_end(program):
         ("/M8\n", True),
         ("G#1\n", False),
         ("M72\n", False),
+        ("G65 P9\n", False),
+        ("M97 P9\n", False),
+        ("G9 M106\n", True),
+        ("G68.2 R5\n", False),
+        ("G12.1\n", False),
+        ("/G69\n", True),
+        ("G68 R5\n/G69\n", False),
+        ("G90 G91\n", False),
+        ("G90 X&\n", True),
+        ("G91 X&\n", False),
+        ("G20 (open\n", False),
         ("G68 R5\n", False),
         ("G68 R5\nG69\n", True),
         ("G7\n", False),

@@ -45,7 +45,7 @@ def test_lines_and_arcs_lead_where_they_say():
 
 def test_an_arc_without_a_centre_is_refused_with_its_place():
     with pytest.raises(InputError) as refusal:
-        read_program(b"G0 X0 Y0 F100\nG2 X10\n", "a.ngc")
+        read_program(b"G0 X0 Y0 F100\nG2 X10\n", "a.ngc", strict=True)
     assert str(refusal.value).startswith("a.ngc:2:1: arc without centre or radius; ")
     assert refusal.value.excerpt == "    G2 X10\n    ^^"
 
@@ -53,4 +53,4 @@ def test_an_arc_without_a_centre_is_refused_with_its_place():
 @pytest.mark.parametrize("turns", [b"0", b"1.5", b"1001", b"1000000000"])
 def test_an_arc_of_absurdly_many_turns_is_refused(turns):
     with pytest.raises(InputError, match="a whole P from 1 to 1000"):
-        read_program(b"G0 X0 Y0\nG3 X0 Y0 I5 P" + turns + b" F100\nM2\n", "a.ngc")
+        read_program(b"G0 X0 Y0\nG3 X0 Y0 I5 P" + turns + b" F100\nM2\n", "a.ngc", strict=True)

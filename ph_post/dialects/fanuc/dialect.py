@@ -128,11 +128,12 @@ def _with_inverse_time(dialect: Dialect) -> Dialect:
 
 
 def _with_isc(dialect: Dialect) -> Dialect:
-    return replace(dialect, numbers=replace(dialect.numbers, decimals=_DECIMALS + 1))
+    language = Language(read=partial(dialect.language.read or read_fanuc, decimals=_DECIMALS + 1))
+    return replace(dialect, numbers=replace(dialect.numbers, decimals=_DECIMALS + 1), language=language)
 
 
 def _with_calculator(dialect: Dialect) -> Dialect:
-    return replace(dialect, language=Language(read=partial(read_fanuc, calculator=True)))
+    return replace(dialect, language=Language(read=partial(dialect.language.read or read_fanuc, calculator=True)))
 
 
 _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {

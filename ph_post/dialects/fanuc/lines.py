@@ -21,7 +21,6 @@ _MACRO: Final = re.compile(MACRO)
 _LOOP: Final = re.compile(rb"(DO|END)[ \t]*(\d+)")
 _JUMP: Final = re.compile(rb"GOTO[ \t]*(\d*)")
 
-_LENGTHS: Final = frozenset((b"X", b"Y", b"Z", b"I", b"J", b"K", b"R"))
 _MODES: Final[Mapping[float, tuple[bytes, str]]] = {
     7.1: (b"G68", "cylindrical interpolation"),
     12.1: (b"G68", "polar interpolation"),
@@ -180,31 +179,21 @@ class Editor:
                     self._note("dwell without a decimal point", start, end)
 
     def _lengths(self) -> None:
-        """Take the sense from motions whose lengths have no decimal point, or whose P means nothing here."""
-        words = [] if self._calculator else [word for word in self._words if self._is_bare(word)]
-        if _ARCS & self._codes.keys():
-            words += [word for word in self._words if word[0] == b"P"]
+        """Take the sense from arcs whose P means nothing here, and from L20, which sets another work offset."""
+        for letter, number, start, _ in self._words:
+            if 10.0 in self._codes and letter == b"L" and float(number) == 20.0:
+                self._put(start, start + 1 + len(number), b"L2")
+        words = [word for word in self._words if word[0] == b"P"] if _ARCS & self._codes.keys() else []
         if not words or {10.0, 28.0, 30.0, 53.0} & self._codes.keys():
             return
-        letter, _, start, end = words[0]
-        what = "number without a decimal point" if letter != b"P" else "word that no other on the line uses"
-        self._note(what, start, end)
-        if {92.0, 52.0} & self._codes.keys():
-            for one in self._words:
-                if one[0] in b"XYZ":
-                    self._put(one[2], one[3])
-            return
+        _, _, start, end = words[0]
+        self._note("word that no other on the line uses", start, end)
         # A further axis is what makes the reader give the position up, whatever else the line says.
         present = {one[0] for one in self._words}
-        spare = next((axis for axis in (b"A", b"B", b"C", b"U") if axis not in present), b"A")
+        spare = next((axis for axis in (b"U", b"V", b"W") if axis not in present), b"U")
         for _, _, first, last in words:
             self._put(first, last)
         self._put(start, end, spare + b"0")
-
-    @staticmethod
-    def _is_bare(word: tuple[bytes, bytes, int, int]) -> bool:
-        letter, number, _, _ = word
-        return letter in _LENGTHS and b"." not in number and float(number) != 0.0
 
 
 def jumps_and_loops(

@@ -1,9 +1,9 @@
 """Read Fanuc programs: RS274 with a dozen words of its own, and NURBS by G06.2.
 
-The words are documented in :mod:`ph_post.dialects.fanuc.dialect`. A length without a decimal point may be
-millimetres or increments (parameter 3401): its motion is not understood, unless the dialect says that such
-numbers are millimetres. Custom macros (``#1=``, ``IF``, ``WHILE``, ``GOTO``, G65 to G67) are not run: the lines
-that they may repeat, skip or move are passed through. NURBS become the rational Bézier curves between knots.
+The words are documented in :mod:`ph_post.dialects.fanuc.dialect`. A length without a decimal point counts in
+increments, or in millimetres (parameter 3401, bit 0), as the dialect says, and a note says so once. Custom macros
+(``#1=``, ``IF``, ``WHILE``, ``GOTO``, G65 to G67) are not run: the lines that they may repeat, skip or move are passed
+through. NURBS become the rational Bézier curves between knots.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
 import msgspec
@@ -25,8 +26,8 @@ from ph_post.dialects.reading import (
     read_translated,
     text_of,
 )
-from ph_post.gcode.program import AXES, NURBS, NurbsData, PartProgram, PlaceArray
-from ph_post.gcode.words import lines_of
+from ph_post.gcode.program import AXES, NURBS, Language, Note, NurbsData, PartProgram, PlaceArray, WordTable
+from ph_post.gcode.words import lines_of, read_words
 from ph_post.geometry.exact_polynomials import floats
 from ph_post.geometry.nurbs import bezier_spans
 from ph_post.types import frozen, sealed
@@ -186,8 +187,8 @@ def with_nurbs(program: PartProgram, nurbs: Sequence[NurbsBlocks]) -> PartProgra
 
 
 _ODD: Final = re.compile(
-    rb"[XYZIJKR][ \t]*[-+]?[ \t]*\d+(?![\d.])"
-    rb"|G0*[45789](?!\d)|G\d+\.\d|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<|" + MACRO,
+    rb"G0*[45789](?!\d)|G\d+\.\d|G10(?!\d)|G2[2356](?!\d)|G6[567](?!\d)|G0*[23](?!\d)[^\n\r]*P|M198|^[ \t]*:|<|"
+    + MACRO,
     re.MULTILINE,
 )
 """What a line has that RS274 reads otherwise or not at all, or may have."""
@@ -195,7 +196,47 @@ _ODD: Final = re.compile(
 _NO_CALL: Final = re.compile(rb"G67(?!\d)")
 
 
-def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgram:
+_LENGTHS: Final = np.isin(np.arange(256), [ord(letter) for letter in "XYZIJKRUVW"])
+"""Letters of lengths."""
+
+
+def in_increments(words: WordTable, data: bytes, *, decimals: int) -> WordTable:
+    """Return words whose lengths without a decimal point count in increments.
+
+    Parameters
+    ----------
+    words : WordTable
+    data : bytes
+        Their text.
+    decimals : int
+        Those of a mm; an inch has one more (increment system IS-B: 0.001 mm, 0.0001 inch).
+
+    Examples
+    --------
+    >>> from ph_post.gcode.words import lines_of, read_words
+    >>> data = b"G1 X100 Y1. Z0"
+    >>> in_increments(read_words(data, lines_of(data, "a")).words, data, decimals=3).value.tolist()
+    [1.0, 0.1, 1.0, 0.0]
+    """
+    bare = _without_point(words, data)
+    units = (words.letter == ord("G")) & np.isin(words.value, (20.0, 21.0))
+    inches = np.append(0.0, words.value[units])[np.cumsum(units)] == 20.0
+    own = inches & np.isin(words.block, words.block[units])  # G20 holds for the whole of its block
+    places = np.where(bare, decimals + (inches | own), 0)
+    value = np.where(bare, words.value / 10.0**places, words.value)
+    return msgspec.structs.replace(
+        words, value=sealed(value), decimals=sealed((words.decimals + places).astype(np.int16))
+    )
+
+
+def _without_point(words: WordTable, data: bytes) -> np.ndarray:
+    """Lengths other than 0 that have no decimal point, shape (w,)."""
+    text = np.frombuffer(data, np.uint8)
+    plain = _LENGTHS[words.letter] & (words.decimals == 0) & (words.digits != 0)
+    return np.asarray(plain & (text[np.maximum(words.end - 1, 0)] != ord(".")))
+
+
+def read_fanuc(data: bytes, name: str, *, calculator: bool = False, decimals: int = 3) -> PartProgram:
     """Read a Fanuc program.
 
     Parameters
@@ -204,6 +245,8 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgr
         As for :func:`ph_post.gcode.read.read_program`.
     calculator : bool
         Whether a length without a decimal point is in millimetres (parameter 3401, bit 0).
+    decimals : int
+        Decimals of a mm in increments.
 
     Raises
     ------
@@ -237,8 +280,28 @@ def read_fanuc(data: bytes, name: str, *, calculator: bool = False) -> PartProgr
     nurbs = find_nurbs(bare, lines, curved, calculator=calculator)
     for one in nurbs:
         one.write(texts, remarks)
-    found = read_translated(data, lines, name, texts, remarks, in_place=True)
-    return _in_seconds(with_nurbs(found, nurbs), dwells)
+    rule = None if calculator else partial(in_increments, decimals=decimals)
+    found = read_translated(data, lines, name, texts, remarks, in_place=True, language=Language(lengths=rule))
+    found = _in_seconds(with_nurbs(found, nurbs), dwells)
+    return found if calculator else _say_increments(found, texts, decimals)
+
+
+def _say_increments(program: PartProgram, texts: Sequence[bytes], decimals: int) -> PartProgram:
+    """Note the first length that counts in increments."""
+    translated = b"\n".join([*texts, b""])
+    lines = lines_of(translated, program.name)
+    words = read_words(translated, lines).words
+    rows = np.flatnonzero(_without_point(words, translated) & (words.block <= program.breaks[-1].block))
+    if not rows.size:
+        return program
+    block = int(words.block[rows[0]])
+    text = translated[words.start[rows[0]] : words.end[rows[0]]].decode("ascii", "replace")
+    step = f"1e-{decimals} mm or 1e-{decimals + 1} inch (fanuc+calculator: 1)"
+    what = f"lengths without a decimal point count {step}: {text}"
+    column = int(words.start[rows[0]] - lines[block]) + 1
+    note = Note(first=block, last=block, column=column, what=what)
+    notes = sorted([*program.notes, note], key=lambda one: one.first)
+    return msgspec.structs.replace(program, notes=tuple(notes))
 
 
 def _pass(stretch: PassedLines, texts: list[bytes], remarks: dict[int, Remark]) -> None:
