@@ -1,0 +1,95 @@
+"""Programs with lines that are passed through: compensated around them, and every byte of them as it was."""
+
+import pytest
+from support.corpus import compensated, stepper
+
+from ph_post.dialects.registry import find_dialect
+from ph_post.edit.undo import undo
+from ph_post.gcode.read import read_program
+from ph_post.verify.verify import verify
+
+CIRCLE = "G1 Z-1\nG3 X20 Y0 I-20\nG0 Z5\n"
+CUTS = f"G21 G90 G17 G94 F600\nG64 P0.005 Q0\nG0 X20 Y0 Z5\n{CIRCLE}"
+MORE = f"G0 X20 Y0\n{CIRCLE}"
+MACHINE = stepper()
+LINUXCNC = find_dialect("linuxcnc")
+
+DEFECTS = {
+    "text": "# G1 X99",
+    "text-behind": "G0 X9 # there",
+    "bare-letters": "G28 X Y",
+    "bracket": "G0 X9 )",
+    "brackets": "(a (b) c)",
+    "open": "G0 X9 (open",
+    "twice": "G0 X1 X9",
+    "groups": "G0 G1 X9 Y3",
+    "name": "HOME_ALL",
+    "unknown": "M150 P3",
+    "clamp": "M10",
+    "macro": "G65 P9010\nG21 G90 G17 G94 G91.1 G64 P0.005 Q0 G0\nF600",
+    "arc": "G2 X9 Y9 I1",
+    "home": "G91 G28 Z0\nG90",
+    "length": "G43 H2",
+    "offset": "G10 L2 P1 X3",
+    "preset": "G92 X3",
+    "rotary": "G0 A90",
+    "broken-mode": "G91 &\nG90 G0",
+}
+
+
+def job(defect):
+    before = f"{CUTS}{defect}\n{MORE}M2\n"
+    return before.encode(), compensated(read_program(before.encode(), "a.ngc"), MACHINE, LINUXCNC)
+
+
+def hold(before, after):
+    """Demand the laws of every change: checked, undone to the byte, and nothing to do in a second run."""
+    one, other = read_program(before, "a.ngc"), read_program(after, "b.ngc")
+    assert verify(one, other, tolerance=5e-6, machine=MACHINE).failures == ()
+    assert undo(after, "b.ngc") == before
+    assert compensated(other, MACHINE, LINUXCNC) == after
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_leaves_the_rest_to_be_compensated_and_is_not_touched(name):
+    before, after = job(DEFECTS[name])
+    passed, rest = (after.split(DEFECTS[name].encode() + b"\n", 1)) if DEFECTS[name].encode() in after else (b"", b"")
+    assert passed.count(b"(ph-post: +") >= 1, name
+    assert rest.count(b"(ph-post: +") >= 1, name
+    hold(before, after)
+
+
+def test_increments_alone_are_compensated():
+    before = b"G21 G91 G17 G94 F600\nG64 P0.005 Q0\nG0 X1 Y1 Z1\nG1 Z-2\nG2 I20\nG1 X-9\nG3 X-20 Y20 J20\nG0 Z2\nM2\n"
+    after = compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC)
+    assert after.count(b"(ph-post: +") >= 2
+    assert b"G90 " not in after
+    hold(before, after)
+
+
+def test_a_byte_order_mark_stays_the_first_of_all():
+    before = b"\xef\xbb\xbf(part)\n" + f"{CUTS}M2\n".encode()
+    after = compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC)
+    assert after != before
+    assert after.startswith(b"\xef\xbb\xbf(part)\n(ph-post ")
+    hold(before, after)
+
+
+def test_text_behind_a_percent_sign_stays_before_the_head():
+    before = f"% O77 SO\n{CUTS}M30\n%\nO78\n{MORE}M30\n%\n".encode()
+    after = compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC)
+    assert after.startswith(b"% O77 SO\n(ph-post ")
+    assert f"%\nO78\n{MORE}M30\n%\n".encode() in after
+    hold(before, after)
+
+
+def test_a_program_with_checksums_is_left_alone():
+    before = "".join(f"N{n} {line}*57\n" for n, line in enumerate(f"{CUTS}M2".splitlines())).encode()
+    assert compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC) == before
+
+
+def test_where_no_feed_was_given_what_has_to_be_timed_is_left_alone():
+    before = (CUTS.replace("F600", "") + "M2\n").encode()
+    program = read_program(before, "a.ngc")
+    after = compensated(program, MACHINE, LINUXCNC)
+    assert after == before or verify(program, read_program(after, "b.ngc"), tolerance=5e-6, machine=MACHINE).failures == ()
