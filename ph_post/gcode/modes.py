@@ -465,7 +465,8 @@ def resolve_modes(words: Any, traits: Any, stretches: Any, end: int, columns: An
         elif high > low or traits[block]:
             for column in range(STATE):
                 before[column] = state[column]
-            parts, own = (letter, value), was if FAULT < was < QUIET else 0
+            parts = (letter, value)
+            own = int(was) if FAULT < was < QUIET else 0
             marks[block], why, fault, word = _run_block(
                 parts, low, high, traits[block], state, before, room, fixed, own
             )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ph_post.drive.axes import side_offsets
+from ph_post.errors import InputError
 from ph_post.gcode.program import PartProgram
 from ph_post.types import Machine
 from ph_post.units import MM
@@ -49,8 +52,14 @@ def verify(
     -------
     Verdict
         Every failure with its place in both programs, and counts of what was checked.
+
+    Raises
+    ------
+    InputError
+        Where a controller would refuse a line of the compensated program that it does not refuse in the original.
     """
     findings = Findings()
+    _refuse_new_faults(original, compensated)
     declared = read_declared(original, compensated)
     if declared is None:
         _check_undeclared(original, compensated, findings)
@@ -84,6 +93,29 @@ def verify(
         )
         _compare(case, machine)
     return findings.verdict()
+
+
+def _refuse_new_faults(original: PartProgram, compensated: PartProgram) -> None:
+    """Refuse a line with a fault that the original does not have."""
+    passed, whats = set(), set()
+    for note in original.notes:
+        if note.refusal is not None:
+            passed |= {original.text(block).strip() for block in range(note.first, note.last + 1)}
+            whats.add(note.refusal[0])
+    for note in compensated.notes:
+        if note.refusal is None:
+            continue
+        what, expected, got = note.refusal
+        within = note.first < compensated.breaks[-1].block and _breaks_at(compensated, note.first)
+        for block in range(note.first, note.last + 1):
+            if what not in whats or (within and compensated.text(block).strip() not in passed):
+                where = f"{compensated.name}:{block + 1}:{note.column if block == note.first else 1}"
+                raise InputError(where, what, expected=expected, got=got)
+
+
+def _breaks_at(program: PartProgram, block: int) -> bool:
+    """Return True if a line is passed through, and not only named."""
+    return not np.any(program.motions.block == block)
 
 
 def _check_undeclared(original: PartProgram, compensated: PartProgram, findings: Findings) -> None:

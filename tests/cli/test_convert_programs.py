@@ -272,9 +272,13 @@ def test_a_path_file_has_nothing_to_undo(capfdbinary):
 
 def test_standard_input_is_called_so_in_messages(capfdbinary, feed):
     feed(b"G21\nG1 X10\n")
-    status, _, said = run(capfdbinary, "convert", "-", *ROOMY, "-o", "-")
+    status, _, said = run(capfdbinary, "convert", "-", *ROOMY, "--strict", "-o", "-")
     assert status == 2
     assert said.startswith("ph-post: stdin:2:1: cut without a feed")
+    feed(b"G21\nG1 X10\n")
+    status, _, said = run(capfdbinary, "convert", "-", *ROOMY, "-o", "-")
+    assert status == 0
+    assert "stdin:2: cut without a feed: G1" in said
 
 
 def test_a_closed_standard_input_is_told_in_a_line(capfdbinary, monkeypatch):

@@ -129,7 +129,7 @@ def test_what_cannot_be_filtered_is_one_line_and_no_program(tmp_path, name, text
     place = tmp_path / name
     if text is not None:
         place.write_text(text)
-    done = call("filter", "-m", "mill", place)
+    done = call("filter", "-m", "mill", "--strict", place)
     assert done.stdout == b""
     assert said in one_line(done)
 
@@ -241,7 +241,7 @@ def test_for_a_print_host_the_backup_stays_on_this_machine(tmp_path):
 @pytest.mark.parametrize(
     ("data", "options", "said"),
     [
-        (BAD.encode(), ("-m", "stepper"), "part.gcode:7:1: radii of the arc differ"),
+        (BAD.encode(), ("-m", "stepper", "--strict"), "part.gcode:7:1: radii of the arc differ"),
         (b"", ("-m", "stepper"), "part.gcode: the file is empty; expected a part program"),
         (b"GCDE\x01\x00\x00\x00", ("-m", "stepper"), "part.gcode: binary G-code; expected text"),
         (CIRCLE.encode(), (), "no machine file is named; expected -m FILE, or PH_POST_MACHINE"),

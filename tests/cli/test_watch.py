@@ -91,7 +91,7 @@ def test_a_file_that_changes_or_is_replaced_is_converted_again(folders, tmp_path
 @pytest.mark.slow
 def test_a_bad_file_is_named_and_the_next_has_its_turn(folders):
     source, target = folders
-    with watching(source, "-o", target) as watched:
+    with watching(source, "-o", target, "--strict") as watched:
         (source / "bad.ngc").write_text(SLOT.replace("I0 J6", "I0 J7"))
         assert watched.wait_for("bad.ngc").startswith(f"ph-post: {source / 'bad.ngc'}:7:1: radii of the arc")
         (source / "empty.ngc").write_text("")

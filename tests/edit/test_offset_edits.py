@@ -283,11 +283,17 @@ def test_what_is_left_alone_is_named(text: str, why: str) -> None:
 
 
 def test_steps_from_an_unknown_place_are_named() -> None:
-    edits = plan("G21 G91 F600\nG0 X5\nG1 X10\nX-4\nM2\n")
+    edits = plan("G21 G91 F600\nG0 X5\nG1 X10\nX-4\nG90 X3\nM2\n")
     assert not edits.stops
     assert edits.warnings == (
         "axis X not compensated at 3 motions, the first in line 2: they begin where its position is not known",
     )
+
+
+def test_steps_alone_need_no_place() -> None:
+    edits = plan("G21 G91 F600\nG0 X5\nG1 X10\nX-4\nM2\n")
+    assert (1, "X") in [(stop.motion, stop.shifts[0].axis) for stop in edits.stops]
+    assert edits.warnings == ()
 
 
 def test_amplitudes_are_on_the_grid_of_the_program_s_unit() -> None:

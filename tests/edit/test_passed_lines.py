@@ -90,6 +90,4 @@ def test_a_program_with_checksums_is_left_alone():
 
 def test_where_no_feed_was_given_what_has_to_be_timed_is_left_alone():
     before = (CUTS.replace("F600", "") + "M2\n").encode()
-    program = read_program(before, "a.ngc")
-    after = compensated(program, MACHINE, LINUXCNC)
-    assert after == before or verify(program, read_program(after, "b.ngc"), tolerance=5e-6, machine=MACHINE).failures == ()
+    assert compensated(read_program(before, "a.ngc"), MACHINE, LINUXCNC) == before

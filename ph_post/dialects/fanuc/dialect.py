@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from msgspec.structs import replace
@@ -128,12 +128,18 @@ def _with_inverse_time(dialect: Dialect) -> Dialect:
 
 
 def _with_isc(dialect: Dialect) -> Dialect:
-    language = Language(read=partial(dialect.language.read or read_fanuc, decimals=_DECIMALS + 1))
-    return replace(dialect, numbers=replace(dialect.numbers, decimals=_DECIMALS + 1), language=language)
+    finer = replace(dialect.numbers, decimals=_DECIMALS + 1)
+    return replace(dialect, numbers=finer, language=_reading(dialect, decimals=_DECIMALS + 1))
 
 
 def _with_calculator(dialect: Dialect) -> Dialect:
-    return replace(dialect, language=Language(read=partial(dialect.language.read or read_fanuc, calculator=True)))
+    return replace(dialect, language=_reading(dialect, calculator=True))
+
+
+def _reading(dialect: Dialect, **how: Any) -> Language:
+    """Return the language of a dialect that is read with further options."""
+    read: Any = dialect.language.read
+    return Language(read=partial(read, **how))
 
 
 _VARIANTS: Final[Mapping[str, Callable[[Dialect], Dialect]]] = {
