@@ -12,13 +12,16 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from ph_post.bounds import check_samples
 from ph_post.compensate import shapes
 from ph_post.compensate.corner_speeds import RoundedCorners
-from ph_post.compensate.limit_curve import AxisLimits, axis_limits, build_limit_curve
+from ph_post.compensate.lead import lead_window
+from ph_post.compensate.limit_curve import AxisLimits, LimitCurve, axis_limits, build_limit_curve
 from ph_post.compensate.motion import STEADY, FeedAlong, MotionLaw
 from ph_post.compensate.nominal import SAME_PLACE, Schedule, add_plateaus, first_nodes, plan_feed
+from ph_post.compensate.room import LeadRoom
 from ph_post.compensate.shapes import soften
 from ph_post.compensate.strategies.base import ProfileRequest
 from ph_post.compensate.violations import ViolationSpans, find_violations, rounding
@@ -55,13 +58,18 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 
 class SiteSpan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
-    """Part of a site that lies on the path without a break: [s0, s1] [m] and the profile's part there."""
+    """Part of a site that lies on the path without a break: [s0, s1] [m] and the profile's part there.
+
+    `ahead` and `behind` [m] is constant feed before and behind it.
+    """
 
     site: int
     s0: float
     s1: float
     cruise: float
     shape: ProfileShape
+    ahead: float = 0.0
+    behind: float = 0.0
 
     def phases(self, cruise: float, start: float = 0.0, window: int = -1) -> list[Phase]:
         """Phases of the stretch, one a piece, where it is entered at `cruise` [m/s] and at `start` [s]."""
@@ -221,6 +229,21 @@ _ROUNDS = 60
 _PATIENCE = 12
 """Rounds after which everything is slowed, not only the stretches that break a limit."""
 
+_LED_ROUNDS = 40
+"""Rounds in which room is made for inverse dynamics; what has none then is left to be reduced there."""
+
+_LITTLE = 0.01
+"""Beyond what a led command asks for, a stretch is slowed by this part, and by more after every few rounds."""
+
+_LARGEST_STEP = 0.5
+"""No stretch is slowed by more than this factor at once for the sake of a led command."""
+
+_MOST_POINTS = 200_000
+"""Points along a path between which feeds are lowered for a led command, about."""
+
+CALM = 2.0
+"""Cells of the smoothed speed for which it is constant before and behind a profile."""
+
 _HALVINGS = 8
 """Bisections of a profile's depth: to 1/256 of it."""
 
@@ -262,8 +285,10 @@ class FeedPlanner:
         Arc lengths at which the motion stops [m].
     moving : bool
         Whether the motion begins and ends at feed; at a rapid segment it rests all the same.
-    planned : Machine, optional
-        With the limits to plan the plain feed for, where they are not those to be kept.
+    lead : float
+        Part of the inverse dynamics for which the motion leaves room: the limits hold for the command with it.
+    tail : float
+        Rest behind the end of such a motion [s].
 
     Attributes
     ----------
@@ -271,24 +296,40 @@ class FeedPlanner:
         Whether the motion runs through the seam of a closed path.
     factor : Array
         How much slower than the caps allow the motion has to be, at their points, as far as is known.
+    ease : Array
+        How much slower its speed has to change.
     """
 
     def __init__(
-        self, track: Track, machine: Machine, stops: Array, moving: bool, planned: Machine | None = None
+        self, track: Track, machine: Machine, stops: Array, moving: bool, lead: float = 0.0, tail: float = 0.0
     ) -> None:
         self.track = track
         self.limits = axis_limits(track.path.axes, machine, machine.servo_period)
         _check_feeds(track, self.limits)
-        aimed = axis_limits(track.path.axes, planned or machine, machine.servo_period)
-        inside = _planned(aimed, track)
-        caps = build_limit_curve(track, inside)
-        self._corners = RoundedCorners(track, inside, caps)
-        self.caps = self._corners.expect(caps)
-        self.factor = np.ones(self.caps.s.size)
+        window = lead_window(machine, track.path.axes) if lead > 0.0 else None
+        self.room = LeadRoom(track, machine, self.limits, window, stops, lead, tail) if window else None
+        inside = _planned(self.limits, track)
+        caps = build_limit_curve(track, inside, rounded=self.room is not None)
+        # Speeds of least time around rounded corners leave no room for a lead.
+        self._corners = RoundedCorners(track, inside, caps) if self.room is None else None
+        self.caps = self._corners.expect(caps) if self._corners is not None else caps
+        if self.room is not None:
+            self.caps = self.caps.refined(self._fine(self.room.window.spacing))
+        self.factor, self.ease = np.ones(self.caps.s.size), np.ones(self.caps.s.size)
         segments = track.path.segments
         first, last = moving and not segments[0].rapid, moving and not segments[-1].rapid
         self.looped = first and last and track.closed
-        self._nodes = self._corners.add_nodes(first_nodes(track.length, stops, (first, last)))
+        nodes = first_nodes(track.length, stops, (first, last))
+        self._nodes = self._corners.add_nodes(nodes) if self._corners is not None else nodes
+
+    def _fine(self, spacing: float) -> float:
+        """Distance of the points at which a stretch may be slowed for its lead: two cells at the usual feed [m]."""
+        usual = float(np.median(np.minimum(self.caps.programmed, float(self.limits.velocity.max()))))
+        return max(CALM * spacing * usual, self.track.length / _MOST_POINTS)
+
+    def learn(self, other: FeedPlanner, power: float = 1.0) -> None:
+        """Take over how much slower another planner of the same path had to be, or a power of it."""
+        self.factor, self.ease = other.factor**power, other.ease**power
 
     def settle(self, sites: tuple[Site, ...] = (), depth: Array | None = None) -> ValidMotion:
         """Plan a motion with a profile on every site, each `depth` (sites,) times as deep as requested.
@@ -305,11 +346,19 @@ class FeedPlanner:
         """
         depth = np.ones(len(sites)) if depth is None else depth.copy()
         refused: dict[int, str] = {}
+        near: ViolationSpans | None = None
         for attempt in range(_ROUNDS):
             candidate = self._candidate(sites, depth, refused)
             check_samples(self.track.path.name, candidate.motion.end, self.limits.period, REMEDY)
-            broken = find_violations(self.track, self.limits, candidate.motion)
-            if not broken.factor.size:
+            if self.room is not None:
+                broken, steady = self.room.violations(candidate.motion, near)
+                if near is not None and not broken.factor.size:
+                    # Where the motion was changed it keeps the limits: does it everywhere?
+                    broken, steady = self.room.violations(candidate.motion, strict=False)
+                near = broken
+            else:
+                broken = find_violations(self.track, self.limits, candidate.motion)
+            if not broken.factor.size or (self.room is not None and attempt >= _LED_ROUNDS):
                 return ValidMotion(
                     motion=candidate.motion,
                     sites=candidate.sites,
@@ -319,7 +368,10 @@ class FeedPlanner:
                 )
             guilty, elsewhere = self._guilty(candidate, broken, depth)
             self._soften(candidate, guilty, depth, refused)
-            self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)
+            if self.room is not None:
+                self._make_room(broken.where(elsewhere), steady[elsewhere], 1.0 - _LITTLE * (1 + attempt // 4))
+            else:
+                self._slow(broken.where(elsewhere), everything=attempt > _PATIENCE)
         left = f"{broken.factor.size} stretches of samples still break one"
         raise LimitError(f"no motion keeps the limits of the axes: {left}")
 
@@ -333,14 +385,53 @@ class FeedPlanner:
             else:
                 laid += parts
         s0, s1, level = np.array([(part.s0, part.s1, part.cruise) for part in laid]).reshape(-1, 3).T
+        caps = self.caps.slowed(self.factor)
+        if self.room is not None:
+            caps = caps.eased(self.ease)
+            ahead, behind = self._calm(caps, s0, s1, level)
+            laid = [replace(part, ahead=a, behind=b) for part, a, b in zip(laid, ahead, behind, strict=True)]
+            s0, s1 = s0 - ahead, s1 + behind
         nodes = add_plateaus(self._nodes, s0, s1, level, np.arange(len(laid)))
-        schedule = plan_feed(self.caps.slowed(self.factor), nodes)
+        schedule = plan_feed(caps, nodes)
         cruise = {number: site.cruise for number, site in enumerate(sites)}
         for row in np.flatnonzero(schedule.window >= 0).tolist():
             cruise[laid[schedule.window[row]].site] = float(schedule.speed[row, 0])
         planned = (msgspec.structs.replace(site, cruise=cruise[k]) for k, site in enumerate(sites))
-        motion = self._corners.quicken(assemble(schedule, sites, laid), self.factor)
+        motion = assemble(schedule, sites, laid)
+        if self.room is not None:
+            motion = self.room.smooth(motion)
+        elif self._corners is not None:
+            motion = self._corners.quicken(motion, self.factor)
         return _Candidate(motion, tuple(planned))
+
+    def _calm(self, caps: LimitCurve, s0: Array, s1: Array, level: Array) -> tuple[list[float], list[float]]:
+        """Way of constant feed [m] before and behind profiles, as far as caps and neighbours allow."""
+        assert self.room is not None
+        wanted = CALM * self.room.window.spacing * level
+        order = np.argsort(s0)
+        edges = np.concatenate([[-np.inf], np.stack([s0[order], s1[order]], axis=1).ravel(), [np.inf]])
+        free = np.empty((2, s0.size))
+        free[0, order], free[1, order] = np.diff(edges)[::2][:-1], np.diff(edges)[::2][1:]
+        free[0], free[1] = np.minimum(0.5 * free[0], s0), np.minimum(0.5 * free[1], self.track.length - s1)
+        for number in range(s0.size):
+            low = np.flatnonzero(caps.soft < level[number] * (1.0 - 1e-9))
+            before, after = caps.s[low[caps.s[low] < s0[number]]], caps.s[low[caps.s[low] > s1[number]]]
+            free[0, number] = min(free[0, number], s0[number] - before[-1] if before.size else np.inf)
+            free[1, number] = min(free[1, number], after[0] - s1[number] if after.size else np.inf)
+        ahead, behind = np.clip(np.minimum(free, wanted), 0.0, None).tolist()
+        return ahead, behind
+
+    def _make_room(self, broken: ViolationSpans, steady: BoolArray, beyond: float) -> None:
+        """Lower the feed where it is too fast by itself, and let it change slower where only that asks for too much."""
+        s = self.caps.s
+        for slower, which in ((self.factor, steady), (self.ease, ~steady)):
+            once = np.ones(s.size)
+            spans = broken.where(which)
+            first = np.maximum(np.searchsorted(s, spans.s0, side="right") - 1, 0)
+            last = np.minimum(np.searchsorted(s, spans.s1, side="left"), s.size - 1)
+            for i, j, factor in zip(np.minimum(first, last), np.maximum(first, last), spans.factor, strict=True):
+                once[i : j + 1] = np.minimum(once[i : j + 1], max(beyond * factor, _LARGEST_STEP))
+            np.multiply(slower, once, out=slower)
 
     def _lay(self, number: int, site: Site, depth: float) -> list[SiteSpan] | str:
         """Put a profile on the path so deep, or say why that cannot be done."""
@@ -414,8 +505,11 @@ def _check_feeds(track: Track, limits: AxisLimits) -> None:
 def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[SiteSpan]) -> MotionLaw:
     """Replace the plateaus of a schedule by the profiles laid on them, a phase for every piece."""
     plateaus = np.flatnonzero(schedule.window >= 0)
+    parts = [laid[number] for number in schedule.window[plateaus].tolist()]
+    levels = schedule.speed[plateaus, 0].tolist()
+    laid_out = [_with_calm(part, level) for part, level in zip(parts, levels, strict=True)]
     count = np.ones(schedule.s.size, dtype=np.int64)
-    count[plateaus] = [len(laid[number].shape.pieces) for number in schedule.window[plateaus].tolist()]
+    count[plateaus] = [len(phases) for phases in laid_out]
     # Constant speed is of degree 0, so that it is recognised and evaluated without rounding.
     group = 1 * np.all(schedule.speed == schedule.speed[:, :1], axis=1)
     row = np.where(group == 1, np.cumsum(group), np.cumsum(1 - group)) - 1
@@ -424,15 +518,26 @@ def assemble(schedule: Schedule, sites: tuple[Site, ...], laid: list[SiteSpan]) 
     duration, s, group, row = schedule.duration[source], schedule.s[source], group[source], row[source]
     window = np.full(source.size, -1)
     tables: dict[int, list[Array]] = {}
-    for k, at in zip(plateaus.tolist(), (np.cumsum(count) - count)[plateaus].tolist(), strict=True):
-        part = laid[schedule.window[k]]
-        for i, phase in enumerate(part.phases(float(schedule.speed[k, 0])), at):
+    first = (np.cumsum(count) - count)[plateaus].tolist()
+    for part, phases, begin in zip(parts, laid_out, first, strict=True):
+        for i, phase in enumerate(phases, begin):
             table = tables.setdefault(phase.speed.size, [])
-            duration[i], s[i], window[i] = phase.duration, phase.s, sites[part.site].window
+            duration[i], s[i] = phase.duration, phase.s
+            window[i] = sites[part.site].window if phase.window >= 0 else -1
             group[i], row[i] = len(speeds) + list(tables).index(phase.speed.size), len(table)
             table.append(phase.speed)
     speeds += [np.array(table) for table in tables.values()]
     return MotionLaw(duration, s, speeds, group, row, window)
+
+
+def _with_calm(part: SiteSpan, level: float) -> list[Phase]:
+    """Phases of a profile, and the constant feed before and behind it."""
+    own = part.phases(level, window=0)
+    ways = ((part.s0 - part.ahead, part.ahead), (part.s1, part.behind))
+    ahead, behind = (
+        [Phase(start=0.0, duration=way / level, s=s, speed=frozen([level]))] if way > 0.0 else [] for s, way in ways
+    )
+    return [*ahead, *own, *behind]
 
 
 def _planned(limits: AxisLimits, track: Track) -> AxisLimits:

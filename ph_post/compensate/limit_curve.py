@@ -238,6 +238,43 @@ class LimitCurve(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             room_j=self.room_j * f3[:, None],
         )
 
+    def eased(self, factor: Array) -> LimitCurve:
+        """Let changes of the speed take 1 / `factor` (n,) of the time: acceleration and jerk go with its powers."""
+        f2, f3 = factor**2, factor**3
+        return msgspec.structs.replace(
+            self, acceleration=self.acceleration * f2, cross=self.cross * f2, jerk=self.jerk * f3
+        )
+
+    def refined(self, spacing: float) -> LimitCurve:
+        """Add points where neighbours are farther apart than `spacing` [m], so that each stretch can be slowed alone.
+
+        On a straight line what is between two points is as free as the freer of them: only joints bind there.
+        """
+        step = np.diff(self.s)
+        count = np.ceil(step / spacing).astype(np.int64)
+        cells = np.flatnonzero(count > 1)
+        more = count[cells] - 1
+        at = np.repeat(cells, more)
+        part = (np.arange(at.size) - np.repeat(np.cumsum(more) - more, more) + 1.0) / count[at]
+        straight = (largest(self.normal[at]) == 0.0) & (largest(self.normal[at + 1]) == 0.0)
+
+        def between(values: Array, strictest: np.ufunc, freest: np.ufunc) -> Array:
+            low, high = values[at], values[at + 1]
+            free = straight if values.ndim == 1 else straight[:, None]
+            return np.insert(values, at + 1, np.where(free, freest(low, high), strictest(low, high)), axis=0)
+
+        allowed = {name: between(getattr(self, name), np.minimum, np.maximum) for name in _ALLOWED}
+        taken = {name: between(getattr(self, name), np.maximum, np.minimum) for name in _TAKEN}
+        place = np.insert(self.s, at + 1, self.s[at] + part * step[at])
+        return LimitCurve(s=place, **allowed, **taken)
+
+
+_ALLOWED = ("programmed", "hard", "soft", "acceleration", "cross", "jerk", "room_a", "room_j")
+"""What a limit curve allows."""
+
+_TAKEN = ("tangent", "normal", "bend")
+"""What the path takes of it."""
+
 
 def axis_limits(axes: tuple[str, ...], machine: Machine, period: float) -> AxisLimits:
     """Limits of `axes` in their order."""
@@ -250,8 +287,11 @@ def axis_limits(axes: tuple[str, ...], machine: Machine, period: float) -> AxisL
     return AxisLimits(values=frozen(values), period=period)
 
 
-def build_limit_curve(track: Track, limits: AxisLimits) -> LimitCurve:
-    """Evaluate the limits along the path on a grid that is fine where they change."""
+def build_limit_curve(track: Track, limits: AxisLimits, *, rounded: bool = False) -> LimitCurve:
+    """Evaluate the limits along the path on a grid that is fine where they change.
+
+    With `rounded` jumps of the curvature ask for nothing: the command goes over them smoothly.
+    """
     feeds = np.array([_feed(track, int(segment)) for segment in track.segment])
     fastest = fastest_speeds(track)
 
@@ -263,7 +303,7 @@ def build_limit_curve(track: Track, limits: AxisLimits) -> LimitCurve:
 
     piece, u = build_grid(track, fastest, cap)
     shape = _shape(track, fastest, piece, u)
-    joint, room_a, room_j = _joint_room(track, limits, piece, feeds[piece])
+    joint, room_a, room_j = _joint_room(track, limits, piece, feeds[piece], rounded)
     velocity, bend = _velocity_cap(shape, limits), _bend_cap(shape, limits, room_j)
     # Between two points neither of their caps may be exceeded.
     smooth = _lowest_around(np.minimum(velocity, bend), piece)
@@ -326,7 +366,9 @@ def _bend_cap(shape: Array, limits: AxisLimits, room_j: Array) -> Array:
     return smallest(np.minimum(caps, UNBOUNDED))
 
 
-def _joint_room(track: Track, limits: AxisLimits, piece: IntArray, feed: Array) -> tuple[Array, Array, Array]:
+def _joint_room(
+    track: Track, limits: AxisLimits, piece: IntArray, feed: Array, rounded: bool
+) -> tuple[Array, Array, Array]:
     """Speed cap (n,) at joints, and what they leave (n, dim) of acceleration and jerk at that speed."""
     cap = np.full(piece.size, UNBOUNDED)
     room_a = np.tile(limits.acceleration, (piece.size, 1))
@@ -338,6 +380,8 @@ def _joint_room(track: Track, limits: AxisLimits, piece: IntArray, feed: Array) 
     if not passed.size:
         return cap, room_a, room_j
     jump, kink = np.abs(joints.curvature_jump[passed]), np.abs(joints.tangent_jump[passed])
+    if rounded:
+        jump = np.zeros_like(jump)
     first = np.searchsorted(piece, joints.after[passed])
     last = first - 1
     v = _jump_cap(jump, kink, limits)

@@ -25,6 +25,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.friction import FrictionLead, friction_of_machine
+from ph_post.compensate.lead import lead_window, let_go, smoothed
 from ph_post.compensate.limit_curve import axis_limits
 from ph_post.compensate.motion import MotionLaw, cycle_time, sample
 from ph_post.compensate.violations import at_rest_around, command_noise, usage
@@ -175,11 +176,11 @@ def lead_in(phases: Sequence[Phase], crossings: Sequence[Crossing | Jog]) -> flo
 EDGE = 0.3
 """Part of a push that it takes to rise, and to fall."""
 
-FADES = (4.0, 4.0, 8.0, 8.0, 16.0, 32.0)
+FADES = (4.0, 8.0, 16.0, 32.0)
 """Durations of a fade of the inverse dynamics that are tried, in units of the servo's √b."""
 
-DEPTHS = (0.1, 0.25, 0.5, 1.0)
-"""Parts of the inverse dynamics that are faded out, until the limits are kept."""
+DEPTHS = (0.15, 0.3, 0.5, 1.0)
+"""Parts of what is left of the inverse dynamics that are faded out in turn, until the limits are kept."""
 
 LEAST_FADE = 16
 """Samples that a fade lasts at least."""
@@ -188,8 +189,8 @@ LEAST_FADE = 16
 class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """Offsets that are added to a path.
 
-    `bias` [m] is the lasting offset at the beginning by axis; `lead` adds inverse dynamics, with `fade` only
-    where the command keeps the limits. `friction` is what is led of that.
+    `bias` [m] is the lasting offset at the beginning by axis; `lead` adds inverse dynamics, `part` of it, with `fade`
+    only where the command keeps the limits. `friction` is what is led of that.
     """
 
     crossings: tuple[Crossing | Jog, ...] = ()
@@ -197,9 +198,10 @@ class Offsets(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     lead: bool = True
     fade: bool = True
     friction: FrictionLead = FrictionLead()
+    part: float = 1.0
 
 
-def command_of(plan: Plan, track: Track, period: float) -> Command:
+def command_of(plan: Plan, track: Track, period: float, *, fade: bool = True) -> Command:
     """Sample a plan with everything that its strategy adds to the path, one row a servo period.
 
     Inverse dynamics is faded out where the command that includes it would break a limit.
@@ -211,6 +213,8 @@ def command_of(plan: Plan, track: Track, period: float) -> Command:
         Of the plan's path.
     period : float
         Servo period [s].
+    fade : bool, optional
+        False to keep all of the inverse dynamics, limits or not.
 
     Returns
     -------
@@ -221,8 +225,8 @@ def command_of(plan: Plan, track: Track, period: float) -> Command:
         return plain
     rate = MotionLaw.from_phases(plan.phases).acceleration(plain.t)
     speed, acceleration = path_derivatives(plain, track, rate)
-    friction = _friction_lead(plan, speed)
-    offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=plan.inverse_dynamics, friction=friction)
+    friction, lead = _friction_lead(plan, speed), plan.inverse_dynamics
+    offsets = Offsets(crossings=plan.crossings, bias=plan.bias, lead=lead, fade=fade, part=plan.lead, friction=friction)
     return add_offsets(plain, speed, acceleration, plan.machine, offsets)
 
 
@@ -240,11 +244,19 @@ def path_derivatives(command: Command, track: Track, rate: Array) -> tuple[Array
 
     Where the path has no derivatives by arc length, at a cusp where the motion rests, they count as zero.
     """
+    return axis_motion(track, command.s, command.feed, rate)
+
+
+def axis_motion(track: Track, s: Array, feed: Array, rate: Array) -> tuple[Array, Array]:
+    """Velocity and acceleration of the axes [m/s, m/s²], shape (n, dim), at arc lengths `s` (n,) [m] of a path.
+
+    `feed` [m/s] is the speed along it and `rate` [m/s²] its change. Where the path has no derivatives they count as 0.
+    """
     with np.errstate(all="ignore"):
-        _, tangent, bend = track.arc_derivatives(*track.locate(command.s), 2)
+        _, tangent, bend = track.arc_derivatives(*track.locate(s), 2)
     tangent, bend = (np.where(np.isfinite(rows), rows, 0.0) for rows in (tangent, bend))
-    feed = command.feed[:, np.newaxis]
-    return tangent * feed, bend * feed**2 + tangent * rate[:, np.newaxis]
+    pace = feed[:, np.newaxis]
+    return tangent * pace, bend * pace**2 + tangent * rate[:, np.newaxis]
 
 
 def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Machine, offsets: Offsets) -> Command:
@@ -264,13 +276,20 @@ def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Ma
     Command
         With what was added as its `offset`.
     """
-    fixed, dynamic = np.empty_like(speed), np.empty_like(speed)
+    fixed, dynamic, led = np.empty_like(speed), np.empty_like(speed), [speed, acceleration]
+    window = lead_window(machine, command.axes) if offsets.lead else None
+    rests = bool(command.feed[0] == 0.0), bool(command.feed[-1] == 0.0)
+    if window is not None:
+        shift = smoothed(command.position, window.half, rests) - command.position
+        led = [offsets.part * smoothed(rows, window.half, rests) for rows in (speed, acceleration)]
     for number, name in enumerate(command.axes):
         fixed[:, number], dynamic[:, number] = _one_axis(
-            command, speed[:, number], acceleration[:, number], machine.axes[name], offsets
+            command, speed[:, number], [rows[:, number] for rows in led], machine.axes[name], offsets
         )
-    if offsets.lead:
-        fixed += _faded(command, machine, fixed, dynamic) if offsets.fade else dynamic
+    if window is not None:
+        if rests[1]:
+            dynamic *= let_go([machine.axes[name].servo for name in command.axes], window, len(dynamic))[:, np.newaxis]
+        fixed += _faded(command, machine, fixed, (shift, dynamic)) if offsets.fade else shift + dynamic
     jogs = [one for one in offsets.crossings if isinstance(one, Jog)]
     moved = jogged(jogs, command.axes, command.t) if jogs else None
     if moved is not None:
@@ -280,8 +299,13 @@ def add_offsets(command: Command, speed: Array, acceleration: Array, machine: Ma
     )
 
 
-def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, offsets: Offsets) -> tuple[Array, Array]:
-    """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each."""
+def _one_axis(
+    command: Command, speed: Array, led: Sequence[Array], axis: Axis, offsets: Offsets
+) -> tuple[Array, Array]:
+    """Offsets of one axis: what must be there, and what inverse dynamics adds [m], shape (n,) each.
+
+    `led` are the speed and acceleration that are led, through the window.
+    """
     t, servo, gap = command.t, axis.servo, axis.gap
     mine = [one for one in offsets.crossings if isinstance(one, Crossing) and one.axis == axis.name]
     motor, fixed = np.zeros((3, t.size)), np.zeros(t.size)
@@ -302,7 +326,7 @@ def _one_axis(command: Command, speed: Array, acceleration: Array, axis: Axis, o
         moves = speed if axis.loop.encloses_backlash else speed + motor[1]
         crossing = crossing + offsets.friction.share(axis.name, moves, t)
     fixed = fixed + error_for(servo, crossing, command.period)
-    output = servo.b * acceleration + servo.c * speed
+    output = servo.b * led[1] + servo.c * led[0]
     return fixed, error_for(servo, output, command.period) if offsets.lead else np.zeros(t.size)
 
 
@@ -378,26 +402,40 @@ def _error_filter(servo: Servo, period: float) -> tuple[Array, Array]:
     return frozen(np.squeeze(b)), frozen(a)
 
 
-def _faded(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> Array:
+def _faded(command: Command, machine: Machine, fixed: Array, added: Sequence[Array]) -> Array:
     """Fade the inverse dynamics out around samples on which the command with it breaks a limit.
 
-    All axes fade together: where one follows without lag and another does not, the path is lost. No more of
-    it is faded out than need be.
+    `added` are the path as the lead's window shows it, less the path, and the lead. All axes fade together: where one
+    follows without lag and another does not, the path is lost. No more is faded out than need be, place by place: of
+    the lead alone, of both where the path through the window breaks a limit by itself, and all of it as a last resort.
     """
+    shift, dynamic = added
+    for kept, faded in ((shift, dynamic), (np.zeros_like(shift), shift + dynamic)):
+        found = _faded_over(command, machine, fixed + kept, faded)
+        if found is not None:
+            return kept + found
+    return np.zeros_like(dynamic)
+
+
+def _faded_over(command: Command, machine: Machine, fixed: Array, dynamic: Array) -> Array | None:
+    """Return what can be kept of what is added; None where the command breaks a limit without it, too."""
     broken = _broken(command, machine, fixed + dynamic)
     if not broken.any():
         return dynamic
+    if _broken(command, machine, fixed).any():
+        return None
     from scipy.ndimage import maximum_filter1d
 
     unit = max(np.sqrt(machine.axes[name].servo.b) for name in command.axes)
-    for depth in DEPTHS:
-        out, found = np.zeros(command.t.size, dtype=np.bool_), broken
-        for fade in FADES:
-            samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
-            out |= maximum_filter1d(found, 2 * (samples // 4) + 1, mode="constant")
-            kept = (1.0 - depth * (1.0 - _weight(out, samples)))[:, np.newaxis] * dynamic
-            found = _broken(command, machine, fixed + kept)
-            if not found.any():
+    weight = np.ones(command.t.size)
+    for fade in FADES:
+        samples = max(int(np.ceil(fade * unit / command.period)), LEAST_FADE)
+        for depth in DEPTHS:
+            out = maximum_filter1d(broken, 2 * (samples // 4) + 1, mode="constant")
+            weight *= 1.0 - depth * (1.0 - _weight(out, samples))
+            kept = weight[:, np.newaxis] * dynamic
+            broken = _broken(command, machine, fixed + kept)
+            if not broken.any():
                 return np.asarray(kept)
     return np.zeros_like(dynamic)
 

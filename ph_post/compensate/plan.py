@@ -14,12 +14,13 @@ from ph_post.compensate import plan_warnings
 from ph_post.compensate.feed_planner import FLAT, FeedPlanner, Site, ValidMotion, find_site
 from ph_post.compensate.friction import Friction, friction_of_machine
 from ph_post.compensate.layout import Job, approach_sides, lay_out, without_axes
-from ph_post.compensate.motion import FeedAlong, MotionLaw, cycle_time
+from ph_post.compensate.lead import lead_window, unwinding_time
+from ph_post.compensate.lead_report import with_lead_told
+from ph_post.compensate.motion import FeedAlong, cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
 from ph_post.compensate.race import race
 from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, reported_ratio, soften
-from ph_post.compensate.speed_ramps import reduced, smooth_ramps
 from ph_post.compensate.strategies.base import (
     PlanningTask,
     ProfileRequest,
@@ -28,12 +29,11 @@ from ph_post.compensate.strategies.base import (
 )
 from ph_post.compensate.strategies.registry import find_strategy
 from ph_post.compensate.trial import flanks_before, half_distances
-from ph_post.compensate.violations import find_violations
 from ph_post.errors import InputError
 from ph_post.geometry.joints import find_stops
 from ph_post.geometry.numeric import bisect
 from ph_post.progress import Progress, no_progress
-from ph_post.types import Array, BoolArray, FeedProfile, Machine, Phase, Plan, Window, frozen
+from ph_post.types import Array, BoolArray, FeedProfile, Machine, Plan, Window, frozen
 from ph_post.units import MM_PER_MIN, MS
 
 _ROUNDS = 8
@@ -214,8 +214,26 @@ def _profile(site: Site, depth: float, notes: list[str]) -> FeedProfile:
     )
 
 
-LEAD_SHARE = 0.3
-"""Part of the time allowed that ramps which can be led may take."""
+LEAD_SHARE = 0.6
+"""Part of the time allowed that room for inverse dynamics may take; the rest is for the turning points."""
+
+TAIL_SHARE = 0.6
+"""Part of the time allowed that integrators may take to unwind at the end."""
+
+LEAST_PART = 0.1
+"""Part of the inverse dynamics below which none of it is given room."""
+
+TRIES = 4
+"""Plans in search of the part of the inverse dynamics that the time allows."""
+
+ABOVE = 0.3
+"""Part of the way from the chord to what takes too long at which the next one is tried."""
+
+ENOUGH = 0.8
+"""Part of the time for it that is enough to be taken."""
+
+RELAXED = 0.5
+"""Power of what a stretch is slowed by for all of the inverse dynamics with which the search for a part begins."""
 
 __all__ = ["PlanOptions", "cycle_time", "make_plan"]
 
@@ -255,12 +273,12 @@ def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_
     planner = Planner(analysis, machine, options, progress)
     result = strategy.profiles(planner.task)
     if result.rivals:
-        return race(planner, strategy.name, result)
+        return with_lead_told(race(planner, strategy.name, result), analysis.track)
     plan = planner.plan(strategy.name, result)
-    if not result.proven:
-        return plan
-    progress("proving the plan against the plain program")
-    return prove(plan, result, planner)
+    if result.proven:
+        progress("proving the plan against the plain program")
+        plan = prove(plan, result, planner)
+    return with_lead_told(plan, analysis.track)
 
 
 AS_DEEP = 0.02
@@ -280,7 +298,8 @@ class BaselinePlan(NamedTuple):
 class Planner:
     """The common parts of all plans of one job: the plain plan along the path, and the baseline to build on.
 
-    Where the command is to lead the path, the baseline has ramps that can be led, if that costs little time.
+    Where the command is to lead the path, the baseline leaves room for that: the limits hold for the command with its
+    lead, or with as much of it as the time allows.
     """
 
     def __init__(
@@ -296,15 +315,16 @@ class Planner:
         corners, infinite, rapids = find_stops(analysis.track)
         cusps = np.array([point.s for point in analysis.turning_points if point.kind == "cusp"])
         self._stops = np.concatenate([corners, infinite, rapids, cusps])
-        feed_planner = self._feed_planner(None, NO_STOPS)
+        self._part, self._tail = 0.0, 0.0
+        feed_planner = self._feed_planner(0.0, NO_STOPS)
         self.before = feed_planner.settle()
         self._approached: dict[str, int] = {}
         if options.writes_program and not self.moving:
             self._approached = approach_sides(analysis.track, analysis.turning_points)
-        self._planned: Machine | None = None
         self._plain = self.baseline = self._on(feed_planner, self.before)
+        self._said: list[str] = []
         if self.lead:
-            self._lead_ramps()
+            self._make_room()
         # From rest, nobody expects a corner to be run through; infinite curvature does not show in a drawing.
         none = np.zeros(0)
         reported = (corners, cusps, infinite, rapids) if self.moving else (none, none, infinite, none)
@@ -331,7 +351,7 @@ class Planner:
         other = copy(self)
         other.options, other.lead = options, self.lead and options.inverse_dynamics
         if self.lead and not other.lead:
-            other.baseline, other._planned = self._plain, None
+            other.baseline, other._part, other._tail, other._said = self._plain, 0.0, 0.0, []
         other.task = other._task()
         return other
 
@@ -340,26 +360,53 @@ class Planner:
         """Longest cycle time allowed [s]."""
         return (1.0 + self.options.max_slowdown) * self.before.motion.end
 
-    def _feed_planner(self, planned: Machine | None, stops: Array) -> FeedPlanner:
+    def _feed_planner(self, part: float, stops: Array) -> FeedPlanner:
         every = np.concatenate([self._stops, stops])
-        return FeedPlanner(self.analysis.track, self.machine, every, self.moving, planned)
+        return FeedPlanner(self.analysis.track, self.machine, every, self.moving, part, self._tail)
 
     def _on(self, feed_planner: FeedPlanner, valid: ValidMotion) -> BaselinePlan:
         period, length = feed_planner.limits.period, self.analysis.track.length
         return BaselinePlan(feed_planner, valid, FeedAlong(valid.motion, period, length, feed_planner.looped))
 
-    def _lead_ramps(self) -> None:
-        """Plan with the part of the limits with which ramps can be led, if that does not take too long."""
-        path = self.analysis.path
-        feeds = [path.feed if one.feed is None else one.feed for one in path.segments]
-        slower = reduced(self.machine, max(feeds))
-        if slower is None:
+    def _make_room(self) -> None:
+        """Leave room for all of the inverse dynamics, or for as much as does not take too long."""
+        end, axes = self.before.motion.end, self.analysis.path.axes
+        if lead_window(self.machine, axes) is None:
             return
-        feed_planner = self._feed_planner(slower, NO_STOPS)
-        valid = feed_planner.settle()
-        spent = valid.motion.end - self.before.motion.end
-        if spent <= LEAD_SHARE * (self.longest - self.before.motion.end):
-            self._planned, self.baseline = slower, self._on(feed_planner, valid)
+        fastest = max(float(speeds.max(initial=0.0)) for speeds in self.before.motion.speeds)
+        allowed = self.longest - end
+        self._tail = min(unwinding_time(self.machine, axes, fastest), TAIL_SHARE * allowed)
+        share = self._tail + LEAD_SHARE * (allowed - self._tail)
+
+        def tried(part: float) -> tuple[float, FeedPlanner, ValidMotion]:
+            feed_planner = self._feed_planner(part, NO_STOPS)
+            if found is not None:
+                feed_planner.learn(found, RELAXED * part)
+            valid = feed_planner.settle()
+            return valid.motion.end - end, feed_planner, valid
+
+        found: FeedPlanner | None = None
+        needed, found, valid = tried(1.0)
+        best = (1.0, found, valid) if needed <= share else None
+        low, high, part = (0.0, 0.0), (1.0, needed), 1.0
+        for _ in range(TRIES if best is None else 0):
+            # What it takes grows faster than the part of the lead, so that the chord is below what can be had.
+            chord = low[0] + (high[0] - low[0]) * (share - low[1]) / (high[1] - low[1])
+            part = round(chord + ABOVE * (high[0] - chord), 3)
+            spent, feed_planner, valid = tried(part)
+            if spent <= share:
+                low, best = (part, spent), (part, feed_planner, valid)
+                if spent >= ENOUGH * share:
+                    break
+            else:
+                high = (part, spent)
+        if best is None or best[0] < LEAST_PART:
+            return
+        self._part, feed_planner, valid = best
+        self.baseline = self._on(feed_planner, valid)
+        if self._part < 1.0:
+            slowdown = (self._tail + (needed - self._tail) / LEAD_SHARE) / end
+            self._said = [plan_warnings.lead_time_warning(self._part, needed, slowdown)]
 
     def _baseline_for(self, requests: Sequence[ProfileRequest]) -> BaselinePlan:
         """Return the baseline to build on, at rest where requests want the motion to stop."""
@@ -368,14 +415,9 @@ class Planner:
         stops = np.array([window.s for window, request in pairs if request.stop and 0.0 < window.s < length])
         if not stops.size:
             return self.baseline
-        feed_planner = self._feed_planner(self._planned, stops)
+        feed_planner = self._feed_planner(self._part, stops)
+        feed_planner.learn(self.baseline.feed_planner)
         return self._on(feed_planner, feed_planner.settle())
-
-    def _breaks_limits(self, phases: tuple[Phase, ...]) -> tuple[float, ...]:
-        """Return the instants at which samples of a motion on the path break a limit."""
-        motion = MotionLaw.from_phases(phases)
-        broken = find_violations(self.analysis.track, self.baseline.feed_planner.limits, motion)
-        return tuple(broken.t0.tolist()) + tuple(broken.t1.tolist())
 
     def _missed(self, requests: Sequence[ProfileRequest], profiles: Sequence[FeedProfile | None]) -> set[int]:
         """Return the windows that did not get the profile that a crossing behind the loop counts on."""
@@ -402,7 +444,7 @@ class Planner:
         feed_planner, valid, feed = self._baseline_for(result.requests)
         # What it learns of the limits from this plan is no matter of the next one.
         feed_planner = copy(feed_planner)
-        feed_planner.factor = valid.factor.copy()
+        feed_planner.factor, feed_planner.ease = valid.factor.copy(), feed_planner.ease.copy()
         first = result.friction_first if self._friction(result) else 0.0
         longest = self.longest - first
         fitted = Fitter(feed_planner, valid, analysis.windows, result.requests, options, feed, longest).fit()
@@ -412,13 +454,16 @@ class Planner:
         warnings = [
             *self.stops,
             *plan_warnings.slow_feed_warnings(feed_planner.caps),
-            *plan_warnings.lowered_feed_warnings(feed_planner.caps, fitted.valid.factor),
+            *(
+                plan_warnings.room_warnings(feed_planner.caps, fitted.valid.factor)
+                if self._part
+                else plan_warnings.lowered_feed_warnings(feed_planner.caps, fitted.valid.factor)
+            ),
+            *self._said,
             *result.warnings,
             *fitted.warnings,
         ]
         phases = fitted.valid.motion.phases()
-        if self._planned is not None:
-            phases = smooth_ramps(phases, self._breaks_limits)
         job = Job(
             track=analysis.track,
             machine=self.task.sized,
@@ -459,6 +504,7 @@ class Planner:
             inverse_dynamics=self.lead,
             friction_part=result.friction_part if self.lead else 0.0,
             friction=layout.friction,
+            lead=self._part or 1.0,
             flanks=flanks_before(analysis) if feed_planner.looped else self._approached,
             warnings=tuple(warnings),
         )

@@ -69,6 +69,48 @@ def lowered_feed_warnings(caps: LimitCurve, factor: Array) -> list[str]:
     return lines if len(found) <= _MOST else [*lines, f"{len(found) - _MOST} more stretches with lowered feed"]
 
 
+def room_warnings(caps: LimitCurve, factor: Array) -> list[str]:
+    """Warn of stretches where the feed is lowered so that the command can lead the path."""
+    found = runs(np.flatnonzero(factor < 1.0))
+    if not found:
+        return []
+    length = sum(float(caps.s[run[-1]] - caps.s[run[0]]) for run in found)
+    places = "one place" if len(found) == 1 else f"{len(found)} places"
+    return [
+        f"feed lowered by up to {100.0 * (1.0 - factor.min()):.2g} % at {places}, {length / MM:.4g} mm of "
+        f"{caps.s[-1] / MM:.6g} mm in all, so that the command with its inverse dynamics keeps the limits"
+    ]
+
+
+def lead_time_warning(part: float, time: float, slowdown: float) -> str:
+    """Warn of inverse dynamics that is a part of what it should be, as all of it would add some time [s].
+
+    Examples
+    --------
+    >>> lead_time_warning(0.5, 1.25, 0.2)
+    'inverse dynamics leads by 50 % of what the servo lags: all of it would add 1.25 s; --max-slowdown 0.21 allows it'
+    """
+    return (
+        f"inverse dynamics leads by {100.0 * part:.2g} % of what the servo lags: all of it would add {time:.3g} s; "
+        f"--max-slowdown {round_up(slowdown):g} allows it"
+    )
+
+
+def lost_lead_warning(lost: float, places: int, worst: float) -> str:
+    """Warn of places where the command has no room for its inverse dynamics: how much is missing [m], and where [m].
+
+    Examples
+    --------
+    >>> lost_lead_warning(3.21e-6, 2, 0.01)
+    'inverse dynamics is reduced at 2 places for the limits of the axes, by up to 3.2 µm at 10 mm along the path'
+    """
+    count = "one place" if places == 1 else f"{places} places"
+    return (
+        f"inverse dynamics is reduced at {count} for the limits of the axes, by up to {lost / MICROMETRE:.2g} µm "
+        f"at {worst / MM:.6g} mm along the path"
+    )
+
+
 def offset_warnings(machine: Machine, layout: Layout) -> list[str]:
     """Warn of axes with a lasting offset: friction has to hold the table on its side, and backlash may vary."""
     shifted = {name for name, offset in layout.bias.items() if offset}

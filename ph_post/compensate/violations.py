@@ -119,19 +119,26 @@ def check_command(command: Command, machine: Machine) -> tuple[Violation, ...]:
 def asked_of_motor(command: Command, axis: Axis, number: int) -> Array:
     """Motor acceleration [rad/s²] that what is added to an axis asks for beyond the path's own motion, (n,).
 
-    A metre of position error asks for C = N / (η r b) (the line after Eq. 16 of the paper), of the motor
-    alone and under a P controller. The path's motion takes b ẍ + c ẋ whether the command leads it or lags.
+    A metre of the controller's output asks for C = N / (η r b) (the line after Eq. 16 of the paper), of the motor
+    alone; with a P controller that is the position error. The path's motion takes b ẍ + c ẋ
+    whether the command leads it or lags.
     """
     if command.offset is None or not axis.loop.encloses_backlash:
         return np.zeros(command.t.size)
     path = command.position[:, number] - command.offset[:, number]
     speed = np.gradient(path, command.period)
     taken = axis.servo.b * np.gradient(speed, command.period) + axis.servo.c * speed
+    error, servo = command.offset[:, number], axis.servo
+    output = error + servo.kd_over_kp * np.gradient(error, command.period)
+    if servo.ki_over_kp:
+        # An integrator that moved steadily before held all of it.
+        summed = np.concatenate([[0.0], np.cumsum(0.5 * (error[1:] + error[:-1]))]) * command.period
+        output = output + servo.ki_over_kp * summed + taken[0]
     friction = friction_of(axis)
     if friction is not None:
         # What friction takes is no acceleration, and the plain motion takes it too.
         taken = np.abs(taken) + friction.size + abs(friction.load)
-    extra = np.maximum(np.abs(command.offset[:, number]) - np.abs(taken), 0.0)
+    extra = np.maximum(np.abs(output) - np.abs(taken), 0.0)
     return np.asarray(gap_constant(axis) * extra)
 
 
@@ -197,7 +204,7 @@ def _look(track: Track, limits: AxisLimits, motion: MotionLaw, t: Array) -> Viol
     noise = rounding(float(np.abs(position).max()), track.length, motion.end, float(np.abs(feed).max()))
     before = bool(motion.begins_at_rest and t[0] == 0.0)
     after = bool(motion.ends_at_rest and t[-1] >= motion.end)
-    factor = _slower_by(at_rest_before_and_after(position, before, after), limits, noise)
+    factor = slower_by(at_rest_before_and_after(position, before, after), limits, noise)
     stretch = runs(np.flatnonzero(factor < 1.0))
     shift = _REACH if before else 0
     edges = np.array([(run[0], run[-1] + _REACH) for run in stretch], dtype=np.int64).reshape(-1, 2)
@@ -206,7 +213,7 @@ def _look(track: Track, limits: AxisLimits, motion: MotionLaw, t: Array) -> Viol
     return ViolationSpans(np.minimum(s[i], s[j]), np.maximum(s[i], s[j]), t[i], t[j], worst)
 
 
-def _slower_by(position: Array, limits: AxisLimits, noise: float) -> Array:
+def slower_by(position: Array, limits: AxisLimits, noise: float) -> Array:
     """Part of its speed (rows,) that the motion may keep where a difference begins, 1 where all is well."""
     factor = np.ones(len(position))
     for order in range(1, min(3, len(position) - 1) + 1):

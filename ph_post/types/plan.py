@@ -172,8 +172,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     None where nothing is modulated there. `crossings` are the path modifications, in the order of time, jogs
     where the plan becomes a part program, made by the strategy `crosses_by` where no profile names one, or else
     by `strategy`; `bias` [m] is by axis the lasting offset with which the motion
-    begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind, and
-    `friction_part` how much of the axes' friction it leads then, whose direction turns by `friction`. `flanks`
+    begins. `inverse_dynamics` says whether the command leads the path by what the servo lags behind, `lead` by which
+    part of it, and `friction_part` how much of the axes' friction it leads then, whose direction turns by `friction`.
+    `flanks`
     has the side (1, -1) on which each axis was pushed before a motion that runs through the seam of a closed path,
     and that on which a program's approach leaves it; empty for others.
     """
@@ -193,6 +194,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     inverse_dynamics: bool = False
     friction_part: float = 0.0
     friction: tuple[FrictionChange, ...] = ()
+    lead: float = 1.0
     flanks: Mapping[str, int] = {}
     warnings: tuple[str, ...] = ()
 

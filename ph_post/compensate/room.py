@@ -1,0 +1,208 @@
+"""Is there room for inverse dynamics: where the command that leads a motion breaks a limit, and what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ph_post.compensate.lead import LeadWindow, let_go, smoothed
+from ph_post.compensate.limit_curve import AxisLimits
+from ph_post.compensate.motion import MotionLaw, row_times
+from ph_post.compensate.offsets import axis_motion, error_for
+from ph_post.compensate.smooth_motion import CELLS, rest_at_stops, smooth_motion
+from ph_post.compensate.violations import ViolationSpans, at_rest_before_and_after, rounding, slower_by
+from ph_post.geometry.numeric import runs
+from ph_post.geometry.track import Track
+from ph_post.types import Array, Axis, BoolArray, Machine
+
+_REACH = 3
+"""Rows that the third difference reaches beyond its first."""
+
+_AROUND = 4
+"""Rows on either side of a place that are looked at for what constant speed asks for."""
+
+_WIDE = 4.0
+"""Windows and cells on either side of a stretch that is looked at again."""
+
+_STRICTER = 0.97
+"""Part of the limits that is made room for: in the end rows, and the cells of the speed, lie at other places."""
+
+_MOSTLY = 0.97
+"""Part of the speed that constant speed may keep by which it, and not its change, breaks a limit."""
+
+
+class LeadSpans(NamedTuple):
+    """Stretches on which a led command breaks a limit; `steady` says where it would at constant speed as well."""
+
+    spans: ViolationSpans
+    steady: BoolArray
+
+
+class LeadRoom:
+    """The room that a motion leaves for its lead.
+
+    Parameters
+    ----------
+    track : Track
+    machine : Machine
+    limits : AxisLimits
+        Of the machine, which the rows of the command have to keep.
+    window : LeadWindow
+    stops : Array
+        Arc lengths at which the motion rests [m].
+    part : float
+        Part of the lead that the command has.
+    tail : float
+        Rest behind the end [s], in which integrators unwind.
+    """
+
+    def __init__(
+        self,
+        track: Track,
+        machine: Machine,
+        limits: AxisLimits,
+        window: LeadWindow,
+        stops: Array,
+        part: float,
+        tail: float,
+    ) -> None:
+        self.track, self.limits, self.window, self.part, self.tail = track, limits, window, part, tail
+        self._strict = AxisLimits(values=_STRICTER * limits.values, period=limits.period)
+        self.stops = np.unique(np.concatenate([[0.0], stops, [track.length]]))
+        self.drives: tuple[Axis, ...] = tuple(machine.axes[name] for name in track.path.axes)
+
+    @property
+    def reach(self) -> float:
+        """Time from which a command is worked out, to either side [s]."""
+        return self.window.half * self.limits.period
+
+    def smooth(self, motion: MotionLaw) -> MotionLaw:
+        """Smooth the speed of a motion, which rests a little at its stops for that."""
+        spacing = self.window.spacing
+        return smooth_motion(rest_at_stops(motion, CELLS * spacing, self.tail), spacing)
+
+    def violations(self, motion: MotionLaw, near: ViolationSpans | None = None, *, strict: bool = True) -> LeadSpans:
+        """Find where the command that leads a motion breaks a limit; in profiles, the one that does not lead it.
+
+        With `near` only around these places; but an integrator remembers the whole motion. Where it is not `strict`
+        all of a limit may be used.
+        """
+        rows = _Rows(motion, self._instants(motion, near), self.limits.period)
+        s, feed, half = rows.s, rows.feed, self.window.half
+        if rows.whole and motion.ends_at_rest:
+            s[-1] = self.track.length
+        position = self.track.derivatives(*self.track.locate(s))[0]
+        speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t))
+        plain, speed, acceleration = (smoothed(one, half, rows.calm) for one in (position, speed, acceleration))
+        lead = self._lead(speed, acceleration)
+        if rows.whole and rows.rests[1]:
+            lead *= let_go([axis.servo for axis in self.drives], self.window, s.size)[:, np.newaxis]
+        led = plain + lead
+        noise = rounding(float(np.abs(led).max()), self.track.length, motion.end, float(np.abs(feed).max()))
+        limits = self._strict if strict else self.limits
+        factor, without = (slower_by(at_rest_before_and_after(one, *rows.rests), limits, noise) for one in (led, plain))
+        shift = _REACH if rows.rests[0] else 0
+        row = np.clip(np.arange(factor.size) - shift, 0, s.size - 1)
+        in_profile = _around(motion.window[motion.phase_at(rows.t)] >= 0, half + _REACH)[row]
+        factor = np.where(in_profile, without, factor)
+        factor[~rows.inside(half + _REACH)[row]] = 1.0
+        stretch = runs(np.flatnonzero(factor < 1.0))
+        edges = np.array([(one[0], one[-1] + _REACH) for one in stretch], dtype=np.int64).reshape(-1, 2) - shift
+        # What breaks a limit began half a window before, and ends half a window behind.
+        i, j = np.clip(edges + np.array([-(half // 2), half // 2]), 0, s.size - 1).T
+        worst = np.array([factor[one].min() for one in stretch])
+        middle = np.array([one[np.argmin(factor[one])] for one in stretch], dtype=np.int64) + _REACH // 2
+        at = np.clip(middle - shift, 0, s.size - 1)
+        spans = ViolationSpans(np.minimum(s[i], s[j]), np.maximum(s[i], s[j]), rows.t[i], rows.t[j], worst)
+        return LeadSpans(spans, self._steady(s[at], np.abs(feed[at])) * worst > _MOSTLY)
+
+    def _instants(self, motion: MotionLaw, near: ViolationSpans | None) -> list[tuple[int, int]]:
+        """First and last row of the stretches to look at; `near` are places where the motion was."""
+        period = self.limits.period
+        last = row_times(motion, period).size - 1
+        if near is None or any(axis.servo.ki_over_kp or axis.servo.kd_over_kp for axis in self.drives):
+            return [(0, last)]
+        margin = _WIDE * (self.window.half * period + self.window.spacing)
+        places = np.maximum.accumulate(motion.s)
+        begin = np.interp(near.s0, places, motion.start) - margin
+        behind = np.interp(near.s1, places, motion.start + motion.duration) + margin
+        rows = np.clip(np.stack([np.floor(begin / period), np.ceil(behind / period)], axis=1), 0, last).astype(np.int64)
+        found: list[tuple[int, int]] = []
+        for first, end in rows[np.argsort(rows[:, 0])].tolist():
+            if found and first <= found[-1][1] + 1:
+                found[-1] = (found[-1][0], max(found[-1][1], end))
+            else:
+                found.append((first, end))
+        return found
+
+    def _lead(self, speed: Array, acceleration: Array) -> Array:
+        """Position errors that make the servos move so, arrays (n, dim)."""
+        columns = [
+            error_for(axis.servo, axis.servo.b * acceleration[:, k] + axis.servo.c * speed[:, k], self.limits.period)
+            for k, axis in enumerate(self.drives)
+        ]
+        return np.asarray(self.part * np.stack(columns, axis=1))
+
+    def _steady(self, s: Array, feed: Array) -> Array:
+        """Largest use of a limit around places (n,) at constant feed, as the factor by which that is too fast.
+
+        0 near stops, where the feed cannot be constant.
+        """
+        found = np.zeros(s.size)
+        reach = (self.window.half + _AROUND) * self.limits.period * feed
+        near = np.searchsorted(self.stops, s - reach) != np.searchsorted(self.stops, s + reach, side="right")
+        rows = np.flatnonzero(~near & (feed > 0.0))
+        if rows.size:
+            found[rows] = self._at_constant_feed(s[rows], feed[rows])
+        return found
+
+    def _at_constant_feed(self, s: Array, feed: Array) -> Array:
+        half = self.window.half
+        tau = np.arange(-half - _AROUND, half + _AROUND + 1) * self.limits.period
+        places = np.clip(s[:, None] + feed[:, None] * tau, 0.0, self.track.length).ravel()
+        paces = np.repeat(feed, tau.size)
+        position = self.track.derivatives(*self.track.locate(places))[0]
+        speed, acceleration = axis_motion(self.track, places, paces, np.zeros(places.size))
+        lead = [axis.servo.b * acceleration[:, k] + axis.servo.c * speed[:, k] for k, axis in enumerate(self.drives)]
+        command = (position + self.part * np.stack(lead, axis=1)).reshape(s.size, tau.size, -1)
+        seen = smoothed(np.moveaxis(command, 1, 0).reshape(tau.size, -1), half)[half:-half]
+        worst = np.zeros(s.size)
+        for order in (1, 2, 3):
+            wide = np.tile(self.limits.of_order(order), s.size)
+            ratio = np.abs(np.diff(seen, order, axis=0)) / self.limits.period**order / wide
+            worst = np.maximum(worst, ratio.max(axis=0).reshape(s.size, -1).max(axis=1) ** (1.0 / order))
+        return worst
+
+
+class _Rows:
+    """Rows of a motion in some stretches, one after the other."""
+
+    def __init__(self, motion: MotionLaw, stretches: Sequence[tuple[int, int]], period: float) -> None:
+        last = row_times(motion, period).size - 1
+        self.t = np.concatenate([np.arange(first, end + 1) for first, end in stretches]) * period
+        self.s, self.feed = motion.place_and_feed(self.t)
+        self.whole = list(stretches) == [(0, last)]
+        starts, ends = stretches[0][0] == 0, stretches[-1][1] == last
+        self.rests = starts and motion.begins_at_rest, ends and motion.ends_at_rest
+        # Where a stretch ends and the motion does not, the window sees too little, and rows there do not count.
+        self.calm = not starts or motion.begins_at_rest, not ends or motion.ends_at_rest
+        self._sizes = [end + 1 - first for first, end in stretches]
+        self._true = starts, ends
+
+    def inside(self, reach: int) -> BoolArray:
+        """Return which rows are more than `reach` from the ends of their stretch, unless the motion ends there too."""
+        within = [np.minimum(np.arange(size), np.arange(size)[::-1]) >= reach for size in self._sizes]
+        if self._true[0]:
+            within[0][:reach] = True
+        if self._true[1]:
+            within[-1][-reach:] = True
+        return np.concatenate(within)
+
+
+def _around(rows: BoolArray, reach: int) -> BoolArray:
+    """Rows marked, and those up to `reach` beside them."""
+    from scipy.ndimage import maximum_filter1d
+
+    return np.asarray(maximum_filter1d(rows, 2 * reach + 1, mode="constant"))
