@@ -45,7 +45,8 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
     nothing could be simulated. `alone` where both motions are one, and nothing is compared.
     `sides` are the largest distances to the left and to the right of the path before and after [m], and `part_side` 1
-    where the part is on the left, -1 where it is on the right.
+    where the part is on the left, -1 where it is on the right. `leads_friction` where the compensated motion does: what
+    backlash alone adds hides behind friction then, and the error by all causes is said too.
     """
 
     time: tuple[float, float] | None = None
@@ -60,6 +61,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     alone: bool = False
     sides: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
     part_side: int = 0
+    leads_friction: bool = False
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -78,6 +80,8 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         output = output or path.output
         rows, warnings = path.count(output), path.plan(output).warnings
         found = _simulated(*path.motions(output), path.machine, path.analysis.path.axes) if simulated else None
+        leads = path.plan(output).friction_part > 0.0
+        found = msgspec.structs.replace(found or ResultSummary(), leads_friction=leads)
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
@@ -103,7 +107,7 @@ def summarize_plans(
     """
     plan = after.plan
     found = summarize_motions(before, after, plan.machine, plan.path.axes)
-    found = msgspec.structs.replace(found, alone=before is after)
+    found = msgspec.structs.replace(found, alone=before is after, leads_friction=plan.friction_part > 0.0)
     rows = plan_reversals(after.analysis.track, plan)
     return _counted(found, rows, plan.warnings if warnings is None else warnings, notes)
 
@@ -183,7 +187,7 @@ def result_lines(found: ResultSummary) -> list[str]:
     backlash error 47 → 2 µm max (7 if the backlash is 20 % off), 24 → 0.3 µm rms; 48.5 → 49.2 s; \
 X, Y, Z compensated, 42 of 42 reversals
     """
-    parts = [_error_words(found)]
+    parts = [*_whole_error_words(found), _error_words(found)]
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
         parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
@@ -191,6 +195,18 @@ X, Y, Z compensated, 42 of 42 reversals
     parts += [words for words in [_axis_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
+
+
+def _whole_error_words(found: ResultSummary) -> list[str]:
+    """Say what the error by all causes is, where friction is led."""
+    before, after = found.error
+    if not found.leads_friction or before is None or after is None:
+        return []
+    largest, broad = (
+        ("" if found.alone else f"{rounded_micrometres(first)} → ") + rounded_micrometres(last)
+        for first, last in ((before.max, after.max), (before.rms, after.rms))
+    )
+    return [f"error with friction and lag {largest} µm max, {broad} µm rms"]
 
 
 def _into_part(found: ResultSummary) -> str:
