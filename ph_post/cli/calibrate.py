@@ -76,11 +76,11 @@ def _numbers(_ctx: click.Context, _parameter: click.Parameter, text: str | None)
     is_flag=True,
     help="Write programs for a dial indicator, a sheet, and a file for its readings, in place of those for a log.",
 )
-@click.option("--tool", type=options.Number(), metavar="MM", help="Diameter of a cutter: a test cut for calipers too.")
-@click.option("--size", type=options.Number(), metavar="MM", help="Size of its shapes. [what the travel allows, to 60]")
-@click.option("--depth", type=options.Number(), metavar="MM", help="Depth of the test cut. [2]")
+@click.option("--tool", type=options.positive, metavar="MM", help="Diameter of a cutter: a test cut for calipers too.")
+@click.option("--size", type=options.positive, metavar="MM", help="Size of its shapes. [what the travel allows, to 60]")
+@click.option("--depth", type=options.positive, metavar="MM", help="Depth of the test cut. [2]")
 @click.option(
-    "--swing", type=options.Number(), metavar="MM", help="Way of the dial test beyond a place and back. [0.5]"
+    "--swing", type=options.positive, metavar="MM", help="Way of the dial test beyond a place and back. [0.5]"
 )
 @click.option("--repeats", type=int, metavar="N", help="Readings of the dial at a place from either side. [2]")
 @click.option("--force", is_flag=True, help="Overwrite existing files of these names.")

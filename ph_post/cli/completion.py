@@ -142,6 +142,8 @@ KINDS: Final[dict[str, click.types.StringParamType]] = {
             "B",
             "MACHINE.toml",
             "BETTER.toml",
+            "MEASURED.toml",
+            "READINGS",
             "DRAWING",
             "INPUT",
             "TABLE",

@@ -436,8 +436,8 @@ def show(text: str, end: str = "\n") -> None:
     sys.stderr.flush()
 
 
-def next_line(where: str) -> str:
-    """Return the next line without its ends.
+def next_line(where: str, expected: str = "a line, or --yes for defaults") -> str:
+    """Return the next line without its ends; `expected` is what is said where the input has ended.
 
     Raises
     ------
@@ -452,7 +452,7 @@ def next_line(where: str) -> str:
     if not line:
         if sys.stdin is not None and sys.stdin.isatty():
             show("")  # what is said stands below the question, not behind it
-        raise InputError(where, "no answer", expected="a line, or --yes for defaults", got="the end of the input")
+        raise InputError(where, "no answer", expected=expected, got="the end of the input")
     return line.strip()
 
 

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ph_post.types import Machine
     from ph_post.types.readings import CutWidths, DialRow, Readings
 
+NO_MORE = "a line, empty where there is nothing more"
+
 
 @click.command()
 @click.argument("source", metavar="[READINGS]", required=False)
@@ -40,9 +42,9 @@ if TYPE_CHECKING:
     metavar="'SHAPE.WIDTH N N …'",
     help="Readings of one width of the test cut, such as 'circle_ccw.d45 29.98 29.99'. May be repeated.",
 )
-@click.option("--size", type=options.Number(), metavar="MM", help="Size of the shapes of --cut.")
-@click.option("--tool", type=options.Number(), metavar="MM", help="Diameter of the cutter of --cut.")
-@click.option("--swing", type=options.Number(), metavar="MM", help="Way from a place to beyond it, of --dial. [0.5]")
+@click.option("--size", type=options.positive, metavar="MM", help="Size of the shapes of --cut.")
+@click.option("--tool", type=options.positive, metavar="MM", help="Diameter of the cutter of --cut.")
+@click.option("--swing", type=options.positive, metavar="MM", help="Way from a place to beyond it, of --dial. [0.5]")
 @click.option(
     "--unit",
     type=click.Choice(["mm", "um", "inch"]),
@@ -196,7 +198,7 @@ def _asked(drives: Machine, swing: float | None, unit: str | None) -> Readings:
     def numbers(question: str, where: str) -> list[float]:
         if terminal:
             show(f"{question}\n  ", end="")
-        return [number_of(word, where) for word in next_line(where).replace(",", " ").split()]
+        return [number_of(word, where) for word in next_line(where, NO_MORE).replace(",", " ").split()]
 
     if terminal:
         way = f"{swing or SWING_MM:g} mm"

@@ -119,6 +119,10 @@ class Number(click.FloatRange):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return found
 
+    def _describe_range(self) -> str:
+        """Say nothing on the help page where any number is taken."""
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
 
 positive = Number(min=0.0, min_open=True)
 

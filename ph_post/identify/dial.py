@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from ph_post.errors import InputError
-from ph_post.identify.handreadings import Sure, resolution, rounding_error, widened
+from ph_post.identify.handreadings import COARSEST_DIAL, Sure, resolution, rounding_error, widened
 from ph_post.types import Array
 from ph_post.types.readings import DialRow
 from ph_post.units import INCH, MICROMETRE, MM
@@ -82,7 +82,7 @@ def _axis(axis: str, rows: Sequence[DialRow], swing: float) -> DialResult:
     if freedom == 0:
         what = "one reading from either side does not say how far it is off"
         raise InputError(f"{rows[0].where}, {axis}", what, expected="another row, or more readings in this one")
-    grain = resolution([one for row in rows for one in row.readings])
+    grain = resolution([one for row in rows for one in row.readings], COARSEST_DIAL)
     error = _mean_error(rows, scatter, freedom, grain)
     found = Sure(value=float(np.mean(lost)), error=error)
     if found.value < -max(_WRONG_SIGN * found.error, 5.0 * MICROMETRE):

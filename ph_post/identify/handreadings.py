@@ -28,6 +28,15 @@ _GRAINS: Final = tuple(
 )
 """Steps in which dials and calipers are read [m]."""
 
+_COARSEST: Final = 0.051 * MM
+"""Coarsest step of calipers [m]."""
+
+COARSEST_DIAL: Final = 0.026 * MM
+"""Coarsest step of a dial, a thousandth of an inch [m]."""
+
+_LEAST: Final = 1e-12
+"""Error of what is known without one, so that it has a weight."""
+
 _RANK: Final = 1e-9
 
 
@@ -42,8 +51,8 @@ class Sure(msgspec.Struct, frozen=True, kw_only=True):
         return abs(self.value - other.value) > times * math.hypot(self.error, other.error) + beside
 
 
-def resolution(readings: Sequence[float]) -> float:
-    """Return the largest usual step of which all readings are multiples [m], 0 where there is none.
+def resolution(readings: Sequence[float], most: float = _COARSEST) -> float:
+    """Return the largest usual step up to `most` of which all readings are multiples [m], 0 where there is none.
 
     Examples
     --------
@@ -52,7 +61,7 @@ def resolution(readings: Sequence[float]) -> float:
     """
     values = np.array(readings)
     for grain in sorted(_GRAINS, reverse=True):
-        if np.all(np.abs(values - grain * np.round(values / grain)) < 1e-3 * grain):
+        if grain <= most and np.all(np.abs(values - grain * np.round(values / grain)) < 1e-3 * grain):
             return grain
     return 0.0
 
@@ -92,7 +101,7 @@ def weighted_mean(numbers: Sequence[Sure]) -> Sure:
     >>> weighted_mean([Sure(value=1.0, error=1.0), Sure(value=2.0, error=1.0)]).value
     1.5
     """
-    weights = np.array([1.0 / one.error**2 for one in numbers])
+    weights = np.array([max(one.error, _LEAST) ** -2 for one in numbers])
     mean = float(np.sum(weights * [one.value for one in numbers]) / np.sum(weights))
     return Sure(value=mean, error=1.0 / math.sqrt(float(np.sum(weights))))
 

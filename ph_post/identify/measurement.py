@@ -27,6 +27,9 @@ _APART: Final = 4.0
 
 _BESIDE: Final = 10.0 * MICROMETRE
 
+_BESIDE_ANGLE: Final = 2e-4
+"""Angle [rad] that a worn machine may have between one place and another."""
+
 _MOST_RELATIVE: Final = 0.95
 _DIGITS: Final = 4
 """Decimals of a lost motion in mm: a tenth of a micrometre."""
@@ -97,7 +100,7 @@ def measure_machine(readings: Readings, machine: Machine) -> Measurement:
         if axis in sources
     }
     changed = {axis: _changed(machine.axes[axis], one) for axis, one in axes.items() if not one.note}
-    square, mismatch = _pairs(cut, bars)
+    square, mismatch = _pairs(cut, bars, readings.name)
     return Measurement(
         readings=readings.name,
         axes=axes,
@@ -170,9 +173,9 @@ def _changed(axis: Axis, found: AxisMeasurement) -> Axis:
 
 
 def _pairs(
-    cut: CutResult | None, bars: tuple[BallBarResult, ...]
+    cut: CutResult | None, bars: tuple[BallBarResult, ...], name: str
 ) -> tuple[dict[tuple[str, str], Sure], dict[tuple[str, str], Sure]]:
-    """Return squareness and scale mismatch by pair of axes; what two ways measured is averaged."""
+    """Return squareness and scale mismatch by pair of axes; what two ways measured alike is averaged."""
     square: dict[tuple[str, str], list[Sure]] = {}
     mismatch: dict[tuple[str, str], list[Sure]] = {}
     results = [] if cut is None else [(("X", "Y"), cut.squareness, cut.mismatch)]
@@ -183,6 +186,13 @@ def _pairs(
             square.setdefault(ordered, []).append(angle)
         if scale is not None:
             mismatch.setdefault(ordered, []).append(replace(scale, value=sign * scale.value))
+    for what, found in (("squareness", square), ("scales", mismatch)):
+        for pair, (first, *others) in found.items():
+            if any(first.differs(other, _APART, _BESIDE_ANGLE) for other in others):
+                expected = "the same within their errors, or one of them left out"
+                got = " and ".join(square_words(one) for one in (first, *others))
+                where = f"the {what} of {' and '.join(pair)} by test cut and by ball bar contradict each other"
+                raise InputError(name, where, expected=expected, got=got)
     means = [{pair: weighted_mean(group) for pair, group in one.items()} for one in (square, mismatch)]
     return means[0], means[1]
 

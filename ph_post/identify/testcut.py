@@ -105,7 +105,7 @@ def _with_known(
     """Fit again, with a row for every lost motion that is known, as heavy as it is sure."""
     added, values = [], []
     for axis, one in known.items():
-        weight = fit.scatter / one.error
+        weight = fit.scatter / max(one.error, 1e-9)
         added.append([weight * (name == f"lost_{axis.lower()}") for name in _NAMES])
         values.append(weight * one.value)
     if not added:

@@ -122,7 +122,7 @@ def measurement_view(found: HandMeasurement) -> dict[str, Any]:
         "axes": {
             axis: {
                 "lost_motion": _view(one.lost_motion, MM),
-                "written": None if one.note else found.machine.axes[axis].gap.lost_motion / MM,
+                "written": None if one.note else _short(found.machine.axes[axis].gap.lost_motion / MM),
                 "backlash_uncertainty": None if one.note else found.machine.axes[axis].uncertainty.backlash,
                 "sources": {way: _view(number, MM) for way, number in one.sources.items()},
                 "note": one.note,
@@ -135,16 +135,16 @@ def measurement_view(found: HandMeasurement) -> dict[str, Any]:
         "ball_bar": [
             {
                 "plane": "".join(bar.plane),
-                "radius": bar.radius / MM,
+                "radius": _short(bar.radius / MM),
                 "lost_motion": {a: _view(n, MM) for a, n in zip(bar.plane, bar.lost_motion, strict=True)},
                 "squareness": _view(bar.squareness, 1.0),
                 "scaling_mismatch": _view(bar.mismatch, 1.0),
                 "scaling_error": _view(bar.scale, 1.0),
                 "servo_mismatch": _view(bar.servo, MM),
                 "circular_deviation": {
-                    "ccw" if turn > 0 else "cw": deviation / MM for turn, deviation in bar.deviation
+                    "ccw" if turn > 0 else "cw": _short(deviation / MM) for turn, deviation in bar.deviation
                 },
-                "residual": bar.scatter / MM,
+                "residual": _short(bar.scatter / MM),
             }
             for bar in found.ball_bar
         ],
@@ -152,4 +152,9 @@ def measurement_view(found: HandMeasurement) -> dict[str, Any]:
 
 
 def _view(one: Sure | None, unit: float) -> dict[str, float] | None:
-    return None if one is None else {"value": one.value / unit, "stderr": one.error / unit}
+    return None if one is None else {"value": _short(one.value / unit), "stderr": _short(one.error / unit)}
+
+
+def _short(value: float) -> float:
+    """Return a number with the digits that anybody needs."""
+    return float(f"{value:.6g}")

@@ -62,7 +62,7 @@ def bash(shell, *words):
 def test_bash_completes_commands(shell):
     assert bash(shell, "ph-post", "") == list(COMMANDS)
     assert bash(shell, "ph-post", "insp") == ["inspect"]
-    assert bash(shell, "ph-post", "machine", "") == ["new"]
+    assert bash(shell, "ph-post", "machine", "") == ["measure", "new"]
 
 
 def test_bash_completes_options(shell):

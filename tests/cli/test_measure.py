@@ -156,3 +156,13 @@ def test_options_of_one_way_are_refused_by_the_other(capsys, tmp_path):
     assert run(capsys, *kit, "--tool", "6") == (2, "", f"ph-post: --tool needs --without-log{SEE}")
     told = "ph-post: --radius and --warm-up are for programs with a log; got --without-log" + SEE
     assert run(capsys, *kit, "--without-log", "--radius", "20") == (2, "", told)
+
+
+def test_readings_that_are_all_the_same_are_as_sure_as_their_last_digit(capsys):
+    rows = ("--dial", "X 0 0.50 0.03 0 0.03", "--dial", "X 0 0.50 0.03 0 0.03")
+    view = json.loads(run(capsys, *MEASURE, "-m", "router", *rows, "--json")[1])
+    assert view["axes"]["X"]["lost_motion"] == {"value": 0.03, "stderr": pytest.approx(0.01 / 12**0.5, rel=1e-3)}
+    none = ("--dial", "X 0 0.50 0 0 0", "--dial", "X 0 0.50 0 0 0")
+    status, out, _ = run(capsys, *MEASURE, "-m", "router", *none)
+    assert status == 0
+    assert "no lost motion that these readings show: 0 in the machine file" in out

@@ -198,3 +198,19 @@ def test_one_arc_alone_does_not_separate_squareness_from_the_servo(tmp_path):
     assert bar.servo is None
     assert bar.lost_motion[0] is not None
     assert bar.lost_motion[0].value / MM == pytest.approx(machine.play["X"], abs=0.002)
+
+
+def test_a_cut_and_a_ball_bar_that_disagree_are_refused(tmp_path):
+    exact = Shop(dial=1e-9, dial_grain=1e-4, calipers=0.005, calipers_grain=1e-4)
+    play = {"X": 0.05, "Y": 0.05}
+    file, bar = tmp_path / "readings.toml", tmp_path / "bar.csv"
+    random = np.random.default_rng(1)
+    file.write_text(hand_trials.readings(HandMachine(play=play), random, exact, dial=False, cut=True))
+    for squareness, agrees in ((1e-4, True), (3e-3, False)):
+        machine = HandMachine(play=play, squareness=squareness)
+        write_arcs(bar, [ball_bar(machine, 100.0, turn, 360, (0.0, 0.0), (0.0, 0.0)) for turn in (1, -1)], 0.002, 1)
+        if agrees:
+            assert set(ph.measure(file, "stepper", ball_bar=[bar]).axes["X"].sources) == {"test cut", "ball bar in XY"}
+            continue
+        with pytest.raises(ph.InputError, match="the squareness of X and Y by test cut and by ball bar contradict"):
+            ph.measure(file, "stepper", ball_bar=[bar])
