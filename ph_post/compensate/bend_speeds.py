@@ -16,21 +16,22 @@ optimization
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Any, Final
 
 import msgspec
 import numpy as np
-from scipy.linalg import LinAlgError, solveh_banded
 
+from ph_post.compiling import compiled, inner
 from ph_post.types import Array, BoolArray
 
 FIRST: Final = 1e-2
 """Weight of the barrier to begin with, over the time's."""
 
-LAST: Final = 1e-7
+LAST: Final = 1e-6
 """Weight of the barrier at last: some thousand limits are then kept for 1e-4 of the time."""
 
-LESS: Final = 0.2
+LESS: Final = 0.1
 """Factor to the weight from one stage to the next."""
 
 STEPS: Final = 12
@@ -47,6 +48,13 @@ BELOW: Final = 1e-4
 
 DONE: Final = 1e-3
 """Part of the weight, over all limits, by which one more step would lower the function."""
+
+
+MOST_HALVINGS: Final = 40
+"""Halvings of a step until it lowers the function."""
+
+JERK_ROW: Final = 2
+"""Of every three rows of limits that of the jerk."""
 
 
 class BendLimits(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -102,13 +110,13 @@ class _Problem:
 
     def __init__(self, limits: BendLimits, v: Array) -> None:
         self._width = np.diff(limits.s)
-        self._ends = v[0] ** 2, v[-1] ** 2
+        self._ends = np.array([v[0] ** 2, v[-1] ** 2])
         first, second = _differences(limits.s, bool(v[0] == 0.0), bool(v[-1] == 0.0))
         (r1, r2, r3), values = limits.jet[:, 1:-1], limits.values[:, 1:-1]
         middle = np.array([0.0, 1.0, 0.0])[:, None, None]
         along, bend = first[:, :, None], second[:, :, None]
         rows = np.stack([*self._accelerations(limits.jet), middle * r3 + 1.5 * along * r2 + 0.5 * bend * r1])
-        self._rows = np.concatenate([rows, -rows])
+        self._rows = np.ascontiguousarray(np.concatenate([rows, -rows]))
         """Shape (2 signs, accelerations before and behind the place and jerk; 3 neighbours; n, d)."""
         self.room = np.concatenate([values[[1, 1, 2]], values[[1, 1, 2]]])
         """What the rows may be, of jerk over the speed, shape (6, n, d)."""
@@ -142,84 +150,181 @@ class _Problem:
 
     def used(self, b: Array) -> Array:
         """Evaluate what the motion takes of the limits, to be compared with them, shape (6, n, d)."""
-        known = np.concatenate([[self._ends[0]], b, [self._ends[1]]])
+        known = np.concatenate([self._ends[:1], b, self._ends[1:]])
         rows: Array = self._rows[:, 0] * known[:-2, None] + self._rows[:, 1] * known[1:-1, None]
         rows += self._rows[:, 2] * known[2:, None]
         return np.where(self._is_jerk, rows * np.sqrt(b)[:, None], rows)
 
     def descend(self, b: Array, room: Array, weight: float, steps: int) -> Array:
         """Minimise the logarithm of the time and the barrier before limits of such room by some of Newton's steps."""
-        value = self._value(b, room, weight)
-        for _ in range(steps):
-            slope, matrix = self._model(b, room, weight)
-            try:
-                step = solveh_banded(matrix, -slope)
-            except LinAlgError:
-                break
-            gain = float(slope @ step)
-            if not gain < -DONE * weight * room.size:
-                break
-            part = 1.0
-            for _ in range(40):
-                tried = b + part * step
-                new = self._value(tried, room, weight) if tried.min() > 0.0 else np.inf
+        found: Array = _descend(b, self._rows, room, self.highest, self._width, self._ends, weight, steps)
+        return found
+
+
+@compiled
+def _descend(
+    b: Any,
+    rows: Any,
+    room: Any,
+    highest: Any,
+    width: Any,
+    ends: Any,
+    weight: float,
+    steps: int,
+) -> Any:
+    """Minimise the logarithm of the time and the barrier before limits of such room by some of Newton's steps.
+
+    `rows` (6, 3, n, d), `room` (6, n, d) and `highest` (n,) are those of :class:`_Problem`; `b` (n,) is not changed.
+    """
+    n = b.size
+    here, tried = b.copy(), np.empty(n)
+    slope, step, bands = np.empty(n), np.empty(n), np.empty((3, n))
+    value = _value(here, rows, room, highest, width, ends, weight)
+    for _ in range(steps):
+        _model(here, rows, room, highest, width, ends, weight, slope, bands)
+        if not _solve_banded(bands, slope, step):
+            break
+        gain = 0.0
+        for k in range(n):
+            gain += slope[k] * step[k]
+        if not gain < -DONE * weight * room.size:
+            break
+        part, done = 1.0, False
+        for _ in range(MOST_HALVINGS):
+            positive = True
+            for k in range(n):
+                tried[k] = here[k] + part * step[k]
+                positive = positive and tried[k] > 0.0
+            if positive:
+                new = _value(tried, rows, room, highest, width, ends, weight)
                 if new <= value + 0.1 * part * gain:
-                    b, value = tried, new
+                    here[:] = tried
+                    value, done = new, True
                     break
-                part *= 0.5
-            else:
-                break
-        return b
+            part *= 0.5
+        if not done:
+            break
+    return here
 
-    def _slack(self, b: Array, room: Array) -> Array:
-        return 1.0 - self.used(b) / room
 
-    def _value(self, b: Array, room: Array, weight: float) -> float:
-        slack, below = self._slack(b, room), 1.0 - b / self.highest
-        if slack.min() <= 0.0 or below.min() <= 0.0:
-            return np.inf
-        barrier = np.log(slack).sum() + np.log(below).sum()
-        return float(np.log(self._times(b).sum()) - weight * barrier)
+@inner
+def _used(b: Any, rows: Any, ends: Any, row: Any, k: Any, axis: Any) -> Any:
+    """Return what the motion takes of a limit at the place `k`."""
+    before = b[k - 1] if k > 0 else ends[0]
+    behind = b[k + 1] if k < b.size - 1 else ends[1]
+    found = rows[row, 0, k, axis] * before + rows[row, 1, k, axis] * b[k] + rows[row, 2, k, axis] * behind
+    return found * math.sqrt(b[k]) if row % 3 == JERK_ROW else found
 
-    def _times(self, b: Array) -> Array:
-        """Return times of cells with speeds linear in time; beside a rest they go with the way to the power 2/3."""
-        v = np.sqrt(np.concatenate([[self._ends[0]], b, [self._ends[1]]]))
-        share = np.where((v[:-1] == 0.0) | (v[1:] == 0.0), 3.0, 2.0)
-        times: Array = share * self._width / (v[:-1] + v[1:])
-        return times
 
-    def _model(self, b: Array, room: Array, weight: float) -> tuple[Array, Array]:
-        """Slope (n,) and upper bands (3, n) of a positive matrix in place of the curvature."""
-        v = np.sqrt(np.concatenate([[self._ends[0]], b, [self._ends[1]]]))
-        times, total = self._times(b), v[:-1] + v[1:]
-        whole = times.sum()
-        rate = 0.5 / np.sqrt(b)
-        by_v = -times / total / whole
-        slope = rate * (by_v[:-1] + by_v[1:])
-        bands = np.zeros((3, b.size))
-        again = 2.0 * times / total**2 / whole
-        bands[2] = rate**2 * (again[:-1] + again[1:]) - 0.5 * rate / b * (by_v[:-1] + by_v[1:])
-        bands[1, 1:] = rate[:-1] * rate[1:] * again[1:-1]
-        slack = self._slack(b, room)
-        # Slopes of the slack by b at the place before, at it and behind it.
-        scale = np.where(self._is_jerk, np.sqrt(b)[:, None], 1.0) / room
-        d = -self._rows * scale[:, None]
-        d[:, 1] -= np.where(self._is_jerk, 0.5 * self.used(b) / b[:, None] / room, 0.0)
-        d = d / slack[:, None]
-        d = np.moveaxis(d, 1, 0).transpose(0, 2, 1, 3).reshape(3, b.size, -1)
-        sums = -weight * d.sum(axis=2)
-        slope += sums[1]
-        slope[:-1] += sums[0, 1:]
-        slope[1:] += sums[2, :-1]
-        bands[2] += weight * (d[1] ** 2).sum(axis=1)
-        bands[2, :-1] += weight * (d[0, 1:] ** 2).sum(axis=1)
-        bands[2, 1:] += weight * (d[2, :-1] ** 2).sum(axis=1)
-        bands[1, 1:] += weight * ((d[0, 1:] * d[1, 1:]).sum(axis=1) + (d[1, :-1] * d[2, :-1]).sum(axis=1))
-        bands[0, 2:] += weight * (d[0, 1:-1] * d[2, 1:-1]).sum(axis=1)
-        below = self.highest - b
-        slope += weight / below
-        bands[2] += weight / below**2
-        return slope, bands
+@inner
+def _cell_time(b: Any, width: Any, ends: Any, k: Any) -> Any:
+    """Return the time of a cell and the sum of the speeds at its ends.
+
+    The speed is linear in time; beside a rest it goes with the way to the power 2/3.
+    """
+    first = ends[0] if k == 0 else b[k - 1]
+    last = ends[1] if k == b.size else b[k]
+    total = math.sqrt(first) + math.sqrt(last)
+    return (3.0 if first == 0.0 or last == 0.0 else 2.0) * width[k] / total, total
+
+
+@inner
+def _value(b: Any, rows: Any, room: Any, highest: Any, width: Any, ends: Any, weight: Any) -> Any:
+    """Evaluate the logarithm of the time and the barrier; infinite where a limit is broken."""
+    time, barrier = 0.0, 0.0
+    for k in range(width.size):
+        time += _cell_time(b, width, ends, k)[0]
+    for k in range(b.size):
+        product = 1.0 - b[k] / highest[k]
+        if not product > 0.0:
+            return math.inf
+        for row in range(rows.shape[0]):
+            for axis in range(rows.shape[3]):
+                slack = 1.0 - _used(b, rows, ends, row, k, axis) / room[row, k, axis]
+                if not slack > 0.0:
+                    return math.inf
+                product *= slack
+        # Of some twenty numbers below 2, the least of them some 1e-6.
+        barrier += math.log(product)
+    return math.log(time) - weight * barrier
+
+
+@inner
+def _model(
+    b: Any, rows: Any, room: Any, highest: Any, width: Any, ends: Any, weight: Any, slope: Any, bands: Any
+) -> None:
+    """Put in the slope (n,) and the diagonals (3, n), the main one first, of a positive matrix for the curvature."""
+    n, whole = b.size, 0.0
+    for k in range(n + 1):
+        whole += _cell_time(b, width, ends, k)[0]
+    slope[:] = 0.0
+    bands[:] = 0.0
+    for k in range(n + 1):
+        time, total = _cell_time(b, width, ends, k)
+        by_v, again = -time / total / whole, 2.0 * time / total**2 / whole
+        for i in (k - 1, k):
+            if 0 <= i < n:
+                rate = 0.5 / math.sqrt(b[i])
+                slope[i] += rate * by_v
+                bands[0, i] += rate**2 * again - 0.5 * rate / b[i] * by_v
+        if 0 < k < n:
+            bands[1, k - 1] += 0.25 / math.sqrt(b[k - 1] * b[k]) * again
+    for k in range(n):
+        below = highest[k] - b[k]
+        slope[k] += weight / below
+        bands[0, k] += weight / below**2
+        for row in range(rows.shape[0]):
+            jerk = row % 3 == JERK_ROW
+            scale = math.sqrt(b[k]) if jerk else 1.0
+            for axis in range(rows.shape[3]):
+                used, size = _used(b, rows, ends, row, k, axis), room[row, k, axis]
+                slack = 1.0 - used / size
+                # Slopes of the slack by b at the place before, at it and behind it, over the slack.
+                left = -rows[row, 0, k, axis] * scale / size / slack
+                middle = (-rows[row, 1, k, axis] * scale - (0.5 * used / b[k] if jerk else 0.0)) / size / slack
+                right = -rows[row, 2, k, axis] * scale / size / slack
+                slope[k] -= weight * middle
+                bands[0, k] += weight * middle**2
+                if k > 0:
+                    slope[k - 1] -= weight * left
+                    bands[0, k - 1] += weight * left**2
+                    bands[1, k - 1] += weight * left * middle
+                if k < n - 1:
+                    slope[k + 1] -= weight * right
+                    bands[0, k + 1] += weight * right**2
+                    bands[1, k] += weight * middle * right
+                if 0 < k < n - 1:
+                    bands[2, k - 1] += weight * left * right
+
+
+@inner
+def _solve_banded(bands: Any, slope: Any, step: Any) -> Any:
+    """Put in the step, from matrix · step = -slope by L D Lᵀ in place of the matrix; false where that is not positive."""
+    n = slope.size
+    for k in range(n):
+        if not bands[0, k] > 0.0:
+            return False
+        first = bands[1, k] / bands[0, k]
+        second = bands[2, k] / bands[0, k]
+        if k + 1 < n:
+            bands[0, k + 1] -= first * bands[1, k]
+            bands[1, k + 1] -= first * bands[2, k]
+        if k + 2 < n:
+            bands[0, k + 2] -= second * bands[2, k]
+        bands[1, k], bands[2, k] = first, second
+    for k in range(n):
+        step[k] = -slope[k]
+        if k > 0:
+            step[k] -= bands[1, k - 1] * step[k - 1]
+        if k > 1:
+            step[k] -= bands[2, k - 2] * step[k - 2]
+    for k in range(n - 1, -1, -1):
+        step[k] /= bands[0, k]
+        if k + 1 < n:
+            step[k] -= bands[1, k] * step[k + 1]
+        if k + 2 < n:
+            step[k] -= bands[2, k] * step[k + 2]
+    return True
 
 
 _LEAST: Final = 1e-12

@@ -52,11 +52,14 @@ ATTEMPTS: Final = 8
 LOCAL: Final = 4
 """The first of these solutions, of which only the places are corrected where samples break a limit."""
 
-TIGHTER: Final = 1.005
+TIGHTER: Final = 1.015
 """How much more than what samples take too much of a limit is left unused there."""
 
-TO_SAMPLES: Final = 0.997
-"""Part of the limits that samples may use."""
+TO_SAMPLES: Final = 0.996
+"""Part of the limits that samples are to use."""
+
+ENOUGH: Final = 1.003
+"""How much more than that they may use."""
 
 PHASES: Final = 4
 """Samples a servo period that are looked at: which of them the plan has is not known yet."""
@@ -67,8 +70,8 @@ REACH: Final = 1.5
 WIDEST: Final = 4
 """Places for which they stand at most."""
 
-MOST_SOLVED: Final = 300
-"""Corners that differ from each other for which speeds are sought, some 0.05 s each; others keep the plan by nodes."""
+MOST_SOLVED: Final = 500
+"""Corners that differ from each other for which speeds are sought, some 0.03 s each; others keep the plan by nodes."""
 
 
 _SOLVED: WeakKeyDictionary[Track, dict[bytes, tuple[Array, Array] | None]] = WeakKeyDictionary()
@@ -249,7 +252,7 @@ class RoundedCorners:
                 return None
             v = found
             used = self._used(_law(s, v), limits, s)
-            if used.max() <= 1.0:
+            if used.max() <= ENOUGH:
                 return s - s[0], v
             # Here and there at first, then everywhere: limits that change from place to place may make others break.
             used = used if attempt < LOCAL else np.broadcast_to(used.max(axis=(1, 2), keepdims=True), used.shape)

@@ -68,4 +68,4 @@ def test_reversals_inside_rounded_corners_are_crossed_like_others() -> None:
     made = ph.compensate(zigzag(), "router", corner_tolerance=0.05 * MM, max_slowdown=0.6, effort=0.05)
     assert (made.reversals.compensated, made.reversals.all) == (2, 2)
     assert made.after.error_gap.max < 0.25 * made.before.error_gap.max
-    assert made.after.error_gap.rms < 0.1 * made.before.error_gap.rms
+    assert made.after.error_gap.rms < 0.2 * made.before.error_gap.rms
