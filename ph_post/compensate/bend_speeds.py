@@ -299,7 +299,7 @@ def _model(
 
 @inner
 def _solve_banded(bands: Any, slope: Any, step: Any) -> Any:
-    """Put in the step, from matrix · step = -slope by L D Lᵀ in place of the matrix; false where that is not positive."""
+    """Put in the step, matrix · step = -slope, by L D Lᵀ in place of the matrix; false where that is not positive."""
     n = slope.size
     for k in range(n):
         if not bands[0, k] > 0.0:
