@@ -25,6 +25,9 @@ Floats = NDArray[np.float64]
 DENSE = 0.01
 """Distance of the samples of a path [mm]."""
 
+SAME = 1e-9
+"""Places [mm] that differ by no more than rounding."""
+
 BEGINS = 0.02
 """A cut has begun this far behind a rapid [mm]."""
 
@@ -85,7 +88,7 @@ class Stretches:
             points = run(own, DENSE).motor
             before = self.points[k - 1][-int(tail / DENSE) :] if k - 1 in self.rapid_runs and tail else points[:1]
             points = np.concatenate([before, points])
-            apart = np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))
+            apart = np.append(True, (np.abs(np.diff(points, axis=0)) > SAME).any(axis=1))
             self.points[k] = points[apart]
             self.begins[k] = int(apart[: len(before)].sum()) - 1
             self.trees[k] = cKDTree(self.points[k])
