@@ -75,6 +75,7 @@ class Stretches:
     """
 
     def __init__(self, text: str, gaps: Floats, tail: float = 0.0) -> None:
+        self.text = text
         self.moves = [move for move in interpret(text) if move.length > 0.0]
         air = winds_up(self.moves, gaps)
         rapid = np.array([move.mode == 0 or move.line in air for move in self.moves])
@@ -101,12 +102,9 @@ class Stretches:
             found[own], along[own] = self._nearest(self.points[k], self.trees[k], places[own])
         return found, along
 
-    def nearest_on(self, places: Floats, first: int, last: int) -> Floats:
-        """Nearest points (n, 3) [mm] of the moves of some lines, or where the moves before `last` end."""
-        own = [move for move in self.moves if first <= move.line < last]
-        if not own:
-            return np.broadcast_to(end_of(self.moves, last), places.shape)
-        points = run(own, DENSE).motor
+    def nearest_on(self, places: Floats, moves: list[Move]) -> Floats:
+        """Nearest points (n, 3) [mm] of some moves."""
+        points = run(moves, DENSE).motor
         return self._nearest(points, cKDTree(points), places)[0]
 
     @staticmethod
@@ -178,38 +176,39 @@ def origins(text: str) -> list[Origin]:
     return found
 
 
-def end_of(moves: list[Move], before: int) -> Floats:
-    """Where the last of the moves ends whose line is before another."""
-    known = [move for move in moves if move.line < before]
-    return known[-1].end if known else moves[0].start
+def without_offsets(
+    text: str, original: Stretches, motor: Floats, lines: NDArray[np.int64], own: Stretches
+) -> tuple[Floats, Floats]:
+    """Motors without offsets, and the path next to them on the lines that they run; where these are new both are that.
 
-
-def without_offsets(text: str, original: Stretches, motor: Floats, lines: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Motors without offsets, and the path next to them where lines are new.
-
-    A line ends as far from where the lines end for which it stands as its offsets are; between two ends they grow with
-    the way.
+    Moves end as far from where the moves end for which they stand as their offsets are; between two ends these grow
+    with the way.
     """
-    moves, stands = interpret(text), origins(text)
-    free, new = motor.copy(), np.zeros(len(motor), dtype=bool)
-    before, line = np.zeros(3), 0
-    while line < len(stands):
-        first, last, changed = stands[line]
-        behind = line + 1
-        while behind < len(stands) and stands[behind][:2] == (first, last):
-            behind += 1
-        after = end_of(moves, behind) - end_of(original.moves, last) if line else before
-        own = np.flatnonzero((lines >= line) & (lines < behind))
-        if own.size:
-            low = max(own[0] - 1, 0)
-            way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(motor[low : own[-1] + 1], axis=0), axis=1)))
-            share = (way / way[-1] if way[-1] else np.ones_like(way))[own - low, None]
-            free[own] -= (1.0 - share) * before + share * after
-            if changed:
-                new[own] = True
-                free[own] = original.nearest_on(free[own], first, last)
-        before, line = after, behind
-    return free, new
+    stands = origins(text)
+    free, exact = motor.copy(), motor.copy()
+    keys = [(*stands[move.line][:2], int(k)) for move, k in zip(own.moves, own.run_of, strict=True)]
+    theirs = list(zip(original.moves, original.run_of.tolist(), strict=True))
+    before, begin = np.zeros(3), 0
+    while begin < len(keys):
+        end = begin + 1
+        while end < len(keys) and keys[end] == keys[begin]:
+            end += 1
+        first, last, number = keys[begin]
+        done = [move for move, k in theirs if move.line < last and k <= number]
+        after = own.moves[end - 1].end - (done[-1].end if done else original.moves[0].start)
+        until = own.moves[end].line if end < len(keys) else len(stands)
+        rows = np.flatnonzero((lines >= own.moves[begin].line) & (lines < until))
+        if rows.size:
+            low = max(rows[0] - 1, 0)
+            way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(motor[low : rows[-1] + 1], axis=0), axis=1)))
+            share = (way / way[-1] if way[-1] else np.ones_like(way))[rows - low, None]
+            free[rows] -= (1.0 - share) * before + share * after
+            among = [move for move, k in theirs if first <= move.line < last and k == number]
+            exact[rows] = original.nearest_on(free[rows], among) if among else done[-1].end
+            if stands[own.moves[begin].line].new:
+                free[rows] = exact[rows]
+        before, begin = after, end
+    return free, exact
 
 
 def winds_up(moves: list[Move], gaps: Floats) -> set[int]:
@@ -243,8 +242,9 @@ def played(text: str, original: Stretches, command, lines: NDArray[np.int64], ga
     _, along = original.nearest(motor, numbers)
     begins = np.array([original.begins.get(k, 0) for k in range(int(numbers.max()) + 1)])
     cuts &= (along - begins[numbers]) * DENSE > BEGINS
-    free, new = without_offsets(text, original, motor, np.maximum.accumulate(lines))
-    exact = np.where(new[:, None], free, original.nearest(free, numbers)[0])
+    free, exact = motor, original.nearest(motor, numbers)[0]
+    if text != original.text:
+        free, exact = without_offsets(text, original, motor, np.maximum.accumulate(lines), own)
     return Played(motor, numbers, cuts & (command.t >= settled), free, exact)
 
 

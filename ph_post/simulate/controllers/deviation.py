@@ -123,16 +123,23 @@ class CutPath:
         position = self.in_space(command.axes, command.position)
         return follow_path(self._pieces, self.starts, position, self._reach(command.axes, command.position), WIDE)
 
-    def closest_on_lines(self, position: Array, place: Array, first: IntArray, end: IntArray) -> tuple[Array, Array]:
-        """Return the places [m] and points (n, 3) [m] of lines of the program that are closest to positions (n, 3) [m].
+    def closest_on_motions(self, position: Array, place: Array, first: IntArray, end: IntArray) -> Array:
+        """Return the points (n, 3) [m] of motions of the program that are closest to positions (n, 3) [m].
 
-        Between `first` and `end` (n,) of these nothing may move: then it is the joint there. Of turns of a circle it is
-        the one next to a `place` (n,) [m].
+        From `first` to before `end` (n,) there may be none: then it is the joint there. Of turns of a circle it is the
+        one next to a `place` (n,) [m].
         """
-        of_legs = self.program.motions.block[self.legs.motion.astype(np.int64)]
-        low, high = (np.searchsorted(of_legs, line) for line in (first, end))
-        _, found = closest_on(self._pieces, self.starts, position, place, low, high)
-        return found, self.points(found)
+        of_legs = self.legs.motion.astype(np.int64)
+        low, high = (np.searchsorted(of_legs, motion) for motion in (first, end))
+        return self.points(closest_on(self._pieces, self.starts, position, place, low, high)[1])
+
+    def turns_in_air(self, program: PartProgram, command: Command) -> IntArray:
+        """Count for each motion (m,) of a program how often the tool came into the air or left it before."""
+        air = (program.motions.kind == RAPID) | _approaches(program, self._gaps_by_name(command))
+        # What goes nowhere belongs to what comes before.
+        still = (program.motions.start == program.motions.end).all(axis=1) & (program.motions.kind <= LINE)
+        before = np.maximum.accumulate(np.where(still, 0, np.arange(still.size)))
+        return np.asarray(np.cumsum(np.diff(air[before], prepend=True) != 0))
 
     def _gaps_by_name(self, command: Command) -> dict[str, float]:
         return dict(zip(command.axes, self.gaps(command).tolist(), strict=True))

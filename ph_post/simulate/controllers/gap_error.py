@@ -95,23 +95,27 @@ def _without_offsets(cut: FollowedCut) -> tuple[Command, Command] | None:
     blocks, theirs = program.motions.block, original.motions.block
     if (np.diff(blocks) < 0).any() or (np.diff(theirs) < 0).any():
         return None
-    # Lines that stand for the same ones are one stretch, and so is what is added between two.
-    new = (np.diff(origins.first, prepend=-1) != 0) | (np.diff(origins.end, prepend=-1) != 0)
-    stretch = np.cumsum(new) - 1
-    last = np.append(np.flatnonzero(new)[1:], stretch.size)
-    offset = _ends(program, np.searchsorted(blocks, last)) - _ends(
-        original, np.searchsorted(theirs, origins.end[last - 1])
-    )
+    turn, turns = (path.turns_in_air(one, command) for one in (program, original))
+    if turn[-1] != turns[-1]:
+        turn, turns = np.zeros_like(turn), np.zeros_like(turns)
+    # Motions that stand for the same lines, in the air or not, are one stretch, and so is what is added between two.
+    known = np.stack([origins.first[blocks], origins.end[blocks], turn], axis=1)
+    stretch = np.cumsum((np.diff(known, axis=0, prepend=-1) != 0).any(axis=1)) - 1
+    last = np.flatnonzero(np.diff(stretch, append=-1))
+    done = np.minimum(np.searchsorted(theirs, known[last, 1]), np.searchsorted(turns, known[last, 2], side="right"))
+    offset = _ends(program, last + 1) - _ends(original, done)
     offset = np.concatenate([np.zeros((1, len(AXES))), np.nan_to_num(offset)])
-    line = blocks[np.maximum(command.segment, 0)]
-    own = np.maximum.accumulate(stretch[line])
+    motion = np.maximum(command.segment, 0)
+    own = np.maximum.accumulate(stretch[motion])
     full = path.in_space(command.axes, command.position)
     way = _way_along(full)
     begin, end = (way[np.clip(np.searchsorted(own, own, side=side) - 1, 0, own.size - 1)] for side in ("left", "right"))
     share = np.divide(way - begin, end - begin, out=np.ones_like(way), where=end > begin)[:, None]
     free = full - (1.0 - share) * offset[own] - share * offset[own + 1]
-    _, exact = path.closest_on_lines(free, cut.place, origins.first[line], origins.end[line])
-    free = np.where(origins.changed[line][:, None], exact, free)
+    low = np.maximum(np.searchsorted(theirs, known[:, 0]), np.searchsorted(turns, known[:, 2]))
+    high = np.minimum(np.searchsorted(theirs, known[:, 1]), np.searchsorted(turns, known[:, 2], side="right"))
+    exact = path.closest_on_motions(free, cut.place, low[motion], np.maximum(low, high)[motion])
+    free = np.where(origins.changed[blocks[motion]][:, None], exact, free)
     columns = [AXES.index(name) for name in command.axes]
     both = [replace(command, position=np.ascontiguousarray(one[:, columns])) for one in (free, exact)]
     return both[0], both[1]
