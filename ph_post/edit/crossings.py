@@ -290,6 +290,7 @@ class CrossingPlanner:
                 added=[spot.before, spot.before + longer**2 * bulge, peak, spot.after + bulge, spot.after],
                 line=[False, True, True, True, True],
                 speed=[spot.feed, speed, speed, speed, spot.feed],
+                crosses=range(2, 4),
             )
         # The table waits longer than the motor's blocks last where the controller rounds their ends.
         lasts = max(spot.shape.first, LONE * spot.shape.wait) * speed
