@@ -89,10 +89,9 @@ def command(
 
     \b
     Examples:
-      ph-post machine measure kit/readings.toml -m my_router.toml -o measured.toml
-      ph-post machine measure -m my_router.toml --dial "X 0 0.501 0.031 0.001 0.030" --dial "Y 0 0.5 0.06 0 0.058"
-      ph-post machine measure -m my_mill.toml --ball-bar ccw.csv --ball-bar cw.csv -o measured.toml
-      ph-post machine measure -m my_router.toml
+      ph-post machine measure readings.toml -m router.toml -o measured.toml
+      ph-post machine measure -m router.toml --dial "X 0 0.501 0.031 0.001 0.030" --dial "Y 0 0.5 0.06 0 0.058"
+      ph-post machine measure -m router.toml --ball-bar ccw.csv --ball-bar cw.csv -o measured.toml
 
     \b
     JSON:

@@ -88,11 +88,16 @@ def shop(tmp_path_factory):
         "router.toml": "samples/machines/router.toml",
         "part.ngc": "samples/programs/pocket.ngc",
         "old.ngc": "samples/programs/pocket.ngc",
+        "readings.toml": "samples/readings/worn_stepper.toml",
     }
     for name, source in copies.items():
         (folder / name).write_bytes((ROOT / source).read_bytes())
     (folder / "answers.toml").write_text('loop = "load"\nlost_motion = 0.05\n')
     (folder / "grbl_settings.txt").write_text("$110=2400.000\n$111=2400.000\n$112=600.000\n")
+    arcs = (ROOT / "samples" / "readings" / "ball_bar.csv").read_text().splitlines(keepends=True)
+    first = next(k for k, line in enumerate(arcs) if line.startswith("360,")) + 1
+    (folder / "ccw.csv").write_text("".join(arcs[:first]))
+    (folder / "cw.csv").write_text("".join([*arcs[:5], *arcs[first:]]))
     quick = ("--effort", "0.01")
     compensated = str(folder / "part_compensated.ngc")
     assert main(["convert", str(folder / "part.ngc"), "-m", "router", *quick, "-o", compensated]) == 0
