@@ -60,7 +60,8 @@ def why_bound(line: bytes) -> str:
 def _hidden(line: bytes, still: frozenset[bytes], arcs: bytes, foreign: bytes, *, small: bool) -> bytes:
     """Return one line as RS274/NGC has it, of the same length."""
     code, mark, comment = line.partition(b";")
-    if not code.strip():
+    if not code.strip() or code.lstrip().startswith(b"#"):
+        # No command begins with that: Marlin and Klipper say so, and go on (gcode.cpp, gcode.py: unknown command).
         return line
     found = _COMMAND.match(code)
     if found is None:

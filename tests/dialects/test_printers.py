@@ -114,6 +114,22 @@ def test_a_tool_change_forgets_the_place_and_keeps_the_modes() -> None:
     assert not program.modal_after(3).absolute
 
 
+@pytest.mark.parametrize("dialect", ["marlin", "klipper"])
+def test_text_is_named_and_seen_through(dialect: str) -> None:
+    program = read("G90\nG1 X0 Y0 F600\n# layer 2, G1 X9\nG1 X10\n", dialect)
+    assert [note.what for note in program.notes] == ["text: # layer 2, G1 X9"]
+    assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([0.0, 10.0])
+    assert program.motions.chain.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("dialect", ["marlin", "klipper"])
+def test_numbered_and_checked_lines_are_read(dialect: str) -> None:
+    program = read("N1 G90*18\nN2 G28 X Y*70\nN3 G1 X1 Y1 F600*57\nN4 G1 X5*33\n", dialect)
+    assert not program.notes
+    assert [one.kind for one in program.breaks] == ["beginning", "home", "end"]
+    assert (program.motions.end[:, 0] / MM).tolist() == pytest.approx([1.0, 5.0])
+
+
 def test_increments_behind_a_tool_change_need_no_place() -> None:
     motions = read("G91\nG1 X1 F60\nT1\nG1 X2\n").motions
     assert motions.chain.tolist() == [0, 1]
