@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from ph_post.compensate.bend_speeds import BendLimits, least_time_speeds, phases_between
-from ph_post.compensate.limit_curve import UNBOUNDED, AxisLimits, LimitCurve
+from ph_post.compensate.limit_curve import UNBOUNDED, VELOCITY_SHARE, AxisLimits, LimitCurve
 from ph_post.compensate.motion import MotionLaw
 from ph_post.compensate.nominal import SAME_PLACE, Nodes, add_plateaus
 from ph_post.compensate.speed_ramps import ramp_distance
@@ -28,8 +28,14 @@ CELL: Final = 2.5e-3
 LEAST_PLACES: Final = 60
 """Places on a stretch at least."""
 
-MOST_PLACES: Final = 400
+MOST_PLACES: Final = 900
 """Places on a stretch; one with more of them keeps the plan by nodes."""
+
+FINEST_PLACES: Final = 900
+"""Places on a stretch whose corners are passed quickly."""
+
+ON_CORNER: Final = 12
+"""Places on each corner, if they are not too many."""
 
 MARGIN: Final = 0.985
 """Part of the limits that is used, for what changes between the places."""
@@ -172,18 +178,27 @@ class RoundedCorners:
         They begin and end where the feed is steady, or at a rest; where that is too far, at the fastest place on the
         way.
         """
+        found: list[_Stretch] = []
+        for whole, spans in self._joined(phases, self._spans, peaks=False):
+            fits = _places(phases, whole) <= MOST_PLACES
+            found += [whole] if fits else [part for part, _ in self._joined(phases, spans, peaks=True)]
+        return [one for one in found if all(phase.window < 0 for phase in phases[one.first : one.behind])]
+
+    def _joined(
+        self, phases: tuple[Phase, ...], spans: list[tuple[float, float]], *, peaks: bool
+    ) -> list[tuple[_Stretch, list[tuple[float, float]]]]:
+        """Find the stretches around corners, those that overlap as one, and the corners of each."""
         begins = np.array([phase.s for phase in phases])
-        whole: list[_Stretch] = []
-        for s0, s1 in self._spans:
-            inside = int(np.searchsorted(begins, s0, side="right")) - 1, int(np.searchsorted(begins, s1, side="left"))
-            for peaks in (False, True):
-                one = self._around(phases, *inside, peaks=peaks)
-                joined = whole and one.first < whole[-1].behind
-                both = _Stretch(whole[-1].first, max(one.behind, whole[-1].behind)) if joined else one
-                if peaks or _places(phases, both) <= MOST_PLACES:
-                    break
-            whole = [*(whole[:-1] if joined else whole), both]
-        return [one for one in whole if all(phase.window < 0 for phase in phases[one.first : one.behind])]
+        found: list[tuple[_Stretch, list[tuple[float, float]]]] = []
+        for span in spans:
+            first = int(np.searchsorted(begins, span[0], side="right")) - 1
+            one = self._around(phases, first, int(np.searchsorted(begins, span[1], side="left")), peaks=peaks)
+            if found and one.first < found[-1][0].behind:
+                last, corners = found.pop()
+                found.append((_Stretch(last.first, max(one.behind, last.behind)), [*corners, span]))
+            else:
+                found.append((one, [span]))
+        return found
 
     def _around(self, phases: tuple[Phase, ...], first: int, behind: int, *, peaks: bool) -> _Stretch:
         """Widen a stretch of phases to where it may end."""
@@ -242,7 +257,8 @@ class RoundedCorners:
         found = least_time_speeds(limits, v)
         if found is None:
             return None
-        s, v = _sampled(_law(s, found), s.size - 1, float(s[0]), float(s[-1]))
+        motion = _law(s, found)
+        s, v = _sampled(motion, self._places_for(motion, s), float(s[0]), float(s[-1]))
         limits = self._bounds(s, factor)
         share = np.ones(limits.values.shape)
         for attempt in range(ATTEMPTS):
@@ -258,6 +274,13 @@ class RoundedCorners:
             used = used if attempt < LOCAL else np.broadcast_to(used.max(axis=(1, 2), keepdims=True), used.shape)
             share = share / np.where(used > 1.0, used * TIGHTER, 1.0)
         return None
+
+    def _places_for(self, motion: MotionLaw, s: Array) -> int:
+        """Return how many places a motion needs, so that some lie on each of its corners."""
+        inside = [span for span in self._spans if s[0] < span[0] and span[1] < s[-1]]
+        passed = np.interp(np.array(inside), s, np.append(motion.start, motion.end))
+        cell = min(CELL, float(np.diff(passed, axis=1).min()) / ON_CORNER) if inside else CELL
+        return int(min(max(s.size - 1, motion.end / cell), FINEST_PLACES))
 
     def _used(self, motion: MotionLaw, limits: BendLimits, s: Array) -> Array:
         """Parts of the limits that samples use near the places of a motion, shape (3, n, d); speeds are left out."""
@@ -292,7 +315,8 @@ class RoundedCorners:
         step = np.max(np.diff(s))
         beside = np.any(np.abs(s[:, None] - self._jumps) <= 2.0 * step, axis=1)
         feed = np.where(beside, np.minimum(feed, np.interp(s, self._caps.s, self._caps.hard)), feed) * slower
-        values = MARGIN * self._limits.values[:, None] * np.stack([slower, slower**2, slower**3])[..., None]
+        used = np.array([VELOCITY_SHARE, MARGIN, MARGIN])[:, None] * self._limits.values
+        values = used[:, None] * np.stack([slower, slower**2, slower**3])[..., None]
         return BendLimits(s=s, jet=jet, feed=feed, values=values)
 
 

@@ -218,3 +218,24 @@ def test_corners_that_are_alike_are_solved_once() -> None:
     slow = MotionLaw.from_phases(planned(path, machine).phases).end
     plan = planned(with_rounded_corners(path, 2e-5), machine)
     assert MotionLaw.from_phases(plan.phases).end < slow - 38 * 0.02
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_random_polygons_are_run_faster_around_their_corners_within_the_limits(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    machine = read_machine(("router", "mill", "stepper")[seed % 3])
+    headings = np.cumsum(rng.uniform(0.1, 3.0, 7) * rng.choice([-1.0, 1.0], 7))
+    sides = rng.choice([0.3, 1.0, 4.0]) * rng.uniform(1.0, 4.0, 7) * MM
+    steps = sides[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    points = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    feed, within = rng.choice([300.0, 1000.0, 3000.0]) * MM / 60.0, rng.choice([0.005, 0.02, 0.1]) * MM
+    path = replace(Track.from_curves([Line(np.stack(pair)) for pair in pairwise(points)]).path, feed=float(feed))
+    rounded = with_rounded_corners(path, float(within))
+    motion = MotionLaw.from_phases(planned(rounded, machine).phases)
+    assert motion.end < MotionLaw.from_phases(planned(path, machine).phases).end
+    track = Track(rounded)
+    s, _ = motion.place_and_feed(np.arange(0.0, motion.end, machine.servo_period))
+    rows = track.derivatives(*track.locate(s))[0]
+    for order, limit in enumerate(limits_of(machine, path), start=1):
+        rate = np.abs(np.diff(rows, order, axis=0)) / machine.servo_period**order
+        assert (rate <= np.array(limit) * (1.0 + 1e-6)).all(), order
