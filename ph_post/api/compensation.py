@@ -58,6 +58,7 @@ def compensate(
     allow_retrograde: bool = False,
     min_feed: float | None = None,
     max_slowdown: float = 0.1,
+    max_standstill: float | None = None,
     feed_only: bool = False,
     no_inverse_dynamics: bool = False,
     effort: float = 1.0,
@@ -117,6 +118,8 @@ def compensate(
         Lowest feed while cutting [m/s].
     max_slowdown : float
         Largest growth of the time, relative.
+    max_standstill : float, optional
+        How much longer than the plain motion's the tool may stand or creep on the contour of a path, in all [s].
     feed_only : bool
         Leave the path as it is: nothing is added to its positions.
     no_inverse_dynamics : bool
@@ -187,6 +190,7 @@ def compensate(
         allow_retrograde=allow_retrograde,
         min_feed=min_feed,
         max_slowdown=max_slowdown,
+        max_standstill=max_standstill,
         feed_only=feed_only,
         no_inverse_dynamics=no_inverse_dynamics,
         effort=effort,

@@ -246,8 +246,8 @@ def simulate(
         Called with the name of every stage.
     **planning
         `tolerance`, `feed`, `corner_tolerance`, `dialect`, `start`, `ratio`, `degree`, `t_star`, `coefficients`,
-        `allow_retrograde`, `min_feed`, `max_slowdown`, `feed_only`, `no_inverse_dynamics`, `effort` and
-        `interval_table` of :func:`ph_post.compensate`.
+        `allow_retrograde`, `min_feed`, `max_slowdown`, `max_standstill`, `feed_only`, `no_inverse_dynamics`,
+        `effort` and `interval_table` of :func:`ph_post.compensate`.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from ph_post.errors import InputError, OptionsError
 from ph_post.post.options import BLOCK_TIME, CHORD_TOLERANCE, FeedMode, ProgramOptions
 
 _NUMBERS = (
-    *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown"),
+    *("tolerance", "feed", "ratio", "t_star", "min_feed", "max_slowdown", "max_standstill"),
     *("effort", "chord_tolerance", "block_time", "safe_z", "depth", "overshoot", "corner_tolerance"),
 )
 """Options that are numbers."""
@@ -28,6 +28,7 @@ _RANGES = {
     **dict.fromkeys(("chord_tolerance", "block_time", "overshoot"), (0.0, True, math.inf)),
     "corner_tolerance": (LEAST_CORNER_TOLERANCE, False, math.inf),
     "max_slowdown": (0.0, False, math.inf),
+    "max_standstill": (0.0, False, math.inf),
     "effort": (0.0, True, MOST_EFFORT),
 }
 """Smallest value, whether it is left out, and largest value."""
@@ -53,6 +54,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     allow_retrograde: bool = False
     min_feed: float | None = None
     max_slowdown: float = 0.1
+    max_standstill: float | None = None
     feed_only: bool = False
     no_inverse_dynamics: bool = False
     effort: float = 1.0
@@ -126,6 +128,7 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             allow_retrograde=self.allow_retrograde,
             min_feed=self.min_feed,
             max_slowdown=self.max_slowdown,
+            max_standstill=self.max_standstill,
             inverse_dynamics=leads,
             feed_only=self.feed_only or feed_only,
             carrier=output,

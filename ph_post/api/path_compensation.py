@@ -17,6 +17,7 @@ from ph_post.compensate.motion import without_strategy
 from ph_post.compensate.offsets import lead_in
 from ph_post.compensate.options import PlanOutput
 from ph_post.compensate.plan import make_plan
+from ph_post.compensate.standstill import standstill_warning
 from ph_post.compensate.strategies.registry import PLAIN, find_traits
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError
@@ -93,7 +94,8 @@ class PathCompensation(Compensation):
             found = make_plan(self.analysis, self.options.plan(output), self._progress)
             if output == "program" and find_traits(found.strategy).chooses:
                 found = self._writable(found)
-            self._plans[output] = found
+            said = standstill_warning(found, self.analysis.track)
+            self._plans[output] = with_warnings(found, said) if said else found
         return self._plans[output]
 
     def _writable(self, plan: Plan) -> Plan:

@@ -14,6 +14,7 @@ from ph_post.analysis.path_analysis import Analysis
 from ph_post.bounds import LONGEST_SIMULATED
 from ph_post.compensate.comparison import strategy_at
 from ph_post.compensate.offsets import command_of, plan_time
+from ph_post.compensate.standstill import Standstill, standstills
 from ph_post.compensate.strategies.registry import PLAIN
 from ph_post.drive.axes import has_backlash
 from ph_post.gcode.program import PartProgram
@@ -148,6 +149,11 @@ class MotionResult(ABC):
         """
         return None
 
+    @property
+    def standstills(self) -> tuple[Standstill, ...]:
+        """Places at which the tool stands or creeps on the contour of a path, and how long [m, s]."""
+        return ()
+
     def __repr__(self) -> str:
         return f"{type(self).__name__}(time={self.time:.6g})"
 
@@ -168,6 +174,11 @@ class PlannedMotion(MotionResult):
     def time(self) -> float:
         """Duration of the motion [s]."""
         return plan_time(self.plan)
+
+    @cached_property
+    def standstills(self) -> tuple[Standstill, ...]:
+        """Places at which the tool stands or creeps, below 2 % of the feed, and how long [m, s]."""
+        return standstills(self.plan, self.analysis.track)
 
     @cached_property
     def command(self) -> Command:

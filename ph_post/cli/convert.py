@@ -116,6 +116,8 @@ def command(
     JSON:
       windows        as turning_points of inspect, with strategy, profile and crossings
       cycle_time     {before, after} [s]
+      standstill     of a path: {before, after} [s], time on the contour below 2 % of the feed, and places,
+                     a list of {s [mm], time [s]}
       error          {before, after}, each {max, rms} [mm]; null where nothing was simulated
       error_gap      {before, after, after_worst}: what backlash adds, and if it is off by its uncertainty
       error_sides    {before, after}, each {left, right} [mm]: largest distances to either side of the path

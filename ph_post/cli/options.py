@@ -287,6 +287,13 @@ _PLANNING = (
         metavar="FRACTION",
         help="Largest increase of the cycle time (0.1 is 10 %), for which dips are softened; not with --ratio.",
     ),
+    click.option(
+        "--max-standstill",
+        type=Number(min=0.0),
+        metavar="SECONDS",
+        help="Longest time in all that the tool may stand or creep (below 2 % of the feed) on the contour of a path, "
+        "beyond that of the plain motion.",
+    ),
     click.option("--feed-only", is_flag=True, help="Change feeds only, not the positions of the path."),
     click.option("--no-inverse-dynamics", is_flag=True, help="Do not command the path ahead by the lag of the servos."),
 )

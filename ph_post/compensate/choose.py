@@ -22,6 +22,7 @@ from ph_post.compensate.friction_layout import first_step
 from ph_post.compensate.layout import approached_way, first_direction, reversing_axes
 from ph_post.compensate.offsets import may_shift, whole_jog
 from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign, best_of, largest_lag, rest_design
+from ph_post.compensate.standstill import CREEP, creep_of_shape
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult
 from ph_post.compensate.survey import Drives, SearchSite, search_sites
 from ph_post.compensate.trial import SAME_TURN, Surroundings, Trial, direction_at, find_surroundings
@@ -204,6 +205,8 @@ class _Chooser:
         """Share the time out where it does most, a part of what is allowed."""
         time = SPARE * part * self.task.allowed - self.approach
         picks = allocate(found, time, [self._left_alone(number) for number in range(len(found))])
+        if self.task.options.max_standstill is not None:
+            picks = self._standing_less(found, picks, self.task.options.max_standstill)
         requests = map(self._request, picks, range(len(picks)))
         return StrategyResult(
             requests=tuple(requests),
@@ -215,6 +218,31 @@ class _Chooser:
             friction_first=self.friction_first,
             crosses_by=BARE.name,
         )
+
+    def _standing_less(
+        self, found: Sequence[Sequence[TriedDesign]], picks: Sequence[TriedDesign | None], most: float
+    ) -> list[TriedDesign | None]:
+        """Let the tool stand or creep only where that gains most, and in all no longer than it may [s]."""
+        alone = [self._left_alone(number) for number in range(len(picks))]
+        gain = [0.0 if one is None else alone[k] - one.merit for k, one in enumerate(picks)]
+        kept = list(picks)
+        for number in sorted(range(len(picks)), key=lambda k: -gain[k]):
+            pick = picks[number]
+            if pick is None:
+                continue
+            if self._creep(pick, number) > most:
+                fitting = [one for one in found[number] if self._creep(one, number) <= most]
+                kept[number] = pick = min(fitting, key=lambda one: one.merit, default=None)
+            most -= 0.0 if pick is None else self._creep(pick, number)
+        return kept
+
+    def _creep(self, one: TriedDesign, number: int) -> float:
+        """Time that the tool stands or creeps in a design [s]; of a rest all that it adds."""
+        place, shape = self.places[number], one.design.shape
+        if one.design.stop or place is None or shape is None:
+            return one.longer if one.design.stop else 0.0
+        fastest = max(segment.feed or self.task.path.feed for segment in self.task.path.segments)
+        return creep_of_shape(shape, one.design.t_star, CREEP * fastest / place.cruise)
 
     def smooth_offsets(self) -> tuple[StrategyResult, ...]:
         """Return results without any design, in which offsets change at full feed in several times."""

@@ -33,6 +33,8 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
         Lowest feed in a profile [m/s].
     max_slowdown : float
         How much the cycle time may grow, relative; not for a `ratio` or `coefficients` of the user's own.
+    max_standstill : float, optional
+        How much longer than in the plain motion the tool may stand or creep on the contour, in all [s].
     inverse_dynamics : bool
         Whether the command leads the path by what the servo lags behind.
     feed_only : bool
@@ -52,6 +54,7 @@ class PlanOptions(msgspec.Struct, frozen=True, kw_only=True):
     allow_retrograde: bool = False
     min_feed: float | None = None
     max_slowdown: float = 0.1
+    max_standstill: float | None = None
     inverse_dynamics: bool = False
     feed_only: bool = False
     carrier: PlanOutput = "table"

@@ -21,6 +21,7 @@ from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.prove import prove
 from ph_post.compensate.race import race
 from ph_post.compensate.shapes import half_duration, half_length, lowest, mean, reported_ratio, soften
+from ph_post.compensate.standstill import check_standstill
 from ph_post.compensate.strategies.base import (
     PlanningTask,
     ProfileRequest,
@@ -278,6 +279,7 @@ def make_plan(analysis: Analysis, options: PlanOptions, progress: Progress = no_
     if result.proven:
         progress("proving the plan against the plain program")
         plan = prove(plan, result, planner)
+    check_standstill(plan, analysis.track, options.max_standstill)
     return with_lead_told(plan, analysis.track)
 
 

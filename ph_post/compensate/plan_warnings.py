@@ -189,26 +189,23 @@ def stop_time_warning(axes: Sequence[str], time: float, part: float) -> str:
     )
 
 
-def more_time_warning(here: Sequence[float], there: Sequence[float], part: float) -> str:
-    """Say what a plan would bring that takes longer than it may, as part of the plain motion's time.
+def more_time_warning(here: Sequence[float], there: Sequence[float], option: str) -> str:
+    """Say what a plan would bring that takes, or stands still, longer than it may.
 
     Parameters
     ----------
     here, there : sequence of float
         Largest error and root mean square [m] of the plan that was made, and with more time.
-    part : float
-        By which it is longer.
+    option : str
+        What allows it.
 
     Examples
     --------
-    >>> more_time_warning([84e-6, 32e-6], [12e-6, 2.3e-6], 0.2)
+    >>> more_time_warning([84e-6, 32e-6], [12e-6, 2.3e-6], "--max-slowdown 0.21")
     'more time would help: --max-slowdown 0.21 allows a plan with 12/2.3 µm (largest/rms error) in place of 84/32 µm'
     """
     sizes = [f"{one[0] / MICROMETRE:.3g}/{one[1] / MICROMETRE:.3g} µm" for one in (there, here)]
-    return (
-        f"more time would help: --max-slowdown {round_up(part):g} allows a plan with {sizes[0]} (largest/rms error) "
-        f"in place of {sizes[1]}"
-    )
+    return f"more time would help: {option} allows a plan with {sizes[0]} (largest/rms error) in place of {sizes[1]}"
 
 
 def round_up(fraction: float) -> float:

@@ -29,6 +29,7 @@ from ph_post.compensate.prove import (
     takes_too_long,
 )
 from ph_post.compensate.sizes import Sizes
+from ph_post.compensate.standstill import added_standing
 from ph_post.compensate.strategies.base import PlanningTask, ProfileRequest, StrategyResult, require_loop, traits_of
 from ph_post.compensate.strategies.registry import PLAIN, TAKE_UP, find_strategy, strategy_names
 from ph_post.compensate.violations import check_command
@@ -63,6 +64,9 @@ FLOOR: Final = 1e-8
 SLOWER: Final = 0.5
 """What a plan's further time counts, as part of the plain one's, beside logarithms of errors."""
 
+STANDING: Final = 0.5
+"""What the further time that the tool stands or creeps on the contour counts, as part of the plain motion's time."""
+
 GAINED: Final = 0.01
 """Logarithm by which an error must fall for a plan to be better than another."""
 
@@ -86,6 +90,7 @@ class Runner(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     result: StrategyResult
     plan: Plan
     command: Command
+    standing: float
     sizes: tuple[Sizes, ...] = ()
     intact: bool = False
 
@@ -124,12 +129,13 @@ class _Race:
         self.planner, self.name, self.result = planner, name, result
         self.progress = planner.progress
         self.late: list[Runner] = []
+        self.still: list[Runner] = []
         self.said: tuple[str, ...] = ()
 
     def run(self) -> Plan:
         """Run the heats, prove the winner, and try in it what others do better."""
         runners = list(self._start(self.planner, self._entrants()))
-        before = without_strategy((runners or self.late)[0].plan)
+        before = without_strategy((runners or self.late or self.still)[0].plan)
         self.checker = checker = Checker(self.planner, before)
         few = few_scenarios(checker.scenarios)
         usual = (one for one in checker.scenarios if one.friction != LITTLE_FRICTION)
@@ -195,11 +201,22 @@ class _Race:
                 continue
             if proposed is self.result:
                 self.said = tuple(one for one in result.warnings if one not in proposed.warnings)
-            runner = Runner(planner=planner, result=result, plan=plan, command=command)
+            runner = self._runner(planner, result, plan, command)
             if takes_too_long(plan, planner):
                 self.late.append(runner)
+            elif self._stands_too_long(runner):
+                self.still.append(runner)
             elif proposed.proven or not check_command(command, planner.machine):
                 yield runner
+
+    def _runner(self, planner: Planner, result: StrategyResult, plan: Plan, command: Command) -> Runner:
+        standing = added_standing(plan, planner.analysis.track)
+        return Runner(planner=planner, result=result, plan=plan, command=command, standing=standing)
+
+    def _stands_too_long(self, runner: Runner) -> bool:
+        """Return whether the tool stands or creeps longer on the contour than it may."""
+        most = self.planner.options.max_standstill
+        return most is not None and runner.standing > most + 2.0 * self.planner.machine.servo_period
 
     def _measured(self, runner: Runner, tried: Sequence[Scenario]) -> Runner:
         return replace(runner, sizes=self.checker.measure(runner.command, tried))
@@ -229,7 +246,8 @@ class _Race:
         table = np.array([one[:3] for one in runner.sizes])
         least = np.maximum(ENOUGH * plain.max(axis=0), FLOOR)
         worst, nominal = (np.log(np.maximum(rows.max(axis=0), least)) for rows in (table, table[own]))
-        time = SLOWER * plan_time(runner.plan) / max(self.planner.before.motion.end, self.checker.period)
+        time = SLOWER * plan_time(runner.plan) + STANDING * runner.standing
+        time /= max(self.planner.before.motion.end, self.checker.period)
         others = [worst[1], nominal[1], 0.5 * worst[2], 0.5 * nominal[2], time]
         return np.array([worst[0], nominal[0], *others])
 
@@ -260,7 +278,7 @@ class _Race:
         if result is None:
             return None
         command = command_of(plan, self.checker.track, self.checker.period)
-        return self._measured(replace(runner, plan=plan, result=result, command=command), tried)
+        return self._measured(self._runner(runner.planner, result, plan, command), tried)
 
     def _gains(self, runner: Runner, tried: Sequence[Scenario]) -> bool:
         """Return whether a plan has any less error than the plain one."""
@@ -294,7 +312,9 @@ class _Race:
             if takes_too_long(plan, winner.planner):
                 continue
             command = command_of(plan, self.checker.track, self.checker.period)
-            runner = Runner(planner=winner.planner, result=result, plan=plan, command=command)
+            runner = self._runner(winner.planner, result, plan, command)
+            if self._stands_too_long(runner):
+                continue
             found = self._proof(self._measured(runner, tried), tried) if self._beats(runner, winner, tried) else None
             if found is not None and self._beats(found, winner, tried):
                 return found
@@ -320,13 +340,17 @@ class _Race:
         )
         here = own.max(axis=0)
         late = [self._measured(one, tried) for one in (*self.late, *self._with_more_time())]
-        for one in self._ranked(late, tried)[:1]:
+        still = [self._measured(one, tried) for one in self.still]
+        for one in (*self._ranked(late, tried)[:1], *self._ranked(still, tried)[:1]):
             there = _largest(one)
             gains = bool(np.any(there[:2] < MORE * here[:2]) and np.all(there[:2] <= here[:2]))
             if gains and self.checker.blame(one.plan, ()) is None:
                 plain = self.planner.before.motion.end
                 part = plan_time(one.plan) / plain - 1.0
-                return (plan_warnings.more_time_warning(here.tolist(), there.tolist(), part),)
+                option = f"--max-slowdown {plan_warnings.round_up(part):g}"
+                if not takes_too_long(one.plan, self.planner):
+                    option = f"--max-standstill {plan_warnings.round_up(one.standing):g}"
+                return (plan_warnings.more_time_warning(here.tolist(), there.tolist(), option),)
         return ()
 
     def _with_more_time(self) -> Iterator[Runner]:
@@ -341,7 +365,7 @@ class _Race:
         plan = planner.plan(self.name, result)
         if takes_too_long(plan, self.planner):
             command = command_of(plan, self.checker.track, self.checker.period)
-            yield Runner(planner=planner, result=result, plan=plan, command=command)
+            yield self._runner(planner, result, plan, command)
 
 
 def named_results(task: PlanningTask) -> Iterator[StrategyResult]:

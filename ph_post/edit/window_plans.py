@@ -251,6 +251,7 @@ def _shared_out(options: PlanOptions, parts: Sequence[_Part]) -> list[PlanOption
             inverse_dynamics=False,
             effort=options.effort * part.windows / windows,
             max_slowdown=options.max_slowdown * (part.windows / windows) * (time / part.time),
+            max_standstill=None if options.max_standstill is None else options.max_standstill * part.windows / windows,
         )
         for part in parts
     ]

@@ -15,8 +15,10 @@ from ph_post.analysis.certification import Certificate
 from ph_post.analysis.path_analysis import Analysis, feed_at
 from ph_post.api.motion import Inspection
 from ph_post.compensate.comparison import crossings_at, strategy_at, window_number
-from ph_post.compensate.motion import cycle_time
+from ph_post.compensate.motion import cycle_time, without_strategy
 from ph_post.compensate.offsets import plan_time
+from ph_post.compensate.standstill import standing_time, standstills
+from ph_post.geometry.track import Track
 from ph_post.quantities import millimetres
 from ph_post.types import (
     Axis,
@@ -237,6 +239,7 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
     return {
         "windows": views,
         "cycle_time": {"before": cycle_time(plan.nominal), "after": plan_time(plan)},
+        "standstill": standstill_view(plan, analysis.track),
         "strategy": plan.strategy,
         "other_crossings": [crossing_view(one) for one in plan.crossings if one not in told],
         "bias": {name: offset / MM for name, offset in plan.bias.items()},
@@ -244,6 +247,16 @@ def plan_view(analysis: Analysis, plan: Plan, command: Command) -> View:
         "inverse_dynamics": plan.inverse_dynamics,
         "friction_led": plan.friction_part,
         "warnings": list(plan.warnings),
+    }
+
+
+def standstill_view(plan: Plan, track: Track) -> View:
+    """Return how long the tool stands or creeps on the contour before and after [s], and where [mm, s]."""
+    found = standstills(plan, track)
+    return {
+        "before": standing_time(without_strategy(plan), track),
+        "after": sum((one.time for one in found), start=0.0),
+        "places": [{"s": one.s / MM, "time": one.time} for one in found],
     }
 
 
