@@ -462,5 +462,7 @@ def _weight(out: BoolArray, samples: int) -> Array:
     right = np.searchsorted(marked, rows)
     before = np.where(right > 0, rows - marked[np.maximum(right - 1, 0)], out.size)
     after = np.where(right < marked.size, marked[np.minimum(right, marked.size - 1)] - rows, out.size)
-    distance = np.minimum(np.minimum(before, after) / samples, 1.0)
-    return evaluate(smoothstep(3)[0], distance)
+    distance = np.minimum(before, after) / samples
+    weight, near = np.ones(out.size), distance < 1.0
+    weight[near] = evaluate(smoothstep(3)[0], distance[near])
+    return weight
