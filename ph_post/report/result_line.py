@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -35,6 +35,9 @@ from ph_post.simulate.controllers.run import moved_axes
 from ph_post.types import Command, Machine, Plan
 from ph_post.units import MINUTE, MM
 
+HIDING: Final = 1.1
+"""Times the backlash error that the error by all causes is before it is said beside it."""
+
 
 class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     """A motion before and after compensation.
@@ -45,8 +48,8 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     None where that is not known. `left` says what is not compensated, and what would change that; `trouble` why
     nothing could be simulated. `alone` where both motions are one, and nothing is compared.
     `sides` are the largest distances to the left and to the right of the path before and after [m], and `part_side` 1
-    where the part is on the left, -1 where it is on the right. `leads_friction` where the compensated motion does: what
-    backlash alone adds hides behind friction then, and the error by all causes is said too.
+    where the part is on the left, -1 where it is on the right. `leads` names what the compensated motion leads, empty
+    where nothing: what backlash alone adds hides behind that before, and the error by all causes is said too.
     """
 
     time: tuple[float, float] | None = None
@@ -61,7 +64,7 @@ class ResultSummary(msgspec.Struct, frozen=True, kw_only=True):
     alone: bool = False
     sides: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
     part_side: int = 0
-    leads_friction: bool = False
+    leads: str = ""
 
 
 def summarize(result: Compensation, output: PlanOutput | None = None, *, simulated: bool = True) -> ResultSummary:
@@ -80,8 +83,7 @@ def summarize(result: Compensation, output: PlanOutput | None = None, *, simulat
         output = output or path.output
         rows, warnings = path.count(output), path.plan(output).warnings
         found = _simulated(*path.motions(output), path.machine, path.analysis.path.axes) if simulated else None
-        leads = path.plan(output).friction_part > 0.0
-        found = msgspec.structs.replace(found or ResultSummary(), leads_friction=leads)
+        found = msgspec.structs.replace(found or ResultSummary(), leads=_led(path.plan(output)))
         notes = path.notes
     else:
         assert isinstance(path, ProgramCompensation)
@@ -107,7 +109,7 @@ def summarize_plans(
     """
     plan = after.plan
     found = summarize_motions(before, after, plan.machine, plan.path.axes)
-    found = msgspec.structs.replace(found, alone=before is after, leads_friction=plan.friction_part > 0.0)
+    found = msgspec.structs.replace(found, alone=before is after, leads=_led(plan))
     rows = plan_reversals(after.analysis.track, plan)
     return _counted(found, rows, plan.warnings if warnings is None else warnings, notes)
 
@@ -197,16 +199,23 @@ X, Y, Z compensated, 42 of 42 reversals
     return [*said, "; ".join(parts)]
 
 
+def _led(plan: Plan) -> str:
+    """Name what the command of a table leads."""
+    if not plan.inverse_dynamics:
+        return ""
+    return "friction and lag" if plan.friction_part > 0.0 else "lag"
+
+
 def _whole_error_words(found: ResultSummary) -> list[str]:
-    """Say what the error by all causes is, where friction is led."""
-    before, after = found.error
-    if not found.leads_friction or before is None or after is None:
+    """Say what the error by all causes is, where the command leads some and they are more than the backlash."""
+    (before, after), gap = found.error, found.error_gap[0]
+    if not found.leads or before is None or after is None or (gap is not None and before.max <= HIDING * gap.max):
         return []
     largest, broad = (
         ("" if found.alone else f"{rounded_micrometres(first)} → ") + rounded_micrometres(last)
         for first, last in ((before.max, after.max), (before.rms, after.rms))
     )
-    return [f"error with friction and lag {largest} µm max, {broad} µm rms"]
+    return [f"error with {found.leads} {largest} µm max, {broad} µm rms"]
 
 
 def _into_part(found: ResultSummary) -> str:
