@@ -171,19 +171,21 @@ def main() -> None:
     asked.add_argument("--first", type=int, default=0)
     asked.add_argument("--count", type=int, default=PROGRAMS)
     asked.add_argument("--step", type=int, default=1)
+    asked.add_argument("--allowed", type=float, nargs="+", default=ALLOWED)
     asked.add_argument("--rows", type=File, help="file to which every judgement is added, a line of JSON each")
     asked.add_argument("--out", type=File)
     given = asked.parse_args()
     judged: list[Judged] = []
     for number in range(given.first, given.first + given.count, given.step):
-        for one in judge(random_cut(number)):
+        for one in judge(random_cut(number), given.allowed):
             judged.append(one)
             sys.stdout.write(f"{'ok ' if one.good else 'BAD'} {described(one)}\n")
             sys.stdout.flush()
             if given.rows:
                 with given.rows.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(one._asdict()) + "\n")
-    text = json.dumps({"seed": SEED, "first": given.first, **summary(judged)}, indent=1) + "\n"
+    asked_for = {"first": given.first, "count": given.count, "step": given.step, "allowed": list(given.allowed)}
+    text = json.dumps({"seed": SEED, **asked_for, **summary(judged)}, indent=1) + "\n"
     sys.stdout.write(text)
     if given.out:
         given.out.write_text(text, encoding="utf-8")
