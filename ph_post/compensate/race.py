@@ -70,6 +70,9 @@ STANDING: Final = 0.5
 GAINED: Final = 0.01
 """Logarithm by which an error must fall for a plan to be better than another."""
 
+KIN: Final = 12
+"""Plans at most that are looked at for what they do better in places."""
+
 GRAFTS: Final = (1.0, 0.5, 0.25)
 """Parts of the places at which other plans are better that are tried in the winner."""
 
@@ -145,13 +148,13 @@ class _Race:
         if self.planner.lead and not self._leads(runners, few) and (self._shifts() or not long):
             planner = self.planner.with_options(replace(self.planner.options, inverse_dynamics=False))
             runners += [self._measured(one, few) for one in self._start(planner, self._without_lead(planner.task))]
-        runners = [self._measured(one, many) for one in self._ranked(runners, few)[: HEAT // 2 if long else HEAT]]
-        winner = self._proven(runners, many)
+        ranked = self._ranked(runners, few)
+        winner = self._proven([self._measured(one, many) for one in ranked[: HEAT // 2 if long else HEAT]], many)
         if winner is None:
             words = self._words(None, few)
             plan = left_alone(self.name, self.result, self.planner, OUT_OF_TIME if words else GIVEN_UP)
             return replace(plan, warnings=(*plan.warnings, *words))
-        winner = self._grafted(winner, [one for one in runners if one is not winner], many)
+        winner = self._grafted(winner, ranked, many)
         plan = winner.plan
         return replace(plan, warnings=tuple(dict.fromkeys((*plan.warnings, *self._words(winner, few)))))
 
@@ -288,7 +291,9 @@ class _Race:
 
     def _grafted(self, winner: Runner, others: Sequence[Runner], tried: Sequence[Scenario]) -> Runner:
         """Try in the winner what others of the same kind do in the places where they are better."""
+        others = [one for one in others if one.result.requests is not winner.result.requests]
         kin = [one for one in others if one.planner is winner.planner and one.result.shifted == winner.result.shifted]
+        kin = kin[:KIN]
         if not kin or not winner.result.requests:
             return winner
         self.progress("trying in the best plan what others do better")
