@@ -179,7 +179,7 @@ EDGE = 0.3
 FADES = (4.0, 8.0, 16.0, 32.0)
 """Durations of a fade of the inverse dynamics that are tried, in units of the servo's √b."""
 
-DEPTHS = (0.15, 0.3, 0.5, 1.0)
+DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.6, 1.0)
 """Parts of what is left of the inverse dynamics that are faded out in turn, until the limits are kept."""
 
 LEAST_FADE = 16

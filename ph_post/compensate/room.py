@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ph_post.compensate.friction import friction_of_machine, friction_share
 from ph_post.compensate.lead import LeadWindow, let_go, smoothed
 from ph_post.compensate.limit_curve import AxisLimits
 from ph_post.compensate.motion import MotionLaw, row_times
@@ -25,6 +26,9 @@ _AROUND = 4
 
 _WIDE = 4.0
 """Windows and cells on either side of a stretch that is looked at again."""
+
+_STILL = 1e-9
+"""Speed of an axis [m/s] below which it has no direction."""
 
 _STRICTER = 0.97
 """Part of the limits that is made room for: in the end rows, and the cells of the speed, lie at other places."""
@@ -71,6 +75,7 @@ class LeadRoom:
         self.track, self.limits, self.window, self.part, self.tail = track, limits, window, part, tail
         self._strict = AxisLimits(values=_STRICTER * limits.values, period=limits.period)
         self.stops = np.unique(np.concatenate([[0.0], stops, [track.length]]))
+        self.friction = friction_of_machine(machine, track.path.axes)
         self.drives: tuple[Axis, ...] = tuple(machine.axes[name] for name in track.path.axes)
 
     @property
@@ -95,6 +100,7 @@ class LeadRoom:
             s[-1] = self.track.length
         position = self.track.derivatives(*self.track.locate(s))[0]
         speed, acceleration = axis_motion(self.track, s, feed, motion.acceleration(rows.t))
+        friction, turns = self._friction(speed)
         plain, speed, acceleration = (smoothed(one, half, rows.calm) for one in (position, speed, acceleration))
         lead = self._lead(speed, acceleration)
         if rows.whole and rows.rests[1]:
@@ -103,9 +109,14 @@ class LeadRoom:
         noise = rounding(float(np.abs(led).max()), self.track.length, motion.end, float(np.abs(feed).max()))
         limits = self._strict if strict else self.limits
         factor, without = (slower_by(at_rest_before_and_after(one, *rows.rests), limits, noise) for one in (led, plain))
+        if self.friction:
+            rubbing = slower_by(at_rest_before_and_after(led + friction, *rows.rests), limits, noise)
         shift = _REACH if rows.rests[0] else 0
         row = np.clip(np.arange(factor.size) - shift, 0, s.size - 1)
         in_profile = _around(motion.window[motion.phase_at(rows.t)] >= 0, half + _REACH)[row]
+        if self.friction:
+            # Where an axis turns round its friction is led by a change of its own.
+            factor = np.where(_around(turns, 2 * _REACH)[row], factor, np.minimum(factor, rubbing))
         factor = np.where(in_profile, without, factor)
         factor[~rows.inside(half + _REACH)[row]] = 1.0
         stretch = runs(np.flatnonzero(factor < 1.0))
@@ -136,6 +147,19 @@ class LeadRoom:
             else:
                 found.append((first, end))
         return found
+
+    def _friction(self, speed: Array) -> tuple[Array, BoolArray]:
+        """Share of friction (n, dim) in the command by the direction of motion, and the rows in which that turns."""
+        share, turns = np.zeros_like(speed), np.zeros(len(speed), dtype=np.bool_)
+        for k, axis in enumerate(self.drives):
+            moves = np.flatnonzero(np.abs(speed[:, k]) > _STILL)
+            if axis.name in self.friction and moves.size:
+                last = moves[np.clip(np.searchsorted(moves, np.arange(len(speed)), side="right") - 1, 0, None)]
+                turned = np.sign(speed[last, k])
+                own = friction_share(self.friction[axis.name], turned, speed[:, k])
+                share[:, k] = error_for(axis.servo, own, self.limits.period)
+                turns[1:] |= np.diff(turned) != 0.0
+        return share, turns
 
     def _lead(self, speed: Array, acceleration: Array) -> Array:
         """Position errors that make the servos move so, arrays (n, dim)."""
