@@ -184,11 +184,11 @@ def rubbing(effects, *, gap=True, **axis):
 
 
 CASES = {
-    "Coulomb": ((COULOMB,), {}, 3.0),
-    "Stribeck": ((STRIBECK,), {}, 3.0),
-    "by direction, and a load": (DIRECTED, {}, 5.0),
-    "no backlash": ((COULOMB,), {"gap": False}, 8.0),
-    "around the motor": ((COULOMB,), {"feedback": "motor"}, 4.0),
+    "Coulomb": ((COULOMB,), {}, (3.0, 10.0)),
+    "Stribeck": ((STRIBECK,), {}, (3.0, 6.0)),
+    "by direction, and a load": (DIRECTED, {}, (5.0, 10.0)),
+    "no backlash": ((COULOMB,), {"gap": False}, (8.0, 10.0)),
+    "around the motor": ((COULOMB,), {"feedback": "motor"}, (4.0, 10.0)),
 }
 
 
@@ -201,14 +201,14 @@ def test_what_is_led_does_no_harm_with_half_of_it(case):
     assert not check_command(command, machine)
     assert plan_time(plan) <= 1.1 * cycle_time(plan.nominal) + machine.servo_period
     turned = [plan.turning_points[plan.windows[one.window].turning_point] for one in plan.friction if one.window >= 0]
-    assert {strategy_at(plan, point) for point in turned} <= {"takeup"}
+    assert "none" not in {strategy_at(plan, point) for point in turned}
     for part in (1.0, 0.8, 1.2, 0.5):
         before, after = (run_table(one, machine, track, friction=part) for one in (plain, command))
         assert after.max <= before.max + 0.05 * UM, (part, before, after)
         assert after.rms <= 1.005 * before.rms, (part, before, after)
         if part == 1.0:
-            assert after.max <= before.max / gain, (before, after)
-            assert after.rms <= before.rms / 10.0, (before, after)
+            assert after.max <= before.max / gain[0], (before, after)
+            assert after.rms <= before.rms / gain[1], (before, after)
 
 
 @pytest.mark.slow
