@@ -208,9 +208,15 @@ def test_a_program_in_another_language_is_not_rehearsed_on_linuxcnc(capsys, tmp_
 
 
 @pytest.mark.slow
-def test_what_the_decimals_cannot_hold_is_left_out_by_auto_and_told(capsys, tmp_path: Path) -> None:
+def test_what_the_decimals_cannot_hold_is_refused_and_left_out_by_auto(capsys, tmp_path: Path) -> None:
     # jogs of 2.5 µm, which the increment system IS-B of 1 µm would round by a fifth
     out = str(tmp_path / "a.nc")
-    assert main(["convert", "oval", "-m", "mill", "--dialect", "fanuc", "--effort", "0.02", "-o", out]) == 0
-    assert "nothing is added to the path: the decimals of fanuc are too few" in capsys.readouterr().err
-    assert not run_fanuc((tmp_path / "a.nc").read_text()).dwells
+    asked = ["convert", "oval", "-m", "mill", "--dialect", "fanuc", "--effort", "0.02", "-o", out]
+    assert main([*asked, "--strategy", "takeup"]) == 2
+    assert "the decimals of fanuc are too few for an offset of axis" in capsys.readouterr().err
+    assert main(asked) == 0
+    curve = dense_points("oval")
+    points = samples(run_fanuc((tmp_path / "a.nc").read_text()).run.moves[2:])[:, : curve.shape[1]]
+    quantum = find_dialect("fanuc").numbers.quantum / MM
+    assert distance(points, curve).max() <= TOLERANCE + 2.0 * quantum + 1e-5
+

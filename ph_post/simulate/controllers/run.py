@@ -420,7 +420,7 @@ def planned_speeds(program: PartProgram, machine: Machine) -> Array:
     """
     limits, period, planner = limit_table(machine), machine.servo_period, planner_of(machine)
     assert isinstance(planner, RoundedPath)
-    moves = table_of(_moves(program, limits, planner, period))
+    moves = table_of(moves_of(program, limits, planner))
     legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
     count = plan_legs(moves, legs, table, limits, period)
     found = np.full(program.motions.kind.size, np.inf)
