@@ -171,8 +171,12 @@ class _Race:
                 part, first = self.result.friction_part, self.result.friction_first
                 yield StrategyResult(requests=requests, crosses_by=PLAIN, friction_part=part, friction_first=first)
 
-    @staticmethod
-    def _without_lead(task: PlanningTask) -> Iterator[StrategyResult]:
+    def _without_lead(self, task: PlanningTask) -> Iterator[StrategyResult]:
+        """Return what is tried without inverse dynamics, whose room takes time that a stop may need more."""
+        if self._shifts():
+            searched = find_strategy(self.name).profiles(task)
+            yield searched
+            yield from searched.rivals
         yield from named_results(task)
         yield from smooth_offsets(task, lead=False)
 

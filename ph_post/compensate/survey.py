@@ -21,7 +21,10 @@ from ph_post.progress import Progress
 from ph_post.types import Array, Axis
 
 WORK: Final = 1e7
-"""Samples of one axis that may be simulated for a job: some five seconds."""
+"""Samples of one axis that may be simulated for a job of many windows: some five seconds."""
+
+FEW: Final = 2.0
+"""Times that work for a job of no more than :data:`FIRST` windows, whose plans are soon run."""
 
 OVERHEAD: Final = 8e3
 """What a design takes beside them, in samples."""
@@ -130,7 +133,8 @@ class _Survey:
     ) -> None:
         self.sites, self.families, self.progress = sites, families, progress
         samples = [_samples(site.search) for site in sites]
-        self.calls = effort * WORK / float(np.mean(samples))
+        work = WORK * (FEW if len(sites) <= FIRST else 1.0)
+        self.calls = effort * work / float(np.mean(samples))
         self.found: dict[int, list[TriedDesign]] = {}
         self.searched: list[int] = []
         self.in_vain = 0

@@ -76,6 +76,9 @@ LITTLE: Final = 0.01
 ROUNDS: Final = 6
 """Plans that are made before nothing is shifted wherever a beam is on."""
 
+TIGHTER: Final = 0.98
+"""Part of what should be enough that is allowed the next time."""
+
 _HALVINGS: Final = 6
 """Halvings of the range of the dead band, down to a sixtieth of it."""
 
@@ -343,7 +346,14 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         cost = every if coarser == 1.0 else search.cost(found, coarser)
         if cost <= allowed:
             return AffordedChanges(changes=found, coarser=coarser, slowdown=cost / total, warnings=search.warnings)
-    _leave_costly(search, options, allowed, round_up(every / total))
+    budget = allowed
+    for _ in range(ROUNDS):
+        _leave_costly(search, options, budget, round_up(every / total))
+        # What is left may cost more once its neighbours are gone.
+        cost = search.cost(_search_raised(search, options, 1.0), COARSER[-1])
+        if cost <= allowed:
+            break
+        budget *= TIGHTER * allowed / cost
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

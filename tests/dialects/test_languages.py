@@ -219,4 +219,3 @@ def test_what_the_decimals_cannot_hold_is_refused_and_left_out_by_auto(capsys, t
     points = samples(run_fanuc((tmp_path / "a.nc").read_text()).run.moves[2:])[:, : curve.shape[1]]
     quantum = find_dialect("fanuc").numbers.quantum / MM
     assert distance(points, curve).max() <= TOLERANCE + 2.0 * quantum + 1e-5
-
