@@ -56,10 +56,10 @@ AS_GOOD: Final = 1.1
 ROOMIER: Final = 1.01
 """Ratio of the room up to which nothing is searched where nothing was found before."""
 
-PROLONGED: Final = 2
+PROLONGED: Final = 1
 """Windows at most in which more time is tried in vain."""
 
-LONGER: Final = (2.0, 4.0, 8.0, 16.0)
+LONGER: Final = (4.0,)
 """Shares of the time that are tried where nothing is found in one."""
 
 Drives = tuple[tuple[Axis, int], ...]

@@ -179,7 +179,7 @@ def test_bad_input_is_told_with_a_caret_and_leaves_the_output(tmp_path, capfdbin
     place, out = tmp_path / "a.ngc", tmp_path / "out.ngc"
     place.write_bytes(CIRCLE.replace(b"G3 X20", b"G3 X25"))
     out.write_bytes(b"kept")
-    status, _, said = run(capfdbinary, "convert", place, *ROOMY, "-o", out)
+    status, _, said = run(capfdbinary, "convert", place, *ROOMY, "--strict", "-o", out)
     lines = said.splitlines()
     assert status == 2
     assert lines[0].startswith(f"ph-post: {place}:7:")
