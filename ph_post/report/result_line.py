@@ -189,12 +189,12 @@ def result_lines(found: ResultSummary) -> list[str]:
     backlash error 47 → 2 µm max (7 if the backlash is 20 % off), 24 → 0.3 µm rms; 48.5 → 49.2 s; \
 X, Y, Z compensated, 42 of 42 reversals
     """
-    parts = [*_whole_error_words(found), _error_words(found)]
+    parts = [_error_words(found)]
     if found.time is not None:
         before, after = rounded_seconds(*found.time)
         parts += [f"into the part {_into_part(found)}"] if _into_part(found) else []
         parts.append(f"{after} s" if found.alone else f"{before} → {after} s")
-    parts += [words for words in [_axis_words(found)] if words]
+    parts += [words for words in [_axis_words(found), *_whole_error_words(found)] if words]
     said = [f"NOT COMPENSATED: {found.left}"] if found.left else []
     return [*said, "; ".join(parts)]
 
