@@ -293,7 +293,7 @@ def test_steps_from_an_unknown_place_are_named() -> None:
 def test_steps_alone_need_no_place() -> None:
     edits = plan("G21 G91 F600\nG0 X5\nG1 X10\nX-4\nM2\n")
     assert (1, "X") in [(stop.motion, stop.shifts[0].axis) for stop in edits.stops]
-    assert edits.warnings == ()
+    assert not [one for one in edits.warnings if "not compensated" in one]
 
 
 def test_amplitudes_are_on_the_grid_of_the_program_s_unit() -> None:
