@@ -159,6 +159,8 @@ def test_the_executed_error_falls_once_the_file_was_diagnosed(folder: Path) -> N
     run("diagnose", folder / "run.csv", "-m", folder / "wrong.toml", "-o", folder / "better.toml")
     better = executed_error(converted(folder, "better"), TRUE)
     known = executed_error(converted(folder, "true"), TRUE)
-    assert better < wrong / 3.5
+    # How much worse the wrong file does is also a matter of how well its plan stands another backlash.
+    assert better < wrong / 3.0
+    assert better < 12.5e-6
     assert better < 1.1 * known
     assert better < ideal + 2.0 * FRICTION["force"]
