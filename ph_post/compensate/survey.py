@@ -59,7 +59,7 @@ ROOMIER: Final = 1.01
 PROLONGED: Final = 1
 """Windows at most in which more time is tried in vain."""
 
-LONGER: Final = (4.0,)
+LONGER: Final = (4.0, 16.0)
 """Shares of the time that are tried where nothing is found in one."""
 
 Drives = tuple[tuple[Axis, int], ...]
