@@ -13,7 +13,7 @@ from support.random_programs import decimal, programs, thousandths
 from ph_post.errors import InputError
 from ph_post.gcode.read import read_program
 
-relaxed = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+relaxed = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 WORDS = b"""
 G1 G2 X Y1.5 I5 R F100 ( ) ; % / #1 [ ] = O100 sub endsub call <a> M2 M98 *71 @1 ^2 $H G91 G20 G5 G5.2 G5.3 P1
 Q1 J2 - . 99999999999999999999 ,R1 ABS[ G92 G41 G40 G81 G80 A5 E3 G18 K0 G93 G28 T1 M6 G0 X0 Y0 Z0 G4 G53

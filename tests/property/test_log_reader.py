@@ -71,13 +71,13 @@ def takes_or_refuses(file, data, columns):
     assert np.isfinite(log.axes["X"].command).all()
 
 
-@settings(max_examples=examples(200), derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(200), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(case=mangled())
 def test_a_damaged_log_is_read_or_refused_in_one_line(case, tmp_path):
     takes_or_refuses(tmp_path / "run.csv", *case)
 
 
-@settings(max_examples=examples(100), derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(100), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=300), ending=st.sampled_from(["csv", "mat", "npz", "txt"]))
 def test_bytes_that_are_no_log_are_refused_in_one_line(data, ending, tmp_path):
     file = tmp_path / f"run.{ending}"

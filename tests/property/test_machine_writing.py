@@ -36,7 +36,7 @@ def changed(draw, axis):
     )
 
 
-@settings(max_examples=examples(100), derandomize=True)
+@settings(max_examples=examples(100))
 @given(data=st.data(), name=st.sampled_from(shipped_names("machines")))
 def test_a_changed_machine_reads_back(data, name):
     source = machine_source(name)

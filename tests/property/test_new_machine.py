@@ -82,7 +82,7 @@ def interviews(draw):
     return texts, wanted
 
 
-@settings(max_examples=examples(150), derandomize=True)
+@settings(max_examples=examples(150))
 @given(interview=interviews())
 def test_any_valid_answers_read_back(interview):
     texts, wanted = interview

@@ -21,7 +21,6 @@ MACHINES = [shipped("machines", name).read_text(encoding="utf-8") for name in sh
 relaxed = settings(
     max_examples=examples(150),
     deadline=None,
-    derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 odd = st.one_of(

@@ -88,7 +88,7 @@ MACHINES = [
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda one: f"{one.dialect}-{one.planner.given()}")
 @given(ways=WAYS, data=st.data())
-@settings(max_examples=examples(40), deadline=None, derandomize=True)
+@settings(max_examples=examples(40), deadline=None)
 def test_speeds_and_time_are_those_of_the_published_rules(machine, ways, data) -> None:
     points = np.round(np.cumsum(np.array([(0.0, 0.0, 0.0), *ways]), axis=0), 6).tolist()
     feeds = [data.draw(st.sampled_from([60.0, 600.0, 1200.0, 3000.0])) for _ in ways]
@@ -111,7 +111,7 @@ def test_the_buffer_bounds_the_speed_of_short_blocks() -> None:
 
 
 @given(radius=st.floats(0.05, 500.0), turn=st.floats(0.001, math.tau))
-@settings(max_examples=examples(200), deadline=None, derandomize=True)
+@settings(max_examples=examples(200), deadline=None)
 def test_arcs_have_the_chords_of_the_firmware(radius, turn) -> None:
     """A count that rounding decides may be either."""
     for dialect, chords in (

@@ -75,7 +75,7 @@ REST = st.tuples(st.just("rest"), st.integers(1, 200))
 
 
 @given(moves=st.lists(st.one_of(LINE, LINE, LINE, ARC, REST), min_size=1, max_size=60), data=st.data())
-@settings(max_examples=examples(60), deadline=None, derandomize=True)
+@settings(max_examples=examples(60), deadline=None)
 def test_random_programs_take_klippers_time_and_way(moves, data) -> None:
     corner = data.draw(st.sampled_from([1.0, 5.0, 12.0]))
     ratio = data.draw(st.sampled_from([0.0, 0.5, 0.9]))
