@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from ph_post.api.inputs import Source
+from ph_post.api.inputs import Source, source_of
 from ph_post.api.measurements import measured_machine_of
-from ph_post.errors import InputError
 from ph_post.files.readings import SWING_MM, read_ball_bar, read_readings
 from ph_post.files.storage import SourceText, write_atomically
 from ph_post.identify.measurement import Measurement, measure_machine, measured_machine
@@ -32,10 +31,7 @@ class HandMeasurement(Measurement, frozen=True, kw_only=True):
         InputError
             Where the machine was not read from a file.
         """
-        if self.source is None:
-            what = "was not read from a file, to which what was measured could be added"
-            raise InputError(f"machine {self.machine.name}", what, expected="a machine of read_machine")
-        return measured_machine(self.source, self, self.before)
+        return measured_machine(source_of(self.machine, self.source, "measured"), self, self.before)
 
     def write(self, target: Source) -> None:
         """Write :meth:`machine_file`; ``-`` is standard output."""

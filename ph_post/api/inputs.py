@@ -101,6 +101,20 @@ def machine_text(machine: Machine) -> SourceText | None:
     return _texts.get(machine.digest)
 
 
+def source_of(machine: Machine, source: SourceText | None, what: str) -> SourceText:
+    """Return the file of a machine, to which what was `what` ("found") is added.
+
+    Raises
+    ------
+    InputError
+        Where the machine was not read from a file.
+    """
+    if source is None:
+        problem = f"was not read from a file, to which what was {what} could be added"
+        raise InputError(f"machine {machine.name}", problem, expected="a machine of read_machine")
+    return source
+
+
 def machine_named(machine: Machine | Source, dialect: str | None = None) -> tuple[Machine, str]:
     """Return a machine, read where only its file is named, and its name for messages.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ph_post.analysis.path_analysis import swings
 from ph_post.analysis.turning_points import find_turning_points
-from ph_post.api.inputs import Job, Source, any_machine, machine_text, path_of_job, raw_job, read_log
+from ph_post.api.inputs import Job, Source, any_machine, machine_text, path_of_job, raw_job, read_log, source_of
 from ph_post.diagnose import diagnose as diagnosing
 from ph_post.diagnose.fit import base_model, residuals_of
 from ph_post.dialects.registry import find_dialect
@@ -102,10 +102,7 @@ class LogDiagnosis(Diagnosis, frozen=True, kw_only=True, eq=False):
         InputError
             Where the machine was not read from a file.
         """
-        if self.source is None:
-            what = "was not read from a file, to which what was found could be added"
-            raise InputError(f"machine {self.machine.name}", what, expected="a machine of read_machine")
-        return diagnosed_machine(self.source, self, self.log)
+        return diagnosed_machine(source_of(self.machine, self.source, "found"), self, self.log)
 
     def write(self, target: Source) -> None:
         """Write :meth:`machine_file`; ``-`` is standard output."""

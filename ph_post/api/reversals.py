@@ -17,6 +17,7 @@ from ph_post.edit.edits import Edits
 from ph_post.edit.window_plans import WindowPlan
 from ph_post.gcode.paths import ProgramPath, paths_of
 from ph_post.gcode.program import AXES, LINE, RAPID, Motions
+from ph_post.geometry.numeric import zigzag
 from ph_post.types import Array, BoolArray, Crossing, FeedProfile, IntArray, Jog, Machine, TurningPoint, Window
 
 MILLION: Final = 10**6
@@ -224,34 +225,8 @@ def _slight(analysis: Analysis) -> list[bool]:
     for column, name in enumerate(analysis.path.axes):
         own = [number for number, point in enumerate(points) if point.axis == name]
         rows = [0, *(number + 1 for number in own), s.size - 1]
-        for kept in np.flatnonzero(lasting_turns(places[rows, column], analysis.tolerance)).tolist():
+        for kept in zigzag(places[rows, column], analysis.tolerance)[0][1:].tolist():
             found[own[kept - 1]] = False
-    return found
-
-
-def lasting_turns(values: Array, band: float) -> BoolArray:
-    """Return the values at which a zigzag turns back by more than a band, the first and the last never.
-
-    Parameters
-    ----------
-    values : Array, shape (n,)
-    band : float
-
-    Examples
-    --------
-    >>> lasting_turns(np.array([0.0, 5.0, 4.9, 5.1, 0.0, 3.0]), 1.0).tolist()
-    [False, False, False, True, True, False]
-    """
-    found = np.zeros(values.size, dtype=np.bool_)
-    lowest = highest = 0
-    way = 0
-    for n, value in enumerate(values.tolist()):
-        lowest = n if value < values[lowest] else lowest
-        highest = n if value > values[highest] else highest
-        if way <= 0 and value > values[lowest] + band:
-            found[lowest], way, highest = way < 0, 1, n
-        elif way >= 0 and value < values[highest] - band:
-            found[highest], way, lowest = way > 0, -1, n
     return found
 
 

@@ -77,6 +77,7 @@ def command(
       result_line      with -m: the line of the result, else null
     """
     import ph_post as ph
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.storage import STDIO, Content, write_atomically
     from ph_post.report.diff_page import diff_page
@@ -85,9 +86,8 @@ def command(
     from ph_post.report.tables import print_json
     from ph_post.units import MM
 
-    if as_json and html == STDIO:
-        raise click.UsageError("standard output can take one product; got two for it")
     options.require_two_sources(a, b)
+    check_places({"A": a, "B": b}, {"--html": html, "--plot": plot}, json=as_json)
     products: dict[str, Content] = {}
     with ProgressPrinter() as progress:
         found = ph.diff(a, b, machine, tolerance=tolerance * MM, dialect=dialect, progress=progress)

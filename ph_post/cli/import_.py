@@ -111,14 +111,14 @@ def command(drawing: str, output: str | None, listing: bool, as_json: bool, **ho
       ph-post import part.dxf -o outline.json --layer OUTLINE --closed --origin corner
       ph-post import logo.svg --units mm --feed 600 | ph-post convert - -m router --safe-z 5 --depth -1 -o -
     """
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.files.drawing.convert import import_drawing, name_of, read_drawing
     from ph_post.files.storage import write_atomically
     from ph_post.report.drawings import import_view, list_view, print_import, print_list
     from ph_post.report.tables import print_json
 
-    if as_json and output == "-":
-        raise click.UsageError("standard output can take one product; got two for it")
+    check_places({"DRAWING": drawing}, {"-o": output}, json=as_json)
     if listing and output is not None:
         raise click.UsageError("--list writes no path; leave out -o")
     with ProgressPrinter() as progress:

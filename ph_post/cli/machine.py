@@ -94,9 +94,10 @@ def new(
       warnings    what is to be put right before the file is used
     """
     from ph_post.cli.interview import conduct, machine_answers, settings_of, twice_compensated
+    from ph_post.cli.outputs import refuse_existing
     from ph_post.identify.newmachine import new_machine
 
-    _refuse_place(output, force)
+    refuse_existing(output, force)  # before anybody answers a question for it
     own = {} if settings is None else settings_of(settings)
     made = new_machine(machine_answers(conduct(_known(answers, given), yes, own)))
     if not (output == "-" and as_json):
@@ -137,15 +138,6 @@ def _print_view(output: str, made: NewMachine, warnings: list[str]) -> None:
             "warnings": warnings,
         }
     )
-
-
-def _refuse_place(output: str, force: bool) -> None:
-    """Refuse a place that cannot be written before anybody answers a question for it."""
-    from ph_post.cli.outputs import refuse_existing, refuse_unwritable
-
-    refuse_existing(output, force)
-    if output != "-":
-        refuse_unwritable(output)
 
 
 def _write(output: str, made: NewMachine, force: bool) -> None:

@@ -104,7 +104,7 @@ def command(
     """
     import ph_post as ph
     from ph_post.api.inputs import any_machine
-    from ph_post.cli.outputs import refuse_existing, refuse_unwritable
+    from ph_post.cli.outputs import refuse_existing
     from ph_post.files.storage import write_atomically
     from ph_post.report.measurements import measurement_lines, measurement_view
     from ph_post.report.tables import print_json
@@ -122,8 +122,6 @@ def command(
         raise click.UsageError("--json takes standard output; give -o a file")
     if output is not None:
         refuse_existing(output, force)
-        if output != "-":
-            refuse_unwritable(output)
     drives, _ = any_machine(machine)
     readings: Readings | str | None = source
     if dial or cut:

@@ -134,27 +134,15 @@ def products_of(target: Target, program: bytes, replaced: bytes) -> dict[str, st
 
 
 def refuse_existing(name: str, force: bool) -> None:
-    """Refuse to replace a person's file without being told to.
+    """Refuse to replace a person's file without being told to, and a place where nothing can be written.
 
     Raises
     ------
     InputError
-        Where something of that name is there, and `force` is not given.
+        Where something of that name is there, and `force` is not given; where it leads to no file.
     """
-    if name != STDIO and not force and os.path.lexists(name):
+    if name == STDIO:
+        return
+    if not force and os.path.lexists(name):
         raise InputError(name, "is there already", expected="--force, or another name")
-
-
-def refuse_unwritable(name: str) -> None:
-    """Refuse a place where nothing can be written, before any work is done for it.
-
-    Raises
-    ------
-    InputError
-        Where it is a directory, or in none that can be written.
-    """
-    place = Path(name)
-    if place.is_dir() or not name:
-        raise InputError(name or "''", "is no file to write", expected="the name of a file")
-    if not os.access(place.parent, os.W_OK):
-        raise InputError(name, "cannot be written", expected="a folder that can be written", got=str(place.parent))
+    check_place(name)

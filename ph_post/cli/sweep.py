@@ -124,12 +124,14 @@ def command(
       format, version  of the file
     """
     import ph_post as ph
+    from ph_post.cli.outputs import check_places
     from ph_post.cli.progress import ProgressPrinter
     from ph_post.drive.intervalfile import interval_content, interval_view
     from ph_post.files.storage import Content, write_atomically
     from ph_post.report.figures import draw_intervals, write_figure
     from ph_post.report.tables import print_json
 
+    check_places({"JOB": source}, {"-o": output, "--plot": plot}, json=as_json)
     with ProgressPrinter() as progress:
         table = ph.sweep(
             machine,

@@ -191,6 +191,8 @@ def check_place(name: str) -> pathlib.Path:
         Where it is a folder, its folder is missing, or it is write-protected. A device or a pipe may be written.
     """
     with _writing_errors(name):
+        if not name:
+            raise InputError("''", "is no file to write", expected="the name of a file")
         place = pathlib.Path(os.path.realpath(name))
         if place.is_dir():
             raise InputError(name, "is a directory", expected="a file to write")

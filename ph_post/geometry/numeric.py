@@ -72,3 +72,47 @@ def bisect(is_below: Callable[[float], bool], low: float, high: float) -> tuple[
         else:
             high = middle
     return low, high
+
+
+def zigzag(values: Array, band: float) -> tuple[IntArray, IntArray]:
+    """Find the turns of a zigzag: where it goes back by more than a band.
+
+    Parameters
+    ----------
+    values : Array, shape (n,)
+    band : float
+        A way back that is no longer is none.
+
+    Returns
+    -------
+    places : IntArray, shape (m,)
+        Row 0, then the farthest row before each way back, the last one of equals. Empty where nothing moves.
+    senses : IntArray, shape (m,)
+        1 where the values rise behind it, -1 where they fall.
+
+    Examples
+    --------
+    >>> zigzag(np.array([0.0, 5.0, 4.9, 5.1, 5.1, 0.0, 3.0]), 1.0)
+    (array([0, 4, 5]), array([ 1, -1,  1]))
+    """
+    places, senses = [0], [0]
+    lowest = highest = 0
+    listed = values.tolist()
+    for row, value in enumerate(listed):
+        lowest = row if value <= listed[lowest] else lowest
+        highest = row if value >= listed[highest] else highest
+        way = senses[-1]
+        if way <= 0 and value > listed[lowest] + band:
+            turn, sense, highest = lowest, 1, row
+        elif way >= 0 and value < listed[highest] - band:
+            turn, sense, lowest = highest, -1, row
+        else:
+            continue
+        if way:
+            places.append(turn)
+            senses.append(sense)
+        else:
+            senses[0] = sense
+    if not senses[0]:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return np.array(places), np.array(senses)

@@ -12,6 +12,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from ph_post.geometry.numeric import zigzag
 from ph_post.quantities import with_error
 from ph_post.report.diagnoses import channel_scale, diagnosis_lines, diagnosis_view
 from ph_post.report.effect_words import finding_name, label_words
@@ -76,25 +77,7 @@ def reversals(command: Array) -> tuple[IntArray, IntArray]:
     >>> reversals(np.array([0.0, 1.0, 2.0, 2.0, 1.0]))
     (array([0, 3]), array([ 1, -1]))
     """
-    slack = SLACK * float(np.ptp(command)) if command.size else 0.0
-    found, senses = [0], [0]
-    extreme = 0
-    # A zigzag: the farthest sample so far becomes a reversal when the command is back from it by the slack.
-    values = command.tolist()
-    for k, place in enumerate(values):
-        way = place - values[extreme]
-        if senses[-1] == 0 and abs(way) > slack:
-            senses[-1] = 1 if way > 0.0 else -1
-            extreme = k
-        elif senses[-1] * way >= 0.0:
-            extreme = k if senses[-1] else extreme
-        elif abs(way) > slack:
-            found.append(extreme)
-            senses.append(-senses[-1])
-            extreme = k
-    if senses[0] == 0:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    return np.array(found), np.array(senses)
+    return zigzag(command, SLACK * float(np.ptp(command)) if command.size else 0.0)
 
 
 def by_position(trail: ResidualTrace, steps: int) -> dict[int, ResidualProfile]:

@@ -381,10 +381,7 @@ def run_program(program: PartProgram, machine: Machine, planner: ControllerPlann
     if isinstance(planner, ExactPath):
         blocks = _blocks(program, limits, planner, period)
         return _command(exact_rows(blocks, planner, limits, period, program), machine)
-    moves = table_of(_moves(program, limits, planner, period))
-    legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
-    count = plan_legs(moves, legs, table, limits, period)
-    rows = _run(legs, table, count, period, program)
+    rows = _run(*_planned(_moves(program, limits, planner, period), limits, period), period, program)
     return _command(rows, machine)
 
 
@@ -420,13 +417,19 @@ def planned_speeds(program: PartProgram, machine: Machine) -> Array:
     """
     limits, period, planner = limit_table(machine), machine.servo_period, planner_of(machine)
     assert isinstance(planner, RoundedPath)
-    moves = table_of(moves_of(program, limits, planner))
-    legs, table = np.zeros((2 * len(moves), moves.shape[1])), np.zeros((2 * len(moves), COLUMNS))
-    count = plan_legs(moves, legs, table, limits, period)
+    legs, table = _planned(moves_of(program, limits, planner), limits, period)
     found = np.full(program.motions.kind.size, np.inf)
-    own = table[:count, KIND] != ROUNDING
-    np.minimum.at(found, legs[:count, MOTION][own].astype(np.int64), table[:count, MOST][own])
+    own = table[:, KIND] != ROUNDING
+    np.minimum.at(found, legs[own, MOTION].astype(np.int64), table[own, MOST])
     return found
+
+
+def _planned(moves: Legs, limits: Array, period: float) -> tuple[Array, Array]:
+    """Let the planner blend and plan moves: a leg each, (n, columns of legs), and its plan, (n, COLUMNS)."""
+    given = table_of(moves)
+    legs, table = np.zeros((2 * len(given), given.shape[1])), np.zeros((2 * len(given), COLUMNS))
+    count = plan_legs(given, legs, table, limits, period)
+    return legs[:count], table[:count]
 
 
 def _blocks(program: PartProgram, limits: Array, planner: ExactPath, period: float) -> StraightBlocks:
@@ -448,14 +451,15 @@ AnyArray = TypeVar("AnyArray", Array, IntArray)
 Rows = tuple[Array, IntArray, Array]
 
 
-def _run(legs: Array, table: Array, count: int, period: float, program: PartProgram) -> Rows:
+def _run(legs: Array, table: Array, period: float, program: PartProgram) -> Rows:
     """Position, motion and share of every period, as far as the bounds go: accelerations may make a run longer."""
-    pause = legs[:count, PAUSE]
+    count = len(legs)
+    pause = legs[:, PAUSE]
     dwell = np.ceil(pause / period - 1e-6) + DWELL
-    rests = np.where(pause > 0.0, dwell, legs[:count, DRAINS] * DRAINED).astype(np.int64)
-    state = np.array([*_beginning(legs, count), 0.0, -1.0])
+    rests = np.where(pause > 0.0, dwell, legs[:, DRAINS] * DRAINED).astype(np.int64)
+    state = np.array([*_beginning(legs), 0.0, -1.0])
     rests[:1] = 0
-    leg, parts = 0, [(_beginning(legs, count)[None, :], np.array([-1]), np.zeros(1))]
+    leg, parts = 0, [(_beginning(legs)[None, :], np.array([-1]), np.zeros(1))]
     while leg < count:
         part = (np.empty((ROOM, 3)), np.empty(ROOM, dtype=np.int64), np.empty(ROOM))
         leg, filled = run_legs(legs, table, count, period, rests, leg, state, *part)
@@ -475,9 +479,9 @@ def _padded(values: AnyArray, before: int, behind: int) -> AnyArray:
     return np.pad(values, width, mode="edge")
 
 
-def _beginning(legs: Array, count: int) -> Array:
+def _beginning(legs: Array) -> Array:
     """Return the beginning of the first leg."""
-    if count == 0:
+    if not len(legs):
         return np.zeros(3)
     first: Array = legs[0]
     return np.asarray(first[ORIGIN : ORIGIN + 3] + first[RADIUS] * first[FIRST : FIRST + 3])
