@@ -441,7 +441,7 @@ class CrossingSearch:
             out = math.sqrt(self._overshoot[axis.name] / axis.limits.acceleration)
             passed = np.where(spots.first | (spots.rows[:, SIGN] == 0.0), 0.0, spots.rows[:, PASSED])
             pause = self._pause(axis, coarser)
-            arrival = np.array([self._arrival(row, axis) for row in spots.rows[jogs]])
+            arrival = self._arrivals(spots.rows[jogs], axis)
             cost[jogs] = (move + passed / self._push)[jogs] + pause + np.maximum(pause, arrival)
             chords = own & (spots.window[:, 2] > 0.0)
             speed, feed = spots.window[chords, 2], spots.feed[chords]
@@ -455,11 +455,12 @@ class CrossingSearch:
         """Rest before and behind a jog [s]: where the motor lags, until it has arrived; none where time is short."""
         return corner_pause(axis) if axis.servo.c > 0.0 and coarser == 1.0 else 0.0
 
-    def _arrival(self, row: Array, axis: Axis) -> float:
-        """Rest behind a jog between a rapid and a cut [s], until a motor that lags has arrived."""
-        behind = int(row[MOTION]) + 1
-        cuts = behind < self._program.motions.kind.size and self._program.motions.kind[behind] != RAPID
-        return SETTLING * axis.servo.c if cuts and row[SIGN] != 0.0 and self._behind_rapid(row) else 0.0
+    def _arrivals(self, rows: Array, axis: Axis) -> Array:
+        """Rests behind jogs (n,) [s]: between a rapid and a cut, until a motor that lags has arrived."""
+        motion, kind = rows[:, MOTION].astype(np.int64), self._program.motions.kind
+        cuts = (kind[motion] == RAPID) & (np.append(kind, RAPID)[motion + 1] != RAPID)
+        waits = cuts & (rows[:, SHARE] == 1.0) & (rows[:, SIGN] != 0.0)
+        return np.asarray(np.where(waits, SETTLING * axis.servo.c, 0.0))
 
     def plan(
         self, changes: Mapping[str, Array], coarser: float
@@ -630,7 +631,7 @@ class CrossingSearch:
         elif behind_rapid and sign != 0.0:
             pause = max(pause, _settled(axis))
         # A cut that began at once would begin with the rapid's lag and with that of the jog.
-        arrives = max(pause, self._arrival(row, axis))
+        arrives = max(pause, float(self._arrivals(row[None, :], axis)[0]))
         longest = max(map(abs, ways))
         # No faster than it can be on its way: from rest to rest by half of it each.
         reached = math.sqrt(axis.limits.acceleration * min(map(abs, ways)))

@@ -21,6 +21,7 @@ left.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any, Final
 
 import msgspec
@@ -332,19 +333,25 @@ def crossing_shape(axis: Axis, first: float, rounding: float) -> CrossingShape:
     servo = axis.servo
     if servo.c < SHORT_LAG:
         return CrossingShape(first=first, wait=first + rounding)
+    part, beyond = _behind_lag(servo.b, servo.c, axis.gap.lost_motion, first)
+    return CrossingShape(first=part, wait=2.0 * part + rounding, beyond=beyond)
+
+
+@lru_cache(maxsize=64)
+def _behind_lag(b: float, c: float, lost: float, first: float) -> tuple[float, float]:
+    """Return how long the offset changes [s], and by which part it goes beyond; a program is planned several times."""
     from scipy.signal import lsim
 
-    lost = axis.gap.lost_motion
-    system = ([1.0], [servo.b, servo.c, 1.0]) if servo.b > 0.0 else ([1.0], [servo.c, 1.0])
-    for part in np.geomspace(max(first, 0.5 * servo.c), max(first, 0.5 * servo.c) + 8.0 * servo.c, TRIALS):
-        t = np.linspace(0.0, 2.0 * part + 6.0 * servo.c, 4 * TRIALS)
+    system = ([1.0], [b, c, 1.0]) if b > 0.0 else ([1.0], [c, 1.0])
+    for part in np.geomspace(max(first, 0.5 * c), max(first, 0.5 * c) + 8.0 * c, TRIALS):
+        t = np.linspace(0.0, 2.0 * part + 6.0 * c, 4 * TRIALS)
         out, back = (lsim(system, np.clip((t - begin) / part, 0.0, 1.0), t)[1] for begin in (0.0, part))
         behind = t >= 2.0 * part
         rest, way = 1.0 - out[behind], (out - back)[behind]
         beyond = float(np.clip((rest * way).sum() / max((way * way).sum(), 1e-30), 0.0, BEYOND))
         if np.abs(rest - beyond * way).max() * lost <= RESIDUE and part >= (1.0 + 2.0 * beyond) * first:
             break
-    return CrossingShape(first=float(part), wait=2.0 * float(part) + rounding, beyond=beyond)
+    return float(part), beyond
 
 
 def shortest_time(machine: Machine, axis: Axis, feed: float) -> tuple[float, float]:

@@ -73,8 +73,11 @@ SPARE: Final = 3e-3
 LITTLE: Final = 0.01
 """Where less slowdown [part of the time] is allowed nothing is spent on lines for a restart."""
 
-ROUNDS: Final = 6
+BEAM_ROUNDS: Final = 6
 """Plans that are made before nothing is shifted wherever a beam is on."""
+
+LEAVING_ROUNDS: Final = 6
+"""Times that sections are chosen to be left alone before the dead band is raised."""
 
 TIGHTER: Final = 0.98
 """Part of what should be enough that is allowed the next time."""
@@ -347,7 +350,7 @@ def affordable_reversals(search: ReversalSearch, options: EditOptions) -> Afford
         if cost <= allowed:
             return AffordedChanges(changes=found, coarser=coarser, slowdown=cost / total, warnings=search.warnings)
     budget = allowed
-    for _ in range(ROUNDS):
+    for _ in range(LEAVING_ROUNDS):
         _leave_costly(search, options, budget, round_up(every / total))
         # What is left may cost more once its neighbours are gone.
         cost = search.cost(_search_raised(search, options, 1.0), COARSER[-1])
@@ -467,7 +470,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
     beam = BeamGuard(program, machine)
     open_ = _open_sections(program, blocked, options.left)
     runs, unmarked = beam.runs(), frozenset[int]()
-    for number in range(ROUNDS):
+    for number in range(BEAM_ROUNDS):
         left = [runs[run] for run in sorted(unmarked)]
         search = ReversalSearch(program, machine, dialect, amplitude, sides, open_, options, left)
         afforded = affordable_reversals(search, options)
@@ -476,7 +479,7 @@ def plan_offsets(program: PartProgram, machine: Machine, dialect: Dialect, optio
         if not burnt:
             break
         found = {run_beside(runs, motion) for motion in burnt}
-        unmarked |= found if number + 2 < ROUNDS and not found <= unmarked else set(range(len(runs)))
+        unmarked |= found if number + 2 < BEAM_ROUNDS and not found <= unmarked else set(range(len(runs)))
     shifted = {one.axis for one in crossings} | {shift.axis for stop in stops for shift in stop.shifts}
     shifted |= {name for name in amplitude if offset[:, AXES.index(name)].any()}
     used = {name: size for name, size in amplitude.items() if name in shifted}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .reference_player import Move, interpret, run
-from .two_masses import body_of, settling, table_of
+from .two_masses import Body, behind, body_of, motor_of, settling
 
 Floats = NDArray[np.float64]
 
@@ -248,15 +248,16 @@ def played(text: str, original: Stretches, command, lines: NDArray[np.int64], ga
     return Played(motor, numbers, cuts & (command.t >= settled), free, exact)
 
 
-def _tables(motor: Floats, machine, sides, *, gaps: bool = True) -> Floats:
-    """Tables [mm] of motors [mm] as commanded; an axis that gravity holds has no play."""
-    columns = []
-    for column, name in enumerate("XYZ"):
-        axis = machine.axes[name]
-        body = body_of(axis, factor=1.0 if gaps and axis.gravity_side is None else 0.0)
-        own = 1e-3 * motor[:, column]
-        columns.append(1e3 * table_of(body, own, machine.servo_period, sides[column], own[0]))
-    return np.stack(columns, axis=1)
+def _bodies(machine) -> list[Body]:
+    """X, Y and Z; an axis that gravity holds has no play."""
+    axes = [machine.axes[name] for name in "XYZ"]
+    return [body_of(axis, factor=1.0 if axis.gravity_side is None else 0.0) for axis in axes]
+
+
+def _motors(program: Floats, machine) -> Floats:
+    """Motors (n, 3) [mm] that are commanded to be at places (n, 3) [mm]."""
+    one = zip(_bodies(machine), 1e-3 * program.T, strict=True)
+    return 1e3 * np.stack([motor_of(body, own, machine.servo_period) for body, own in one], axis=1)
 
 
 def sides_of(machine) -> list[tuple[int, ...]]:
@@ -273,13 +274,20 @@ def measure(program: Played, path: Stretches, machine) -> Measured:
     """
     rows = np.flatnonzero(program.counted)
     runs = program.run_of[rows]
-    band = [_tables(way, machine, (1, 1, 1), gaps=False) for way in (program.free, program.exact)]
+    motors = _motors(program.motor, machine)
+    band = [motors if way is program.motor else _motors(way, machine) for way in (program.free, program.exact)]
     way = np.maximum(*(np.linalg.norm(np.diff(one, axis=0), axis=1) for one in band))
     way, near = np.append(0.0, np.cumsum(way)), NEAR + LONG * gaps_of(machine).max()
     first: tuple[Floats, Floats, Floats] | None = None
     found = []
-    for sides in sides_of(machine):
-        table = _tables(program.motor, machine, sides)[rows]
+    every = sides_of(machine)
+    tables = {
+        (k, side): 1e3 * behind(body, 1e-3 * motors[:, k], side)[rows]
+        for k, body in enumerate(_bodies(machine))
+        for side in {sides[k] for sides in every}
+    }
+    for sides in every:
+        table = np.stack([tables[one] for one in enumerate(sides)], axis=1)
         if first is None:
             which = np.ones(len(table), dtype=bool)
             error, gap = np.empty(len(table)), np.empty(len(table))
@@ -324,24 +332,38 @@ def _between(point, one, other):  # type: ignore[no-untyped-def]
     """Least distance of a point from the lines between two rows of two ways, by halving where it falls."""
     low, high = 0.0, 1.0
     best = np.inf
+    ends = np.empty((2, 3))
     for _ in range(NARROWED):
         third = (high - low) / 3.0
-        left, right = low + third, high - third
-        a = _from_line(point, one[0] + left * (one[1] - one[0]), other[0] + left * (other[1] - other[0]))
-        b = _from_line(point, one[0] + right * (one[1] - one[0]), other[0] + right * (other[1] - other[0]))
+        a = _from_place(point, one, other, low + third, ends)
+        b = _from_place(point, one, other, high - third, ends)
         best = min(best, a, b)
         if a < b:
-            high = right
+            high -= third
         else:
-            low = left
+            low += third
     return best
 
 
 @numba.njit
+def _from_place(point, one, other, share, ends):  # type: ignore[no-untyped-def]
+    for k in range(3):
+        ends[0, k] = one[0, k] + share * (one[1, k] - one[0, k])
+        ends[1, k] = other[0, k] + share * (other[1, k] - other[0, k])
+    return _from_line(point, ends[0], ends[1])
+
+
+@numba.njit
 def _from_line(point, a, b):  # type: ignore[no-untyped-def]
-    square = ((b - a) ** 2).sum()
-    share = min(max(((point - a) * (b - a)).sum() / square, 0.0), 1.0) if square > 0.0 else 0.0
-    return np.sqrt(((point - a - share * (b - a)) ** 2).sum())
+    square = along = 0.0
+    for k in range(3):
+        square += (b[k] - a[k]) ** 2
+        along += (point[k] - a[k]) * (b[k] - a[k])
+    share = min(max(along / square, 0.0), 1.0) if square > 0.0 else 0.0
+    off = 0.0
+    for k in range(3):
+        off += (point[k] - a[k] - share * (b[k] - a[k])) ** 2
+    return np.sqrt(off)
 
 
 def gaps_of(machine) -> Floats:

@@ -113,22 +113,36 @@ def table_of(body: Body, command: Floats, period: float, side: int, place: float
     Behind a loop its place is counted from where it stood when its motor came to 0 in the direction of its zero.
     """
     side = int(np.sign(speed)) or side
-    half = 0.5 * body.gap
     if body.feedback == "load":
         return _two_masses(command, period, side, place, speed, *body[NUMBERS], body.friction)
-    motor = command
-    if body.b or body.c:
-        start = command[0] - body.c * speed * (body.ki == 0.0)
-        rigid = body._replace(gap=0.0)
-        motor = _two_masses(command, period, side, start, speed, *rigid[NUMBERS], body.friction)
+    return behind(body, motor_of(body, command, period, speed), side)
+
+
+def motor_of(body: Body, command: Floats, period: float, speed: float = 0.0) -> Floats:
+    """Where a motor is in every row [m] whose own place is fed back, or none: it does not feel its gap."""
+    if not body.b and not body.c:
+        return command
+    start = command[0] - body.c * speed * (body.ki == 0.0)
+    rigid = body._replace(gap=0.0)
+    return _two_masses(command, period, int(np.sign(speed)) or 1, start, speed, *rigid[NUMBERS], body.friction)
+
+
+def behind(body: Body, motor: Floats, side: int) -> Floats:
+    """Where the table is in every row [m] behind such a motor."""
+    half = 0.5 * body.gap
     zero = play(np.array([-1.0 * body.zero, 0.0]), half, 0)[-1]
     return play(motor, half, side) - zero
 
 
 def play(motor: Floats, half: float, side: int) -> Floats:
     """The play operator: a table that stays until the motor has come to one of its sides."""
+    return _play(np.asarray(motor, dtype=float), half, side)
+
+
+@numba.njit
+def _play(motor, half, side):  # type: ignore[no-untyped-def]
     table, place = np.empty(motor.size), motor[0] - side * half
-    for row, here in enumerate(motor.tolist()):
+    for row, here in enumerate(motor):
         place = min(max(place, here - half), here + half)
         table[row] = place
     return table
