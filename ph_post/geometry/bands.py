@@ -20,40 +20,49 @@ FLAT: Final = 1e-12
 """Squared sine of a triangle's angle below which its edges are all that there is of it."""
 
 
-def distance_to_band(points: Array, rows: IntArray, one: Array, other: Array, reach: float) -> Array:
-    """Distances of points from the band between two ways, near the rows of these that the points belong to.
+class Band:
+    """The band between two ways that are run side by side.
 
-    The band is what lies between the same rows of both: a surface of triangles, which may be as narrow as a line.
+    It is what lies between the same rows of both: a surface of triangles, which may be as narrow as a line.
 
     Parameters
     ----------
-    points : Array, shape (n, 3)
-        [m].
-    rows : IntArray, shape (n,)
-        A row of the ways for each point.
     one, other : Array, shape (m, 3)
         The ways [m].
-    reach : float
-        How far before and behind its row a point may be [m], along the longer of the ways.
-
-    Returns
-    -------
-    Array, shape (n,)
-        [m].
-
-    Examples
-    --------
-    >>> way = np.stack([np.linspace(0.0, 1.0, 11), np.zeros(11), np.zeros(11)], axis=1)
-    >>> points = np.array([[0.52, 0.3, 0.0], [0.52, -0.1, 0.0]])
-    >>> distance_to_band(points, np.array([5, 5]), way, way + [0.0, 0.2, 0.0], 0.5).round(6).tolist()
-    [0.1, 0.1]
     """
-    steps = [np.sqrt((np.diff(way, axis=0) ** 2).sum(axis=1)) for way in (one, other)]
-    ways = np.concatenate([[0.0], np.cumsum(np.maximum(*steps))])
-    kept = np.flatnonzero(np.diff(np.floor(ways / STEP), prepend=-1.0))
-    near = np.searchsorted(kept, rows, side="right") - 1
-    one, other, ways = (np.ascontiguousarray(values[kept]) for values in (one, other, ways))
-    return _distances(np.ascontiguousarray(points), near, one, other, ways, reach)
+
+    def __init__(self, one: Array, other: Array) -> None:
+        steps = [np.sqrt((np.diff(way, axis=0) ** 2).sum(axis=1)) for way in (one, other)]
+        ways = np.concatenate([[0.0], np.cumsum(np.maximum(*steps))])
+        self._kept = np.flatnonzero(np.diff(np.floor(ways / STEP), prepend=-1.0))
+        self._one, self._other, self._ways = (np.ascontiguousarray(values[self._kept]) for values in (one, other, ways))
+
+    def distances(self, points: Array, rows: IntArray, reach: float) -> Array:
+        """Distances of points from the band, near the rows of its ways that the points belong to.
+
+        Parameters
+        ----------
+        points : Array, shape (n, 3)
+            [m].
+        rows : IntArray, shape (n,)
+            A row of the ways for each point.
+        reach : float
+            How far before and behind its row a point may be [m], along the longer of the ways.
+
+        Returns
+        -------
+        Array, shape (n,)
+            [m].
+
+        Examples
+        --------
+        >>> way = np.stack([np.linspace(0.0, 1.0, 11), np.zeros(11), np.zeros(11)], axis=1)
+        >>> points = np.array([[0.52, 0.3, 0.0], [0.52, -0.1, 0.0]])
+        >>> Band(way, way + [0.0, 0.2, 0.0]).distances(points, np.array([5, 5]), 0.5).round(6).tolist()
+        [0.1, 0.1]
+        """
+        near = np.searchsorted(self._kept, rows, side="right") - 1
+        return _distances(np.ascontiguousarray(points), near, self._one, self._other, self._ways, reach)
 
 
 @compiled

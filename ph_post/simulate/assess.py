@@ -23,9 +23,12 @@ from ph_post.simulate.contour import (
     turning_errors,
 )
 from ph_post.simulate.machine import axis_command, first_flank, simulate
-from ph_post.types import Array, Axis, Command, Machine, Pickup, Run, Scenario, TurningPoint
+from ph_post.types import Array, Axis, Command, IntArray, Machine, Pickup, Run, Scenario, TurningPoint
 
 T = TypeVar("T")
+
+KEPT: Final = 4
+"""Runs with which others are compared: backlash as stated, larger and smaller, each of which may be on two sides."""
 
 PICKUPS: Final[tuple[Pickup, ...]] = ("standstill", "momentum", "contact")
 """Every pick-up rule; all are tried where the file names none."""
@@ -138,6 +141,35 @@ def run_scenarios(measure: Callable[[Scenario], T], tried: Iterable[Scenario]) -
     first_of_all, *others = tried
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         return (measure(first_of_all), *pool.map(measure, others))
+
+
+class AlikeRows:
+    """Errors of several runs of one command; what is alike in some of them is measured once.
+
+    Machines that differ in the sides on which their axes stand at first are alike from the first reversals on.
+
+    Parameters
+    ----------
+    measure : callable
+        Errors (m,) [m] of places of the table (m, axes) [m] in rows (m,) of the command.
+    """
+
+    def __init__(self, measure: Callable[[Array, IntArray], Array]) -> None:
+        self._measure = measure
+        self._known: list[tuple[Array, Array]] = []
+
+    def errors(self, table: Array) -> Array:
+        """Errors (n,) [m] of the places of the table (n, axes) [m] in every row."""
+        rows, alike = np.arange(len(table)), np.zeros(len(table))
+        for known, errors in self._known:
+            others = np.flatnonzero((table != known).any(axis=1))
+            if others.size < rows.size:
+                rows, alike = others, errors
+        found = alike.copy()
+        found[rows] = self._measure(table[rows], rows)
+        if 2 * rows.size > len(table):
+            self._known = [*self._known, (table, found)][-KEPT:]
+        return found
 
 
 def gap_error(

@@ -8,6 +8,7 @@ References
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -105,30 +106,58 @@ def simulate(command: Command, machine: Machine, scenario: Scenario = NOMINAL_SC
         `executed` is what is read of the tables (:func:`ph_post.drive.plant.read_table`), the time counted
         from the first row on.
     """
-    plants = {name: plant_of(machine.axes[name], scenario) for name in command.axes}
-    tables: dict[str, Array] = {}
-    motor = np.empty_like(command.position)
-    events: list[Event] = []
-    for number, (name, plant) in enumerate(plants.items()):
-        flank = command.flanks.get(name) or first_flank(machine.axes[name], scenario)
-        trace = axis_command(command, number)
+    return Runs(command, machine).of(scenario)
+
+
+KEPT: Final = 2
+"""Runs of an axis that are kept for the next scenarios, which differ in the sides of the axes."""
+
+
+class Runs:
+    """Runs of one command in several scenarios; an axis that is alike in some of them runs once.
+
+    Parameters
+    ----------
+    command : Command
+    machine : Machine
+        As of :func:`simulate`.
+    """
+
+    def __init__(self, command: Command, machine: Machine) -> None:
+        self._command, self._machine = command, machine
+        self._run_axis = lru_cache(maxsize=KEPT * len(command.axes))(self._axis)
+
+    def of(self, scenario: Scenario) -> Run:
+        """Run a machine; see :func:`simulate`."""
+        command, machine = self._command, self._machine
+        plants = {name: plant_of(machine.axes[name], scenario) for name in command.axes}
+        tables: dict[str, Array] = {}
+        motor = np.empty_like(command.position)
+        events: list[Event] = []
+        for number, (name, plant) in enumerate(plants.items()):
+            flank = command.flanks.get(name) or first_flank(machine.axes[name], scenario)
+            tables[name], motor[:, number], changes = self._run_axis(number, plant, flank)
+            events += list_events(changes, name)
+        since = command.t - command.t[0]
+        executed = np.stack([read_table(plants[name], since, tables[name], tables) for name in plants], axis=1)
+        return Run(
+            axes=command.axes,
+            period=command.period,
+            scenario=scenario,
+            t=command.t,
+            s=command.s,
+            commanded=command.position,
+            executed=sealed(executed),
+            motor=sealed(motor),
+            events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
+        )
+
+    def _axis(self, number: int, plant: Plant, flank: int) -> tuple[Array, Array, Changes]:
+        trace = axis_command(self._command, number)
         if plant.cutting:
-            trace = trace._replace(force=cutting_force(plant, path_velocity(command), number))
-        tables[name], motor[:, number], changes = run_plant(trace, plant, flank, command.period)
-        events += list_events(changes, name)
-    since = command.t - command.t[0]
-    executed = np.stack([read_table(plants[name], since, tables[name], tables) for name in plants], axis=1)
-    return Run(
-        axes=command.axes,
-        period=command.period,
-        scenario=scenario,
-        t=command.t,
-        s=command.s,
-        commanded=command.position,
-        executed=sealed(executed),
-        motor=sealed(motor),
-        events=tuple(sorted(events, key=lambda event: (event.t, event.axis))),
-    )
+            trace = trace._replace(force=cutting_force(plant, path_velocity(self._command), number))
+        table, motor, changes = run_plant(trace, plant, flank, self._command.period)
+        return sealed(table), sealed(motor), changes
 
 
 class AxisCommand(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from ph_post.geometry.bands import distance_to_band
+from ph_post.geometry.bands import Band
 from ph_post.types import Array
 
 ONE = 1e3
@@ -37,21 +37,21 @@ def test_the_distance_is_that_from_the_nearest_triangle(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
     rows = rng.integers(0, 40, 6)
     points = 0.5 * (one + other)[rows] + rng.normal(size=(6, 3)) * 0.03
-    found = distance_to_band(points, rows, one, other, 10.0)
+    found = Band(one, other).distances(points, rows, 10.0)
     assert found == pytest.approx([least_distance(point, one, other) for point in points], abs=1e-9)
 
 
 def test_inside_the_band_there_is_no_distance() -> None:
     one, other = ways(7, 0.005)
     middle = 0.3 * one + 0.7 * other
-    assert distance_to_band(middle, np.arange(40), one, other, 0.1) == pytest.approx(np.zeros(40), abs=1e-12)
+    assert Band(one, other).distances(middle, np.arange(40), 0.1) == pytest.approx(np.zeros(40), abs=1e-12)
 
 
 def test_a_band_without_width_is_a_line_and_rests_are_one_place() -> None:
     line = np.zeros((3001, 3))
     line[:, 0] = np.concatenate([np.linspace(0.0, 1.0, 1001), np.ones(1000), np.linspace(1.0, 2.0, 1000)])
     points = np.array([[0.5003, 0.2, 0.0], [1.0, -0.1, 0.1], [2.3, 0.0, 0.4]])
-    found = distance_to_band(points, np.array([400, 1500, 2999]), line, line, 0.5)
+    found = Band(line, line).distances(points, np.array([400, 1500, 2999]), 0.5)
     assert found == pytest.approx([0.2, 0.02**0.5, 0.5], rel=1e-12)
 
 
@@ -60,6 +60,6 @@ def test_what_is_farther_along_than_the_reach_is_another_pass() -> None:
     there[:, 0] = np.abs(np.linspace(-1.0, 1.0, 2001))
     there[1000:, 1] = 1e-3
     point = np.array([[0.5, 1e-3, 0.0]])
-    near, far = (distance_to_band(point, np.array([500]), there, there, reach)[0] for reach in (0.1, 2.0))
+    near, far = (Band(there, there).distances(point, np.array([500]), reach)[0] for reach in (0.1, 2.0))
     assert near == pytest.approx(1e-3)
     assert far == pytest.approx(0.0, abs=1e-9)

@@ -33,12 +33,12 @@ from ph_post.geometry.closest import (
     make_pieces,
     points_at,
 )
-from ph_post.simulate.assess import is_nominal, resting_axes, run_scenarios, scenarios
+from ph_post.simulate.assess import AlikeRows, is_nominal, resting_axes, run_scenarios, scenarios
 from ph_post.simulate.contour import ContourError, contour_error, settling_time
 from ph_post.simulate.controllers.legs import Legs
 from ph_post.simulate.controllers.run import limit_table, programmed
 from ph_post.simulate.controllers.unknown import known_rows, rows_before
-from ph_post.simulate.machine import simulate
+from ph_post.simulate.machine import Runs
 from ph_post.types import Array, BoolArray, Command, IntArray, Machine, Run, Scenario
 
 
@@ -179,16 +179,18 @@ class CutPath:
         position = self.in_space(command.axes, command.position)
         return closest_within(self._pieces, self.starts, position, place, np.full(len(position), SLACK))[0]
 
-    def distance(self, run: Run, place: Array) -> Array:
-        """Return the distance of the table from the path in every row of a run [m]."""
-        return self.closest_points(run, place)[0]
-
     def closest_points(self, run: Run, place: Array) -> tuple[Array, Array]:
         """Return the distance of the table from the path in every row of a run [m], and the places along it [m]."""
-        executed = self.in_space(run.axes, run.executed)
+        return self.closest_to(run.axes, run.executed, place, self.reach(run.axes, run.commanded, run.period))
+
+    def closest_to(self, axes: Sequence[str], table: Array, place: Array, reach: Array) -> tuple[Array, Array]:
+        """As :meth:`closest_points`, of tables (n, axes) [m] at most `reach` (n,) [m] behind or before a place."""
+        return closest_within(self._pieces, self.starts, self.in_space(axes, table), place, reach)
+
+    def reach(self, axes: Sequence[str], commanded: Array, period: float) -> Array:
+        """Return how far the table may be before and behind the place of each row of a command (n, axes) [m]."""
         # In a corner an offset puts the command's place onto the next line earlier.
-        reach = self._reach(run.axes, run.commanded) + self._lag(run)
-        return closest_within(self._pieces, self.starts, executed, place, reach)
+        return self._reach(axes, commanded) + self._lag(axes, commanded, period)
 
     def points(self, place: Array, axes: Sequence[str] = AXES) -> Array:
         """Points at places (n,) along the program [m], shape (n, axes) [m]."""
@@ -204,15 +206,15 @@ class CutPath:
         places = np.stack([self.starts[:-1], self.starts[1:]], axis=1).ravel()
         return np.asarray(np.interp(motion + share, known, places))
 
-    def _lag(self, run: Run) -> Array:
+    def _lag(self, axes: Sequence[str], commanded: Array, period: float) -> Array:
         """Return the distance that the table may be behind the command in every row [m]."""
         from scipy.ndimage import maximum_filter1d
 
-        late = 2.0 * max(self._machine.axes[name].servo.c for name in run.axes)
-        rows = 1 + math.ceil((late + settling_time(self._machine, run.axes)) / run.period)
-        steps = np.sqrt((np.diff(run.commanded, axis=0, prepend=run.commanded[:1]) ** 2).sum(axis=1))
+        late = 2.0 * max(self._machine.axes[name].servo.c for name in axes)
+        rows = 1 + math.ceil((late + settling_time(self._machine, axes)) / period)
+        steps = np.sqrt((np.diff(commanded, axis=0, prepend=commanded[:1]) ** 2).sum(axis=1))
         fastest = maximum_filter1d(steps, rows, origin=(rows - 1) // 2, mode="nearest")
-        return np.asarray(late / run.period * fastest)
+        return np.asarray(late / period * fastest)
 
     def in_space(self, axes: Sequence[str], values: Array) -> Array:
         """Fill in the axes (n, 3) that values (n, axes) [m] have not, which stand where the program begins."""
@@ -250,7 +252,8 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `command` has the axes that move. `motion` is the number of the program's motion that every row belongs to,
     `place` how far along the program [m], `counted` the rows of :class:`ProgramError`. `moved_by` is the program that
-    made the command, None where its `segment` does not number motions of that.
+    made the command, None where its `segment` does not number motions of that. `runs` are those of the command,
+    `distances` those of their tables from the path.
     """
 
     command: Command
@@ -260,11 +263,13 @@ class FollowedCut(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     place: Array
     counted: BoolArray
     moved_by: PartProgram | None = None
+    runs: Runs
+    distances: AlikeRows
 
     def simulate(self, scenario: Scenario) -> tuple[Run, Array]:
         """Run a machine, and return the distance of its table from the path in every row [m]."""
-        run = simulate(self.command, self.machine, scenario)
-        return run, self.path.distance(run, self.place)
+        run = self.runs.of(scenario)
+        return run, self.distances.errors(run.executed)
 
     def scenarios(self) -> tuple[Scenario, ...]:
         """Return what the machine file leaves open."""
@@ -288,8 +293,17 @@ def follow_cut(
     counted &= known_rows(program, motion, command.position, cuts, path.gaps(command))
     if recorded:
         counted &= rows_before(program, path.legs.motion, path.starts, place)
+    reach = path.reach(command.axes, command.position, command.period)
     return FollowedCut(
-        command=command, machine=machine, path=path, motion=motion, place=place, counted=counted, moved_by=moved_by
+        command=command,
+        machine=machine,
+        path=path,
+        motion=motion,
+        place=place,
+        counted=counted,
+        moved_by=moved_by,
+        runs=Runs(command, machine),
+        distances=AlikeRows(lambda table, rows: path.closest_to(command.axes, table, place[rows], reach[rows])[0]),
     )
 
 

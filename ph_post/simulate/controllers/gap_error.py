@@ -11,12 +11,12 @@ from msgspec.structs import replace
 from ph_post.compiling import compiled
 from ph_post.dialects.declaration import line_origins
 from ph_post.gcode.program import AXES, PartProgram
-from ph_post.geometry.bands import distance_to_band
-from ph_post.simulate.assess import run_scenarios
+from ph_post.geometry.bands import Band
+from ph_post.simulate.assess import AlikeRows, run_scenarios
 from ph_post.simulate.contour import ContourError, contour_error
 from ph_post.simulate.controllers.deviation import SLACK, FollowedCut
 from ph_post.simulate.machine import simulate
-from ph_post.types import Array, Command, IntArray, Scenario
+from ph_post.types import Array, Command, IntArray, Machine, Scenario
 
 FASTER: Final = 1.02
 """The original is run at most so many times as fast as it runs by itself, or as the command where that is faster."""
@@ -61,20 +61,24 @@ def program_gap_error(cut: FollowedCut, plain: FollowedCut, tried: Sequence[Scen
         )
     else:
         ways = _without_offsets(cut) or _as_fast(cut, plain)
-    free = [replace(one, gap=0.0, flank=None, opposite=()) for one in tried]
-
-    def without(scenario: Scenario) -> list[Array]:
-        return [_in_space(simulate(one, machine, scenario).executed) for one in ways]
-
-    distinct = tuple(dict.fromkeys(free))
-    bands = dict(zip(distinct, run_scenarios(without, distinct), strict=True))
+    bands = {one: _band(ways, rows, machine, one, _reach(cut)) for one in dict.fromkeys(map(_without_gap, tried))}
 
     def added(scenario: Scenario) -> ContourError | None:
-        table = _in_space(simulate(cut.command, machine, scenario).executed)
-        one, other = bands[replace(scenario, gap=0.0, flank=None, opposite=())]
-        return contour_error(distance_to_band(table[rows], rows, one, other, _reach(cut)))
+        table = cut.runs.of(scenario).executed
+        return contour_error(bands[_without_gap(scenario)].errors(table[rows]))
 
     return max(run_scenarios(added, tried), key=lambda error: -1.0 if error is None else error.max)
+
+
+def _without_gap(scenario: Scenario) -> Scenario:
+    return replace(scenario, gap=0.0, flank=None, opposite=())
+
+
+def _band(ways: Sequence[Command], rows: IntArray, machine: Machine, scenario: Scenario, reach: float) -> AlikeRows:
+    """Return the distances of tables in some rows from what lies between the ways without backlash."""
+    one, other = (_in_space(simulate(way, machine, scenario).executed) for way in ways)
+    band = Band(one, other)
+    return AlikeRows(lambda table, chosen: band.distances(_in_space(table), rows[chosen], reach))
 
 
 def _reach(cut: FollowedCut) -> float:

@@ -75,3 +75,22 @@ def test_on_a_late_circle_it_is_that_of_play_on_the_smaller_one() -> None:
         for share in (1.0 - crossed, 1.0)
     )
     assert 0.99 * least < found.rms < 1.01 * most
+
+
+@pytest.mark.parametrize("feedback", ["none", "motor"])
+def test_each_scenario_is_as_if_it_were_the_only_one(feedback: str) -> None:
+    """What machines have in common is run and measured once; that changes no bit of it."""
+    machine = late(GAP)
+    servo = Servo(b=0.0, c=0.0) if feedback == "none" else machine.axes["X"].servo
+    unknown = {"gap": Gap(lost_motion=GAP, initial_flank="unknown"), "feedback": feedback, "servo": servo}
+    machine = replace(machine, axes={name: replace(axis, **unknown) for name, axis in machine.axes.items()})
+    program = read_program(SQUARE.encode(), "square.ngc")
+    command = run_program(program, machine)
+    together = follow_cut(command, machine, program, moved_by=program)
+    assert len(together.scenarios()) == 24
+    for scenario in together.scenarios():
+        alone = follow_cut(command, machine, program, moved_by=program)
+        (run, distance), (expected, away) = (one.simulate(scenario) for one in (together, alone))
+        assert np.array_equal(run.executed, expected.executed)
+        assert np.array_equal(distance, away)
+        assert run.events == expected.events
