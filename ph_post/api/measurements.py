@@ -23,6 +23,7 @@ from ph_post.files.log import require_axes
 from ph_post.files.storage import SourceText, read_raw, shipped, write_atomically
 from ph_post.geometry.track import Track
 from ph_post.identify import identify as identifying
+from ph_post.identify.excerpt import excerpt
 from ph_post.identify.free_run import problem_of
 from ph_post.identify.identify import Transmission
 from ph_post.identify.log_quality import examine
@@ -66,9 +67,10 @@ class LogIdentification(Identification, frozen=True, kw_only=True):
 
         Positions alone; `before` and `after` of a trace are the same.
         """
-        quality = examine(self.log, self.machine)
+        log = excerpt(self.log, self.machine)
+        quality = examine(log, self.machine)
         for name in self.drives:
-            problem = problem_of(self.log, name, self.machine.axes[name], quality)
+            problem = problem_of(log, name, self.machine.axes[name], quality)
             if problem is None:
                 continue
             left = residuals_of(problem, base_model(problem))

@@ -19,6 +19,7 @@ from ph_post.diagnose.findings import AxisDiagnosis, findings_of, fit_chosen_mod
 from ph_post.diagnose.fit import base_model, residuals_of
 from ph_post.diagnose.search import has_structure
 from ph_post.diagnose.selection import choose
+from ph_post.identify.excerpt import excerpt
 from ph_post.identify.free_run import pooled_noise, problem_of
 from ph_post.identify.log_quality import examine
 from ph_post.progress import Progress, no_progress
@@ -59,6 +60,7 @@ def diagnose(log: Log, machine: Machine, progress: Progress = no_progress) -> Di
     Diagnosis
     """
     progress("checking the log")
+    log = excerpt(log, machine)
     quality = examine(log, machine)
     problems = [
         problem for name in log.axes if (problem := problem_of(log, name, machine.axes[name], quality)) is not None

@@ -254,6 +254,7 @@ def lag_of(command: Array, reading: Array, period: float) -> FollowingLag:
     asked = np.abs(np.gradient(gaussian_filter1d(command, LAG_SMOOTHING), period))
     use = asked > 1e-3 * np.max(asked)  # where the command stands the drive may be off
     use[:LAG_EDGE] = use[-LAG_EDGE:] = False
+    use &= np.convolve(~known, np.ones(2 * LAG_EDGE + 1), mode="same") < LAG_EDGE  # not where much is missing
     columns, error = columns[use], error[use]
     size = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
     scaled = columns / size

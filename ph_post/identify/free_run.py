@@ -120,6 +120,8 @@ def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProb
     names = tuple(log.axes)
     commands = np.stack([log.axes[one].command for one in names], axis=1)
     fit, held = _split(log.t.size, quality.first)
+    if log.counted is not None:
+        fit, held = fit & log.counted, held & log.counted
     return AxisProblem(
         axis=axis,
         plant=plant_of(axis, NOMINAL_SCENARIO),
@@ -161,7 +163,8 @@ def split_evenly(problem: AxisProblem, left: Mapping[Channel, Array]) -> AxisPro
         What a model leaves of each channel (n,).
     """
     first = int(np.argmax(problem.counted))
-    splits = [_split(problem.t.size, first, blocks) for blocks in BLOCKS]
+    halves = [_split(problem.t.size, first, blocks) for blocks in BLOCKS]
+    splits = [(fit & problem.counted, held & problem.counted) for fit, held in halves]
     shares = [_least_share(problem, left, fit, held) for fit, held in splits]
     chosen = next((k for k, share in enumerate(shares) if share > BOTH), int(np.argmax(shares)))
     return replace(problem, fit=splits[chosen][0], held=splits[chosen][1])

@@ -43,6 +43,7 @@ from ph_post.identify.estimates import (
     identified_axis,
     shown_names,
 )
+from ph_post.identify.excerpt import excerpt
 from ph_post.identify.free_run import PRIOR, AxisProblem, problem_of, residuals
 from ph_post.identify.linear_drive import servo_memory, settling_time
 from ph_post.identify.log_quality import examine
@@ -234,6 +235,7 @@ def identify(
     """
     progress("checking the log")
     draft = starting_machine(log, machine, feedback or {}, transmission or {})
+    log = excerpt(log, draft.machine)
     quality = examine(log, _nearer(log, draft.machine))
     if quality.faults:
         raise InputError(log.name, f"the log shows no parameter: {quality.faults[0]}")

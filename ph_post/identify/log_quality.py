@@ -8,6 +8,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from ph_post.files.check import counted
 from ph_post.identify import noise
 from ph_post.identify.linear_drive import find_shift, linear_position, servo_memory, settling_time, taken_up
 from ph_post.identify.noise import Repeat, find_repeats
@@ -163,7 +164,12 @@ def list_readings(log: Log) -> Iterator[ChannelReading]:
 
 
 def first_settled(log: Log, machine: Machine, start: int, stop: int) -> int:
-    """First sample, counted from `start`, behind the start-up of a stretch: servo and flanks have settled."""
+    """First sample, counted from `start`, behind the start-up of a stretch, but no more than a part of it."""
+    return min(settled_after(log, machine, start, stop), math.floor(LARGEST_START * (stop - start)))
+
+
+def settled_after(log: Log, machine: Machine, start: int, stop: int) -> int:
+    """Count the samples from `start` on after which servo and flanks have settled."""
     behind = 0.0
     for name, axis in log.axes.items():
         if name not in machine.axes:
@@ -172,7 +178,7 @@ def first_settled(log: Log, machine: Machine, start: int, stop: int) -> int:
         travel = max(TAKE_UP, 2.0 * drive.gap.lost_motion)
         flank = taken_up(axis.command[start:stop], travel) * log.period
         behind = max(behind, settling_time(drive), flank + 3.0 * servo_memory(drive.servo) * (flank > 0.0))
-    return min(math.ceil(behind / log.period), math.floor(LARGEST_START * (stop - start)))
+    return math.ceil(behind / log.period)
 
 
 def _settled_repeats(log: Log, machine: Machine, first: int) -> tuple[Repeat, ...]:
@@ -239,7 +245,7 @@ def _channel(
         resolution=quantum,
         noise=max(size, GRID_NOISE * quantum),
         noise_from=source,
-        missing=int(np.count_nonzero(np.isnan(values))),
+        missing=int(np.count_nonzero(np.isnan(values if log.counted is None else values[log.counted]))),
         shift=find_shift(log, machine, reading.axis, values, first) if position else None,
     )
 
@@ -313,6 +319,13 @@ def _notes(
     repeats: tuple[Repeat, ...],
 ) -> Iterator[str]:
     """Yield what else a person should know."""
+    if log.windows:
+        held = sum(stop - start for start, stop in log.windows)
+        places = ", ".join(f"{start:.4g}" for start, _ in log.windows)
+        yield (
+            f"of the long log {held:.3g} s count, in {counted(len(log.windows), 'window')} that show most of its"
+            f" speeds, reversals and places: from {places} s on"
+        )
     if log.jitter > 0.1 * log.period:
         yield f"samples are up to {log.jitter / MS:.3g} ms off a constant period of {log.period / MS:.3g} ms"
     if log.missing:

@@ -7,7 +7,7 @@ from typing import Literal
 
 import msgspec
 
-from ph_post.types.arrays import Array
+from ph_post.types.arrays import Array, BoolArray
 from ph_post.types.machine import Scenario
 
 EventKind = Literal["opens", "picks up", "falls back", "sticks", "slips", "saturates", "recovers", "chatters"]
@@ -70,7 +70,8 @@ class Log(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
     `remarks` are its ``# key: value`` lines; `digest` is the hash of the bytes it was read from; `jitter` [s]
     is the largest departure of a sample from the constant period, `missing` how many rows were filled in as
-    missing; `warnings` say what the reader had to do.
+    missing; `warnings` say what the reader had to do. Of an excerpt `windows` are the times [s] of the record
+    that it holds, and `counted` (n,) marks its samples, None for all: the others join the windows.
     """
 
     name: str
@@ -82,3 +83,5 @@ class Log(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     missing: int = 0
     remarks: Mapping[str, str] = {}
     warnings: tuple[str, ...] = ()
+    windows: tuple[tuple[float, float], ...] = ()
+    counted: BoolArray | None = None

@@ -165,14 +165,19 @@ def force_periods(problem: AxisProblem, left: Residuals, most: int = 4) -> list[
     top, bottom = signal.bilinear([1.0], [plant.b, plant.c, 1.0], fs=1.0 / problem.period)
     finest = min(1.0 / SHORTEST, LINES / span)
     lines = np.arange(1.0 / longest_period(problem), finest, 0.4 / span)
+    if not lines.size:
+        return []
     place = np.where(np.isfinite(place), place, 0.0)
     wanted = values[use] - np.mean(values[use])
+    wave, onward = (np.exp(2j * np.pi * line * place) for line in (lines[0], 0.4 / span))
     shares = []
-    for line in lines:
-        wave = signal.lfilter(top, bottom, np.exp(2j * np.pi * line * place))[use]
-        both = np.stack([wave.real, wave.imag], axis=1)
-        sizes = np.linalg.lstsq(both, wanted, rcond=None)[0]
-        shares.append(float(wanted @ (both @ sizes)))
+    for _ in lines:
+        answer = signal.lfilter(top, bottom, wave)[use]
+        both = np.stack([answer.real, answer.imag])
+        # The square explained is g' G^-1 g, of two columns far from parallel.
+        products, fits = both @ both.T, both @ wanted
+        shares.append(float(fits @ np.linalg.pinv(products, hermitian=True) @ fits))
+        wave *= onward
     power = np.array(shares)
     inner = power[1:-1]
     peaks = np.flatnonzero((inner >= power[:-2]) & (inner > power[2:])) + 1
