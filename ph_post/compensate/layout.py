@@ -273,7 +273,7 @@ def rest_at(phases: Sequence[Phase], s: float) -> int | None:
 
 def _time_at(motion: MotionLaw, s: float) -> float:
     """First instant at which the motion is at `s` [s]."""
-    return bisect(lambda t: bool(motion.place_and_feed(np.array([t]))[0][0] < s), 0.0, motion.end)[1]
+    return bisect(lambda t: motion.place_at(t) < s, 0.0, motion.end)[1]
 
 
 def _at_start(job: Job, shifted: Sequence[str], stops: _Stops) -> tuple[dict[str, float], list[Crossing | Jog]]:

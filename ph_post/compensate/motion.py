@@ -6,7 +6,9 @@ Sampling is the exact interpolator: positions on the path at the servo period, f
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
+from functools import cached_property
 
 import msgspec
 import numpy as np
@@ -107,6 +109,26 @@ class MotionLaw:
             self._chunk(t[part], s[part], feed[part])
         return s, feed
 
+    def place_at(self, t: float) -> float:
+        """Arc length [m] at one instant [s], as :meth:`place_and_feed` has it, for searches that ask many times."""
+        phase = max(bisect_right(self._starts, t) - 1, 0)
+        duration, s, way = self._places[phase]
+        tau = min(max((t - self._starts[phase]) / duration, 0.0), 1.0)
+        return _evaluate_one(way, tau) * duration + s
+
+    @cached_property
+    def _starts(self) -> list[float]:
+        starts: list[float] = self.start.tolist()
+        return starts
+
+    @cached_property
+    def _places(self) -> list[tuple[float, float, list[float]]]:
+        """Duration, arc length at the beginning, and coefficients of the way, of every phase."""
+        ways = [one.T.tolist() for one in self._way]
+        columns = (self.duration, self.s, self.group, self.row)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return [(duration, s, ways[group][row]) for duration, s, group, row in rows]
+
     def acceleration(self, t: Array) -> Array:
         """Rate of change of the speed [m/s²] at `t` [s]; at a boundary that of the later phase."""
         t = np.asarray(t, dtype=np.float64)
@@ -148,6 +170,19 @@ def _evaluate(columns: Array, row: IntArray, tau: Array) -> Array:
     value = np.zeros(tau.size)
     for k in range(n + 1):
         value += math.comb(n, k) * up[k] * down[n - k] * columns[k].take(row)
+    return value
+
+
+def _evaluate_one(coefficients: Sequence[float], tau: float) -> float:
+    """One Bernstein polynomial at one place, rounded as by :func:`_evaluate`."""
+    n = len(coefficients) - 1
+    up, down = [1.0], [1.0]
+    for _ in range(n):
+        up.append(up[-1] * tau)
+        down.append(down[-1] * (1.0 - tau))
+    value = 0.0
+    for k, coefficient in enumerate(coefficients):
+        value += math.comb(n, k) * up[k] * down[n - k] * coefficient
     return value
 
 

@@ -99,7 +99,7 @@ def time_at(motion: MotionLaw, span: Span, s: float) -> float:
     if span.kind == "steady":
         return span.start + (s - span.s0) / span.speed
     rises = span.s1 > span.s0
-    return _bisect(lambda t: (motion.place_and_feed(np.array([t]))[0][0] < s) == rises, span.start, span.end)
+    return _bisect(lambda t: (motion.place_at(t) < s) == rises, span.start, span.end)
 
 
 def span_kind(speed: Array) -> SpanKind:

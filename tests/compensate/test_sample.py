@@ -50,6 +50,17 @@ def test_feed_and_arc_length_are_those_of_the_profile() -> None:
     assert command.feed[near].min() == pytest.approx(0.25 * 0.05, rel=1e-3)
 
 
+def test_the_place_at_one_instant_is_that_of_the_exact_motion() -> None:
+    _, plan = sampled(circle(0.05, feed=0.05), PlanOptions(strategy="suppress", start="moving"))
+    motion = MotionLaw.from_phases(plan.phases)
+    t = np.concatenate([np.linspace(-0.1, motion.end + 0.1, 97), motion.start])
+    assert [motion.place_at(one) for one in t.tolist()] == motion.place_and_feed(t)[0].tolist()
+    with mp.workdps(40):
+        for one in t[(t > 0.0) & (t < motion.end)].tolist():
+            exact = float(exact_motion(plan, one)[0])
+            assert motion.place_at(one) == pytest.approx(exact, rel=8 * EPS, abs=8 * EPS * one * 0.05)
+
+
 def test_positions_on_a_circle() -> None:
     command, _ = sampled(circle(0.05, feed=0.05))
     angle = command.s / 0.05
