@@ -12,6 +12,7 @@ import pytest
 from ph_post.analysis.path_analysis import analyse
 from ph_post.compensate.choose import allocate
 from ph_post.compensate.families import DesignFamily, ReversalCase
+from ph_post.compensate.motion import cycle_time
 from ph_post.compensate.options import PlanOptions
 from ph_post.compensate.plan import make_plan
 from ph_post.compensate.search import DesignBounds, DesignSearch, TriedDesign
@@ -176,3 +177,23 @@ def test_where_nothing_helped_no_place_that_is_alike_is_searched(monkeypatch: py
     # each place that is searched has more room than those before
     assert 1 <= len(searched) <= 2
     assert searched == sorted(searched)
+
+
+@pytest.mark.parametrize(("allowed", "most"), [(0.02, 0.3), (0.5, 2.0), (5.0, 5.0)])
+def test_no_longer_stop_is_tried_than_any_machine_needs(
+    allowed: float, most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (path,) = paths_of(read_program(SNAKE.encode(), "snake.ngc"))
+    analysis = analyse(path.path, read_machine("mill"), 5e-6)
+    plain = make_plan(analysis, PlanOptions(strategy="none"))
+    budgets: list[float] = []
+
+    def prolong(search: DesignSearch, families: Any, times: Any) -> list[TriedDesign]:
+        budgets.extend(part * search.case.budget for part in (1.0, *times))
+        return []
+
+    monkeypatch.setattr(DesignSearch, "explore", lambda *_: [])
+    monkeypatch.setattr(DesignSearch, "prolong", prolong)
+    slowdown = allowed * len(analysis.windows) / cycle_time(plain.phases)
+    make_plan(analysis, PlanOptions(strategy="takeup", carrier="program", max_slowdown=slowdown))
+    assert max(budgets) == pytest.approx(most, rel=0.2)
