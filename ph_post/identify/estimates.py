@@ -154,14 +154,17 @@ def smoothed(problem: AxisProblem) -> AxisProblem:
     command = problem.command
     bend = np.zeros_like(command)
     bend[1:-1] = np.diff(command, 2)
-    return replace(problem, command=command - bend / 12.0)
+    moved = command - bend / 12.0
+    return replace(problem, command=moved, fine=moved)
 
 
 def between_samples(fit: DriveFit, names: Sequence[str]) -> dict[str, float]:
     """Return the relative change of numbers if the command were smooth between samples."""
+    problem = fit.problem
+    if problem.parts > 1:  # smooth already
+        return dict.fromkeys(names, 0.0)
     if not names:
         return {}
-    problem = fit.problem
     weights = weights_of(problem, fit.left, problem.fit)
     change = weighted_residuals(problem, residuals(smoothed(problem), fit.plant), weights, problem.fit)
     change -= weighted_residuals(problem, fit.left, weights, problem.fit)

@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from ph_post.identify.between import parts_between
 from ph_post.identify.linear_drive import directions, linear_position, servo_memory, settling_time
 from ph_post.identify.log_quality import settled_after
 from ph_post.types import Array, AxisLog, BoolArray, IntArray, Log, Machine, sealed
@@ -82,6 +83,7 @@ def excerpt(log: Log, machine: Machine, most: int = MOST) -> Log:
     Log
         With `windows`, where it is an excerpt.
     """
+    most = min(most, 2 * most // parts_between(log.period))
     if log.t.size <= most:
         return log
     step = _every(log, machine)

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from ph_post.drive.effects.active import plant_of
 from ph_post.drive.plant import Plant, following_error, read_table
+from ph_post.identify.between import parts_between, refined
 from ph_post.simulate.machine import NOMINAL_SCENARIO, AxisCommand, cutting_force, first_flank, run_plant
 from ph_post.types import Array, Axis, AxisLog, BoolArray, Log
 from ph_post.types.diagnosis import Channel, LogQuality, recorded_channels
@@ -51,7 +52,8 @@ class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """One axis of a log, and the axis of the machine file that it should be.
 
     `others` are the positions of all other axes [m], `velocity` (n, axes) the commanded ones of all [m/s],
-    of which this axis' is column `number`. `fit` and `held` mark the samples that are fitted and held out.
+    of which this axis' is column `number`. `fine` is the command with `parts` steps from row to row, as the plant
+    runs it. `fit` and `held` mark the samples that are fitted and held out.
     `side` is that of the table's readings; `at_motor` says that these are the motor's instead.
     """
 
@@ -69,6 +71,8 @@ class AxisProblem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     side: str = "table"
     at_motor: bool = False
     effort_unit: str = "N"
+    parts: int = 1
+    fine: Array | None = None
 
     @property
     def counted(self) -> BoolArray:
@@ -136,6 +140,8 @@ def problem_of(log: Log, name: str, axis: Axis, quality: LogQuality) -> AxisProb
         held=held,
         side=axis_log.side,
         effort_unit=axis_log.effort_unit,
+        parts=parts_between(log.period),
+        fine=refined(axis_log.command, parts_between(log.period)),
     )
 
 
@@ -194,30 +200,41 @@ def predict(problem: AxisProblem, plant: Plant) -> dict[Channel, Array]:
         following error [m], as far as the motor answers it, and the speed [m/s] at the loop's own side:
         K (e - c_e v).
     """
-    command = delayed(problem.command, plant.command_delay / problem.period)
-    reading_delay = plant.reading_delay / problem.period
+    parts = problem.parts
+    period = problem.period / parts
+    command = delayed(problem.command if problem.fine is None else problem.fine, plant.command_delay / period)
+    reading_delay = plant.reading_delay / period
     plant = replace(plant, command_delay=0.0, reading_delay=0.0)
     speed = float(np.median(problem.speed[:3]))
-    speed = speed if abs(speed) * problem.period > 1e-9 else 0.0
+    speed = speed if abs(speed) * period > 1e-9 else 0.0
     trace = AxisCommand(command, float(command[0]), speed)
     if plant.cutting:
-        trace = trace._replace(force=cutting_force(plant, problem.velocity, problem.number))
+        trace = trace._replace(force=cutting_force(plant, _between_rows(problem.velocity, parts), problem.number))
     flank = first_flank(problem.axis, NOMINAL_SCENARIO)
-    table, motor, _ = run_plant(trace, plant, flank, problem.period)
+    table, motor, _ = run_plant(trace, plant, flank, period)
     found: dict[Channel, Array] = {}
     for one in problem.observed:
         if one.channel == "act":
-            read = motor if problem.at_motor else table
-            found["act"] = read_table(plant, problem.t, delayed(read, reading_delay), problem.others)
+            read = delayed(motor if problem.at_motor else table, reading_delay)[::parts]
+            found["act"] = read_table(plant, problem.t, read, problem.others)
         elif one.channel == "motor":
-            found["motor"] = motor
+            found["motor"] = motor[::parts]
         else:
             side = plant.loop.closed_over(table, motor)
-            e = following_error(plant, command, table, motor, problem.period)
+            e = following_error(plant, command, table, motor, period)
             # With a part of c that is electronic this is where the torque saturates at low speed only.
             e = np.clip(e, -plant.saturation, plant.saturation)
-            found["force"] = np.stack([e, np.gradient(side, problem.period)], axis=1)
+            found["force"] = np.stack([e, np.gradient(side, period)], axis=1)[::parts]
     return found
+
+
+def _between_rows(values: Array, parts: int) -> Array:
+    """Return values (n, axes) at every step from row to row, along straight lines."""
+    if parts == 1:
+        return values
+    rows = np.arange(values.shape[0], dtype=np.float64)
+    places = np.arange((values.shape[0] - 1) * parts + 1) / parts
+    return np.stack([np.interp(places, rows, column) for column in values.T], axis=1)
 
 
 def with_known_side(problem: AxisProblem) -> AxisProblem:

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 from scipy import signal
 
+from ph_post.identify.between import parts_between, refined
 from ph_post.types import Array, Axis, BoolArray, IntArray, Log, Machine, Servo
 
 TIME_CONSTANTS: Final = 10.0
@@ -41,6 +42,12 @@ def linear_response(command: Array, servo: Servo, period: float) -> Array:
     start = command[0]
     answer = signal.lfilter(np.ravel(b), a, command - start) + start
     return np.asarray(answer, dtype=np.float64)
+
+
+def drive_response(command: Array, servo: Servo, period: float) -> Array:
+    """Answer of the linear servo at the rows (n,) of a log to a command that is smooth where these are far apart."""
+    parts = parts_between(period)
+    return linear_response(refined(command, parts), servo, period / parts)[::parts]
 
 
 def servo_memory(servo: Servo) -> float:
@@ -144,7 +151,7 @@ def directions(velocity: Array) -> IntArray:
 def linear_position(log: Log, machine: Machine, name: str) -> Array:
     """Return where the linear drive of an axis alone goes by its command [m], (n,)."""
     command, drive = log.axes[name].command, machine.axes.get(name)
-    return command if drive is None else linear_response(command, drive.servo, log.period)
+    return command if drive is None else drive_response(command, drive.servo, log.period)
 
 
 def _strokes(position: Array, direction: IntArray, period: float) -> tuple[Array, Array, Array, Array, IntArray]:
@@ -244,11 +251,11 @@ def find_shift(log: Log, machine: Machine, name: str, reading: Array, first: int
 def _columns(log: Log, name: str, servo: Servo) -> tuple[Array, Array]:
     """Differentiate the model by shift, offset, scale, play, friction, ln c and ln b; and the model."""
     command, period = log.axes[name].command, log.period
-    model = linear_response(command, servo, period)
+    model = drive_response(command, servo, period)
     speed = np.gradient(model, period)
     more_b, more_c = replace(servo, b=servo.b * (1.0 + SIZES)), replace(servo, c=servo.c * (1.0 + SIZES))
-    by_b = (linear_response(command, more_b, period) - model) / SIZES
-    by_c = (linear_response(command, more_c, period) - model) / SIZES
+    by_b = (drive_response(command, more_b, period) - model) / SIZES
+    by_c = (drive_response(command, more_c, period) - model) / SIZES
     ones = np.ones_like(model)
     way = -np.sign(speed)
     friction = linear_response(way, servo, period)

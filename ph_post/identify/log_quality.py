@@ -10,11 +10,19 @@ import numpy as np
 
 from ph_post.files.check import counted
 from ph_post.identify import noise
-from ph_post.identify.linear_drive import find_shift, linear_position, servo_memory, settling_time, taken_up
+from ph_post.identify.between import interpolation_error
+from ph_post.identify.linear_drive import (
+    find_shift,
+    linear_position,
+    linear_response,
+    servo_memory,
+    settling_time,
+    taken_up,
+)
 from ph_post.identify.noise import Repeat, find_repeats
-from ph_post.types import Array, Log, Machine
+from ph_post.types import Array, Axis, Log, Machine
 from ph_post.types.diagnosis import Channel, ChannelQuality, LogQuality, recorded_channels
-from ph_post.units import MM, MS
+from ph_post.units import MICROMETRE, MM, MS
 
 ON_GRID: Final = 0.97
 """Part of the steps between neighbouring values that must be whole numbers of the quantum."""
@@ -113,6 +121,9 @@ ROUNDING: Final = {"act": 1e-6 * MM, "motor": 1e-6 * MM, "force": 1e-6}
 WANDERS: Final = 3.0
 """Times the sample to sample noise from which an axis is taken to move while it should stand."""
 
+SAID_BETWEEN: Final = 0.5
+"""Part of a reading's noise from which the command between rows is said to be a part of it."""
+
 SAMPLES_A_MEMORY: Final = 2.0
 """Samples that a servo time constant needs so that its answer can be seen."""
 
@@ -152,7 +163,7 @@ def examine(log: Log, machine: Machine) -> LogQuality:
         first=first,
         channels=channels,
         faults=tuple(_faults(log, machine, readings, channels, first)),
-        notes=tuple(_notes(log, readings, channels, repeats)),
+        notes=tuple(_notes(log, readings, channels, repeats, machine)),
     )
 
 
@@ -238,6 +249,7 @@ def _channel(
         size, source = still, "stationary stretches"
     if size is None:
         size, source = fast, "differences"
+    size = math.hypot(size, _between(log, drive, reading))
     quantum = visible_quantum(quantum, max(size, fast))
     return ChannelQuality(
         axis=reading.axis,
@@ -248,6 +260,15 @@ def _channel(
         missing=int(np.count_nonzero(np.isnan(values if log.counted is None else values[log.counted]))),
         shift=find_shift(log, machine, reading.axis, values, first) if position else None,
     )
+
+
+def _between(log: Log, drive: Axis | None, reading: ChannelReading) -> float:
+    """Return what the command may do between its rows to a position [m], root mean square."""
+    if drive is None or reading.channel == "force":
+        return 0.0
+    error = interpolation_error(log.axes[reading.axis].command, log.period)
+    answer = linear_response(error, drive.servo, log.period)
+    return math.sqrt(float(np.mean(answer**2)))
 
 
 def _faults(
@@ -317,6 +338,7 @@ def _notes(
     readings: tuple[ChannelReading, ...],
     channels: tuple[ChannelQuality, ...],
     repeats: tuple[Repeat, ...],
+    machine: Machine,
 ) -> Iterator[str]:
     """Yield what else a person should know."""
     if log.windows:
@@ -337,12 +359,18 @@ def _notes(
             f"differs between the runs, compared over {length:.3g} s"
         )
     for reading, quality in zip(readings, channels, strict=True):
-        yield from _channel_notes(reading, quality, log)
+        yield from _channel_notes(reading, quality, log, machine)
 
 
-def _channel_notes(reading: ChannelReading, quality: ChannelQuality, log: Log) -> Iterator[str]:
+def _channel_notes(reading: ChannelReading, quality: ChannelQuality, log: Log, machine: Machine) -> Iterator[str]:
     """Yield what a person should know about one channel."""
     side = f"{reading.axis}_{reading.channel}"
+    between = _between(log, machine.axes.get(reading.axis), reading)
+    if between > SAID_BETWEEN * quality.noise:
+        yield (
+            f"{side}: rows are {log.period / MS:.3g} ms apart, which is long for this drive: what its command does in"
+            f" between is known to {between / MICROMETRE:.2g} µm of the reading, and counts as noise"
+        )
     if quality.missing:
         yield f"{side}: {quality.missing} of {log.t.size} samples are missing"
     if quality.noise_from == "differences":
