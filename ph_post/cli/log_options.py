@@ -30,7 +30,8 @@ _OPTIONS = (
         multiple=True,
         metavar="NAME=SOURCE[*FACTOR]:UNIT",
         help="Take a column from one of another name or unit, such as X_act=qm:m or X_force=vir*35.15:N; may "
-        "be given several times.",
+        "be given several times. recorder=NAME takes all columns as linuxcnc, siemens, twincat or odrive name them; "
+        "recorder=odrive*5 for 5 mm a turn.",
     ),
     click.option(
         "--side",

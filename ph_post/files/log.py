@@ -16,6 +16,7 @@ from ph_post.errors import InputError
 from ph_post.files.check import one_of, quoted
 from ph_post.files.logcolumns import TIME, Clock, Column, clock_of, columns_of, parse_columns
 from ph_post.files.logsheet import Sheet, stored_ending, stored_sheet, text_sheet
+from ph_post.files.recorders import spread
 from ph_post.files.storage import SourceBytes, decoded, read_raw
 from ph_post.types import MACHINE_AXES, Array, AxisLog, Log, Machine, frozen, sealed
 
@@ -52,7 +53,8 @@ def read_log_file(
     raw = source if isinstance(source, SourceBytes) else read_raw(source)
     ending = stored_ending(raw)
     sheet = stored_sheet(raw, ending) if ending else text_sheet(decoded(raw))
-    found, ignored = columns_of(sheet, parse_columns(columns))
+    mappings, taken = spread(columns, sheet)
+    found, ignored = columns_of(sheet, parse_columns(mappings))
     names = _axes_of(found, sheet)
     require_axes(names, machine, sheet.header)
     if sheet.rows < FEWEST:
@@ -74,7 +76,7 @@ def read_log_file(
         jitter=samples.clock.jitter,
         missing=samples.missing,
         remarks=sheet.remarks,
-        warnings=(*sheet.warnings, *ignored, *timed.warnings, *doubled, *samples.words()),
+        warnings=(*sheet.warnings, *taken, *ignored, *timed.warnings, *doubled, *samples.words()),
     )
     return LogFile(log=log, sheet=sheet, samples=samples)
 

@@ -261,6 +261,8 @@ def text_sheet(source: SourceText) -> Sheet:
         than the header or a cell holds no number.
     """
     lines = source.text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if scope_header(lines) is not None:
+        return scope_sheet(source, lines)
     remarks = [line.strip() for line in lines if line.lstrip().startswith(REMARK)]
     kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(REMARK)]
     if not kept:
@@ -285,6 +287,80 @@ def text_sheet(source: SourceText) -> Sheet:
         named=named,
         remarks=_remarks(remarks),
         lost=next((row for row in before if row > 0), None),
+    )
+
+
+_SCOPE: Final = "SampleTime[ms]"
+"""Begin of a line that every export of TwinCAT Scope has, before the first row."""
+
+_SCOPE_HEAD: Final = 80
+"""Lines in which it is."""
+
+_FILETIME: Final = 1e15
+"""Times from which on they are counts of 100 ns since 1601, not milliseconds."""
+
+
+def scope_header(lines: Sequence[str]) -> int | None:
+    """Return the number of the line from which on TwinCAT Scope describes channels; None for other texts."""
+    head = lines[:_SCOPE_HEAD]
+    names = [k for k, line in enumerate(head) if re.match(r"Name[;,\t]", line)]
+    if not names or not any(line.startswith(_SCOPE) for line in head):
+        return None
+    return names[-1]
+
+
+def scope_sheet(source: SourceText, lines: Sequence[str]) -> Sheet:
+    """Read what TwinCAT Scope exports as text.
+
+    A block of lines describes the channels, in each a key where a column holds times and a value a channel;
+    channels of one sampling time may share the times. Rows follow, perhaps with decimal commas, and ``EOF``.
+
+    Raises
+    ------
+    InputError
+        Where no row of numbers follows, or one has no number where the others have one.
+    """
+    first = scope_header(lines) or 0
+    delimiter = next(one for one in "\t;," if f"Name{one}" in lines[first])
+    names = [cell.strip() for cell in lines[first].split(delimiter)]
+    symbols = next((one.split(delimiter) for one in lines[first:] if one.startswith(f"SymbolName{delimiter}")), [])
+    rows = [k for k in range(first, len(lines)) if re.match(r"\s*-?[0-9]", lines[k])]
+    body = [lines[k].split(delimiter) for k in rows]
+    clocks = [k for k, name in enumerate(names) if name == "Name"]
+    plain = ["time" if k in clocks else name for k, name in enumerate(names)]
+    for k, symbol in enumerate(symbols[: len(names)]):
+        if k not in clocks and symbol.strip():
+            plain[k] = symbol.strip()
+    used = [k for k, name in enumerate(plain) if name and (k == clocks[0] or k not in clocks)]
+
+    def where(row: int) -> str:
+        return f"{source.name}:{rows[row] + 1}"
+
+    def load(wanted: Sequence[str]) -> dict[str, Array]:
+        return {name: column(name, used[[plain[k] for k in used].index(name)]) for name in wanted}
+
+    def column(name: str, place: int) -> Array:
+        values = np.full(len(body), np.nan)
+        for row, cells in enumerate(body):
+            cell = cells[place].strip().replace(",", ".") if place < len(cells) else ""
+            try:
+                values[row] = float(cell or "nan")
+            except ValueError:
+                what = f"no number in column {quoted(name)}"
+                raise InputError(where(row), what, expected="a number", got=quoted(cell)) from None
+        if place == clocks[0] and values.size and values[0] > _FILETIME:
+            values = (values - values[0]) * 1e-4  # to milliseconds
+        return values
+
+    return Sheet(
+        name=source.name,
+        stem=source.stem,
+        digest=source.digest,
+        rows=len(body),
+        names=tuple(plain[k] for k in used),
+        load=load,
+        where=where,
+        header=f"{source.name}:{first + 1}",
     )
 
 

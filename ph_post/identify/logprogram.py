@@ -15,6 +15,7 @@ from ph_post.files.check import quoted
 from ph_post.files.log import LogFile, read_log_file
 from ph_post.files.storage import SourceBytes
 from ph_post.gcode.program import PartProgram
+from ph_post.identify.logsigns import require_order
 from ph_post.simulate.controllers.run import run_program
 from ph_post.types import Array, AxisLog, Command, Log, Machine, sealed
 from ph_post.units import MM
@@ -116,7 +117,8 @@ def fit_program(file: LogFile, program: PartProgram | None, machine: Machine | N
         words = f"without a machine the commands cannot be compared with {program.name}"
         log = replace(log, warnings=(*log.warnings, words))
     _require_readings(log, file.samples.where)
-    return log
+    said = require_order(log, file.sheet.header)
+    return replace(log, warnings=(*log.warnings, *said)) if said else log
 
 
 def _require_readings(log: Log, where: Where) -> None:
@@ -142,12 +144,34 @@ def _require_readings(log: Log, where: Where) -> None:
                 )
             fault = _unlike(axis.command, reading, log.period)
             if fault is not None:
+                _require_own(log, name, column, reading, where)
                 raise InputError(
                     where(worst),
                     f"{column} {fault[0]} {name}_cmd: {fault[1]}",
                     expected=fault[2],
                     got=f"{fault[3]}, and {apart[worst] / MM:.6g} mm at the worst sample",
                 )
+
+
+def _require_own(log: Log, name: str, column: str, reading: Array, where: Where) -> None:
+    """Refuse a reading that is another axis'.
+
+    Raises
+    ------
+    InputError
+    """
+    for other, axis in log.axes.items():
+        if (
+            other != name
+            and np.ptp(axis.command) >= MOVES
+            and _likeness(axis.command, reading, log.period)[0] > CERTAIN
+        ):
+            twin = f"{other}_{column.partition('_')[2]}"
+            raise InputError(
+                where(0),
+                f"{column} follows {other}_cmd, not {name}_cmd: the axes are swapped",
+                expected=f"--column {column}={twin} --column {twin}={column}",
+            )
 
 
 def _require_program(log: Log, program: PartProgram, machine: Machine, where: Where) -> Log:

@@ -1,0 +1,222 @@
+"""Columns of well-known recorders, by the names that they give them.
+
+A recorder has patterns for the names of its columns, which say what a column is and its axis: by letter, or by a
+number, the lowest of which is X. Units in brackets behind a name hold; otherwise lengths are millimetres.
+
+Facts: LinuxCNC's HAL pins ``joint.N.motor-pos-cmd``, ``joint.N.motor-pos-fb``, ``pid.N.command`` and
+``pid.N.feedback`` [1]_; TwinCAT's axis structure with ``SetPos`` and ``ActPos``, and its text export with a
+block of lines for every channel [2]_; measuring systems 1, the motor's, and 2, the table's, of SINUMERIK [3]_;
+ODrive's ``pos_setpoint``, ``pos_estimate`` and ``Iq_measured`` in turns and amperes [4]_.
+
+References
+----------
+.. [1] LinuxCNC: motion(9), pid(9), halsampler(1).
+.. [2] Beckhoff Information System: TE13xx, Export in csv; TwinCAT Scope 2, Export to CSV.
+.. [3] Siemens: SINUMERIK 840D sl, Commissioning Manual, Trace; machine data 30200, 30240.
+.. [4] ODrive documentation: API reference, Axis and Controller.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import msgspec
+
+from ph_post.errors import InputError
+from ph_post.files.check import one_of, quoted
+from ph_post.files.logsheet import Sheet
+from ph_post.types import MACHINE_AXES
+
+
+class Recorder(msgspec.Struct, frozen=True, kw_only=True):
+    """A recorder: `time` is the pattern of its time, and that unit; `kinds` are those of the other columns.
+
+    A pattern may have the groups `axis` and `number`. `unit` is that of lengths without one in brackets; `per_turn`
+    says that these are turns, which need the travel of one.
+    """
+
+    name: str
+    time: str
+    time_unit: str
+    kinds: tuple[tuple[str, str], ...]
+    per_turn: bool = False
+
+
+_LETTER: Final = r"(?:^|[^a-z])(?P<axis>[xyzuvw])[0-9]?(?=[^a-z]|$)"
+_JOINT: Final = r"^(?:joint|pid|axis)\.(?:(?P<axis>[xyzuvw])|(?P<number>[0-9]+))\."
+_NC: Final = r"(?:axis|axes|achse)[ _.\[]*(?:(?P<axis>[xyzuvw])(?![a-z])|(?P<number>[0-9]+))"
+_DRIVE: Final = r"^(?:odrv[0-9]+\.)?(?:axis(?P<number>[0-9]+)|(?P<axis>[xyzuvw]))[._]"
+_SIEMENS: Final = r"(?=.*(?:^|[^a-z0-9])(?P<axis>[xyzuvw])[0-9]?(?:[^a-z0-9]|$))?"
+
+RECORDERS: Final = {
+    one.name: one
+    for one in (
+        Recorder(
+            name="linuxcnc",
+            time=r"t|time",
+            time_unit="s",
+            kinds=(
+                ("cmd", _JOINT + r"(?:motor-pos-cmd|pos-cmd|command)"),
+                ("act", _JOINT + r"(?:motor-pos-fb|pos-fb|feedback)"),
+            ),
+        ),
+        Recorder(
+            name="siemens",
+            time=r"(?:time|zeit)(?: *\(.*\))?",
+            time_unit="s",
+            kinds=(
+                ("cmd", _SIEMENS + r".*(?:position|lage|pos\.?)[- ]?(?:setpoint|set ?point|sollwert|soll)"),
+                ("motor", _SIEMENS + r".*(?:position|lage|pos\.?).*(?:actual|istwert|ist).*(?:1|motor)\W*$"),
+                ("act", _SIEMENS + r".*(?:position|lage|pos\.?).*(?:actual|istwert|ist).*(?:2|direct|direkt)\W*$"),
+                ("current", _SIEMENS + r".*(?:actual current|current actual|stromistwert).*"),
+            ),
+        ),
+        Recorder(
+            name="twincat",
+            time=r"time|t",
+            time_unit="ms",
+            kinds=(
+                ("cmd", r".*?" + _NC + r".*\bf?(?:set|cmd)_?pos(?:ition)?"),
+                ("act", r".*?" + _NC + r".*\bf?act_?pos(?:ition)?"),
+                ("cmd", r".*" + _LETTER + r".*\bf?(?:set|cmd)_?pos(?:ition)?"),
+                ("act", r".*" + _LETTER + r".*\bf?act_?pos(?:ition)?"),
+            ),
+        ),
+        Recorder(
+            name="odrive",
+            time=r"t|time",
+            time_unit="s",
+            per_turn=True,
+            kinds=(
+                ("cmd", _DRIVE + r"(?:controller\.)?(?:pos_setpoint|input_pos)"),
+                ("motor", _DRIVE + r"(?:encoder\.|pos_vel_mapper\.)?(?:pos_estimate|pos_rel)"),
+                ("current", _DRIVE + r"(?:motor\.)?(?:foc\.|current_control\.)?iq_measured"),
+            ),
+        ),
+    )
+}
+"""Recorders by name."""
+
+OPTION: Final = "recorder="
+"""What a mapping begins with that names a recorder: ``recorder=odrive*5``, with the travel of a turn."""
+
+_BRACKETS: Final = re.compile(r"\s*[\[(]\s*([^\])]*)\s*[\])]\s*$")
+_UNITS: Final = {"mm": "mm", "m": "m", "um": "um", "µm": "um", "inch": "inch", "in": "inch", "s": "s", "ms": "ms"}
+_UNITS_OTHER: Final = {"us": "us", "µs": "us", "a": "A", "ma": "mA", "n": "N"}
+
+
+def spread(mappings: Sequence[str], sheet: Sheet) -> tuple[list[str], tuple[str, ...]]:
+    """Put the mappings of a recorder in place of its name, or of names that only one recorder uses.
+
+    Parameters
+    ----------
+    mappings : sequence of str
+        As the option ``--column`` takes them; one may be ``recorder=NAME[*FACTOR]``.
+    sheet : Sheet
+
+    Returns
+    -------
+    mappings : list of str
+        Those given go before those of the recorder.
+    words : tuple of str
+        What was taken for what, to be said.
+
+    Raises
+    ------
+    InputError
+        Where a recorder is not known, or none of its columns is there.
+    """
+    given = [one for one in mappings if not one.strip().startswith(OPTION)]
+    named = [one.strip()[len(OPTION) :] for one in mappings if one.strip().startswith(OPTION)]
+    if len(named) > 1:
+        raise InputError(f"--column {quoted(OPTION + named[1])}", "a second recorder", expected="one")
+    if not named:
+        return _recognized(given, sheet)
+    name, _, factor = (part.strip() for part in named[0].partition("*"))
+    if name not in RECORDERS:
+        what = f"--column {quoted(OPTION + named[0])}"
+        raise InputError(what, "no recorder", expected=one_of(tuple(RECORDERS), name), got=quoted(name))
+    recorder = RECORDERS[name]
+    if recorder.per_turn and not factor:
+        what = f"--column {quoted(OPTION + named[0])}"
+        raise InputError(what, "turns need the travel of one [mm]", expected=f"such as {OPTION}{name}*5")
+    own = dict(_own(recorder, sheet, factor))
+    if not set(own) - {"t"}:
+        kinds = "commands or positions"
+        raise InputError(sheet.header, f"no {kinds} of {name} among the columns", got=sheet.listed)
+    return _merged(given, own), _words(recorder, own)
+
+
+def _recognized(given: list[str], sheet: Sheet) -> tuple[list[str], tuple[str, ...]]:
+    """Take a recorder whose command and reading are there by name, where nothing else says what is."""
+    known = any(name.partition("_")[0] in MACHINE_AXES and "_" in name for name in sheet.names)
+    if given or known or not sheet.named:
+        return given, ()
+    for recorder in RECORDERS.values():
+        own = dict(_own(recorder, sheet, ""))
+        kinds = {name.partition("_")[2] for name in own}
+        if "cmd" in kinds and kinds & {"act", "motor"}:
+            if recorder.per_turn:
+                raise InputError(
+                    sheet.header,
+                    f"columns of {recorder.name} in turns: the travel of one is needed",
+                    expected=f"--column {OPTION}{recorder.name}*5, say, for 5 mm",
+                )
+            return _merged(given, own), _words(recorder, own)
+    return given, ()
+
+
+def _own(recorder: Recorder, sheet: Sheet, factor: str) -> Iterator[tuple[str, str]]:
+    """Yield the columns of a recorder that are there: the name of each, and its mapping."""
+    matched: dict[tuple[str, str], str] = {}
+    for source in sheet.names:
+        plain, unit = _without_unit(source)
+        if re.fullmatch(recorder.time, plain, re.IGNORECASE):
+            yield "t", f"t={source}:{unit or recorder.time_unit}"
+            continue
+        for kind, pattern in recorder.kinds:
+            found = re.match(pattern, plain, re.IGNORECASE)
+            if found is None:
+                continue
+            groups = found.groupdict()
+            place = (groups.get("axis") or "").upper() or groups.get("number") or ""
+            matched.setdefault((place, kind), source)
+            break
+    numbers = sorted({place for place, _ in matched if place not in MACHINE_AXES}, key=lambda one: (len(one), one))
+    letters = dict(zip(numbers, MACHINE_AXES, strict=False))
+    for (place, kind), source in matched.items():
+        axis = place if place in MACHINE_AXES else letters.get(place)
+        if axis is None:
+            continue
+        unit = _without_unit(source)[1]
+        times = f"*{factor}" if factor and kind != "current" else ""
+        yield f"{axis}_{kind}", f"{axis}_{kind}={source}{times}:{unit or ('A' if kind == 'current' else 'mm')}"
+
+
+def _without_unit(name: str) -> tuple[str, str]:
+    """Return a name without the unit in brackets behind it, and that unit as mappings write it."""
+    found = _BRACKETS.search(name)
+    unit = found[1].strip().lower() if found else ""
+    known = (_UNITS | _UNITS_OTHER).get(unit, "")
+    return (name[: found.start()].strip(), known) if found and known else (name.strip(), "")
+
+
+def _merged(given: list[str], own: dict[str, str]) -> list[str]:
+    """Return the mappings given and those of a recorder for other names."""
+    names = {one.partition("=")[0].strip() for one in given}
+    return [*given, *(mapping for name, mapping in own.items() if name not in names)]
+
+
+def _words(recorder: Recorder, own: dict[str, str]) -> tuple[str, ...]:
+    """Say what was taken for what."""
+    listed = ", ".join(mapping.rpartition(":")[0] for mapping in own.values())
+    sides = [name for name in own if name.endswith("_act")]
+    said = [f"columns as {recorder.name} names them: {listed}"]
+    if recorder.name in ("linuxcnc", "twincat") and sides:
+        said.append(
+            f"nobody says whether {sides[0]} was read at the table or at the motor; --side"
+            f" {sides[0][0]}=motor or {sides[0][0]}=unknown does"
+        )
+    return tuple(said)

@@ -1,0 +1,80 @@
+"""Columns in each other's place and turned signs, made from a table that lags and rubs by formulas."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ph_post.errors import InputError
+from ph_post.identify.logprogram import read_log
+
+T = 1e-3 * np.arange(4000)
+LAG = 6e-3
+
+
+def motion(t: np.ndarray, rate: float) -> np.ndarray:
+    return 12.0 * np.sin(rate * t) + 5.0 * np.sin(2.7 * rate * t)
+
+
+def columns(noise: float = 2e-4) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(3)
+    found = {"t": T}
+    for axis, rate in (("X", 2.0), ("Y", 3.1)):
+        found[f"{axis}_cmd"] = motion(T, rate)
+        motor = motion(T - LAG, rate)
+        way = np.sign(np.gradient(motor))
+        found[f"{axis}_motor"] = motor + noise * rng.standard_normal(T.size)
+        found[f"{axis}_act"] = motor - 0.015 * way + noise * rng.standard_normal(T.size)
+        speed = np.gradient(motor, 1e-3)
+        found[f"{axis}_force"] = 0.05 * np.gradient(speed, 1e-3) + 20.0 * way + 0.1 * speed
+    return found
+
+
+def read(tmp_path: Path, found: dict[str, np.ndarray], *mappings: str) -> tuple[str, ...]:
+    rows = np.column_stack(list(found.values()))
+    np.savetxt(tmp_path / "run.csv", rows, fmt="%.7f", delimiter=",", header=",".join(found), comments="")
+    return read_log(tmp_path / "run.csv", columns=mappings).warnings
+
+
+def without(*kinds: str) -> dict[str, np.ndarray]:
+    return {name: values for name, values in columns().items() if name.partition("_")[2] not in kinds}
+
+
+def swapped(found: dict[str, np.ndarray], one: str, other: str) -> dict[str, np.ndarray]:
+    return found | {one: found[other], other: found[one]}
+
+
+def test_a_log_in_order_is_read_without_a_word(tmp_path: Path) -> None:
+    assert read(tmp_path, columns()) == ()
+    assert read(tmp_path, without("motor", "force")) == ()
+
+
+def test_a_command_and_its_reading_swapped(tmp_path: Path) -> None:
+    wrong = swapped(without("motor", "force"), "X_cmd", "X_act")
+    words = r"X_act runs 6.5 ms ahead of X_cmd, which is rougher: the two are swapped; expected --column X_cmd=X_act"
+    with pytest.raises(InputError, match=words):
+        read(tmp_path, wrong)
+    assert read(tmp_path, wrong, "X_cmd=X_act", "X_act=X_cmd") == ()
+
+
+def test_two_axes_swapped(tmp_path: Path) -> None:
+    wrong = swapped(without("motor", "force"), "X_act", "Y_act")
+    with pytest.raises(InputError, match="X_act follows Y_cmd, not X_cmd: the axes are swapped"):
+        read(tmp_path, wrong)
+    assert read(tmp_path, wrong, "X_act=Y_act", "Y_act=X_act") == ()
+
+
+def test_motor_and_table_swapped(tmp_path: Path) -> None:
+    wrong = swapped(without("force"), "X_act", "X_motor")
+    (words,) = read(tmp_path, wrong)
+    assert words.startswith("X_act runs 30 µm ahead of X_motor, by its direction")
+
+
+def test_an_effort_of_the_other_sign(tmp_path: Path) -> None:
+    found = columns()
+    wrong = found | {"X_force": -found["X_force"]}
+    with pytest.raises(InputError, match=r"its sign is turned; expected --column X_force=X_force\*-1:N"):
+        read(tmp_path, wrong)
+    assert read(tmp_path, wrong, "X_force=X_force*-1:N") == ()
