@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ph_post.api.measurements import calibrate, diagnose, identify, sweep
     from ph_post.api.motion import Inspection, Simulation, StrategyComparison, compare, inspect, simulate
     from ph_post.api.outcomes import Compensation
+    from ph_post.batch.run import batch as batch
     from ph_post.diff.compare import Comparison
     from ph_post.errors import InputError, PhPostError
     from ph_post.gcode.program import PartProgram
@@ -72,6 +73,7 @@ _HOMES: Final = {
     "api.measurements": ("calibrate", "diagnose", "identify", "sweep"),
     "api.motion": ("Inspection", "Simulation", "StrategyComparison", "compare", "inspect", "simulate"),
     "api.outcomes": ("Compensation",),
+    "batch.run": ("batch",),
     "diff.compare": ("Comparison",),
     "errors": ("InputError", "PhPostError"),
     "gcode.program": ("PartProgram",),
@@ -79,7 +81,9 @@ _HOMES: Final = {
     "types.diagnosis": ("Diagnosis",),
     "verify.verdict": ("Verdict",),
 }
-"""Public names by the module that holds them."""
+"""Public names by the module that holds them; `batch`, which starts processes, is called by its full name only."""
+
+_PUBLIC: Final = frozenset(name for names in _HOMES.values() for name in names)
 
 
 def __getattr__(name: str) -> Any:
@@ -101,7 +105,7 @@ class _FrontDoor(ModuleType):
     """
 
     def __setattr__(self, name: str, value: object) -> None:
-        if not (name in __all__ and isinstance(value, ModuleType)):
+        if not (name in _PUBLIC and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

@@ -34,6 +34,10 @@ _RANGES = {
 """Smallest value, whether it is left out, and largest value."""
 
 
+PATH_ONLY = ("feed", "corner_tolerance", "safe_z", "depth", "interval_table", "feed_mode")
+"""Options that part programs leave out where one set of options serves path files too."""
+
+
 class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     """All options of :func:`ph_post.compensate`.
 
@@ -158,6 +162,17 @@ class CompensateOptions(msgspec.Struct, frozen=True, kw_only=True, eq=False):
             position_from=0 if self.position_from is None else int(f"{self.position_from}1"),
             overshoot=self.overshoot,
         )
+
+    def without_path_options(self) -> CompensateOptions:
+        """Return the options that part programs have, where one set serves path files too.
+
+        Examples
+        --------
+        >>> CompensateOptions(feed=0.02, max_slowdown=0.2).without_path_options().feed is None
+        True
+        """
+        plain = CompensateOptions()
+        return msgspec.structs.replace(self, **{name: getattr(plain, name) for name in PATH_ONLY})
 
     def check_for_path(self) -> None:
         """Refuse options that are for part programs alone.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from ph_post.files.storage import Content, SourceBytes
     from ph_post.report.result_line import ResultSummary
     from ph_post.types import Machine, Plan
-
-_PATH_ONLY: Final = ("feed", "corner_tolerance", "safe_z", "depth", "interval_table", "feed_mode")
-"""Options that part programs leave out where a line with the options of path files serves both."""
 
 
 def converted(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, noted: bool = False) -> Compensation:
@@ -50,10 +47,11 @@ def converted(raw: SourceBytes, how: Mapping[str, Any], progress: Progress, *, n
         Where an option does not fit a part program.
     """
     from ph_post.api.compensation import compensated
+    from ph_post.api.options import PATH_ONLY
     from ph_post.files.storage import is_program
 
     if is_program(raw):
-        kept = {name: value for name, value in how.items() if name not in _PATH_ONLY}
+        kept = {name: value for name, value in how.items() if name not in PATH_ONLY}
         return converted_program(raw, kept, progress, noted=noted)
     return compensated(raw, how["machine"], _options(how, noted), "program", progress)
 

@@ -17,6 +17,7 @@ COMMANDS = (
     "convert",
     "filter",
     "slicer",
+    "batch",
     "import",
     "inspect",
     "simulate",

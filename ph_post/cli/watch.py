@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import pathlib
-import re
 import signal
 import stat
 import time
@@ -19,13 +18,11 @@ from ph_post.api.program_compensation import ProgramCompensation
 from ph_post.cli import options
 from ph_post.cli.conversion import conversion_lines, converted, silenced
 from ph_post.cli.outputs import refuse_bad_suffix
+from ph_post.dialects.declaration import is_written_here
 from ph_post.dialects.registry import find_dialect
 from ph_post.errors import InputError, PhPostError
-from ph_post.files.storage import PROGRAM_ENDINGS, SourceBytes, make_folder, read_raw, write_atomically
+from ph_post.files.storage import HIDDEN, JOB_ENDINGS, SourceBytes, make_folder, read_raw, write_atomically
 from ph_post.progress import no_progress
-
-HIDDEN: Final = (".", "~", "#")
-"""How names begin that programs use while they write."""
 
 
 class Look(NamedTuple):
@@ -146,14 +143,6 @@ POLL: Final = 0.5
 
 _PATH: Final = ".json"
 
-WATCHED: Final = (*sorted(PROGRAM_ENDINGS), _PATH)
-"""Endings of files that are taken."""
-
-_MARK: Final = re.compile(rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE)
-"""How what this package writes says so, within the first lines."""
-
-_HEAD: Final = 1 << 16
-
 _UNFIT: Final = {
     "table": "--table",
     "in_place": "--in-place",
@@ -185,7 +174,7 @@ def watch_folder(folder: str, how: Mapping[str, Any]) -> int:
     watcher = Watcher(folder, how)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     mine = f", but not *{how['suffix']}.*" if how["suffix"] else ""
-    _say(f"watching {folder} for {' '.join(WATCHED)}{mine}; Ctrl-C stops")
+    _say(f"watching {folder} for {' '.join(JOB_ENDINGS)}{mine}; Ctrl-C stops")
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             watcher.step(time.monotonic())
@@ -243,7 +232,7 @@ class Watcher:
         """Tell inputs by their names from all else, and from what was made of them."""
         stem, ending = os.path.splitext(name)  # noqa: PTH122
         mine = self._suffix is not None and stem.endswith(self._suffix)
-        return not mine and ending.lower() in WATCHED
+        return not mine and ending.lower() in JOB_ENDINGS
 
     def _require_place(self) -> None:
         if not self._place.is_dir():
@@ -301,7 +290,7 @@ class Watcher:
         """Whether the program is there from an earlier run, made of these bytes for this machine."""
         known = raw.name.endswith(_PATH) or target in self._written
         there = b"" if known or self._how["force"] else _bytes(target)
-        if not _is_ours(there):
+        if not is_written_here(there):
             return False
         with contextlib.suppress(PhPostError), silenced():
             result = converted(SourceBytes(name=target.name, stem="", data=there), self._how, no_progress)
@@ -340,7 +329,7 @@ class Watcher:
             Where something is in its place that somebody else wrote.
         """
         there = _bytes(target)
-        known = target in self._written or there in (b"", raw.data, program) or _is_ours(there)
+        known = target in self._written or there in (b"", raw.data, program) or is_written_here(there)
         if not (known or self._how["force"]):
             raise InputError(
                 str(target),
@@ -351,10 +340,6 @@ class Watcher:
 
 def _bytes(place: pathlib.Path) -> bytes:
     return place.read_bytes() if place.is_file() else b""
-
-
-def _is_ours(data: bytes) -> bool:
-    return _MARK.search(data[:_HEAD]) is not None
 
 
 def _say(words: str) -> None:

@@ -63,6 +63,23 @@ def find_last(data: bytes, words: str) -> int:
     return max(data.rfind(text.encode()) for one in begins for text in (one, one.upper()))
 
 
+_WRITTEN: Final = re.compile(rb"[(;] ?ph-post [^\r\n]{1,40}(?:, strategy| compensated this program)", re.IGNORECASE)
+"""How what this package writes says so, within the first lines."""
+
+_FIRST: Final = 1 << 16
+
+
+def is_written_here(data: bytes) -> bool:
+    """Whether this package wrote or changed a program.
+
+    Examples
+    --------
+    >>> is_written_here(b"(ph-post 0.2.0 compensated this program)"), is_written_here(b"G0 X1")
+    (True, False)
+    """
+    return _WRITTEN.search(data[:_FIRST]) is not None
+
+
 def has_marks(data: bytes) -> bool:
     """Return true where a program contains comments of ph-post."""
     return find_last(data, "") >= 0

@@ -355,6 +355,12 @@ def _folder(kind: Kind) -> tuple[pathlib.Path, str]:
 PROGRAM_ENDINGS: Final = frozenset((".ngc", ".nc", ".tap", ".gcode", ".cnc", ".txt", ".h", ".i", ".mpf", ".spf"))
 """Endings of part programs."""
 
+JOB_ENDINGS: Final = (*sorted(PROGRAM_ENDINGS), ".json")
+"""Endings of what is compensated in a folder: part programs and path files."""
+
+HIDDEN: Final = (".", "~", "#")
+"""How names begin that programs use while they write."""
+
 BINARY_LOG_ENDINGS: Final = frozenset((".mat", ".npz", ".parquet"))
 """Endings of logs that are no text."""
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ph_post.types import Array, BoolArray, IntArray
 
-Kind = Literal["motion", "diff", "diagnosis"]
+Kind = Literal["motion", "diff", "diagnosis", "batch"]
 
 
 def make_page(kind: Kind, title: str, data: dict[str, Any], lines: Iterable[str]) -> str:

@@ -51,6 +51,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         shutil.copy(file, tmp_path / name)
     for name in ("samples", "paths"):
         (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "from_cam").mkdir()
+    shutil.copy(PROVIDED["part.ngc"], tmp_path / "from_cam")
     for snippet in blocks(ROOT / "docs" / "tutorial-curve.md", "json"):
         (tmp_path / "arch.json").write_text(snippet, encoding="utf-8")
     (tmp_path / ".local" / "share" / "FreeCAD").mkdir(parents=True)

@@ -1,0 +1,284 @@
+"""Processes that work on many jobs: of this computer, or those that a Dask scheduler has."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import signal
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from ph_post.errors import InputError, PhPostError
+from ph_post.progress import Progress, no_progress
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+K = TypeVar("K", bound=Hashable)
+J = TypeVar("J")
+R = TypeVar("R")
+
+PATIENCE: Final = 10.0
+"""How long a scheduler may take to answer [s]."""
+
+AHEAD: Final = 2
+"""Jobs that are handed out for each worker: one that it works on, and one that waits for it."""
+
+SETTINGS: Final = {
+    "logging": {"distributed": "critical"},
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.admin.large-graph-warning-threshold": "4GB",
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    "distributed.comm.timeouts.connect": f"{PATIENCE:g}s",
+}
+"""Workers of this computer end a job that takes more memory than their share, and say nothing of their own.
+
+What Dask measures of itself all the time would take a twentieth of a processor.
+"""
+
+
+class LostJobError(PhPostError):
+    """No worker survived a job."""
+
+
+class WorkersError(PhPostError):
+    """The workers cannot go on: the scheduler has gone, or they lack this package."""
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Workers:
+    """Worker processes of a Dask scheduler.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    place : str
+        What refusals call the scheduler.
+    """
+
+    def __init__(self, client: Client, place: str) -> None:
+        self._client, self._place = client, place
+        self._counted, self._count = -math.inf, 0
+
+    @property
+    def count(self) -> int:
+        """How many worker processes there are, as the scheduler said less than a second ago.
+
+        Raises
+        ------
+        WorkersError
+            Where the scheduler has gone.
+        """
+        now = time.monotonic()
+        if now - self._counted >= 1.0:
+            with self._refusals():
+                self._counted, self._count = now, len(self._client.ncores())
+        return self._count
+
+    def on_each_computer(self, function: Callable[..., R], *given: Any) -> dict[str, R]:
+        """Run a function once on each computer; return what it gives, by a worker's address.
+
+        Raises
+        ------
+        WorkersError
+            Where a worker cannot run it.
+        """
+        first: dict[str, str] = {}
+        for address in self._client.ncores():
+            first.setdefault(address.rpartition(":")[0], address)
+        if not first:
+            return {}
+        with self._refusals():
+            found: dict[str, R] = self._client.run(function, *given, workers=list(first.values()))
+        return found
+
+    def run(
+        self, function: Callable[[J], R], jobs: Iterable[tuple[K, J]], progress: Progress = no_progress
+    ) -> Iterator[tuple[K, R | LostJobError]]:
+        """Run a function on jobs, and yield what it gives as it comes, with the job's name.
+
+        Jobs are made when a worker will soon be free for them: what waits takes no memory. What a worker worked on
+        that dies is given to another.
+
+        Parameters
+        ----------
+        function : callable
+            Importable by its name, here and there.
+        jobs : iterable of (name, job)
+        progress : callable, optional
+            Called where there is no worker.
+
+        Yields
+        ------
+        name, result
+            A :class:`LostJobError` in place of the result of a job that several workers have died of.
+
+        Raises
+        ------
+        WorkersError
+            Where the scheduler has gone, or the workers lack the function.
+        """
+        from distributed import KilledWorker, as_completed
+
+        waiting = iter(jobs)
+        running: dict[Future[R], K] = {}
+        done = as_completed([], loop=self._client.loop)
+        try:
+            more = True
+            while more or running:
+                workers = self.count
+                if not workers:
+                    progress(f"waiting for a worker of {self._place}")
+                while more and len(running) < AHEAD * max(workers, 1):
+                    name, job = next(waiting, (None, None))
+                    if name is None or job is None:
+                        more = False
+                        break
+                    future = self._client.submit(function, job, pure=False)
+                    running[future] = name
+                    done.add(future)
+                if not running:
+                    break
+                future = next(done)
+                name = running.pop(future)
+                try:
+                    with self._refusals():
+                        found: R | LostJobError = future.result()
+                except KilledWorker as error:
+                    died = getattr(error, "allowed_failures", 0) + 1
+                    found = LostJobError(f"{died} workers died of it; one with more memory may not")
+                future.release()
+                yield name, found
+        finally:
+            with contextlib.suppress(Exception):
+                self._client.cancel(list(running), force=True)
+
+    @contextlib.contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """Turn what ends the whole batch into one line; the death of workers is none of this."""
+        from distributed import KilledWorker
+
+        try:
+            yield
+        except (PhPostError, KilledWorker) as error:
+            if isinstance(error, PhPostError):
+                raise WorkersError(f"a worker of {self._place} {error}") from None
+            raise
+        except (ImportError, AttributeError, RuntimeError) as error:
+            words = " ".join(str(error.__cause__ or error).split())
+            what = f"cannot run this package: {type(error).__name__}: {words}"
+            raise WorkersError(f"{self._place} {what}; expected the same ph-post everywhere") from None
+        except Exception as error:
+            gone = f"{self._place}: the scheduler is not there any more ({type(error).__name__})"
+            raise WorkersError(f"{gone}; the same command goes on where it stopped") from None
+
+
+@contextlib.contextmanager
+def open_workers(count: int, scheduler: str | None = None) -> Iterator[Workers]:
+    """Start worker processes here, or take those of a scheduler that is there.
+
+    Parameters
+    ----------
+    count : int
+        Processes of this computer.
+    scheduler : str, optional
+        Address of a scheduler, in place of processes of this computer.
+
+    Raises
+    ------
+    InputError
+        Where no scheduler answers there, or one of another version.
+    """
+    if scheduler is not None:
+        with _connected(scheduler) as client:
+            yield Workers(client, scheduler)
+        return
+    import dask
+    from distributed import Client, LocalCluster
+
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(SETTINGS))
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="ph-post-", ignore_cleanup_errors=True))
+        with _without_interrupts():
+            cluster = LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                local_directory=folder,
+                silence_logs=logging.CRITICAL,
+            )
+        stack.enter_context(cluster)
+        client = stack.enter_context(Client(cluster, set_as_default=False))
+        yield Workers(client, "this computer")
+
+
+@contextlib.contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Start threads and processes that Ctrl-C does not reach, as this process ends them; it waits for its end here."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    """Connect to a scheduler of the same version."""
+    import dask
+    import distributed
+    from distributed import Client
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    quiet = {name: SETTINGS[name] for name in SETTINGS if name.startswith(("logging", "distributed.admin"))}
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(quiet))
+        stack.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore")
+        try:
+            there = asyncio.run(_ask_version(address))
+        except Exception as error:
+            wanted = "the address that `dask scheduler` prints, as tcp://host:8786"
+            words = " ".join(str(error).split()) or f"no answer in {PATIENCE:g} s"
+            raise InputError(
+                f"--scheduler {address}", "no Dask scheduler answers", expected=wanted, got=words
+            ) from None
+        if there != distributed.__version__:
+            what = "the scheduler has another version of Dask"
+            raise InputError(f"--scheduler {address}", what, expected=distributed.__version__, got=there)
+        yield stack.enter_context(Client(address, timeout=PATIENCE, set_as_default=False))
+
+
+async def _ask_version(address: str) -> str:
+    """Ask a scheduler for its version of Dask; raises whatever is wrong with it."""
+    from distributed.core import rpc
+
+    async with asyncio.timeout(PATIENCE):
+        there = rpc(address, timeout=PATIENCE)
+        try:
+            kind = (await there.identity())["type"]
+            if kind != "Scheduler":
+                raise ValueError(f"a {kind.lower()}")
+            return str((await there.versions())["packages"]["distributed"])
+        finally:
+            await there.close_rpc()

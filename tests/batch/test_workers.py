@@ -1,0 +1,200 @@
+"""Real processes: of this computer, and of a scheduler that stands alone; killed, stopped, and of another version."""
+
+import csv
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ph_post.batch import workers as module
+from ph_post.batch.workers import LostJobError, WorkersError, open_workers
+from ph_post.cli.main import main
+
+ROOT = Path(__file__).parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+PART = "G21 G90\nG0 X0 Y0\nG1 X{0} F600\nY{0}\nX0\nY0\nG1 X5\nG3 X15 I5\nG1 X0\nM2\n"
+FEW = ("-m", "router", "--no-simulation")
+PATIENCE = 120.0
+
+
+def fill(folder, good, bad=1):
+    folder.mkdir()
+    for number in range(good):
+        (folder / f"part{number:02}.ngc").write_text(PART.format(10 + number))
+    for number in range(bad):
+        (folder / f"bad{number}.json").write_text("{")
+    return folder
+
+
+def rows_of(out):
+    with (out / "report.csv").open(newline="") as file:
+        return {row["file"]: row for row in csv.DictReader(file)}
+
+
+def wait_for(found):
+    begin = time.monotonic()
+    while time.monotonic() < begin + PATIENCE:
+        if value := found():
+            return value
+        time.sleep(0.02)
+    raise AssertionError("it did not happen")
+
+
+def require_as_converted(folder, out, names):
+    for name in names:
+        assert main(["convert", str(folder / name), *FEW, "-o", str(out.parent / "one.ngc")]) == 0
+        assert (out / name).read_bytes() == (out.parent / "one.ngc").read_bytes()
+
+
+class Cluster:
+    """A scheduler and workers, each a process of its own."""
+
+    def __init__(self, folder, count, script="from distributed.cli.dask_scheduler import main; main()"):
+        self._folder, self._started = folder, []
+        with socket.socket() as one:
+            one.bind(("127.0.0.1", 0))
+            self.address = f"tcp://127.0.0.1:{one.getsockname()[1]}"
+        port = self.address.rpartition(":")[2]
+        self.scheduler = self._start(script, "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--no-show")
+        self.workers = [self.add() for _ in range(count)]
+
+    def add(self):
+        script = "from distributed.cli.dask_worker import main; main()"
+        alone = ("--no-dashboard", "--nthreads", "1", "--no-nanny", "--local-directory", str(self._folder))
+        return self._start(script, self.address, *alone)
+
+    def _start(self, script, *arguments):
+        command = [sys.executable, "-c", script, *arguments]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT, "cwd": self._folder}
+        self._started.append(subprocess.Popen(command, **quiet))
+        return self._started[-1]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for one in reversed(self._started):
+            one.kill()
+            one.wait()
+
+
+def start_batch(folder, out, *more):
+    command = [sys.executable, "-m", "ph_post", "batch", str(folder), *FEW, "-o", str(out), *more]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT, start_new_session=True
+    )
+
+
+@pytest.mark.slow
+def test_two_local_workers(tmp_path, capsys):
+    folder, out = fill(tmp_path / "in", 4), tmp_path / "out"
+    assert main(["batch", str(folder), *FEW, "-o", str(out), "--workers", "2"]) == 1
+    assert "5 results: 4 compensated, 1 refused" in capsys.readouterr().err
+    require_as_converted(folder, out, ["part00.ngc", "part03.ngc"])
+    before = (out / "report.csv").read_bytes()
+    assert main(["batch", str(folder), *FEW, "-o", str(out), "--workers", "2"]) == 1
+    assert "5 of an earlier run" in capsys.readouterr().err
+    assert (out / "report.csv").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_scheduler_and_two_workers_of_which_one_is_killed(tmp_path):
+    folder, out = fill(tmp_path / "in", 18, bad=2), tmp_path / "out"
+    with Cluster(tmp_path, 2) as cluster:
+        run = start_batch(folder, out, "--scheduler", cluster.address)
+        wait_for(lambda: (out / "part00.ngc").exists() or len(list(out.glob("*.ngc"))) >= 3)
+        cluster.workers[0].kill()
+        said = run.communicate(timeout=PATIENCE)[1]
+        assert run.returncode == 1, said
+        assert "20 results: 18 compensated, 2 refused" in said
+        assert "Traceback" not in said
+        rows = rows_of(out)
+        assert sorted(rows) == sorted(one.name for one in folder.iterdir())
+        require_as_converted(folder, out, ["part00.ngc", "part09.ngc", "part17.ngc"])
+        times = {one: one.stat().st_mtime_ns for one in out.glob("*.ngc")}
+        again = start_batch(folder, out, "--scheduler", cluster.address)
+        assert "20 of an earlier run" in again.communicate(timeout=PATIENCE)[1]
+        assert {one: one.stat().st_mtime_ns for one in out.glob("*.ngc")} == times
+
+
+@pytest.mark.slow
+def test_ctrl_c_stops_at_once_and_a_second_run_goes_on(tmp_path):
+    folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
+    run = start_batch(folder, out, "--workers", "1")
+    wait_for(lambda: len(list(out.glob("*.ngc"))) >= 2)
+    os.killpg(run.pid, signal.SIGINT)
+    said = run.communicate(timeout=PATIENCE)[1]
+    assert run.returncode == 130, said
+    assert "Traceback" not in said
+    assert said.splitlines()[-1] == "ph-post: interrupted; nothing more was written"
+    done = rows_of(out)
+    assert 2 <= len(done) < 12
+    times = {name: (out / name).stat().st_mtime_ns for name in done}
+    run = start_batch(folder, out, "--workers", "1")
+    said = run.communicate(timeout=PATIENCE)[1]
+    assert f"12 results: 12 compensated; {len(done)} of an earlier run" in said
+    assert {name: (out / name).stat().st_mtime_ns for name in done} == times
+    assert len(rows_of(out)) == 12
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_is_one_line(tmp_path):
+    folder, out = fill(tmp_path / "in", 12, bad=0), tmp_path / "out"
+    with Cluster(tmp_path, 1) as cluster:
+        run = start_batch(folder, out, "--scheduler", cluster.address)
+        wait_for(lambda: len(list(out.glob("*.ngc"))) >= 1)
+        cluster.scheduler.kill()
+        said = run.communicate(timeout=PATIENCE)[1]
+    assert run.returncode == 2, said
+    assert "Traceback" not in said
+    assert said.splitlines()[-1].startswith(f"ph-post: {cluster.address}: the scheduler is not there any more")
+    assert rows_of(out)
+
+
+@pytest.mark.slow
+def test_a_scheduler_of_another_version_is_one_line(tmp_path, capsys):
+    folder, out = fill(tmp_path / "in", 1, bad=0), tmp_path / "out"
+    other = (
+        "import distributed.versions as v; plain = v._version_cached;"
+        "v._version_cached = lambda name: '2020.1.0' if name == 'distributed' else plain(name);"
+        "from distributed.cli.dask_scheduler import main; main()"
+    )
+    with Cluster(tmp_path, 0, other) as cluster:
+        assert main(["batch", str(folder), *FEW, "-o", str(out), "--scheduler", cluster.address]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(
+        f"ph-post: --scheduler {cluster.address}: the scheduler has another version of Dask; expected"
+    )
+    assert said.endswith("got 2020.1.0")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("address", "words"), [("nonsense", "missing port"), ("tcp://127.0.0.1:1", "no answer in")])
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, capsys, monkeypatch, address, words):
+    monkeypatch.setattr(module, "PATIENCE", 0.3)
+    folder, out = fill(tmp_path / "in", 1, bad=0), tmp_path / "out"
+    assert main(["batch", str(folder), *FEW, "-o", str(out), "--scheduler", address]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"ph-post: --scheduler {address}: no Dask scheduler answers; expected the address")
+    assert words in said
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_a_job_that_ends_its_worker_is_given_up_and_the_others_are_not():
+    jobs = [("deadly", 1)]
+    with open_workers(1) as workers:
+        found = dict(workers.run(os._exit, jobs))
+        assert isinstance(found["deadly"], LostJobError)
+        assert dict(workers.run(abs, [(number, -number) for number in range(20)])) == {n: n for n in range(20)}
+        with pytest.raises(WorkersError, match="same ph-post everywhere"):
+            list(workers.run(_raises, [("one", 1)]))
+
+
+def _raises(_job):
+    raise ImportError("no such package")
